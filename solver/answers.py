@@ -11,16 +11,16 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal, Words
-from geometry.common.resources import Limits, limited, timed
+from geometry.common.resources import LimitReached, Limits, limited, timed
 from geometry.provenance.block import provenance
 from geometry.scenes.fit import doubts
 from geometry.scenes.probe import mm
 from geometry.scenes.scene import Scene
 from geometry.scenes.surface_names import check_surface_names
 from solver import levels
-from solver.automatic import automatic, level_of, reachable, supported_plan
+from solver.automatic import automatic, decide, level_of, supported_plan
 from solver.levels import AUTO, CONTACT, check_accuracy, read
-from solver.results.evaluator import OutOfReach, Tell
+from solver.results.evaluator import Tell
 from solver.results.film_forces import checked_moduli
 from solver.results.result import Curve, Result
 from solver.results.warnings import Note
@@ -73,18 +73,13 @@ def evaluate(
         check_surface_names(scene)
         if frequency is not None:
             check_frequency(scene, frequency)
-        try:
-            named = evaluator != AUTO
-            result = _named(scene, evaluator, accuracy, tell) if named else automatic(scene, accuracy, linear, tell)
-            result = _with_loads(result, scene, accuracy) if loads else result
-            result = result if frequency is None else with_phase(result, scene, accuracy, frequency)
-            told = provenance(scene, evaluator=evaluator, accuracy=accuracy)
-            result = replace(result, warnings=(*doubtful(scene), *result.warnings))
-            return replace(result, provenance=told, seconds=result.seconds if named else perf_counter() - start)
-        except OutOfReach as fault:
-            if fault.stopped or named:
-                raise
-            raise Refusal("accuracy", accuracy, reachable(fault, accuracy / fault.accuracy, tell)) from None
+        named = evaluator != AUTO
+        result = _named(scene, evaluator, accuracy, tell) if named else automatic(scene, accuracy, linear, tell)
+        result = _with_loads(result, scene, accuracy) if loads else result
+        result = result if frequency is None else with_phase(result, scene, accuracy, frequency)
+        told = provenance(scene, evaluator=evaluator, accuracy=accuracy)
+        result = replace(result, warnings=(*doubtful(scene), *result.warnings))
+        return replace(result, provenance=told, seconds=result.seconds if named else perf_counter() - start)
 
 
 def doubtful(scene: Scene) -> tuple[Note, ...]:
@@ -137,6 +132,10 @@ def with_phase(result: Result, scene: Scene, accuracy: float, frequency: float) 
 def plan(scene: Scene | Path | str, accuracy: float = 0.01, solid: bool = False, *, loads: bool = False) -> Plan:
     """Say how ``auto`` would answer a scene, what it would leave out, and what that may change; see ``solver.planning.plan``.
 
+    The evaluators are asked, as ``evaluate`` asks them, so that the one that is named reaches the accuracy; but ``solid``, which
+    takes up to a minute, only where its reach is in doubt. Where none answers, ``evaluator`` is None and ``refusal`` is what
+    ``evaluate`` raises.
+
     Args:
         scene: any, or the name of a scene file.
         accuracy: relative, on ratio, stresses and stiffness; above 0, below 1.
@@ -146,14 +145,26 @@ def plan(scene: Scene | Path | str, accuracy: float = 0.01, solid: bool = False,
     Raises:
         InputError: no such accuracy, or a surface file that cannot be used.
         Refusal: so extreme that not even the coarsest mesh can be solved in double precision.
+        LimitReached: see ``evaluate``.
     """
+    from solver.planning.coarse_model import CoarseModel
+    from solver.planning.plan import SOLID, Plan
     from solver.planning.plan import plan as run
 
     scene = read(scene)
     check_accuracy(accuracy)
     with timed():
         check_surface_names(scene)
-        planned = run(scene, accuracy, solid, skin=True)
+        rough = CoarseModel.of(scene)
+        planned = run(scene, accuracy, SOLID if solid else None, skin=True, rough=rough)
+        if not solid:
+            try:
+                decided = decide(scene, accuracy, False, None, rough, sure=Plan.sure).plan
+                planned = replace(decided, warnings=planned.warnings)
+            except LimitReached:
+                raise
+            except Refusal as fault:
+                planned = planned.refused(fault)
         planned = replace(planned, warnings=(*doubtful(scene), *planned.warnings))
         return _with_loads(planned, scene, accuracy) if loads else planned
 

@@ -203,11 +203,12 @@ def _of_one_design(scenes: Sequence[Scene], asked: _Question) -> Iterator[Answer
         plan, answer = plans[k], answers.get(k)
         if isinstance(plan, ProbeError):
             return plan
-        if not isinstance(answer, Answer) or answer.films[0].error_under(plan.scene) > plan.accuracy:
+        if not isinstance(answer, Answer) or answer.films[0].error_under(plan.scene) > plan.allowed:
             return None
-        return _caught(
+        result = _caught(
             lambda: plan.completed(answer.result(AXISYMMETRIC, plan.scene, share), scenes[k], asked.accuracy, asked.linear)
         )
+        return result if isinstance(result, Result) else None  # alone, another evaluator may answer
 
     return (completed(k) for k in range(len(scenes)))
 

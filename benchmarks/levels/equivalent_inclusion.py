@@ -6,6 +6,7 @@ repeated) restricts it:
 - references: against the scenes of ``tests/reference`` (``--folder``, may be repeated; ``--single`` prints each scene);
 - audit: error bounds on random scenes with one tumour on the axis (``--scenes`` of each ``--seed``), against ``axisymmetric``;
 - layers: the same on tissue of one to three layers with the tumour inside one of them;
+- near: the same with the tumour all but touching an interface of layers, the floor or the side of the tissue;
 - speed: seconds for the probe, for tumours to first order, for tumours with reflections (medians of ``--repeats``);
 - map: 50 x 50 depths and diameters against ``axisymmetric`` point by point.
 
@@ -29,7 +30,7 @@ from benchmarks.levels.inclusion_speed import one_map, speed
 from benchmarks.tables import MeasuredTable
 
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
-PARTS = ("references", "audit", "layers", "speed", "map")
+PARTS = ("references", "audit", "layers", "near", "speed", "map")
 
 
 def arguments() -> argparse.Namespace:
@@ -54,7 +55,8 @@ def measure(chosen: argparse.Namespace, tell: Callable[[str], None]) -> Iterator
     parts: dict[str, Callable[[], Iterator[MeasuredTable]]] = {
         "references": lambda: references(folders, chosen.single, tell),
         "audit": lambda: audit(seeds, chosen.scenes, chosen.accuracy, chosen.worst, tell=tell),
-        "layers": lambda: audit(seeds, chosen.scenes, chosen.accuracy, chosen.worst, tell=tell, layered=True),
+        "layers": lambda: audit(seeds, chosen.scenes, chosen.accuracy, chosen.worst, tell=tell, kind="random layered"),
+        "near": lambda: audit(seeds, chosen.scenes, chosen.accuracy, chosen.worst, tell=tell, kind="all but touching"),
         "speed": lambda: speed(chosen.repeats, tell),
         "map": lambda: one_map(chosen.points, chosen.sample, chosen.accuracy, tell),
     }

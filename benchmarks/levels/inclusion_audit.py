@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from benchmarks.levels.inclusion_draws import DrawnScene, draw, draw_layered
+from benchmarks.levels.inclusion_draws import DrawnScene, draw, draw_layered, draw_near
 from benchmarks.tables import MeasuredTable
 from geometry import InputError, Refusal
 from geometry.common.errors import SolveError
@@ -91,9 +91,12 @@ def judge(found: Readings, true: FilmForces) -> Judged | None:
     )
 
 
-def case(seed: int, number: int, accuracy: float, layered: bool) -> AuditedScene | None:
+DRAWS = {"random": draw, "random layered": draw_layered, "all but touching": draw_near}
+
+
+def case(seed: int, number: int, accuracy: float, kind: str) -> AuditedScene | None:
     """Answer one random scene by both tiers and by the reference; None where it does not fit or the reference fails."""
-    drawn = (draw_layered if layered else draw)(seed, number)
+    drawn = DRAWS[kind](seed, number)
     try:
         scene = drawn.scene()
         true = Axisymmetric().converged(scene, REFERENCE * accuracy).films[0]
@@ -105,20 +108,19 @@ def case(seed: int, number: int, accuracy: float, layered: bool) -> AuditedScene
 
 
 def audit(
-    seeds: Sequence[int], scenes: int, accuracy: float, worst: int, *, tell: Callable[[str], None], layered: bool = False
+    seeds: Sequence[int], scenes: int, accuracy: float, worst: int, *, tell: Callable[[str], None], kind: str = "random"
 ) -> Iterator[MeasuredTable]:
-    """Yield tables of how bounds compare with true errors, over ``scenes`` random ones of each seed, with layers or without."""
+    """Yield tables of how bounds compare with true errors, over ``scenes`` of each seed, of a kind of ``DRAWS``."""
     found, wrong = [], 0
     for seed in seeds:
         for number in range(scenes):
             tell(f"audit: scene {number + 1} of {scenes}, seed {seed}; {wrong} bounds wrong so far")
-            one = case(seed, number, accuracy, layered)
+            one = case(seed, number, accuracy, kind)
             if one is None:
                 continue
             found.append(one)
             wrong += sum(bool(judged and judged.wrong) for judged in (one.first, one.reflected))
     drawn = scenes * len(seeds)
-    kind = "random layered" if layered else "random"
     title = f"{len(found)} {kind} scenes of {drawn} drawn (the rest do not fit or were refused), accuracy {accuracy:g}"
     yield _summary(title, found)
     yield _groups(found)

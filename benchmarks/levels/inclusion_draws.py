@@ -13,6 +13,7 @@ COVERS = (0.02, 2.0)  # diameters
 GAPS = (0.02, 1.0)  # diameters: between the sphere and the interfaces of its layer
 CONTRASTS = (10.0, 1e3)  # of layers: the largest of every other scene each
 STIFFEST = (10.0, 1e2, 1e4)  # likewise of scenes that may have skins: of every third scene each
+NEAR = (1e-4, 0.05)  # diameters: between a sphere that all but touches and what it is near to
 SKIN = 0.5  # mm: the thinnest
 RATIOS = (0.3, 0.45, 0.49, 0.4999)  # Poisson's, of layers
 CONTACTS = ("bonded", "frictionless")
@@ -152,3 +153,21 @@ def draw_skins(seed: int, number: int) -> DrawnScene:
     materials = ((float(np.exp(rng.uniform(-1, 1) * np.log(most))), float(rng.choice(RATIOS))) for _ in depths)
     layers = tuple((float(h), *one) for h, one in zip(np.diff([0.0, *depths]), materials, strict=True))
     return replace(plain, layers=layers)
+
+
+def draw_near(seed: int, number: int) -> DrawnScene:
+    """Return the same scene with the sphere all but touching an interface above or below it, the tissue's floor or side."""
+    rng, plain = np.random.default_rng([seed, number, 3]), draw(seed, number)
+    gap = float(np.exp(rng.uniform(*np.log(NEAR)))) * plain.diameter
+    kind, top, low = number % 4, plain.cover * plain.diameter, (plain.cover + 1) * plain.diameter
+    if kind == 3:
+        outer = float(np.hypot(plain.inner_radius + plain.gap, plain.inner_radius / np.sqrt(plain.area_ratio)))
+        return replace(plain, tissue_radius=max(plain.diameter / 2 + gap, 1.05 * outer))
+    if kind == 2:
+        return replace(plain, tissue_depth=low + gap)
+    most = CONTRASTS[int(rng.integers(2))]
+    material = (float(np.exp(rng.uniform(-1, 1) * np.log(most))), float(rng.choice(RATIOS)))
+    if kind == 0 and top > 2 * gap:
+        return replace(plain, layers=((top - gap, *material),))
+    depth = low + gap
+    return replace(plain, layers=((depth, *material),), tissue_depth=max(plain.tissue_depth, 1.2 * depth))

@@ -137,9 +137,10 @@ def _moduli(low: str, high: str, points: int) -> Any:
 def plan(scene: Path, accuracy: str, loads: bool, as_json: bool) -> None:
     """Say which model of SCENE meets --accuracy at the least cost, what it leaves out, and why.
 
-    This is what evaluate and curve do without --evaluator. Every feature that could be left out is listed with what it changes
-    of the ratio, of the stresses and of the stiffness; what is not linear is bounded at the scene's load, and the
-    largest load that auto answers linearly is told.
+    This is what evaluate does without --evaluator: where it refuses, so does plan (exit code 2). Every feature that could be left
+    out is listed with what it changes of the ratio, of the stresses and of the stiffness; what is not linear is bounded at the
+    scene's load, and the largest load that auto answers linearly is told. The evaluator named was
+    asked and reaches the accuracy, but for solid where that is sure without.
     """
     from geometry.scenes.scene_file import read_scene
     from probe_design.terminal.console import plan_lines, plan_table, working
@@ -148,6 +149,8 @@ def plan(scene: Path, accuracy: str, loads: bool, as_json: bool) -> None:
     with working(f"planning {scene}"):
         decided = run(read_scene(scene), fraction("accuracy", accuracy), loads=loads)
     present(decided, plan_table, as_json, lines=plan_lines)
+    if decided.refusal is not None:
+        raise decided.refusal
 
 
 @click.command()

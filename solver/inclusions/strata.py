@@ -54,10 +54,11 @@ class Strata:
         The larger of |a - b| / (a + b) for shear moduli and for moduli of compression across, lambda + 2 mu: how much of a plane
         wave that hits the interface at right angles would come back if both had one density.
         """
-        return np.array([_unlike(*pair) for pair in pairwise(self.materials)])
+        return np.array([unlike(*pair) for pair in pairwise(self.materials)])
 
 
-def _unlike(one: Material, other: Material) -> float:
+def unlike(one: Material, other: Material) -> float:
+    """Return how unlike two materials are, see ``Strata.contrasts``."""
     pairs = zip(_moduli(one), _moduli(other), strict=True)
     return max(abs(a - b) / (a + b) for a, b in pairs)
 

@@ -140,7 +140,7 @@ def scattering_steps(
         settled = np.all(total_change(change[None])[0] <= tolerance * totals)
         if settled and (not sensitive or np.all(slope_change <= SENSITIVE * tolerance * np.max(np.abs(slopes)))):
             break
-    forces, left_out = series.forces, unresolved(section, tumours, spheres) + 2 * ENOUGH * tolerance
+    forces, left_out = series.forces, unresolved(section, strata, tumours, spheres) + 2 * ENOUGH * tolerance
     error = total_change(
         np.array([change, _tail(section, spheres, sphere_set, series=series, fields=total), left_out * forces])
     ).sum(axis=0)

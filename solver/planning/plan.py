@@ -6,14 +6,13 @@ is modelled or beyond every evaluator is estimated.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from geometry.common.errors import Refusal
-from geometry.common.limits import least
+from geometry.common.errors import InputError, Refusal
 from geometry.scenes.scene import Scene
 from solver.axisymmetric.converged_forces import NEGLIGIBLE
 from solver.axisymmetric.level import Axisymmetric
@@ -27,6 +26,7 @@ from solver.planning.load_limits import limits_of
 from solver.planning.loads import LoadRule
 from solver.planning.negligible_inclusions import SHARE, reduced
 from solver.planning.nonlinear_effects import unmodelled
+from solver.results.evaluator import OutOfReach
 from solver.results.kinds import needs_solid, unsupported
 from solver.results.load_limits import LargestLoad, LoadLimits, limits_dict
 from solver.results.notebook import Notebook
@@ -36,6 +36,8 @@ from solver.solid.domain import domain, reach
 from solver.solid.level import BEST, SolidLevel
 
 AXISYMMETRIC, HARMONICS, SOLID, CONTACT = "axisymmetric", "equivalent-inclusion", "solid", "contact"
+MESHED = "inclusion", "groove", "sides"  # features of which meshes of tetrahedra get a share wrong
+MESH_SHARE = 0.02  # of what these change: up to which ``solid`` surely knows it
 
 
 @dataclass(frozen=True)
@@ -47,22 +49,26 @@ class Plan(Notebook):
         dimension: of the model, in words.
         scene: what that level is given: without inclusions that do not matter.
         accuracy: what that level is asked for.
+        allowed: what it may be off: what load and left-out inclusions leave of the accuracy; ``accuracy`` is as much or less.
         left_out: bound on what the inclusions left out change together of ln(ratio) or of a stress or the stiffness.
         decisions: one for each feature that could be left out.
         rule: for loads, see ``CoarseModel.rule``.
         load_limits: up to which load linear elasticity holds, by the rule or, where loads are asked for, by ``contact``.
         warnings: one line each.
+        refusal: why ``auto`` refuses the scene; None where an evaluator is named.
     """
 
     evaluator: str | None
     dimension: str
     scene: Scene
     accuracy: float
+    allowed: float
     left_out: float
     decisions: tuple[Decision, ...]
     rule: LoadRule
     load_limits: LoadLimits
     warnings: tuple[Note, ...] = ()
+    refusal: InputError | None = None
 
     @property
     def linear_limit_load(self) -> LargestLoad | None:
@@ -87,15 +93,25 @@ class Plan(Notebook):
             "plan": [asdict(one) for one in self.decisions],
             **limits_dict(self.load_limits),
             "warnings": list(self.warnings),
+            "refusal": None if self.refusal is None else str(self.refusal),
         }
 
-    def check_reach(self, accuracy: float) -> None:
-        """Raise ``Refusal`` where the load takes so much of the accuracy that ``solid`` does not reach the rest."""
-        if self.evaluator == SOLID and self.accuracy < BEST <= accuracy:
-            enough = least(BEST * accuracy / self.accuracy, 2)
-            raise Refusal(
-                "accuracy", accuracy, f"{enough} or more at this load, or a smaller load: it leaves {self.accuracy:.2g} to solid"
-            )
+    def refused(self, fault: InputError) -> Plan:
+        """Return the plan of a scene that ``auto`` refuses."""
+        return replace(self, evaluator=None, dimension=_model(self.scene, None), refusal=fault)
+
+    def sure(self, share: float = MESH_SHARE) -> bool:
+        """Whether the evaluator answers within what is allowed, known without asking it: ``solid``, which takes tens of seconds.
+
+        Args:
+            share: of what inclusions, groove and sides change: what its meshes may get wrong.
+        """
+        changed = (max(one.effect, one.effect_on_stresses or 0.0) for one in self.decisions if one.feature.startswith(MESHED))
+        return self.evaluator == SOLID and self.allowed >= BEST + share * sum(changed)
+
+    def reached(self, error: float, accuracy: float) -> float:
+        """Return the error of an answer to the whole scene, where the level's own is ``error``."""
+        return (1 + error) * (1 + accuracy) / (1 + self.allowed) - 1
 
     def check_load(self, scene: Scene, accuracy: float) -> None:
         """Raise ``Refusal`` where the load is beyond what ``auto`` answers linearly."""
@@ -108,7 +124,8 @@ class Plan(Notebook):
         Raises:
             Refusal: the error is above the accuracy, unless ``linear``.
         """
-        result = replace(result, plan=self._with(result.plan), warnings=(*result.warnings, *self.warnings))
+        notes = tuple(note for note in result.warnings if note.kind != "accuracy")  # of a share of what was asked, which is met
+        result = replace(result, plan=self._with(result.plan), warnings=(*notes, *self.warnings))
         if len(self.scene.inclusion) < len(scene.inclusion):
             result = replace(result, error_estimate=with_error(result.error_estimate, float(np.expm1(self.left_out))))
             result = result if scene.target is not None else _untargeted(result)
@@ -116,9 +133,11 @@ class Plan(Notebook):
             result = replace(result, load_limits=self.load_limits)
         else:
             result = with_load(result, scene, self.rule, accuracy, scene.target is not None)
-        if not linear and result.error_estimate is not None and result.error_estimate > accuracy * (1 + 1e-9):
-            reached = f"{result.error_estimate:.2g} or more at this load; a smaller load allows less"
-            raise Refusal("accuracy", accuracy, reached)
+        error = result.error_estimate
+        if not linear and error is not None and error > accuracy * (1 + 1e-9):
+            raise OutOfReach(
+                str(self.evaluator), self.scene, self.accuracy, (1 + error) * (1 + self.allowed) / (1 + accuracy) - 1
+            )
         return result
 
     def completed_curve(self, curve: Curve, scene: Scene, accuracy: float, linear: bool) -> Curve:
@@ -145,7 +164,7 @@ class Plan(Notebook):
 def plan(
     scene: Scene,
     accuracy: float,
-    solid: bool = False,
+    level: str | None = None,
     skin: bool = False,
     linear: bool = False,
     *,
@@ -156,7 +175,7 @@ def plan(
     Args:
         scene: as there.
         accuracy: as there.
-        solid: as there.
+        level: the evaluator to plan for; None for the cheapest that may do.
         skin: whether to say what a skin would change of soft tissue without layers.
         linear: whether to answer linearly at any load.
         rough: the scene's coarse model, where it is known: scenes without their tumours and loads may share it.
@@ -170,11 +189,15 @@ def plan(
     rule, promise = rough.rule(scene), scene.target is not None
     rest = budget(rule, rule.force(scene), accuracy, promise)
     asked = rest if len(scene.inclusion) < 2 else float((1 + rest) * np.exp(-SHARE * accuracy) - 1)
-    level = SOLID if solid else _level(fewer.scene, rough, asked)
     limits = limits_of(rule, accuracy, promise)
-    beyond = level == AXISYMMETRIC and rule.force(scene) > limits.auto.force
-    if not linear and (beyond or unsupported(scene) is not None) and ContactLevel().refusal(fewer.scene) is None:
-        level, asked = CONTACT, accuracy if len(scene.inclusion) < 2 else float((1 + accuracy) * np.exp(-SHARE * accuracy) - 1)
+    if level is None:
+        level = _level(fewer.scene, rough, asked)
+        beyond = level == AXISYMMETRIC and rule.force(scene) > limits.auto.force
+        if not linear and (beyond or unsupported(scene) is not None) and ContactLevel().refusal(fewer.scene) is None:
+            level = CONTACT
+    if level == CONTACT:
+        asked = accuracy if len(scene.inclusion) < 2 else float((1 + accuracy) * np.exp(-SHARE * accuracy) - 1)
+    whole = accuracy if level == CONTACT else budget(rule, rule.force(scene), accuracy, promise=False)
     decisions = (
         _dimension(fewer.scene, rough, level, accuracy),
         *fewer.decisions,
@@ -189,6 +212,7 @@ def plan(
         _model(fewer.scene, level),
         fewer.scene,
         asked,
+        max(asked, float((1 + whole) * np.exp(-fewer.left_out) - 1)),
         fewer.left_out,
         decisions,
         rule=rule,
@@ -197,15 +221,29 @@ def plan(
     )
 
 
-def second_try(planned: Plan, scene: Scene, accuracy: float) -> Plan | None:
-    """Return the plan for ``solid`` where that may reach what the level planned did not, else None.
+def following(planned: Plan, tried: Collection[str], fault: Refusal, scene: Scene, accuracy: float, linear: bool) -> str | None:
+    """Return the next evaluator that may answer where those tried refuse, else None.
 
-    Raises:
-        InputError, Refusal: see ``plan``.
+    Args:
+        planned: with what the last of them was asked.
+        tried: their names.
+        fault: the last one's refusal.
+        scene: whole.
+        accuracy: of the whole.
+        linear: whether to answer linearly at any load.
     """
-    if planned.evaluator in (SOLID, CONTACT) or not SolidLevel().may_help(scene, accuracy):
-        return None
-    return plan(scene, accuracy, solid=True)
+    fewer = planned.scene
+    if fault.key.startswith("load."):
+        takes = {CONTACT: not linear and ContactLevel().refusal(fewer) is None}
+    elif planned.evaluator in (SOLID, CONTACT):
+        takes = {}
+    else:
+        takes = {
+            AXISYMMETRIC: Axisymmetric().refusal(fewer) is None,
+            HARMONICS: EquivalentInclusion().refusal(fewer) is None,
+            SOLID: SolidLevel().may_help(scene, max(accuracy, BEST)),
+        }
+    return next((level for level, may in takes.items() if may and level not in tried), None)
 
 
 def _level(scene: Scene, rough: CoarseModel, accuracy: float) -> str | None:

@@ -70,7 +70,7 @@ class Published:
         notes = (Note("null", null), *(Note("published", text) for text in texts))
         return Result(self.name, perf_counter() - start, equivalent_modulus=modulus, warnings=notes)
 
-    def evaluate_within(self, scene: Scene, accuracy: float) -> Result:
+    def evaluate_within(self, scene: Scene, accuracy: float, allowed: float | None = None) -> Result:
         """Refuse: no accuracy is within reach of equations that give no stresses.
 
         Raises:

@@ -51,8 +51,8 @@ class Evaluator(Protocol):
         """
         ...
 
-    def evaluate_within(self, scene: Scene, accuracy: float) -> Result:
-        """Answer as ``evaluate`` does, but only if every bound is below ``accuracy``.
+    def evaluate_within(self, scene: Scene, accuracy: float, allowed: float | None = None) -> Result:
+        """Answer as ``evaluate`` does, but only if every bound is at most ``allowed``, or ``accuracy`` where that is left out.
 
         Raises:
             InputError, Refusal: see ``evaluate``; and where the accuracy is out of reach.
@@ -157,13 +157,13 @@ class FilmLevel:
             return fault
 
     @in_own_workspace
-    def evaluate_within(self, scene: Scene, accuracy: float) -> Result:
+    def evaluate_within(self, scene: Scene, accuracy: float, allowed: float | None = None) -> Result:
         """See ``Evaluator``."""
         start = perf_counter()
         with timed():
             answer = self.answer(scene, accuracy)
         reached = answer.films[0].error_under(scene)
-        if reached > accuracy:
+        if reached > (accuracy if allowed is None else allowed):
             raise OutOfReach(self.name, scene, accuracy, reached, next(iter(of_kind(answer.notes, "limit")), ""))
         return answer.result(self.name, scene, perf_counter() - start)
 
@@ -184,11 +184,13 @@ class OutOfReach(Refusal):
         scene, accuracy: what it was asked.
         reached: the largest bound on its errors; asked for that, it may refine less and reach less.
         stopped: which limit of memory or time forbade more; empty where none did.
+        allowed: what would be, where more than the level's own bound is known of that.
     """
 
-    def __init__(self, name: str, scene: Scene, accuracy: float, reached: float, stopped: str = "") -> None:
+    def __init__(self, name: str, scene: Scene, accuracy: float, reached: float, stopped: str = "", allowed: str = "") -> None:
         self.name, self.scene, self.accuracy, self.reached, self.stopped = name, scene, accuracy, reached, stopped
         why = f"{least(reached, 2)} or more for this scene (--evaluator {name} answers with that error)"
         if reached >= 1:
             why = f"none for this scene: errors are no smaller than the values (--evaluator {name} tells which)"
+        why = allowed or why
         super().__init__("accuracy", accuracy, f"{why}; {stopped}" if stopped else why)

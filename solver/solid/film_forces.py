@@ -162,7 +162,7 @@ def _may_improve(films: FilmForces, scene: Scene, accuracy: float, near: float =
 
 def _tilted(symmetric: SymmetricPart, one: SceneDifference) -> tuple[Floats, Floats]:
     """Film forces per unit rotation and their slopes, carried through eq. SO.5, shape (k, 2) each."""
-    tilt, slope = (symmetric.carried(one.forces, part[..., None])[..., 0] for part in (one.tilt, one.tilt_slope))
+    tilt, slope = (symmetric.carried(one, part[..., None])[..., 0] for part in (one.tilt, one.tilt_slope))
     return tilt, slope
 
 

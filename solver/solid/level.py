@@ -13,7 +13,7 @@ from geometry.common.errors import Refusal, SolveError, Words
 from geometry.scenes.probe import mm
 from geometry.scenes.scene import Scene
 from solver.linalg.workspace import in_own_workspace
-from solver.results.evaluator import Answer, FilmLevel, Tell, silent
+from solver.results.evaluator import Answer, FilmLevel, OutOfReach, Tell, silent
 from solver.results.film_forces import Bound, FilmForces, shortfalls
 from solver.results.kinds import is_round, unsupported
 from solver.results.result import Result
@@ -22,6 +22,7 @@ from solver.solid.domain import coaxial
 from solver.solid.film_forces import SolidForces, solid_forces
 
 BEST = 0.003  # the accuracy that meshes of tetrahedra can be refined to in about a minute
+OFTEN = 0.4  # times that: the bound that the finest mesh often reaches where it is asked for it
 LEAST = 1 / 15  # of the outer radius: smaller inclusions take minutes to mesh
 STEEP = math.radians(10)  # the largest tilt: beyond, its square is above 3 %
 
@@ -46,17 +47,18 @@ class SolidLevel(FilmLevel):
         """Whether this level may reach an accuracy that cheaper ones do not: where they left out what it models."""
         lone = len(scene.inclusion) <= 1 and all(body.diameter is not None for body in scene.inclusion)
         symmetric = scene.probe.groove is None and coaxial(scene) and lone and (not scene.tissue.layer or is_round(scene))
-        return accuracy >= BEST and self.refusal(scene) is None and not symmetric
+        return accuracy >= OFTEN * BEST and self.refusal(scene) is None and not symmetric
 
-    def evaluate_within(self, scene: Scene, accuracy: float) -> Result:
-        """Answer as ``evaluate`` does, but only if every bound is below ``accuracy``.
+    def evaluate_within(self, scene: Scene, accuracy: float, allowed: float | None = None) -> Result:
+        """Answer as ``evaluate`` does, but only if every bound is at most ``allowed``, or ``accuracy`` where that is left out.
 
         Raises:
             InputError, Refusal: see ``answer``; and where the accuracy is out of reach.
         """
-        if accuracy < BEST:
-            raise Refusal("accuracy", accuracy, f"{BEST} or more, which is the best that solid reaches on any scene")
-        return super().evaluate_within(scene, accuracy)
+        allowed = accuracy if allowed is None else allowed
+        if allowed < OFTEN * BEST:
+            raise OutOfReach(self.name, scene, accuracy, BEST)
+        return super().evaluate_within(scene, max(accuracy, BEST), allowed)
 
     def answer(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> Answer:
         """Answer from two or three meshes, a curve from one factor a mesh.

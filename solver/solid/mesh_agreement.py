@@ -49,8 +49,8 @@ def films_of(
         times: what the last step counts where nothing else bounds it, of forces and of log_sensitivity.
     """
     fine, whole = differences[-1], symmetric.whole.films
-    forces = [symmetric.corrected(one.forces) for one in differences]
-    slopes = [symmetric.carried(one.forces, one.slope) for one in differences]
+    forces = [symmetric.corrected(one) for one in differences]
+    slopes = [symmetric.carried(one, one.slope) for one in differences]
     plainly = whole.forces.sum(axis=1)
     raw = np.abs(np.log(fine.reference.sum(axis=1) / symmetric.exact.sum(axis=1)))
     doubt = floor + fine.lost + EDGES * symmetric.edges

@@ -5,7 +5,11 @@ C the compliance by which the whole probe on the whole tissue, films, base and f
 
     F = ((A + D)^-1 + C)^-1,    C = F_whole^-1 - A^-1                                              (SO.5)
 
-both A and F_whole by ``solver/axisymmetric/converged_forces.py``.
+both A and F_whole by ``solver/axisymmetric/converged_forces.py``. Where the tissue's edges are meshed, the reference is a narrow
+cylinder, D as large as A, and what the mesh gets wrong at the blocks' rims does not cancel in D: it grows with the forces. Under
+given forces it is the same in both, so that compliances cancel it: with S and R the mesh's forces of scene and reference,
+
+    F = (S^-1 - R^-1 + A^-1 + C)^-1                                                                (SO.10)
 """
 
 from __future__ import annotations
@@ -25,6 +29,7 @@ from solver.linalg.workspace import kept_within_limits
 from solver.results.film_forces import FilmForces
 from solver.results.result import Decision
 from solver.results.warnings import Note
+from solver.solid.difference import SceneDifference
 from solver.solid.domain import Domain, coaxial, domain, plain, reach, room
 
 SHARE = 0.1  # of the accuracy that the symmetric part may take
@@ -66,15 +71,22 @@ class SymmetricPart:
     whole: Exact
     edges: float
 
-    def corrected(self, change: Floats) -> Floats:
-        """Eq. SO.5, for D of shape (k, 2, 2)."""
-        return np.asarray(np.linalg.inv(np.linalg.inv(self.exact + change) + self.compliance))
+    def corrected(self, found: SceneDifference) -> Floats:
+        """Film forces by eq. SO.5, or by SO.10 where the tissue's edges are meshed, N/m, shape (k, 2, 2)."""
+        return np.asarray(np.linalg.inv(np.linalg.inv(self._own(found)) + self.compliance))
 
-    def carried(self, change: Floats, small: Floats) -> Floats:
+    def carried(self, found: SceneDifference, small: Floats) -> Floats:
         """What a small change of D, (k, 2, 2) or columns (k, 2, 1), becomes in F: rows and columns for the former."""
-        inner = np.linalg.inv(self.exact + change)
-        left = self.corrected(change) @ inner
+        meshed = found.reference + found.forces if self.domain.radius is not None else self.exact + found.forces
+        left = self.corrected(found) @ np.linalg.inv(meshed)
         return np.asarray(left @ small @ (left.transpose(0, 2, 1) if small.shape[-1] == 2 else np.eye(1)))
+
+    def _own(self, found: SceneDifference) -> Floats:
+        """Film forces without what C holds, shape (k, 2, 2)."""
+        if self.domain.radius is None:
+            return self.exact + found.forces
+        meshed = np.linalg.inv(found.reference + found.forces) - np.linalg.inv(found.reference)
+        return np.asarray(np.linalg.inv(meshed + np.linalg.inv(self.exact)))
 
 
 def symmetric_part(scene: Scene, accuracy: float) -> SymmetricPart:

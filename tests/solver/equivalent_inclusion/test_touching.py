@@ -1,0 +1,39 @@
+"""Spheres that all but touch an interface, the floor or the side: usable bounds, held by ``axisymmetric``."""
+
+import pytest
+
+from benchmarks.levels.inclusion_audit import judge
+from benchmarks.levels.inclusion_draws import draw_near
+from geometry import Inclusion, read_scene
+from geometry.scenes.scene import CylinderTissue, Layer
+from solver.axisymmetric.level import Axisymmetric
+from solver.equivalent_inclusion.probe_on_tissue import undisturbed
+from solver.equivalent_inclusion.readings import readings
+from solver.inclusions.tumours import Tumours
+from tests.support.paths import SCENE
+
+
+def both(scene, accuracy=0.01):
+    """What both levels find, compared."""
+    true = Axisymmetric().converged(scene, accuracy / 10).films[0]
+    found = judge(readings(undisturbed(scene, accuracy), Tumours.of(scene), reflect=True), true)
+    assert found
+    return found
+
+
+@pytest.mark.parametrize("gap", [1e-5, 1e-4])
+@pytest.mark.parametrize("contrast", [0.4, 18.0])
+def test_next_to_an_interface_the_bound_is_of_use(gap, contrast):
+    """A tumour seven times as hard as its layer: 0.15 was stated where 1e-4 was true."""
+    skin = Layer(thickness=1.5e-3, youngs_modulus=contrast * 3e3, poisson_ratio=0.45)
+    tissue = CylinderTissue(shape="cylinder", radius=45e-3, depth=40e-3, youngs_modulus=3e3, poisson_ratio=0.45, layer=(skin,))
+    body = Inclusion(diameter=6e-3, depth=4.5e-3 + gap, youngs_modulus=20e3, poisson_ratio=0.45)
+    found = both(read_scene(SCENE).model_copy(update={"tissue": tissue, "inclusion": (body,)}))
+    assert found.wrong == ""
+    assert found.stated < max(0.01, 20 * found.true)
+
+
+@pytest.mark.parametrize("number", [38, 2, 3])  # a hard sphere at the floor of nearly incompressible tissue; one; one at the side
+def test_bounds_hold_where_tissue_is_all_but_pinched_off(number):
+    found = both(draw_near(7, number).scene())
+    assert found.wrong == ""

@@ -1,0 +1,86 @@
+"""``evaluate`` does what ``plan`` says: one decision, whose refusals are told in the numbers that were asked."""
+
+import json
+import re
+from itertools import islice
+
+import pytest
+
+from benchmarks.levels.plan_answers import OUTCOMES, outcome
+from benchmarks.levels.plan_draws import KINDS, scenes
+from geometry import Load, Refusal, read_scene, scene_to_toml
+from solver import evaluate, plan
+from solver.equivalent_inclusion.level import EquivalentInclusion
+from solver.planning.load_check import load_rule
+from solver.results.evaluator import OutOfReach
+from tests.support.paths import SCENE
+from tests.support.program import run
+from tests.support.slow import slow_unless
+
+EXAMPLE = read_scene(SCENE)
+ANSWERED, REFUSED, NOT_ASKED = OUTCOMES[:3]
+
+
+@pytest.mark.parametrize("kind", slow_unless(lambda kind: kind not in ("several in layers", "ellipsoid"), list(KINDS)))
+def test_scenes_of_every_kind_are_answered_as_planned_or_refused_by_both(kind):
+    for scene in islice(scenes(kind, 1), 2):
+        found, said = outcome(scene, 0.01, solid=False)
+        assert found in (ANSWERED, REFUSED, NOT_ASKED), said
+
+
+def ellipsoid(force):
+    """One of 12 x 6 x 6 mm, of which ``equivalent-inclusion`` is not sure."""
+    body = EXAMPLE.inclusion[0].model_copy(update={"diameter": None, "diameters": (12e-3, 6e-3, 6e-3)})
+    return EXAMPLE.model_copy(update={"inclusion": (body,), "load": Load(force=force)})
+
+
+def off_the_axis(load):
+    """A shallow tumour, of which ``equivalent-inclusion`` is not quite sure, and one that does not matter; none is the target."""
+    first, other = (EXAMPLE.inclusion[0].model_copy(update=body) for body in (SHALLOW, FAR))
+    return EXAMPLE.model_copy(update={"inclusion": (first, other), "load": load})
+
+
+SHALLOW = {"x": 4e-3, "depth": 6e-3}
+FAR = {"x": 3e-2, "depth": 3e-2, "diameter": 1e-3}
+
+
+def test_what_the_load_leaves_is_what_the_level_may_be_off():
+    """Its bound and what the load may change are together within the accuracy, however little the load leaves."""
+    at_rest = off_the_axis(Load(force=0.0))
+    own = EquivalentInclusion().evaluate(at_rest, 0.002).error_estimate
+    assert own
+    accuracy, rule = 4 * own, load_rule(at_rest)
+    slope = rule.ratio_change(1e-6) / 1e-6
+    scene = off_the_axis(Load(force=(accuracy - 1.2 * own) / slope))  # with the doubt on loads this leaves 0.8 of its bound
+    result = evaluate(scene, accuracy=accuracy)
+    assert result.evaluator == plan(scene, accuracy).evaluator == "equivalent-inclusion"
+    assert result.error_estimate
+    assert 2 * own < result.error_estimate <= accuracy
+    assert not [line for line in result.warnings if "accuracy" in line]
+
+
+def test_refusals_quote_what_was_asked_and_what_is_reached():
+    with pytest.raises(OutOfReach, match=r"^accuracy = 0\.001: allowed: 0\.00\d+ or more for this scene \(solid reaches 0\.003"):
+        evaluate(ellipsoid(1e-6), accuracy=0.001)
+    found = plan(ellipsoid(1e-6), 0.001)
+    assert found.evaluator is None
+    assert str(found.refusal).startswith("accuracy = 0.001: allowed: 0.003")
+
+
+def test_a_load_beyond_linear_elasticity_off_the_axis_has_no_evaluator():
+    body = EXAMPLE.inclusion[0].model_copy(update={"x": 3e-3})
+    scene = EXAMPLE.model_copy(update={"inclusion": (body,), "load": Load(force=0.5)})
+    found = plan(scene)
+    with pytest.raises(Refusal, match=re.escape(str(found.refusal))):
+        evaluate(scene)
+    assert found.evaluator is None
+    assert found.decisions
+
+
+def test_the_command_refuses_with_the_plan_printed(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(scene_to_toml(ellipsoid(1e-6)), encoding="utf-8")
+    told = run("plan", path, "--accuracy", "0.001", "--json")
+    assert (told.returncode, json.loads(told.stdout)["evaluator"]) == (2, None)
+    assert json.loads(told.stdout)["refusal"] in told.stderr
+    assert "accuracy = 0.001: allowed: 0.003" in told.stderr
