@@ -37,7 +37,7 @@ from solver.solid.level import BEST, SolidLevel
 
 AXISYMMETRIC, HARMONICS, SOLID, CONTACT = "axisymmetric", "equivalent-inclusion", "solid", "contact"
 MESHED = "inclusion", "groove", "sides"  # features of which meshes of tetrahedra get a share wrong
-MESH_SHARE = 0.02  # of what these change: up to which ``solid`` surely knows it
+MESH_SHARE = 0.015  # of what these change: up to which ``solid`` surely knows it
 
 
 @dataclass(frozen=True)
