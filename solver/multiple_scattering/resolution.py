@@ -59,7 +59,7 @@ def _images(section: Section, strata: Strata, tumours: Tumours, spheres: Sequenc
     At a distance d it is at most (1 + 2 d / R)^(-2 l). Where the two all but touch, the k-th reflection, a share q^k of the first
     field, has (k / (k + 1))^l in the degree l: the larger of both factors squared,
 
-        max_k q^(2 k) (k / (k + 1))^(2 l),    q^2 = unlikeness of sphere and host times that of wall and host          (MS.12)
+        max_k q^(2 k) (k / (k + 1))^(2 l),    q^2 = unlikeness of sphere and host times that of wall and host          (MS.11)
 
     A hard sphere at the floor needs high degrees; one five times as hard as its layer at an interface does not.
     """

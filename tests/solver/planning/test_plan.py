@@ -19,6 +19,7 @@ from solver import Decision, evaluate, evaluator, plan
 from solver.axisymmetric.converged_forces import converged_forces
 from solver.planning.coarse_model import CoarseModel
 from solver.planning.plan import Plan
+from solver.planning.plan import plan as estimate
 from solver.planning.strains import cover_factor
 from solver.results.film_forces import FilmForces
 from solver.results.result import LARGEST
@@ -234,7 +235,7 @@ class TestAuto:
     def test_tilt_and_grooves_that_matter_ask_for_three_dimensions(self) -> None:
         assert plan(named("solid", "groove-on-axis").scene).evaluator == "solid"
         at = SCENE.placement.model_copy(update={"tilt": 0.02})
-        found = plan(SCENE.model_copy(update={"placement": at}))
+        found = estimate(SCENE.model_copy(update={"placement": at}), 0.01)  # of which solid may not reach a hundredth
         assert found.evaluator == "solid"
         assert decision(found, "third dimension").modelled
 

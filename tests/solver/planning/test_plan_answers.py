@@ -6,8 +6,8 @@ from itertools import islice
 
 import pytest
 
-from benchmarks.levels.plan_answers import OUTCOMES, outcome
-from benchmarks.levels.plan_draws import KINDS, scenes
+from benchmarks.plans.answers import OUTCOMES, outcome
+from benchmarks.plans.draws import KINDS, scenes
 from geometry import Load, Refusal, read_scene, scene_to_toml
 from solver import evaluate, plan
 from solver.equivalent_inclusion.level import EquivalentInclusion

@@ -1,6 +1,6 @@
 """Whether ``evaluate`` does what ``plan`` says: random scenes of several kinds, each asked of both.
 
-Usage: ``python -m benchmarks.levels.plan_answers --scenes 12 --seed 0``, so many of each kind; ``--solid 0`` leaves out what only
+Usage: ``python -m benchmarks.plans.answers --scenes 12 --seed 0``, so many of each kind; ``--solid 0`` leaves out what only
 ``solid`` answers beyond so many scenes of each kind (some 20 to 60 s each). Printed are the scenes on which both differ.
 """
 
@@ -13,7 +13,7 @@ from itertools import islice
 
 from rich.console import Console
 
-from benchmarks.levels.plan_draws import KINDS, scenes
+from benchmarks.plans.draws import KINDS, scenes
 from benchmarks.tables import MeasuredTable
 from geometry import Refusal, Scene
 from geometry.common.resources import LimitReached

@@ -1,0 +1,1 @@
+"""Whether `plan` and `evaluate` agree: scenes on which `auto` has to decide."""
