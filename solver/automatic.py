@@ -91,7 +91,7 @@ def decide(
         Refusal: no evaluator takes the scene, or none reaches the accuracy, or its load is out of reach.
         LimitReached: see ``evaluate``.
     """
-    found = _first_to_answer(scene, accuracy, linear, tell, rough, sure)
+    found = _first_to_answer(scene, accuracy, linear, tell, rough=rough, sure=sure)
     if isinstance(found, Decided):
         return found
     by_load = next((one.fault for one in reversed(found) if one.fault.key.startswith("load.")), None)
@@ -100,7 +100,7 @@ def decide(
     best = min(found, key=lambda one: one.reached(accuracy))
     if not isinstance(best.fault, OutOfReach):
         raise best.fault
-    raise _out_of_reach(best, best.fault, scene, accuracy, linear, tell) from None
+    raise _out_of_reach(best, best.fault, scene, accuracy, linear=linear, tell=tell) from None
 
 
 def allowed_plan(scene: Scene, accuracy: float, linear: bool, rough: CoarseModel | None = None) -> Plan:
@@ -143,7 +143,7 @@ def level_of(name: str | None, tell: Tell | None) -> Evaluator:
 
 
 def _first_to_answer(
-    scene: Scene, accuracy: float, linear: bool, tell: Tell | None, rough: CoarseModel | None, sure: Sure
+    scene: Scene, accuracy: float, linear: bool, tell: Tell | None, *, rough: CoarseModel | None, sure: Sure
 ) -> Decided | list[Missed]:
     """The first evaluator that answers within the accuracy, or all that did not."""
     from solver.planning.plan import following
@@ -159,7 +159,7 @@ def _first_to_answer(
         except Refusal as fault:
             missed.append(Missed(planned, fault))
         tried = [one.plan.evaluator or "" for one in missed]
-        level = following(planned, tried, missed[-1].fault, scene, accuracy, linear)
+        level = following(planned, tried, missed[-1].fault, scene, accuracy=accuracy, linear=linear)
         if level is None:
             return missed
         planned = run(scene, accuracy, level, linear=linear, rough=rough)
@@ -175,7 +175,9 @@ def _with_remedy(fault: Refusal, planned: Plan, scene: Scene) -> Refusal:
     return Refusal(fault.key, fault.value, f"{fault.allowed}, {REMEDY}")
 
 
-def _out_of_reach(best: Missed, fault: OutOfReach, scene: Scene, accuracy: float, linear: bool, tell: Tell | None) -> OutOfReach:
+def _out_of_reach(
+    best: Missed, fault: OutOfReach, scene: Scene, accuracy: float, *, linear: bool, tell: Tell | None
+) -> OutOfReach:
     """Say in the user's own numbers what is reached, by which evaluator, and what to do."""
     reached = best.reached(accuracy)
     enough, name = _enough(scene, reached, linear, tell), fault.name
@@ -186,7 +188,7 @@ def _out_of_reach(best: Missed, fault: OutOfReach, scene: Scene, accuracy: float
     if enough is None:
         text = f"none for this scene: errors are no smaller than the values (--evaluator {name} tells which)"
     text = f"{text}; {fault.stopped}" if fault.stopped else text
-    return OutOfReach(name, scene, accuracy, reached, fault.stopped, text)
+    return OutOfReach(name, scene, accuracy, reached, stopped=fault.stopped, allowed=text)
 
 
 def _enough(scene: Scene, reached: float, linear: bool, tell: Tell | None) -> str | None:
@@ -196,7 +198,7 @@ def _enough(scene: Scene, reached: float, linear: bool, tell: Tell | None) -> st
             return None
         text = least(reached, 2)
         try:
-            found = _first_to_answer(scene, float(text), linear, tell, None, lambda planned: planned.sure(share=0.0))
+            found = _first_to_answer(scene, float(text), linear, tell, rough=None, sure=never)
         except LimitReached:
             return text
         if isinstance(found, Decided):

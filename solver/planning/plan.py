@@ -100,14 +100,10 @@ class Plan(Notebook):
         """Return the plan of a scene that ``auto`` refuses."""
         return replace(self, evaluator=None, dimension=_model(self.scene, None), refusal=fault)
 
-    def sure(self, share: float = MESH_SHARE) -> bool:
-        """Whether the evaluator answers within what is allowed, known without asking it: ``solid``, which takes tens of seconds.
-
-        Args:
-            share: of what inclusions, groove and sides change: what its meshes may get wrong.
-        """
+    def sure(self) -> bool:
+        """Whether the evaluator surely answers within what is allowed: ``solid``, which takes tens of seconds to ask."""
         changed = (max(one.effect, one.effect_on_stresses or 0.0) for one in self.decisions if one.feature.startswith(MESHED))
-        return self.evaluator == SOLID and self.allowed >= BEST + share * sum(changed)
+        return self.evaluator == SOLID and self.allowed >= BEST + MESH_SHARE * sum(changed)
 
     def reached(self, error: float, accuracy: float) -> float:
         """Return the error of an answer to the whole scene, where the level's own is ``error``."""
@@ -221,7 +217,9 @@ def plan(
     )
 
 
-def following(planned: Plan, tried: Collection[str], fault: Refusal, scene: Scene, accuracy: float, linear: bool) -> str | None:
+def following(
+    planned: Plan, tried: Collection[str], fault: Refusal, scene: Scene, *, accuracy: float, linear: bool
+) -> str | None:
     """Return the next evaluator that may answer where those tried refuse, else None.
 
     Args:

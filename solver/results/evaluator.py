@@ -164,7 +164,7 @@ class FilmLevel:
             answer = self.answer(scene, accuracy)
         reached = answer.films[0].error_under(scene)
         if reached > (accuracy if allowed is None else allowed):
-            raise OutOfReach(self.name, scene, accuracy, reached, next(iter(of_kind(answer.notes, "limit")), ""))
+            raise OutOfReach(self.name, scene, accuracy, reached, stopped=next(iter(of_kind(answer.notes, "limit")), ""))
         return answer.result(self.name, scene, perf_counter() - start)
 
     @in_own_workspace
@@ -187,7 +187,7 @@ class OutOfReach(Refusal):
         allowed: what would be, where more than the level's own bound is known of that.
     """
 
-    def __init__(self, name: str, scene: Scene, accuracy: float, reached: float, stopped: str = "", allowed: str = "") -> None:
+    def __init__(self, name: str, scene: Scene, accuracy: float, reached: float, *, stopped: str = "", allowed: str = "") -> None:
         self.name, self.scene, self.accuracy, self.reached, self.stopped = name, scene, accuracy, reached, stopped
         why = f"{least(reached, 2)} or more for this scene (--evaluator {name} answers with that error)"
         if reached >= 1:

@@ -45,7 +45,7 @@ def test_an_accuracy_that_a_limit_forbids_names_both(monkeypatch: pytest.MonkeyP
     from solver.results.evaluator import OutOfReach
 
     def stopped(scene: object, **_: object) -> None:
-        raise OutOfReach("axisymmetric", scene, 1e-4, 1e-3, "no finer mesh")  # type: ignore[arg-type]
+        raise OutOfReach("axisymmetric", scene, 1e-4, 1e-3, stopped="no finer mesh")  # type: ignore[arg-type]
 
     monkeypatch.setattr("solver.evaluate", stopped)
     with limited(Limits(memory=3e9, seconds=60.0)):

@@ -40,7 +40,7 @@ def test_what_coarse_meshes_get_wrong_at_the_rims_cancels():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("x", [30e-3, 35e-3, 38e-3])
+@pytest.mark.parametrize("x", [35e-3, 38e-3])
 def test_a_probe_near_an_edge_is_answered(x):
     result = evaluate(at(x))
     assert result.error_estimate

@@ -137,7 +137,7 @@ def test_regions_are_told_by_their_numbers() -> None:
 
 @pytest.mark.parametrize("change", ["beside", "several", "tilted", "ellipsoid"])
 def test_auto_comes_here_for_layers_that_no_cheaper_level_takes(change: str) -> None:
-    scene = ACROSS.scene
+    scene = ACROSS.scene.model_copy(update={"load": Load(force=1e-3)})  # that the rule for loads allows
     body = scene.inclusion[0]
     if change == "several":
         other = body.model_copy(update={"x": -body.x, "target": True})
