@@ -12,7 +12,7 @@ from scipy.stats import binomtest, norm
 
 from benchmarks.readings.cases import cases
 from benchmarks.readings.intervals import outcome
-from benchmarks.readings.truths import Truth
+from benchmarks.readings.truths import ReadingTruth
 from geometry import Scene, read_scene
 from geometry.scenes.variables import values
 from probe_design.estimation.intervals import threshold_near_ends
@@ -25,7 +25,7 @@ TISSUE, BLOCK = "tissue.youngs_modulus", "probe.outer.youngs_modulus"
 @pytest.mark.parametrize("name", ["modulus, 1 %", "modulus, 5 %"])
 def test_intervals_cover_what_the_axisymmetric_evaluator_reads(name: str) -> None:
     (case,) = (one for one in cases() if one.name == name)
-    found = outcome(Truth.of(case), 1000, seed=3)
+    found = outcome(ReadingTruth.of(case), 1000, seed=3)
     assert found.p_value > 0.001
 
 
