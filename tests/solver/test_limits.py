@@ -87,7 +87,7 @@ def test_a_finer_mesh_that_the_limits_forbid_leaves_the_answer_of_two(monkeypatc
     monkeypatch.setattr(film_forces, "check_mesh", forbidden)
     monkeypatch.setattr(film_forces, "_may_improve", lambda *_: True)
     two = evaluate(scene, "solid", 0.01, said.append)
-    assert two.error_estimate < 0.02
+    assert two.error_estimate < 0.03
     assert any("no finer mesh: memory = " in note for note in two.warnings)
     assert "meshing more finely" not in said
 
@@ -119,8 +119,9 @@ def held(work):
 def test_the_closed_form_of_many_spheres_holds_what_a_few_hold():
     """Every sphere's moments beside all others' were 2 GB for 343."""
     few, many = lattice(2), lattice(4)
-    evaluate(few, "closed-form")  # what is imported and kept
-    assert held(lambda: evaluate(many, "closed-form")) < 1.5 * held(lambda: evaluate(few, "closed-form"))
+    level = levels.evaluator("closed-form")
+    level.evaluate(few, 0.01)  # what is imported and kept
+    assert held(lambda: level.evaluate(many, 0.01)) < 1.5 * held(lambda: level.evaluate(few, 0.01))
 
 
 def reflections(scene, limits=None):
