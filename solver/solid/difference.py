@@ -42,6 +42,7 @@ class SceneDifference:
         tilt: film forces per unit rotation about y, N/rad, shape (k, 2).
         tilt_slope: their derivative by ln E of the target, shape (k, 2).
         reference: the reference's film forces on this mesh, shape (2, 2).
+        edges: those of the reference's blocks on the whole tissue, without inclusions, (2, 2), where they are asked for; or None.
         unknowns: of the scene.
         residual: of both solutions, relative to the loads, the larger.
         lost: by how much of itself the volume of a body from a file is off on this mesh.
@@ -52,6 +53,7 @@ class SceneDifference:
     tilt: Floats
     tilt_slope: Floats
     reference: Floats
+    edges: Floats | None
     unknowns: int
     residual: float
     lost: float
@@ -74,6 +76,7 @@ def difference(domain: Domain, mesh: TetMesh, moduli: Floats | None = None) -> t
     enough = _enough(own) if moduli is None else TARGET_RESIDUAL
     reference = kept.states("reference", plain, base, enough)
     less, residual = reference.reactions, reference.residual
+    edges = kept.states("edges", base, base, enough).forces if _has_edges(domain) else None
     states = kept.states("scene", own, base, enough)
     reactions, slope = _reactions(states, scene, target, moduli)
     found = SceneDifference(
@@ -82,11 +85,17 @@ def difference(domain: Domain, mesh: TetMesh, moduli: Floats | None = None) -> t
         tilt=reactions[:, :2, 2] - less[:2, 2],
         tilt_slope=slope[:, :2, 2],
         reference=less[:2, :2],
+        edges=edges,
         unknowns=states.problem.supports.unknowns,
         residual=max(residual, states.residual),
         lost=_lost(domain, mesh),
     )
     return found, states.bare
+
+
+def _has_edges(domain: Domain) -> bool:
+    """Whether eq. SO.10 holds: edges are meshed, and the blocks' rims are the reference's."""
+    return domain.radius is not None and domain.scene.probe.groove is None
 
 
 def _enough(materials: Mapping[int, Elastic]) -> float:

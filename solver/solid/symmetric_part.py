@@ -6,10 +6,13 @@ C the compliance by which the whole probe on the whole tissue, films, base and f
     F = ((A + D)^-1 + C)^-1,    C = F_whole^-1 - A^-1                                              (SO.5)
 
 both A and F_whole by ``solver/axisymmetric/converged_forces.py``. Where the tissue's edges are meshed, the reference is a narrow
-cylinder, D as large as A, and what the mesh gets wrong at the blocks' rims does not cancel in D: it grows with the forces. Under
-given forces it is the same in both, so that compliances cancel it: with S and R the mesh's forces of scene and reference,
+cylinder, what tissue beyond it does is as large as A, and what the mesh gets wrong at the blocks' rims does not cancel in it: it
+grows with the forces. Under given forces it is the same in both, so that compliances cancel it. With R the mesh's forces of the
+reference, and B those of the same blocks on the whole tissue, edges and all but no inclusions, A is replaced by
 
-    F = (S^-1 - R^-1 + A^-1 + C)^-1                                                                (SO.10)
+    (A^-1 + B^-1 - R^-1)^-1                                                                        (SO.10)
+
+and D by what inclusions change of B. A groove changes a rim itself, and with it what the mesh gets wrong there: eq. SO.5 alone.
 """
 
 from __future__ import annotations
@@ -72,21 +75,20 @@ class SymmetricPart:
     edges: float
 
     def corrected(self, found: SceneDifference) -> Floats:
-        """Film forces by eq. SO.5, or by SO.10 where the tissue's edges are meshed, N/m, shape (k, 2, 2)."""
-        return np.asarray(np.linalg.inv(np.linalg.inv(self._own(found)) + self.compliance))
+        """Film forces by eq. SO.5, with SO.10 where the mesh has edges, N/m, shape (k, 2, 2)."""
+        return np.asarray(np.linalg.inv(np.linalg.inv(self._bare(found)) + self.compliance))
 
     def carried(self, found: SceneDifference, small: Floats) -> Floats:
         """What a small change of D, (k, 2, 2) or columns (k, 2, 1), becomes in F: rows and columns for the former."""
-        meshed = found.reference + found.forces if self.domain.radius is not None else self.exact + found.forces
-        left = self.corrected(found) @ np.linalg.inv(meshed)
+        left = self.corrected(found) @ np.linalg.inv(self._bare(found))
         return np.asarray(left @ small @ (left.transpose(0, 2, 1) if small.shape[-1] == 2 else np.eye(1)))
 
-    def _own(self, found: SceneDifference) -> Floats:
+    def _bare(self, found: SceneDifference) -> Floats:
         """Film forces without what C holds, shape (k, 2, 2)."""
-        if self.domain.radius is None:
+        if found.edges is None:
             return self.exact + found.forces
-        meshed = np.linalg.inv(found.reference + found.forces) - np.linalg.inv(found.reference)
-        return np.asarray(np.linalg.inv(meshed + np.linalg.inv(self.exact)))
+        beyond = np.linalg.inv(found.edges) - np.linalg.inv(found.reference)
+        return np.linalg.inv(np.linalg.inv(self.exact) + beyond) + found.forces - (found.edges - found.reference)
 
 
 def symmetric_part(scene: Scene, accuracy: float) -> SymmetricPart:

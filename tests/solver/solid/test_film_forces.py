@@ -54,7 +54,7 @@ def test_a_rougher_mesh_is_made_where_its_word_may_do_and_else_a_finer_one(off, 
         asked.append(mesh.fineness)
         zero = np.zeros((1, 2))
         forces = off[mesh.fineness] * symmetric.exact[None]
-        return SceneDifference(forces, np.zeros((1, 2, 2)), zero, zero, symmetric.exact, 1, 0.0, 0.0), None
+        return SceneDifference(forces, np.zeros((1, 2, 2)), zero, zero, symmetric.exact, None, 1, 0.0, 0.0), None
 
     monkeypatch.setattr(film_forces, "difference", difference)
     _agreed(scene, symmetric, 0.01, None, lambda text: None)
