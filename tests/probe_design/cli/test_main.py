@@ -162,9 +162,15 @@ def test_binary_and_empty_files_are_refused(tmp_path: Path) -> None:
         assert "scene.toml" in refused("evaluate", scene)
 
 
+@pytest.mark.slow
 def test_auto_does_not_answer_worse_than_asked() -> None:
     groove = REFERENCE / "solid" / "groove-on-axis.toml"
-    assert "accuracy" in refused("evaluate", groove, "--accuracy", "0.001")
+    asked = run("evaluate", groove, "--accuracy", "0.001")
+    assert asked.returncode == 2
+    assert asked.stdout == ""
+    *progress, refusal = asked.stderr.splitlines()
+    assert all("accuracy" not in line for line in progress)
+    assert re.search(r"accuracy = 0.001: allowed: 0.00\d+ or more for this scene .*solid reaches 0.00\d+", refusal)
     ended = run("evaluate", groove, "--evaluator", "axisymmetric", "--json")
     assert ended.returncode == 0
     assert json.loads(ended.stdout)["error_estimate"] > 0.01

@@ -131,8 +131,8 @@ def test_the_same_question_has_the_same_answer_and_a_tighter_limit_no_better_one
         one = choose(*ready(asked(limits={"outer_radius": limit, "force": 5e-3})), none).choices[0]
         found.append((one.value, one.design.tolist()))
     assert found[0] == found[1]
-    assert found[0][0] >= found[2][0] - 1e-6  # searches of other ranges end 5e-8 apart where the limit does not bind
-    assert found[2][0] >= found[3][0] - 1e-6
+    assert found[0][0] >= found[2][0] - 1e-7  # searches of other ranges end 5e-8 apart where the limit does not bind
+    assert found[2][0] >= found[3][0] - 1e-7
 
 
 def test_a_force_is_the_least_that_is_allowed_and_the_judge_takes_it() -> None:
