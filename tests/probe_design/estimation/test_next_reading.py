@@ -163,7 +163,7 @@ def by_population(scene: Scene, positions: Sequence[float], stiffness: bool) -> 
     draw = TumourDraw(scene, *one, body.poisson_ratio, np.zeros(1, dtype=int), (tissue,))
     protocol = Protocol(positions=tuple(positions), stiffness=stiffness, blank=False)
     noise = NoiseModel(white=0.01, stiffness_white=0.01, gain=0.0, stiffness_gain=0.0, charge=0.0)
-    readings = inclusion_readings(draw, protocol, tuple(deviations), noise=noise)
+    readings = inclusion_readings(draw, protocol, tuple(deviations), noise=noise).best
     unknowns = Unknowns(tuple(deviations), np.array(list(deviations.values())), np.array([3]))
     J = unknowns.derivatives(readings, protocol.blank)
     return float(contrast_deviations(unknowns, J, 1e-4 * np.eye(J.shape[1]), of_object=True)[0])
