@@ -14,7 +14,7 @@ from probe_design.populations.design_file import SECTIONS, Design
 from probe_design.populations.tables import LayerRanges
 from probe_design.populations.template import in_toml
 
-PAGE = Path(__file__).with_name("design-file.md")
+PAGE = Path(__file__).parent / "reference" / "design-file.md"
 HEAD = """\
 # The design file
 

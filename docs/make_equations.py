@@ -9,7 +9,7 @@ from itertools import groupby
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-PAGE = ROOT / "docs" / "equations.md"
+PAGE = ROOT / "docs" / "reference" / "equations.md"
 ROOMS = {
     "SC": "geometry/scenes",
     "ME": "geometry/meridian",

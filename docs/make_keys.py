@@ -16,7 +16,7 @@ from geometry.scenes.messages import TISSUES
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import Quantity
 
-PAGE = Path(__file__).with_name("scene-file.md")
+PAGE = Path(__file__).parent / "reference" / "scene-file.md"
 HEAD = """\
 # The scene file
 

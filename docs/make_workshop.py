@@ -58,6 +58,6 @@ def canvas(size: tuple[float, float]) -> tuple[Figure, Any]:
 
 if __name__ == "__main__":
     made = Path(sys.argv[1])
-    flat(made / "outer.dxf", HERE / "workshop-drawing.png", (6.0, 8.5))
-    flat(made / "film-inner-pattern.dxf", HERE / "workshop-film.png", (8.0, 5.5))
-    halves(made, "outer", HERE / "workshop-mould.png")
+    flat(made / "outer.dxf", HERE / "pictures" / "workshop-drawing.png", (6.0, 8.5))
+    flat(made / "film-inner-pattern.dxf", HERE / "pictures" / "workshop-film.png", (8.0, 5.5))
+    halves(made, "outer", HERE / "pictures" / "workshop-mould.png")

@@ -2,7 +2,7 @@
 
 What a user calls:
 
-    read_scene        a scene of a TOML file (docs/scene-file.md)
+    read_scene        a scene of a TOML file (docs/reference/scene-file.md)
     scene_from_toml   of its text; scene_from_dict: of its tables
     scene_to_toml     the text of such a file; scene_to_dict: its tables
     Scene             what is pressed on what: Probe, tissue, Inclusion, Contact, Placement, Load

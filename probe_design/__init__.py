@@ -1,7 +1,7 @@
 """Design, check and export tactile palpation probes, from Python as from the command line.
 
-A scene says which probe is pressed on which tissue: ``geometry.Scene``, or a TOML file (docs/scene-file.md). Numbers are in SI
-units. What a user calls:
+A scene says which probe is pressed on which tissue: ``geometry.Scene``, or a TOML file (docs/reference/scene-file.md).
+Numbers are in SI units. What a user calls:
 
     evaluate       what both films feel, and how well their ratio tells E_object
     evaluate_many  the same of many scenes, in order: designs that differ in moduli or loads come from one curve

@@ -214,7 +214,7 @@ def export(
     shrinkage: float | None = None, draft: float | None = None, force: bool = False,
     progress: Callable[[str], None] | None = None,
 ) -> Exported:  # fmt: skip
-    """Write the probe as the workshop needs it: STEP, drawings, film patterns, moulds, lists; docs/workshop.md tells each file.
+    """Write the probe as the workshop needs it: STEP, drawings, film patterns, moulds, lists (docs/guides/workshop.md).
 
     Args:
         scene: whose probe; or the name of a scene file.

@@ -1,1 +1,1 @@
-"""Every level at the limits of the range of designs; writes ``docs/extremes.md``."""
+"""Every level at the limits of the range of designs; writes ``docs/evidence/extremes.md``."""

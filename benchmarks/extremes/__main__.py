@@ -1,6 +1,6 @@
 """The matrix of extremes: scenes at the limits by every evaluator, each answer right, refused, null or wrong.
 
-``python -m benchmarks.extremes -o FOLDER --document docs/extremes.md`` runs what FOLDER does not hold yet and writes the
+``python -m benchmarks.extremes -o FOLDER --document docs/evidence/extremes.md`` runs what FOLDER does not hold yet and writes the
 document; ``--only TEXT`` runs those cells whose name ("group/scene evaluator") contains a text.
 """
 

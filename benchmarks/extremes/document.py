@@ -1,4 +1,4 @@
-"""docs/extremes.md from the rows and cells of the matrix."""
+"""docs/evidence/extremes.md from the rows and cells of the matrix."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from itertools import groupby
 from tests.support.extremes.judge import ACCURACY, MARKS, Cell
 from tests.support.extremes.rows import FOLDERS, Row
 
-COMMAND = "python -m benchmarks.extremes -o out/extremes --document docs/extremes.md"
+COMMAND = "python -m benchmarks.extremes -o out/extremes --document docs/evidence/extremes.md"
 TITLES = FOLDERS | {
     "laws": "by laws of linear elasticity",
     "zero": "a stress that crosses zero",

@@ -1,4 +1,4 @@
-"""The plan of every reference scene, as the table of docs/plan.md, and what a plan costs beside an evaluation.
+"""The plan of every reference scene, as the table of docs/explanation/plan.md, and what a plan costs beside an evaluation.
 
 Usage: ``python -m benchmarks.levels.plans [--accuracy 0.01] [--folder axisymmetric --folder solid ...]``; seconds.
 """

@@ -178,7 +178,8 @@ class _FirstLine(Header):
             raise ValueError("rate: in Hz, above 0")
         if not 2 <= len(self.channels) == len(self.scale) <= 3 or not all(1e-18 < abs(one) < 1e6 for one in self.scale):
             raise ValueError("scale: volts per count of two or three channels")
-        if not 0 <= self.stream < 1 << 16 or (self.kind == "frames" and not 32 <= self.size <= 1024):  # docs/protocol.md
+        # limits of docs/reference/protocol.md
+        if not 0 <= self.stream < 1 << 16 or (self.kind == "frames" and not 32 <= self.size <= 1024):
             raise ValueError("stream and size: of no frames")
 
 

@@ -1,4 +1,4 @@
-"""Requests and answers on a serial port, as ``docs/protocol.md`` lays them down: what control transfers are on USB."""
+"""Requests and answers on a serial port, as ``docs/reference/protocol.md`` lays them down: what control transfers are on USB."""
 
 from __future__ import annotations
 

@@ -160,9 +160,13 @@ class SerialTransport:
                 granted, answer, around = told
                 self._rest += around
                 if not granted:
-                    raise ProtocolError(f"serial:{self._name} refuses request {number} of docs/protocol.md: correct its firmware")
+                    raise ProtocolError(
+                        f"serial:{self._name} refuses request {number} of docs/reference/protocol.md: correct its firmware"
+                    )
                 return answer
-        raise Timeout(f"serial:{self._name} does not answer request {number} of docs/protocol.md: is it the probe's port?")
+        raise Timeout(
+            f"serial:{self._name} does not answer request {number} of docs/reference/protocol.md: is it the probe's port?"
+        )
 
     def _reopen(self, fault: Exception) -> None:
         """Open the port again and go on with the stream if the board still counts it; begin another if not."""

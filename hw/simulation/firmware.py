@@ -1,4 +1,4 @@
-"""A model of the firmware that ``docs/protocol.md`` describes, with faults on order; the virtual probe's inside."""
+"""A model of the firmware that ``docs/reference/protocol.md`` describes, with faults on order; the virtual probe's inside."""
 
 from __future__ import annotations
 

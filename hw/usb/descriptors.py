@@ -1,6 +1,6 @@
 """Microsoft's OS 2.0 descriptors, by which Windows gives the board its WinUSB driver by itself.
 
-``python -m hw.usb.descriptors`` prints the bytes that ``docs/protocol.md`` shows. Layouts: Microsoft OS 2.0 Descriptors
+``python -m hw.usb.descriptors`` prints the bytes that ``docs/reference/protocol.md`` shows. Layouts: Microsoft OS 2.0 Descriptors
 Specification (platform capability, set header, compatible ID, registry property).
 """
 

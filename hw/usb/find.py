@@ -93,7 +93,7 @@ def find(serial: str | None, backends: Backends = libusb) -> FoundDevice:
 def connected(backend: IBackend) -> list[FoundDevice]:
     """Return all devices with the probe's numbers and interface, by their place on the bus.
 
-    Other boards may carry the same test number (docs/protocol.md); their interfaces are of other classes.
+    Other boards may carry the same test number (docs/reference/protocol.md); their interfaces are of other classes.
     """
     devices = usb.core.find(find_all=True, idVendor=VENDOR_ID, idProduct=PRODUCT_ID, backend=backend, custom_match=_streams)
     return sorted((_read_serial(device) for device in devices), key=lambda probe: (probe.device.bus, probe.device.address))

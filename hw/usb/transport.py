@@ -89,7 +89,9 @@ class UsbTransport:
         except _FAULTS as fault:
             self._device.close()
             if meaning(fault) is Stalled:
-                raise ProtocolError(f"{self._what} refuses the requests of docs/protocol.md: correct its firmware") from fault
+                raise ProtocolError(
+                    f"{self._what} refuses the requests of docs/reference/protocol.md: correct its firmware"
+                ) from fault
             raise named(fault, self._what) from fault
         except HardwareError:
             self._device.close()

@@ -75,8 +75,8 @@ class FrameDecoder:
         self._in_vain = 0 if len(frames) else self._in_vain + len(data)
         if self._in_vain > GIVE_UP * self.layout.size:
             raise ProtocolError(
-                f"no valid frame in {self._in_vain} bytes: the firmware must speak version {VERSION} of docs/protocol.md, "
-                f"with {self.layout.channels} channels and frames of {self.layout.size} bytes"
+                f"no valid frame in {self._in_vain} bytes: the firmware must speak version {VERSION} of "
+                f"docs/reference/protocol.md, with {self.layout.channels} channels and frames of {self.layout.size} bytes"
             )
         return self._samples(frames)
 

@@ -1,4 +1,4 @@
-"""Frames of the vendor stream: how samples lie in them, and their encoder. ``docs/protocol.md`` is the specification.
+"""Frames of the vendor stream: how samples lie in them, and their encoder. ``docs/reference/protocol.md`` is the specification.
 
 ``python -m hw.wire.frames`` prints the test vectors of that document.
 """

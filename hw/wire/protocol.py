@@ -1,4 +1,4 @@
-"""Control requests of the vendor protocol and their data, as ``docs/protocol.md`` lays them down."""
+"""Control requests of the vendor protocol and their data, as ``docs/reference/protocol.md`` lays them down."""
 
 from __future__ import annotations
 

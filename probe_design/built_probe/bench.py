@@ -29,7 +29,7 @@ Skew = Annotated[float, Quantity("time", "s", "us", -1.0, 1.0)]
 SkewTolerance = Annotated[float, Quantity("time", "s", "us", 0.0, 1.0)]
 KnownForce = Annotated[float, Quantity("force", "N", "mN", 1e-9, 1e6)]
 On = Literal["tissue", "inner", "outer"]
-LEAK = 0.007  # of a pin's or a ring's load on the other block: 1 %, which happens, lies within 95 % (docs/hardware.md)
+LEAK = 0.007  # of a pin's or a ring's load on the other block: 1 %, which happens, lies within 95 % (docs/guides/hardware.md)
 
 
 class Shaker(Frozen):

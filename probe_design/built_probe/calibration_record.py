@@ -29,7 +29,7 @@ from probe_design.built_probe.probe_identity import LONGEST
 
 FORMAT: Literal["probe-design calibration"] = "probe-design calibration"
 VERSION: Literal[1] = 1
-HEADER = """# A calibration of a tactile probe, by `probe-design calibrate`; docs/hardware.md tells what each number means.
+HEADER = """# A calibration of a tactile probe, by `probe-design calibrate`; docs/guides/hardware.md tells what each number means.
 # reading / N of nominal gain = matrix @ film force / N; rows and columns: inner, outer film. Covariances row by row.
 """
 T = TypeVar("T")

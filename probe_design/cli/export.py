@@ -33,7 +33,7 @@ def export(
     scene: Path, output: Path, step: str | None, tolerance: str, shrinkage: str | None, draft: str | None, force: bool,
     fixture: bool, bench: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
-    """Write what a workshop needs of SCENE's probe; docs/workshop.md tells each file.
+    """Write what a workshop needs of SCENE's probe; docs/guides/workshop.md tells each file.
 
     STEP files (AP242, millimetres) of parts, assembly and the moulds' halves, each read back and measured; a dimensioned drawing
     of each as DXF and PDF; film patterns with electrodes, leads and tabs as DXF; bill of materials, tolerances, assembly order.

@@ -86,7 +86,11 @@ def _libusb() -> list[Finding]:
 
 def _udev() -> list[Finding]:
     if not sys.platform.startswith("linux"):
-        return [Finding("permissions", "good", "no rule is needed; on Windows the board brings its driver (docs/protocol.md)")]
+        return [
+            Finding(
+                "permissions", "good", "no rule is needed; on Windows the board brings its driver (docs/reference/protocol.md)"
+            )
+        ]
     if hasattr(os, "geteuid") and os.geteuid() == 0:
         return [Finding("permissions", "good", "this user is root, who may open every device")]
     folder = next((folder for folder in RULE_FOLDERS if (Path(folder) / RULES).is_file()), None)

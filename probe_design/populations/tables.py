@@ -158,7 +158,7 @@ class Protocol(Frozen):
 
 
 class NoiseModel(Frozen):
-    """What keeps two readings of the same from being alike; see ``docs/population.md``."""
+    """What keeps two readings of the same from being alike; see ``docs/guides/population.md``."""
 
     white: Relative = Field(default=0.01, description=_relative("of each reading of the ratio by itself"))
     gain: Relative = Field(default=0.05, description=_relative("of each channel's gain, common to a scan"))

@@ -87,7 +87,8 @@ class DesignSampling:
         columns = 2 * d if self.kind == "saltelli" else d
         engine = qmc.LatinHypercube(d, rng=self.seed) if self.kind == "latin-hypercube" else qmc.Sobol(columns, rng=self.seed)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # any n is allowed; docs/sweep.md tells that powers of 2 are better
+            # any n is allowed; docs/guides/sweep.md says that powers of 2 are better
+            warnings.simplefilter("ignore", UserWarning)
             points: Floats = engine.random(self.n)
         return _saltelli(points) if self.kind == "saltelli" else points
 

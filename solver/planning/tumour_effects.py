@@ -16,7 +16,9 @@ from solver.planning.loads import LoadRule
 
 BURIED = 0.98  # of its depth: the largest radius of the ball that stands for a body of another shape
 STIFFNESS_MARGIN = 0.99  # of the coarsest mesh's stiffness, which is at most 0.4 % above the true one in 40 drawn scenes
-SENSITIVITY_MARGIN = 0.05  # of the larger film log-sensitivity: by that much less their difference counts, see docs/plan.md
+SENSITIVITY_MARGIN = (
+    0.05  # of the larger film log-sensitivity: by so much less their difference counts (docs/explanation/plan.md)
+)
 LEAST_STIFFNESS = 0.1  # of that without tumours: the first order overrates what large soft ones change
 
 

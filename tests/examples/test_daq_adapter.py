@@ -1,4 +1,4 @@
-"""The adapter that docs/lab.md shows: what it records is read by h5py and by the program."""
+"""The adapter that docs/guides/lab.md shows: what it records is read by h5py and by the program."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The extremes: no cell of the matrix is silently wrong; docs/extremes.md tells all of them.
+"""The extremes: no cell of the matrix is silently wrong; docs/evidence/extremes.md tells all of them.
 
 True values are NGSolve's, or follow from them by laws of elasticity (tests/reference/README.md, tests/support/extremes/laws.py).
 """
@@ -18,7 +18,7 @@ from tests.support.paths import ROOT
 from tests.support.program import run
 from tests.support.slow import slow_unless
 
-PAGE = (ROOT / "docs" / "extremes.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "evidence" / "extremes.md").read_text(encoding="utf-8")
 ROWS = {row.key: row for row in rows()}
 FAST = (  # the most extreme of each kind that take a second or two
     "contrast-1e-6", "contrast-1", "contrast-1e6-frictionless", "no-inclusion-hairline-gap", "incompressible", "zero-poisson",

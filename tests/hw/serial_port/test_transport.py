@@ -1,4 +1,4 @@
-"""A board on a serial port: the other end of a pseudo-terminal, written from docs/protocol.md with ``struct`` alone."""
+"""A board on a serial port: the other end of a pseudo-terminal, written from docs/reference/protocol.md with ``struct`` alone."""
 
 from __future__ import annotations
 
@@ -190,7 +190,7 @@ def test_without_pyserial(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_packets_are_found_among_frames() -> None:
-    """The bytes that docs/protocol.md lays down, by hand, and whatever stands around them."""
+    """The bytes that docs/reference/protocol.md lays down, by hand, and whatever stands around them."""
     by_hand = b"PQ\x01\x03\x34\x12\x00\x00\x00\x00"
     assert request(3, 0x1234) == by_hand + struct.pack("<I", zlib.crc32(by_hand))
     assert found(b"PA\x01" + b"xPA" + answer(5, b"abc") + b"rest", 5) == (True, b"abc", b"PA\x01xPArest")

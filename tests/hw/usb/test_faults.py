@@ -80,7 +80,7 @@ def test_board_that_knows_no_requests(monkeypatch: pytest.MonkeyPatch) -> None:
         raise Halted
 
     monkeypatch.setattr(source.firmware, "control", refuses)
-    with pytest.raises(ProtocolError, match=r"probe V1 refuses the requests of docs/protocol.md"):
+    with pytest.raises(ProtocolError, match=r"probe V1 refuses the requests of docs/reference/protocol.md"):
         Reader.open(source)
 
 

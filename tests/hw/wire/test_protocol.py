@@ -1,4 +1,4 @@
-"""The vendor protocol: bytes are laid out as docs/protocol.md says, and what it prints is what the commands print."""
+"""The vendor protocol: bytes are laid out as docs/reference/protocol.md says, and what it prints is what the commands print."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def test_documented_descriptors_are_the_printed_ones_and_add_up() -> None:
     printed = subprocess.run(
         [sys.executable, "-m", "hw.usb.descriptors"], cwd=ROOT, capture_output=True, text=True, check=True
     ).stdout
-    assert printed.strip() in (ROOT / "docs" / "protocol.md").read_text(encoding="utf-8")
+    assert printed.strip() in (ROOT / "docs" / "reference" / "protocol.md").read_text(encoding="utf-8")
     store, told = (bytes.fromhex("".join(re.findall(r"(?m)^[0-9a-f]{4}  (.*)$", part))) for part in printed.split("\n\n"))
     assert int.from_bytes(store[2:4], "little") == len(store) == 5 + store[5]
     assert int.from_bytes(told[8:10], "little") == len(told) == int.from_bytes(store[29:31], "little")
@@ -81,7 +81,7 @@ def test_documented_vectors_are_the_printed_ones() -> None:
     printed = subprocess.run(
         [sys.executable, "-m", "hw.wire.frames"], cwd=ROOT, capture_output=True, text=True, check=True
     ).stdout
-    text = (ROOT / "docs" / "protocol.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "reference" / "protocol.md").read_text(encoding="utf-8")
     assert printed.strip() in text
     dumps = re.findall(r"(?m)^((?:[0-9a-f]{4}  .*\n)+)", printed + "\n")
     assert len(dumps) == len(vectors()) == 3

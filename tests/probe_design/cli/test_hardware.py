@@ -22,7 +22,7 @@ from probe_design.built_probe.virtual_probe import Built
 from tests.support import program
 from tests.support.paths import DOCS, EXAMPLES, SCENE
 
-PAGE = (DOCS / "hardware.md").read_text(encoding="utf-8")
+PAGE = (DOCS / "guides" / "hardware.md").read_text(encoding="utf-8")
 KEYS = {
     "ratio", "stress_inner", "stress_outer", "ratio_uncertainty", "stress_inner_uncertainty", "stress_outer_uncertainty", "gaps",
     "overruns", "predicted_ratio", "predicted_stress_inner", "predicted_stress_outer", "z_ratio",
@@ -49,7 +49,7 @@ def refused(*arguments: str | Path, code: int = 2) -> str:
 
 
 def documented(command: str) -> list[float]:
-    """Numbers of the rows that docs/hardware.md shows below a command."""
+    """Numbers of the rows that docs/guides/hardware.md shows below a command."""
     shown = next(block for block in PAGE.split("```console\n$ probe-design ")[1:] if block.startswith(command))
     return numbers(shown.split("```")[0])
 

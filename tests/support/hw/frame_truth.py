@@ -1,4 +1,4 @@
-"""Frames as docs/protocol.md lays them down, apart from the code that is tested."""
+"""Frames as docs/reference/protocol.md lays them down, apart from the code that is tested."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def codes_at(index: np.ndarray, channels: int = 2) -> Codes:
 
 
 def crc32(data: bytes) -> int:
-    """CRC-32 as docs/protocol.md defines it, bit by bit."""
+    """CRC-32 as docs/reference/protocol.md defines it, bit by bit."""
     register = 0xFFFFFFFF
     for byte in data:
         register ^= byte

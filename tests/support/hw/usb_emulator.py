@@ -1,4 +1,4 @@
-"""Probes for the real libusb: the kernel's usbfs, emulated under umockdev, and in it a firmware written from docs/protocol.md.
+"""Probes for the real libusb: the kernel's usbfs, emulated under umockdev, and in it a firmware from docs/reference/protocol.md.
 
 ``umockdev-wrapper python3 usb_emulator.py DEVICES PROGRAM ...`` connects the devices (JSON) and runs the program among them.
 Needs Debian's python3 with GObject introspection; shares no code with ``hw``, whose encoder it is a check of.

@@ -20,7 +20,7 @@ COMMANDS = {
     path.name: [
         line for block in re.findall(r"```bash\n(.*?)```", path.read_text(encoding="utf-8"), re.S) for line in block.splitlines()
     ]
-    for path in sorted(DOCS.glob("*.md"))
+    for path in sorted(DOCS.rglob("*.md"))
 }
 QUICK = ("physics.md",)
 

@@ -15,7 +15,7 @@ from tests.support.imports import OURS, everywhere, module, sources
 from tests.support.named import commands, exists, files, modules, paths, resolves, runs, texts
 from tests.support.paths import REFERENCE, ROOT
 
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), REFERENCE / "README.md"]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")), REFERENCE / "README.md"]
 SOURCES = [path for folder in (*OURS, "examples") for path in sources(folder)]
 GENERATED = {"out"}  # folders that commands write
 
