@@ -19,7 +19,8 @@ from tests.support.paths import ROOT
 from tests.support.slow import slow_unless
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-PAGES = {path.name: path.read_text(encoding="utf-8") for path in (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))}
+PATHS = {path.name: path for path in (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))}
+PAGES = {name: path.read_text(encoding="utf-8") for name, path in PATHS.items()}
 INSTALL = "python3 -m venv .venv && .venv/bin/pip install -c constraints.txt -e . && .venv/bin/probe-design optimize -o out"
 TEST = "python3 -m venv .venv && .venv/bin/pip install -c constraints.txt -e '.[test]' && .venv/bin/pytest"
 
@@ -102,7 +103,7 @@ def test_scene_in_readme_is_the_example() -> None:
 
 def test_relative_links_exist() -> None:
     for name, page in PAGES.items():
-        folder = ROOT if name == "README.md" else ROOT / "docs"
+        folder = PATHS[name].parent
         for target in re.findall(r"\]\(([^)]+)\)", re.sub(r"`[^`\n]*`", "", page)):  # formulas have brackets too
             assert target.startswith("https://") or (folder / target).exists(), (name, target)
 
