@@ -20,8 +20,8 @@ HEAD = """\
 
 A TOML file of what `probe-design optimize DESIGN.toml -o DIR` designs a probe for: tumours, readings, noise, limits.
 `probe-design optimize --template` prints one with every key, which runs as it is. Each key may be left out; quantities are texts
-with their units. How tumours are drawn and what found and told mean: [population.md](../guides/population.md); how the search goes:
-[design-search.md](../guides/design-search.md).
+with their units. How tumours are drawn and what detected and resolved mean: [population.md](../guides/population.md);
+how the search goes: [design-search.md](../guides/design-search.md).
 
 `scene = "scene.toml"`, beside the design file, or a whole scene as `[scene]` tables ([scene-file.md](scene-file.md)): its probe
 is the start.
