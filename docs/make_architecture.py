@@ -24,7 +24,8 @@ It returns a frozen `Result` (`solver/results`), which tables, reports and figur
 
 **A sample on its way.** A device, file or virtual probe sends frames (`hw/usb`, `hw/serial_port`, `hw/oscilloscope`,
 `hw/foreign`, `hw/simulation`). `hw/wire` decodes them. `hw/signal` fits the drive's sine and returns charges.
-`probe_design/built_probe` turns charges into forces with their uncertainty, and `probe_design/estimation` turns readings into a modulus, a diameter or a depth.
+`probe_design/built_probe` turns charges into forces with their uncertainty, and `probe_design/estimation` turns readings
+into a modulus, a diameter or a depth.
 
 An arrow below points from a package to one that it imports. An arrow is left out where a longer way of arrows says the same.
 Arrows into `geometry/common` and `geometry/scenes`, which nearly all packages import, are left out, too.
