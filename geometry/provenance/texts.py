@@ -38,7 +38,7 @@ def markdown_comment(block: Provenance) -> str:
 
 
 def pieces(block: Provenance, most: int = PIECE) -> list[str]:
-    """Return the block's JSON, ASCII, in pieces of at most ``most`` characters, for formats that hold short strings."""
+    """Return the block's JSON, ASCII, in pieces of at most ``max_characters`` characters, for formats that hold short strings."""
     text = json.dumps(block)
     return [text[start : start + most] for start in range(0, len(text), most)]
 
@@ -77,7 +77,7 @@ def _texts(some: Any, kind: type) -> bool:
 
 
 def _content(text: str) -> dict[str, Any]:
-    """What JSON, a page or TOML holds, the block under ``provenance``; empty where it is none of them."""
+    """What JSON, a page or TOML holds, the block under ``build_provenance``; empty where it is none of them."""
     script = re.search(re.escape(SCRIPT.format("answer")) + "(.*?)</script>", text, re.S)
     try:
         if text.lstrip().startswith("{") or script:
