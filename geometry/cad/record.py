@@ -127,10 +127,10 @@ def held(folder: Path) -> PartsRecord | None:
     record = read_record(folder)
     if record is None:
         trouble = "damaged" if os.path.lexists(folder / NAME) else "missing"
-        raise _refused(folder, f"whose design those there are cannot be told: {NAME} is {trouble}")
+        raise _refused(folder, f"the design of its parts is unknown: {NAME} is {trouble}")
     for name in there:
         if record.files.get(name) != _sha256(folder / name):
-            raise _refused(folder, f"{name} is not the file that {NAME} tells of")
+            raise _refused(folder, f"{name} is not the file listed in {NAME}")
     return record
 
 

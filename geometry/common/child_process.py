@@ -98,7 +98,7 @@ def run_program(program: Path, arrays: Arrays, seconds: float, memory: float | N
         KeyboardInterrupt: Ctrl-C, here or in the child, which is gone by then.
     """
     if seconds <= 0:
-        raise TooLong("there is no time left for it")
+        raise TooLong("no time is left for it")
     with tempfile.TemporaryDirectory(prefix=f"{program.stem}-", ignore_cleanup_errors=True) as folder:
         return _run([str(program), str(math.ceil(seconds)), str(int(memory or 0))], arrays, seconds, folder)
 
@@ -144,7 +144,7 @@ def _reason(code: int, stderr: bytes) -> str:
     lines = stderr.decode(errors="replace").strip().splitlines()
     last = f": {lines[-1]}" if lines else ""
     if code == _FAILED:
-        return last.removeprefix(": ") or "it does not say why"
+        return last.removeprefix(": ") or "it gives no reason"
     if code == -_alarm():
         return "it took too long"
     if code < 0:

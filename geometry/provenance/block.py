@@ -1,7 +1,7 @@
 """The block that says where numbers come from, and the one place that makes it.
 
 It is a plain dictionary: ``format`` and ``version`` of the block itself, ``program`` and ``dependencies`` (versions), ``scene``
-(digest of ``geometry.provenance.digest``), ``evaluator``, ``accuracy``, ``seed``, ``record_command`` (the words behind program's
+(digest of ``geometry.provenance.digest``), ``evaluator``, ``accuracy``, ``seed``, ``command`` (the words behind the program's
 name, None in Python) and ``inputs`` (SHA-256 of the files that these words name). No path of a machine is in it: of a word that
 is one from the root the last name stays.
 """

@@ -77,7 +77,7 @@ def _texts(some: Any, kind: type) -> bool:
 
 
 def _content(text: str) -> dict[str, Any]:
-    """What JSON, a page or TOML holds, the block under ``build_provenance``; empty where it is none of them."""
+    """What JSON, a page or TOML holds, the block under ``provenance``; empty where it is none of them."""
     script = re.search(re.escape(SCRIPT.format("answer")) + "(.*?)</script>", text, re.S)
     try:
         if text.lstrip().startswith("{") or script:

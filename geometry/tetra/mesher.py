@@ -133,7 +133,7 @@ def _work(layout: BodyLayout) -> str:
 def expected_elements(layout: BodyLayout, fineness: TetraFineness) -> float:
     """Return about how many tetrahedra a layout's mesh will have, from their sizes alone, in a moment.
 
-    See ``estimate_regular_elements`` for netgen. Of pytetwild meshes with 5000 to 250 000 tetrahedra these are 0.97 to 1.6 times as
+    See ``estimate_regular_elements`` for netgen. Of pytetwild meshes with 5000 to 250 000 tetrahedra they are 0.97 to 1.6 x as
     many, large ones nearer to 1; what planes between layers add is 1 to 1.8 times as many.
     """
     if is_regular(layout):

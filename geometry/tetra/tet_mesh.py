@@ -23,7 +23,7 @@ class TetMesh:
     Attributes:
         nodes: (n, 3) in m.
         elements: (t, 10) indices of nodes in VTK's order: four corners, then the middles of ``EDGE_CORNERS``.
-        body: (t,) ``INNER_BODY``, ``OUTER_BODY``, ``GROOVE_BODY`` (the groove in the tube), ``TISSUE_BODY``, ``BEYOND_BODY`` (tissue
+        body: (t,) ``INNER_BODY``, ``OUTER_BODY``, ``GROOVE_BODY`` (the groove), ``TISSUE_BODY``, ``BEYOND_BODY`` (tissue
             outside the reference cylinder) or ``FIRST_INCLUSION_BODY`` + the inclusion's index in the scene.
         beyond: (t,) whether the element lies outside the reference cylinder: all of ``BEYOND_BODY``, and inclusions there.
         layer: (t,) the layer of tissue that the element lies in, or whose place an inclusion takes: 1 for the first below the

@@ -76,7 +76,7 @@ class MouldSizes:
 
 
 def draft_of(probe: Probe, asked: float = DRAFT) -> float:
-    """Return the draft angle in rad: as requested, or less where walls would change the gap by more than ``MAX_RELATIVE_GAP_CHANGE``.
+    """Return the draft angle, rad: as requested, less where walls would change the gap by more than ``MAX_RELATIVE_GAP_CHANGE``.
 
     Half the height h above its middle both walls together have taken h tan(draft) from the gap:
 
