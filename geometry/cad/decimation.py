@@ -11,14 +11,16 @@ WITHIN = 0.005  # of half the least side of the box around a surface: how far fe
 
 
 def decimated(surface: Any) -> tuple[Any, float] | None:
-    """Follow a surface of more than ``MANY`` triangles by ``FEW``: M. Garland, P. S. Heckbert, Proc. SIGGRAPH 1997, 209-216.
+    """Decimate a surface of more than ``MAX_DIRECT_TRIANGLES`` triangles to ``DECIMATED_TRIANGLES``.
+
+    Quadric error metrics: M. Garland, P. S. Heckbert, Proc. SIGGRAPH 1997, 209-216.
 
     Args:
         surface: a ``pyvista.PolyData`` of triangles.
 
     Returns:
-        Fewer triangles and how far they are from the surface, see ``apart``; None where there are not so many, or where
-        fewer do not stay within ``WITHIN``, or are open where the surface is closed.
+        Fewer triangles and how far they are from surface, see ``hausdorff_distance``; None where there are not so many, or where
+        fewer do not stay within ``MAX_RELATIVE_DISTANCE``, or are open where the surface is closed.
     """
     if surface.n_cells <= MANY:
         return None

@@ -33,7 +33,7 @@ def draw(probe: Probe, path: Path, edge_radius: float = 0.0) -> Path:
         edge_radius: of the blocks' lower edges in m; 0: sharp.
 
     Raises:
-        ExportError, InputError, MissingLibrary: see ``solids.parts``.
+        ExportError, InputError, MissingLibrary: see ``solids.build_parts``.
         OSError: the file cannot be written.
     """
     shapes = solids.parts(probe, edge_radius)
@@ -58,7 +58,7 @@ def draw(probe: Probe, path: Path, edge_radius: float = 0.0) -> Path:
 
 
 def outlines(probe: Probe, edge_radius: float = 0.0) -> dict[str, list[Points]]:
-    """Return the polygons (x, z) in mm in which the plane y = 0 cuts each part; round edges (radius in m) by ``CHORDS`` each."""
+    """Return polygons (x, z) in mm in which plane y = 0 cuts each part; round edges (radius in m) by ``CHORDS_PER_ARC`` each."""
     mm, t, groove = solids.MM, solids.film_thickness(probe) * solids.MM, probe.groove
     r2, ri, ro, h2, h1 = _sizes(probe)
     ends, edge = (h1, h1) if groove is None else (h1, h1 - groove.depth * mm), edge_radius * mm
@@ -164,7 +164,7 @@ def _dimension(
     inch: float,
     upright: bool = False,
 ) -> None:
-    """Draw a dimension line at ``at`` between two points, with its extension lines; short ones get arrows from outside."""
+    """Draw a dimension line at ``line_position`` between two points; short ones get arrows from outside."""
     axis = 1 if upright else 0
     place = (lambda along: (at, along)) if upright else (lambda along: (along, at))
     low, high = sorted((start[axis], end[axis]))

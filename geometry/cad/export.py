@@ -35,15 +35,15 @@ def export(
         probe: what is to be built.
         folder: for the files, made if needed.
         force: whether parts of another design that are there are replaced, with all that was written about it.
-        asked: digest of the question that the probe is the answer to, for the record.
-        beside: what else tells of the design, a drawing say: by name what writes it to the path that it is given. These files
+        question_digest: digest of the question that the probe is the answer to, for the record.
+        other_files: what else tells of design, a drawing say: by name what writes it to the path that it is given. These files
             take their places with the parts, and their paths come last.
         edge_radius: of the blocks' lower edges in m, the scene's ``contact.edge_radius``; 0: sharp.
 
     Raises:
-        ExportError: a file does not hold what the parameters say, to ``step_check.TOLERANCE``; no file is left.
-        InputError: the folder holds another design; see also ``solids.parts``.
-        MissingLibrary: see ``solids.cadquery``.
+        ExportError: a file does not hold what the parameters say, to ``step_check.RELATIVE_TOLERANCE``; no file is left.
+        InputError: the folder holds another design; see also ``solids.build_parts``.
+        MissingLibrary: see ``solids.load_cadquery``.
         OSError: the folder cannot be written.
     """
     before = record.read_record(folder) if force else record.check_same(folder, probe, edge_radius)

@@ -72,14 +72,14 @@ def fixture_sizes(probe: Probe) -> FixtureSizes:
 
 
 def fixture(probe: Probe) -> dict[str, Any]:
-    """Build pin, ring and sleeve, the sleeve where it centres; raises as ``solids.parts``, and as ``fixture_sizes``."""
+    """Build pin, ring and sleeve, sleeve where it centres; raises as ``solids.build_parts``, and as ``find_fixture_sizes``."""
     sizes = fixture_sizes(probe)
     builders = {"pin": _pin, "ring": _ring, "sleeve": _sleeve}
     return {name: solids.built(name, partial(builder, sizes)) for name, builder in builders.items()}
 
 
 def writers(probe: Probe) -> dict[str, Callable[[Path], object]]:
-    """Return by file name what writes each part as STEP, reads it back and measures it; raises as ``fixture``."""
+    """Return by file name what writes each part as STEP, reads it back and measures it; raises as ``build_fixture``."""
     solids.cadquery()
     shapes, expected, stamp = fixture(probe), expected_fixture(probe), stamp_of(probe)
     return {f"{name}.step": partial(_write, name, shapes[name], expected[name], stamp) for name in NAMES}
@@ -104,7 +104,7 @@ def expected_fixture(probe: Probe) -> dict[str, PartMeasures]:
 
 
 def _expected_sleeve(one: FixtureSizes) -> PartMeasures:
-    """A tube with a slot along x from the carrier's top upwards: the slot takes the strip |y| < a, x > 0 of the annulus."""
+    """Compute measures of a tube with a slot along x from the carrier's top upwards: it takes |y| < a, x > 0."""
     a, inner, outer, low = one.slot / 2, one.bore, one.bore + WALL, -RISE - GRIP
     strip = 2 * (_under(outer, a) - _under(inner, a))
     annulus = math.pi * (outer**2 - inner**2)
@@ -116,7 +116,7 @@ def _expected_sleeve(one: FixtureSizes) -> PartMeasures:
 
 
 def _under(radius: float, a: float) -> float:
-    """Area of the half disc's strip 0 < y < a, x > 0."""
+    """Return the area of the strip 0 < y < a, x > 0 of a disc."""
     return (a * math.sqrt(radius**2 - a**2) + radius**2 * math.asin(a / radius)) / 2
 
 
@@ -139,7 +139,7 @@ def _carrier(one: FixtureSizes) -> list[tuple[float, float]]:
 
 
 def _sleeve(one: FixtureSizes) -> Any:
-    """Where it centres: gripping the carrier below, the base above."""
+    """Build the sleeve where it centres: gripping the carrier below, the base above."""
     cq, low, outer = solids.cadquery(), -RISE - GRIP, one.bore + WALL
     top = low + one.sleeve
     tube = _revolved([(one.bore, low), (outer, low), (outer, top), (one.bore, top)])

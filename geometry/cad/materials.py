@@ -37,7 +37,7 @@ class PartMaterial:
 
 
 def part_materials(probe: Probe) -> dict[str, PartMaterial]:
-    """Return the materials of a probe's parts by their names, as ``geometry.cad.solids.parts`` has them."""
+    """Return the materials of a probe's parts by their names, as ``geometry.cad.solids.build_parts`` has them."""
     base = probe.base
     if base.youngs_modulus is None or base.poisson_ratio is None:
         kind, properties = "rigid material", "metal or glass-filled polymer, far stiffer than the blocks"

@@ -30,7 +30,7 @@ class PartsRecord(BaseModel):
     """What ``parts.json`` says of the files beside it.
 
     Attributes:
-        design: digest of the probe's numbers, see ``design_of``.
+        design: digest of the probe's numbers, see ``compute_design_digest``.
         assumed: dimensions that the scene leaves open, by the keys that would give them.
         files: SHA-256 of the parts, and of what else was written about this design, by name.
         asked: digest of the question whose answer the design is, where it is one's.
@@ -81,8 +81,8 @@ def record_of(
     Args:
         probe: whose.
         drafts: where each file is now, by the name that it will have.
-        before: the record of the same design in the same folder, whose other files stay valid.
-        asked: see ``PartsRecord``.
+        old_record: the record of the same design in the same folder, whose other files stay valid.
+        question: see ``PartsRecord``.
         edge_radius: of the blocks' lower edges, m.
     """
     kept, question = ({}, asked) if before is None else (before.files, asked or before.asked)
@@ -96,7 +96,7 @@ def check_same(folder: Path, probe: Probe, edge_radius: float = 0.0) -> PartsRec
     """Return the record of the parts in a folder, which are this probe's with these edges, or None where it holds none.
 
     Raises:
-        InputError: it holds parts of another design, or of one that cannot be told.
+        InputError: it holds parts of another design, or parts whose design is unknown.
     """
     record = held(folder)
     if record is not None and record.design != design_of(probe, edge_radius):
@@ -105,10 +105,10 @@ def check_same(folder: Path, probe: Probe, edge_radius: float = 0.0) -> PartsRec
 
 
 def check_asked(folder: Path, asked: str) -> None:
-    """Make sure, before the work, that a folder holds no parts but those that answered the same question.
+    """Refuse a folder that holds parts of another design question, before the work.
 
     Raises:
-        InputError: it does, or that cannot be told.
+        InputError: it does, or their design is unknown.
     """
     record = held(folder)
     if record is not None and record.asked != asked:
@@ -127,10 +127,10 @@ def held(folder: Path) -> PartsRecord | None:
     record = read_record(folder)
     if record is None:
         trouble = "damaged" if os.path.lexists(folder / NAME) else "missing"
-        raise _refused(folder, f"whose design those there are cannot be told: {NAME} is {trouble}")
+        raise _refused(folder, f"the design of its parts is unknown: {NAME} is {trouble}")
     for name in there:
         if record.files.get(name) != _sha256(folder / name):
-            raise _refused(folder, f"{name} is not the file that {NAME} tells of")
+            raise _refused(folder, f"{name} is not the file listed in {NAME}")
     return record
 
 
@@ -143,7 +143,7 @@ def read_record(folder: Path) -> PartsRecord | None:
 
 
 def clear(folder: Path, before: PartsRecord | None, written: Iterable[str]) -> None:
-    """Take away what is left of a design that was replaced: its other parts, and files of its record that nobody has changed."""
+    """Remove what is left of a design that was replaced: its other parts, and files of its record that nobody has changed."""
     new, told = set(written), {} if before is None else before.files
     for name in {*PARTS, *told} - new:
         path = folder / name
@@ -156,7 +156,7 @@ def _refused(folder: Path, why: str) -> InputError:
 
 
 def _sha256(path: Path) -> str:
-    """Of a file's content; of what is none, a pipe or a folder, the empty text."""
+    """Return the SHA-256 of a file's content; an empty text if the path is no file."""
     if not path.is_file():
         return ""
     with path.open("rb") as file:

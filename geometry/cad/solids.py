@@ -2,7 +2,7 @@
 
 z = 0 is the plane of the tissue's surface and z grows towards the base: the blocks stand on it, the films lie on the
 blocks' film ends, the base lies on the films, or on the blocks of a probe without films. The groove runs along +x.
-cadquery is imported by ``cadquery`` alone.
+cadquery is imported by ``load_cadquery`` alone.
 """
 
 from __future__ import annotations
@@ -58,12 +58,12 @@ def cadquery() -> Any:
 
 
 def film_thickness(probe: Probe) -> float:
-    """Thickness of either film in m, 0 where the probe has none; its adhesive is not modelled."""
+    """Return the thickness of either film in m, 0 where the probe has none; its adhesive is not modelled."""
     return 0.0 if probe.film is None else probe.film.thickness
 
 
 def film_tops(probe: Probe) -> tuple[float, float]:
-    """Heights of the base's lower faces over both blocks in m; one height where "5 mm" and "0.5 cm" differ by rounding."""
+    """Return heights of the base's lower faces over both blocks in m; one height where "5 mm" and "0.5 cm" differ by rounding."""
     inner, outer = (height + film_thickness(probe) for height in (probe.core_height, probe.tube_height))
     return (outer, outer) if math.isclose(inner, outer, rel_tol=1e-14) else (inner, outer)
 
@@ -131,8 +131,8 @@ def parts(probe: Probe, edge_radius: float = 0.0) -> dict[str, Any]:
 
     Raises:
         ExportError: the modeller cannot build a part, as with sizes near its tolerance of 1e-7 mm.
-        InputError: see ``outer_block`` and ``base_sizes``.
-        MissingLibrary: see ``cadquery``.
+        InputError: see ``build_outer_block`` and ``base_sizes``.
+        MissingLibrary: see ``load_cadquery``.
     """
     cadquery()
     films = {} if probe.film is None else {"film-inner": inner_film, "film-outer": outer_film}
@@ -157,7 +157,7 @@ def _ring(inner: float, outer: float, bottom: float, top: float) -> Any:
 
 
 def _block(inner: float, outer: float, top: float, edge: float) -> Any:
-    """A ring that stands on z = 0, its lower edges quarters of circles; a cylinder has one, for its axis is none."""
+    """Build a ring that stands on z = 0, its lower edges quarters of circles; a cylinder has one, for its axis is none."""
     if edge == 0:
         return _ring(inner, outer, 0.0, top)
     cq, hole, middle = cadquery(), edge if inner > 0 else 0.0, edge * (1 - math.sqrt(0.5))
@@ -170,18 +170,18 @@ def _block(inner: float, outer: float, top: float, edge: float) -> Any:
 
 
 def revolved(profile: list[tuple[float, float]]) -> Any:
-    """One solid of revolution about z from its (r, z) polygon in m."""
+    """Build one solid of revolution about z from its (r, z) polygon in m."""
     return _turned(cadquery().Wire.makePolygon(_points(profile), close=True))
 
 
 def _points(profile: Iterable[tuple[float, float]]) -> list[Any]:
-    """Vectors in mm of (r, z) in m, on the +x side, so that the groove takes the surfaces' seam away and leaves each one face."""
+    """Return vectors in mm of (r, z) in m, on +x side, so that the groove removes the surfaces' seam."""
     cq = cadquery()
     return [cq.Vector(radius * MM, 0, height * MM) for radius, height in profile]
 
 
 def _turned(wire: Any) -> Any:
-    """One solid of revolution about z from its closed profile: exact where booleans would leave tolerances."""
+    """Build one solid of revolution about z from its closed profile: exact where booleans would leave tolerances."""
     cq = cadquery()
     return cq.Solid.revolve(cq.Face.makeFromWires(wire), 360.0, cq.Vector(0, 0, 0), cq.Vector(0, 0, 1))
 

@@ -18,7 +18,7 @@ class Stamp:
     """Origin of a file.
 
     Attributes:
-        design: digest of the probe's numbers, see ``geometry.cad.record.design_of``.
+        design: digest of the probe's numbers, see ``geometry.cad.record.compute_design_digest``.
         program: name and version.
         materials: of the parts, by their names; a part that is missing has none to be told.
         provenance: what made the file, see ``geometry.provenance.block``.

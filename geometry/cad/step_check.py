@@ -26,7 +26,7 @@ def check(probe: Probe, drafts: dict[str, Path], edge_radius: float = 0.0) -> No
     """Compare the files of all parts and of the assembly, by their names, with the probe and the radius of its lower edges (m).
 
     Raises:
-        ExportError: a file does not hold what the parameters say, to ``TOLERANCE``.
+        ExportError: a file does not hold what the parameters say, to ``RELATIVE_TOLERANCE``.
     """
     expected = expected_bodies(probe, edge_radius)
     measured = {name: check_alone(drafts[name], name, body) for name, body in expected.items()}

@@ -21,7 +21,7 @@ def run(arguments: dict[str, Any]) -> dict[str, Any]:
 
     Returns:
         Its points (n, 3), mm, and triangles (t, 3); where it has very many, ``few_points`` and ``few_triangles`` that follow it
-        and ``off``, how far they are from it, mm: see ``geometry.cad.decimation.decimated``.
+        and ``off``, how far they are from it, mm: see ``geometry.cad.decimation.decimate``.
     """
     read = _stl if arguments["suffix"].item() == ".stl" else _step
     poly = read(arguments["name"].item()).clean(tolerance=1e-7)  # both formats give each face points of its own

@@ -1,1 +1,1 @@
-"""What every room uses: errors, files that appear whole or not at all, text files."""
+"""What every package uses: errors, files that appear whole or not at all, text files."""

@@ -1,4 +1,4 @@
-"""Types of arrays that every room uses."""
+"""Types of arrays that every package uses."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Programs in processes of their own, which can be stopped at any time and whose crash is an error like any other.
+"""Programs in processes of their own, which can be stopped at any time; a crash raises an exception.
 
 A program is a file with a function ``run`` from arrays by name to arrays by name. The child runs this very file, so that it loads
 no more than numpy before the program; arrays go there and come back through pipes, and its folder is removed, so that no files
-are left behind. What it raises is told in one line.
+are left behind. Its exceptions are reported in one line.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ Arrays = Mapping[str, NDArray[Any]]
 
 
 class Failure(Exception):  # noqa: N818 - what the process says, not yet an error of the toolkit
-    """The program gave no answer; the text says why."""
+    """The program returned no result; the text gives the reason."""
 
 
 class TooLong(Failure):
@@ -60,7 +60,7 @@ class ProgramGroup:
         return context
 
     def add(self, child: subprocess.Popen[bytes]) -> None:
-        """Take a process in."""
+        """Add a process to the group."""
         with self._lock:
             self._children = [one for one in self._children if one.returncode is None] + [child]
             if self._ended:
@@ -98,7 +98,7 @@ def run_program(program: Path, arrays: Arrays, seconds: float, memory: float | N
         KeyboardInterrupt: Ctrl-C, here or in the child, which is gone by then.
     """
     if seconds <= 0:
-        raise TooLong("there is no time left for it")
+        raise TooLong("no time is left for it")
     with tempfile.TemporaryDirectory(prefix=f"{program.stem}-", ignore_cleanup_errors=True) as folder:
         return _run([str(program), str(math.ceil(seconds)), str(int(memory or 0))], arrays, seconds, folder)
 
@@ -135,7 +135,7 @@ def _run(arguments: list[str], arrays: Arrays, seconds: float, folder: str) -> d
 
 
 def _environment() -> dict[str, str]:
-    """The parent's, with one thread and the parent's module path: the child finds the libraries that the parent would."""
+    """Return parent's environment with one thread and the parent's module path, so that the child imports the same libraries."""
     path = os.pathsep.join(os.path.abspath(entry) for entry in sys.path if entry)
     return {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": path, "PYTHONWARNINGS": "ignore"}
 
@@ -144,7 +144,7 @@ def _reason(code: int, stderr: bytes) -> str:
     lines = stderr.decode(errors="replace").strip().splitlines()
     last = f": {lines[-1]}" if lines else ""
     if code == _FAILED:
-        return last.removeprefix(": ") or "it does not say why"
+        return last.removeprefix(": ") or "it gives no reason"
     if code == -_alarm():
         return "it took too long"
     if code < 0:
@@ -169,7 +169,7 @@ def _unpacked(content: bytes) -> dict[str, NDArray[Any]]:
 
 
 def _child(program: str, seconds: int, memory: int) -> int:
-    """Read arguments from stdin, write answers to stdout, which is closed to libraries' own words; return the exit code."""
+    """Read arguments from stdin, run the program, write its results to stdout; return the exit code."""
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.SIG_DFL)  # at once, whatever is running, and without a word
     if hasattr(signal, "alarm"):
@@ -195,7 +195,7 @@ def _child(program: str, seconds: int, memory: int) -> int:
 
 
 def _hold(memory: int) -> None:
-    """Hold no more than so many bytes: libraries are told that there is no more."""
+    """Limit the process's data to ``memory`` bytes, where the system can (Linux)."""
     with suppress(ImportError, AttributeError, OSError, ValueError):
         import resource
 

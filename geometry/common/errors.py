@@ -54,7 +54,7 @@ class MissingLibrary(ProbeError):  # noqa: N818 - says what is missing
 
 
 def did_you_mean(word: object, words: Iterable[str]) -> str:
-    """Return what ends a message about a word that is none of ``words``: the one that was likely meant, or nothing."""
+    """Return "; did you mean ...?" if one of ``words`` resembles ``word``, else an empty text."""
     from difflib import get_close_matches
 
     near = get_close_matches(str(word).lower()[:100], [*words], n=1) if isinstance(word, str) else []
@@ -62,7 +62,7 @@ def did_you_mean(word: object, words: Iterable[str]) -> str:
 
 
 def one_of(word: object, words: Iterable[str]) -> str:
-    """Return what is allowed in place of a word that is none of ``words``: all of them, and the one that was likely meant."""
+    """Return "one of ..." with all of ``words``, and a suggestion if one of them resembles ``word``."""
     known = [*words]
     return f"one of {', '.join(known)}{did_you_mean(word, known)}"
 
@@ -96,10 +96,10 @@ def _shortened(text: str, limit: int) -> str:
 
 
 def one_line(text: str) -> str:
-    """Write blanks as one space and what cannot be printed, such as a terminal's control codes, as escapes."""
+    """Join a text into one line and escape characters that cannot be printed."""
     return printable(" ".join(text.split()))
 
 
 def printable(text: str) -> str:
-    """Write what cannot be printed as escapes, which a terminal shows and does not obey."""
+    """Escape characters that cannot be printed, such as control codes of a terminal."""
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)

@@ -12,7 +12,7 @@ SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGALRM")  # the last reminds of the 
 
 @contextmanager
 def unbroken() -> Iterator[None]:
-    """Put off signals that Python acts on until the end; in other threads than the main one it does not act on any."""
+    """Defer the signals that end a program until the block ends; in threads other than the main one do nothing."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

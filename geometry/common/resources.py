@@ -1,7 +1,7 @@
-"""What one answer may take: bytes and seconds. Work asks here before it begins, and while it lasts.
+"""Limits of memory (bytes) and time (seconds) of one evaluation, checked before and during the work.
 
-``with limited(Limits(...)):`` sets the limits for all that is asked for inside; ``with timed():`` starts the clock of one answer.
-Both hold in the thread they are set in: work given to others takes ``contextvars.copy_context()`` along.
+``with use_limits(Limits(...)):`` sets the limits inside the block; ``with start_clock():`` starts the clock of one evaluation.
+Both hold in the thread in which they are set: work in other threads takes ``contextvars.copy_context()`` along.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ LIBRARIES = 0.25e9  # bytes of a process that has loaded what it needs and not b
 
 @dataclass(frozen=True)
 class Limits:
-    """What one answer may take.
+    """Limits of one evaluation.
 
     Attributes:
-        memory: bytes, the libraries' own included.
-        seconds: from the question to the answer.
+        memory: bytes, including those of the libraries.
+        seconds: from the request to the result.
     """
 
     memory: float = 2e9
@@ -32,7 +32,7 @@ class Limits:
 
 
 class LimitReached(Refusal):
-    """An answer that would take more memory or time than is allowed; a larger limit may bring it."""
+    """An evaluation that needs more memory or time than allowed; a larger limit may be enough."""
 
 
 _LIMITS: ContextVar[Limits] = ContextVar("limits", default=Limits())  # noqa: B039 - frozen
@@ -40,13 +40,13 @@ _END: ContextVar[float | None] = ContextVar("end", default=None)
 
 
 def limits() -> Limits:
-    """Return the limits that hold here."""
+    """Return the limits that are in force."""
     return _LIMITS.get()
 
 
 @contextmanager
 def limited(some: Limits | None) -> Iterator[None]:
-    """Set other limits; None leaves them as they are."""
+    """Set limits for the block; None leaves them unchanged."""
     token = _LIMITS.set(some or _LIMITS.get())
     try:
         yield
@@ -56,7 +56,7 @@ def limited(some: Limits | None) -> Iterator[None]:
 
 @contextmanager
 def timed() -> Iterator[None]:
-    """Start the clock of an answer, unless it is part of one whose clock is running."""
+    """Start the clock of an evaluation, unless a clock is running."""
     if _END.get() is not None:
         yield
         return
@@ -68,13 +68,13 @@ def timed() -> Iterator[None]:
 
 
 def seconds_left() -> float:
-    """Return what is left of the time; infinity while no clock is running."""
+    """Return the remaining seconds; infinity if no clock is running."""
     end = _END.get()
     return float("inf") if end is None else end - time.monotonic()
 
 
 def check_time(work: str, seconds: float = 0.0) -> None:
-    """Refuse work that is to begin now and takes so many seconds, or to go on with it.
+    """Refuse work that takes ``seconds`` if less time is left; with 0 s refuse to continue.
 
     Raises:
         LimitReached: there is less time than that.
@@ -87,12 +87,12 @@ def check_time(work: str, seconds: float = 0.0) -> None:
 
 
 def has_room(size: float) -> bool:
-    """Return whether work that holds so many bytes beside the libraries is within the limit."""
+    """Return whether ``size`` bytes, in addition to the libraries, are within the memory limit."""
     return size + LIBRARIES <= limits().memory
 
 
 def check_memory(work: str, size: float) -> None:
-    """Refuse work that holds so many bytes beside the libraries.
+    """Refuse work that needs ``size`` bytes in addition to the libraries.
 
     Raises:
         LimitReached: that is more than is allowed.

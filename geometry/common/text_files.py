@@ -22,7 +22,7 @@ def read_text(path: Path | str, key: str, kind: str = "a TOML file", most: int =
         path: of the file.
         key: stands for the key in messages, such as "scene file".
         kind: of files that are allowed, for messages.
-        most: bytes that it may have; no more are read.
+        max_bytes: bytes that it may have; no more are read.
 
     Raises:
         InputError: it cannot be read, is too large or no UTF-8 text.
@@ -77,5 +77,5 @@ def tables(text: str, name: str, allowed: str) -> dict[str, Any]:
 
 
 def read_tables(path: Path | str, key: str, allowed: str = "a TOML file") -> dict[str, Any]:
-    """Return what a TOML file holds; see ``read_text`` and ``tables``."""
+    """Return what a TOML file holds; see ``read_text`` and ``parse_tables``."""
     return tables(read_text(path, key, allowed), str(path), allowed)

@@ -54,13 +54,13 @@ class WindingTree:
         return cls(ordered, starts, *groups)
 
     def winding(self, points: Points) -> Points:
-        """How often the surface goes round each of points (m, 3): (m,)."""
+        """Return the winding numbers of the surface about points (m, 3): (m,)."""
         step = max(1, _PAIRS // 256)
         parts = [self._winding(points[k : k + step]) for k in range(0, len(points), step)]
         return np.concatenate([np.zeros(0), *parts]) / (4 * np.pi)
 
     def _winding(self, points: Points) -> Points:
-        """Solid angles, from the largest group to the smallest."""
+        """Return the sums of the solid angles of all triangles, from the largest groups to the smallest."""
         result = np.zeros(len(points))
         leaves = len(self.radius) // 2  # the first of the smallest groups
         point, group = np.arange(len(points)), np.zeros(len(points), dtype=np.int64)
@@ -88,7 +88,7 @@ class WindingTree:
 
 
 def solid_angles(corners: Points) -> Points:
-    """The solid angles, with sign, of triangles (t, 3, 3) seen from the origin: (t,)."""
+    """Return the signed solid angles of triangles (t, 3, 3) about the origin: (t,)."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     la, lb, lc = (np.sqrt(np.einsum("ij,ij->i", v, v)) for v in (a, b, c))
     ab, bc, ca = (np.einsum("ij,ij->i", u, v) for u, v in ((a, b), (b, c), (c, a)))
@@ -97,7 +97,7 @@ def solid_angles(corners: Points) -> Points:
 
 
 def _halves(some: Indices, middle: Points) -> tuple[Indices, Indices]:
-    """Triangles, by their middles, in two groups as large as each other."""
+    """Split triangles into two equal groups along the longest axis of their centres."""
     axis = int(np.ptp(middle[some], axis=0).argmax())
     half = len(some) // 2
     parted = some[np.argpartition(middle[some, axis], half)]
@@ -105,7 +105,7 @@ def _halves(some: Indices, middle: Points) -> tuple[Indices, Indices]:
 
 
 def _groups(corners: Points, starts: Indices) -> tuple[Points, Points, Points]:
-    """Centre, radius and dipole of the groups of triangles (t, 3, 3) that begin at ``starts``, whose last one is the end."""
+    """Return centre, radius and dipole of groups of triangles (t, 3, 3) that begin at ``starts``, whose last one is the end."""
     first = starts[:-1]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
     area = np.linalg.norm(normal, axis=1) + 1e-300

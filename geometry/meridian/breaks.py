@@ -27,7 +27,7 @@ THIN = 12.0  # features of the blocks: under thinner tissue no lines end, for th
 
 
 def radial_breaks(s: Section, box: int | None, sphere: SphereBox | None) -> Breaks:
-    """Radii of the tissue's lines, graded to the blocks' corners, to a pole near the surface and to the tissue's side."""
+    """Return radii of the tissue's lines, graded to the blocks' corners, to a pole near the surface and to the tissue's side."""
     corner, side = s.corner_size, smooth_min(s.tissue_radius - s.tube_radius, s.tissue_depth)
     places = [0 * s.inner_radius, *s.block_radii.values(), s.tissue_radius]
     least = [LEAST[name][0] for name in ("axis", *s.block_radii)]
@@ -41,7 +41,7 @@ def radial_breaks(s: Section, box: int | None, sphere: SphereBox | None) -> Brea
 
 
 def tissue_breaks(s: Section, sphere: SphereBox | None, thin: bool = False) -> Breaks:
-    """Heights of the tissue's lines: floor, interfaces, box and surface, from below; cells grow away from the surface."""
+    """Return heights of the tissue's lines: floor, interfaces, box and surface, from below; cells grow away from the surface."""
     floor = smooth_min(s.tissue_radius - s.tube_radius, s.tissue_depth)
     zero, (above, across) = 0 * s.tissue_depth, s.interfaces_apart
     planes = [(-depth, depth + s.corner_size, 2) for depth in s.interfaces]
@@ -57,7 +57,7 @@ def tissue_breaks(s: Section, sphere: SphereBox | None, thin: bool = False) -> B
 
 
 def block_breaks(s: Section, height: Any) -> Breaks:
-    """Heights of a block's lines, graded to both its ends."""
+    """Return the heights of a block's lines, graded to both its ends."""
     return Breaks([0 * height, height], [s.corner_size, s.corner_size], [5])
 
 
@@ -74,25 +74,25 @@ def cap_places(s: Section, radii: Breaks) -> tuple[tuple[CapPlace, ...], ...]:
 
 
 def _place(radius: float, radii: Breaks) -> tuple[int, int]:
-    """Between which breaks a radius lies, and how many eighths of the cells there are nearer to the axis."""
+    """Return between which breaks a radius lies, and how many eighths of the cells there are nearer to the axis."""
     k = min(int(np.searchsorted(radii.places, radius)), len(radii.places) - 1) - 1
     (low, high), (a, b) = radii.places[k : k + 2], radii.sizes[k : k + 2]
     return k, int(np.searchsorted(graded(low, high, 16, a, b)[1::2], radius))
 
 
 def cell_counts(breaks: Breaks) -> tuple[int, ...]:
-    """Numbers of cells between the breaks on the coarsest mesh."""
+    """Return the numbers of cells between the breaks on the coarsest mesh."""
     return tuple(max(least, ceil(grown)) for grown, least in zip(_folds(breaks), breaks.least, strict=True))
 
 
 def _folds(breaks: Breaks) -> list[float]:
-    """Cells between the breaks as their growth alone asks for."""
+    """Return the numbers of cells between the breaks that their growth alone requires."""
     ends = zip(pairwise(breaks.places), pairwise(breaks.sizes), strict=True)
     return [folds(*places, *sizes) / FOLDS for places, sizes in ends]
 
 
 def cut_ends(s: Section, levels: Breaks, names: list[str]) -> tuple[bool, ...]:
-    """Whether cells are cut towards each interface's end at the tissue's side, from the surface downwards."""
+    """Return whether cells are cut towards each interface's end at the tissue's side, from the surface downwards."""
     heights = [high - low for low, high in pairwise(levels.places)]
     beside = s.tissue_radius - s.tube_radius
     planes = (k for k, name in enumerate(names) if name.startswith("interface"))
@@ -100,19 +100,19 @@ def cut_ends(s: Section, levels: Breaks, names: list[str]) -> tuple[bool, ...]:
 
 
 def lean_columns(columns: tuple[int, ...], breaks: Breaks, box: int | None) -> tuple[int, ...]:
-    """Two columns under the tube's wall where they nearly do, and the box's edge does not part them."""
+    """Return the columns with two under the tube's wall where they nearly do, and the box's edge does not part them."""
     wall = 2 + (box in (0, 1))
     few = box != 2 and _folds(breaks)[wall] < 2 + LEAN
     return *columns[:wall], 2 if few else columns[wall], *columns[wall + 1 :]
 
 
 def lean_rows(breaks: Breaks, thin: bool, wide: bool) -> tuple[int, ...]:
-    """Fewer rows across the box and below it, and under the surface where cells need not grow much below a narrow gap."""
+    """Return fewer rows across the box and below it, and under the surface where cells need not grow much below a narrow gap."""
     *below, under = _folds(breaks)
     least = 2 if thin else 4 if wide else max(3, min(4, ceil(under + SURFACE)))
     return *(max(2, ceil(one)) for one in below), max(least, ceil(under))
 
 
 def lean_rings(rings: tuple[int, ...], core: Breaks) -> tuple[int, int]:
-    """As many rings between core and sphere as their growth asks for."""
+    """Return as many rings between core and sphere as their growth requires."""
     return rings[0], ceil(_folds(core)[0])

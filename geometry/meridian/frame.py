@@ -81,7 +81,7 @@ class MeridianFineness:
     lean: bool = False
 
     def count(self, cells: int, least: int = 1) -> int:
-        """Number of cells where the mesh with a multiplier of 1 has ``cells``; never fewer than ``least`` of these."""
+        """Number of cells where the mesh with a multiplier of 1 has ``cells``; never fewer than ``minimum`` of these."""
         return max(min(cells, least), round(self.cells * cells))
 
 

@@ -28,7 +28,7 @@ def smooth_max(a: Lengths, b: Lengths, blur: Lengths) -> Any:
 
 
 def folds(low: float, high: float, low_size: float | None = None, high_size: float | None = None) -> float:
-    """How many times cells grow e-fold between two ends: the integral of which ``graded`` gives each cell its share."""
+    """Return how many times cells grow e-fold between two ends: the integral that ``grade_nodes`` divides equally."""
     return float(sum(log1p((high - low) / size) for size in (low_size, high_size) if size is not None))
 
 

@@ -122,7 +122,7 @@ def labels(mesh: Topology) -> Floats:
 
 
 def line_label(number: Any) -> Any:
-    """The coordinate by which ``labels`` knows a line: close to its number, but no line falls on a layer between two others."""
+    """Return a line's coordinate for ``compute_labels``: close to its number, but no line falls on a layer between others."""
     return np.round(number + 0.3 * np.modf(number * GOLDEN)[0], 9)
 
 

@@ -17,7 +17,7 @@ class GapWalls:
 
     Attributes:
         elements: one for each side, the inner block's, then those of the tube's hole, shape (m,).
-        sides: which of the element's it is, by ``SIDES``, shape (m,).
+        sides: which of the element's it is, by ``ELEMENT_SIDES``, shape (m,).
         inner: how many are the inner block's.
     """
 
@@ -42,7 +42,7 @@ class GapWalls:
         return np.hstack([np.array(SIDES)[self.sides], first + np.arange(order - 1)])
 
     def ends(self, section: Section, mesh: Topology) -> Floats:
-        """Return heights z of the sides' ends as their functions run, upwards or downwards, m, shape (m, 2)."""
+        """Return the heights z of the sides' ends as their functions run, upwards or downwards, m, shape (m, 2)."""
         corners = nodes(section, mesh, SQUARE, self.elements)[..., 1]
         return np.take_along_axis(corners, np.array(SIDES)[self.sides], axis=1)
 

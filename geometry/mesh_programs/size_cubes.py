@@ -37,7 +37,7 @@ def size_cubes(
 
     Args:
         sizes: lengths at points (n, 3).
-        near: which points (n, 3) lie in what is meshed or within a distance of it; the others' cubes are left out.
+        is_near: which points (n, 3) lie in what is meshed or within a distance of it; the others' cubes are left out.
         centre: of the cube that begins, (3,).
         edge: of that cube.
     """

@@ -41,7 +41,7 @@ _FROM_ROOT = re.compile(r"(^-[a-zA-Z]|^|(?<=[=,\s]))(?:[A-Za-z]:)?[\\/](?:[^\\/,
 
 @dataclass(frozen=True)
 class Asked:
-    """What a command line asks: its words, the files that they name, and the settings that a block tells by themselves."""
+    """A command line: its words, the files that they name, and the settings that a block lists separately."""
 
     words: list[str]
     inputs: dict[str, str]
@@ -55,7 +55,7 @@ _asked: ContextVar[Asked | None] = ContextVar("asked", default=None)
 
 @contextmanager
 def command(words: Sequence[str], scene: Path | None = None, **settings: Any) -> Iterator[None]:
-    """Let all that is made inside tell of a command line.
+    """Record a command line in the provenance of everything made inside the block.
 
     Args:
         words: behind the program's name; the files that they name are read for their digests, at once.
@@ -73,7 +73,7 @@ def command(words: Sequence[str], scene: Path | None = None, **settings: Any) ->
 
 @contextmanager
 def about(scene: Scene) -> Iterator[None]:
-    """Let all that is made inside tell of a scene, where no command line names one."""
+    """Record a scene in the provenance of everything made inside the block, unless a command line names one."""
     asked = _asked.get() or NOTHING
     token = _asked.set(asked if asked.scene else replace(asked, scene=scene))
     try:
@@ -108,7 +108,7 @@ def provenance(
 
 
 def _digest_of(scene: Scene | Path | None) -> str | None:
-    """The digest of a scene, or of a file's; None where there is none."""
+    """Return the digest of a scene, or of a file's; None where there is none."""
     from geometry.scenes.scene_file import read_scene
 
     try:
@@ -123,7 +123,7 @@ def _named(word: str) -> str:
 
 @lru_cache(maxsize=32)
 def _version(name: str) -> str | None:
-    """The version of a distribution; None where it is not installed."""
+    """Return the version of a distribution; None where it is not installed."""
     from importlib.metadata import PackageNotFoundError, version
 
     try:

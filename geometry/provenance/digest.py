@@ -15,7 +15,7 @@ LARGEST_FILE = 4_000_000_000  # bytes: what takes some seconds; of larger ones n
 
 
 def digest(content: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of numbers, to ``DIGITS``, and texts by their names."""
+    """Return the SHA-256 of numbers, to ``DIGEST_DIGITS``, and texts by their names."""
     return hashlib.sha256(json.dumps(_rounded(content), sort_keys=True, default=str).encode()).hexdigest()
 
 

@@ -38,7 +38,7 @@ def markdown_comment(block: Provenance) -> str:
 
 
 def pieces(block: Provenance, most: int = PIECE) -> list[str]:
-    """Return the block's JSON, ASCII, in pieces of at most ``most`` characters, for formats that hold short strings."""
+    """Return the block's JSON, ASCII, in pieces of at most ``max_characters`` characters, for formats that hold short strings."""
     text = json.dumps(block)
     return [text[start : start + most] for start in range(0, len(text), most)]
 

@@ -100,7 +100,7 @@ class CatalogueMaterial:
         return float(self.numbers["poisson_ratio"].value)
 
     def admits(self, youngs_modulus: float) -> bool:
-        """Return whether a modulus, Pa, may be one of this material: within ``WIDE`` standard deviations of ln E."""
+        """Return whether a modulus, Pa, may be one of this material: within ``MAX_DEVIATIONS`` standard deviations of ln E."""
         return abs(math.log(youngs_modulus / self.youngs_modulus)) <= WIDE * self.log_sd
 
     def is_tabulated(self, youngs_modulus: float) -> bool:
@@ -162,7 +162,7 @@ def find_material(name: str, *, thinner: float | None = None, ratio: float | Non
     """Return a built-in material.
 
     Args:
-        name: as ``materials`` has it; a recipe may stand behind: ``"ecoflex-00-10 with 30 % thinner"``, ``"sylgard-184 20:1"``.
+        name: as ``list_materials`` has it; a recipe may follow: ``"ecoflex-00-10 with 30 % thinner"``, ``"sylgard-184 20:1"``.
         thinner: share of thinner, 0.3 for 30 %, in place of one in the name.
         ratio: parts of base to one of agent, likewise.
 
@@ -193,7 +193,7 @@ def fill_in(table: Any, numbers: bool = True) -> Any:
     """Return a material's table with what the catalogue says of the name under its key ``material``.
 
     The name takes the catalogue's spelling. Numbers that the table has stay: they were measured of what was cast or bought. A
-    modulus may lie up to ``WIDE`` standard deviations of ln E from the catalogue's, a Poisson's ratio up to ``FAR_POISSON``.
+    modulus may lie up to ``MAX_DEVIATIONS`` sd of ln E from the catalogue's, a Poisson's ratio up to ``MAX_POISSON_DIFFERENCE``.
 
     Args:
         table: of a scene file; what is no table, or names no material, is returned as it is.

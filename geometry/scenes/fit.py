@@ -40,14 +40,14 @@ def check(scene: Scene) -> None:
 
 
 def semi_axes(body: Inclusion) -> Matrix:
-    """The semi-axes of the ellipsoid as columns, R diag(a), 3 x 3, in m."""
+    """Return the semi-axes of the ellipsoid as columns, R diag(a), 3 x 3, in m."""
     diameters = body.diameters if body.diameters is not None else (body.diameter or 0.0,) * 3
     rotation = _rotation(*(math.radians(angle) for angle in body.orientation))
     return [[entry * diameter / 2 for entry, diameter in zip(row, diameters, strict=True)] for row in rotation]
 
 
 def overlap(one: Inclusion, other: Inclusion) -> bool:
-    """Whether two ellipsoids overlap or touch.
+    """Return whether two ellipsoids overlap or touch.
 
     Perram & Wertheim, J. Comput. Phys. 58 (1985) 409: they are apart exactly if
     max over 0 < s < 1 of s (1-s) v^T [(1-s) Q1 + s Q2]^-1 v exceeds 1, v joining the centres.
@@ -69,7 +69,7 @@ def overlap(one: Inclusion, other: Inclusion) -> bool:
 
 
 def _exceeds(function: Callable[[float], float], bound: float) -> bool:
-    """Whether a concave function exceeds the bound between 0 and 1, by ternary search."""
+    """Return whether a concave function exceeds the bound between 0 and 1, by ternary search."""
     low, high = 0.0, 1.0
     for _ in range(100):
         left, right = low + (high - low) / 3, high - (high - low) / 3
@@ -81,7 +81,7 @@ def _exceeds(function: Callable[[float], float], bound: float) -> bool:
 
 
 def lateral_reach(body: Inclusion) -> float:
-    """Largest distance of the body's points from the tissue's axis, in m.
+    """Return the largest distance of the body's points from the tissue's axis, in m.
 
     The maximum over directions n of the support function n.c + sqrt(n^T Q n): the best of some directions, refined.
     """
@@ -198,7 +198,7 @@ def _extent(body: Inclusion) -> float:
 
 
 def _rotation(rz: float, ry: float, rx: float) -> Matrix:
-    """Turn about the fixed axes x, then y, then z: R = Rz Ry Rx."""
+    """Return the rotation matrix about the fixed axes x, then y, then z: R = Rz Ry Rx; angles in rad."""
     (cz, sz), (cy, sy), (cx, sx) = ((math.cos(a), math.sin(a)) for a in (rz, ry, rx))
     return [
         [cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx],
@@ -208,7 +208,7 @@ def _rotation(rz: float, ry: float, rx: float) -> Matrix:
 
 
 def _least_square(rows: Matrix, v: list[float]) -> float:
-    """v^T (A A^T)^-1 v for A of full rank with three rows: the square of the least w with A w = v.
+    """Return v^T (A A^T)^-1 v, the squared norm of the shortest w with A w = v, for A of full rank with the three ``rows``.
 
     By orthogonalising the rows: the semi-axes of a needle stay exact where their squares in A A^T would drown.
     """

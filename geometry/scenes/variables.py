@@ -41,7 +41,7 @@ def values(scene: Scene) -> dict[str, float]:
 def loss_factors(scene: Scene) -> dict[str, float]:
     """Return tan delta of every material of a scene that can have one, by its key, ``inclusion[1].loss_factor``.
 
-    The one inclusion of a scene is ``inclusion``, as in ``values``.
+    The one inclusion of a scene is ``inclusion``, as in ``list_values``.
     """
     bodies = {f"probe.{block}": getattr(scene.probe, block) for block in BLOCKS} | {"tissue": scene.tissue}
     bodies |= {f"tissue.layer[{index}]": layer for index, layer in enumerate(scene.tissue.layer)}
@@ -51,7 +51,7 @@ def loss_factors(scene: Scene) -> dict[str, float]:
 
 
 def changed(scene: Scene, new: Mapping[str, float]) -> Scene:
-    """Return a scene with other values under keys of ``values`` and ``loss_factors``; a varied material loses its name.
+    """Return a scene with other values under keys of ``list_values`` and ``list_loss_factors``; a varied material loses its name.
 
     Raises:
         InputError: the scene has no such value.

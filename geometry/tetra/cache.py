@@ -48,7 +48,7 @@ def cached_mesh(
 
     Args:
         scene: the scene.
-        fineness: ``ROUGH``, ``COARSE``, ``FINE`` or other sizes.
+        fineness: ``ROUGH``, ``COARSE_FINENESS``, ``FINE`` or other sizes.
         half: mesh only y >= 0 (probe's axes) of a scene that is its own mirror image there.
         tissue_extent: radius and depth in m that stand for a half-space's, left out 25 outer radii or more. Other tissue that
             reaches further becomes a cylinder of that radius about the probe's axis, deeper tissue as deep; left out, it stays.
@@ -60,7 +60,7 @@ def cached_mesh(
 
     Raises:
         InputError: a surface file that cannot be used.
-        Refusal: see ``geometry.tetra.layout.body_layout``.
+        Refusal: see ``geometry.tetra.layout.build_layout``.
         SolveError: no mesh passed the checks, or pytetwild failed; the text says why.
         KeyboardInterrupt: Ctrl-C, at once.
     """
@@ -75,7 +75,7 @@ def cached_mesh(
 
 
 def folder() -> Path:
-    """Where meshes are kept."""
+    """Return the folder of the mesh cache."""
     import platformdirs
 
     override = os.environ.get(FOLDER)
@@ -83,7 +83,7 @@ def folder() -> Path:
 
 
 def key(layout: BodyLayout, fineness: TetraFineness) -> str:
-    """A name by content: every number that the mesh follows from, a surface file's triangles, our sources and the versions."""
+    """Return a name by content: every number that mesh follows from, a surface file's triangles, our sources and the versions."""
     digest = hashlib.sha256(
         f"{sources()} {version('netgen-mesher')} {version('pytetwild')} {np.__version__} {fineness!r}".encode()
     )
@@ -94,7 +94,7 @@ def key(layout: BodyLayout, fineness: TetraFineness) -> str:
 
 @cache
 def sources() -> str:
-    """Digest of this room's sources and the meshers' programs: our own part of what a mesh follows from, read once a process."""
+    """Return the digest of this package's sources and the meshers' programs, read once per process."""
     digest = hashlib.sha256()
     for path in sorted(ROOM.glob("*.py")) + sorted(PROGRAMS.glob("*.py")):
         digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
@@ -117,7 +117,7 @@ def _feed(digest: Any, value: Any) -> None:
 
 
 def _read(path: Path) -> TetMesh | None:
-    """The mesh in a file; None if there is none, or its checksum does not match: then it makes room for another."""
+    """Read the mesh in a file; None if there is none, or its checksum does not match: then it makes room for another."""
     try:
         content = path.read_bytes()
     except OSError:

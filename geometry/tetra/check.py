@@ -41,7 +41,7 @@ def check(mesh: TetMesh, layout: BodyLayout) -> None:
 
 
 def largest_error(mesh: TetMesh, layout: BodyLayout) -> float:
-    """The largest relative error, without sign, of the volumes of blocks, groove, ellipsoids and tissue.
+    """Return the largest absolute relative error of the volumes of blocks, groove, ellipsoids and tissue.
 
     That of an ellipsoid further from the probe than its diameter counts less, as much as it is further.
     """
@@ -53,13 +53,13 @@ def largest_error(mesh: TetMesh, layout: BodyLayout) -> float:
 
 
 def files_error(mesh: TetMesh, layout: BodyLayout) -> float:
-    """The largest relative error, without sign, of the volumes of bodies from files; 0 without any."""
+    """Return the largest absolute relative error of the volumes of bodies from files; 0 without any."""
     kinds = _volumes(mesh, layout).values()
     return max((abs(is_ / exact - 1) for is_, exact, allowed in kinds if allowed == _FILE_VOLUME), default=0.0)
 
 
 def _why(name: str, layout: BodyLayout) -> str:
-    """What may be the matter where a surface from a file leaks or does not say what is inside."""
+    """Return the likely cause, in parentheses, if the body named comes from a surface file, else an empty text."""
     for index, body in enumerate(layout.inclusions):
         if isinstance(body, Sheet) and name.startswith(f"inclusion[{index}]"):
             crossing, opened = "its triangles may cross, or be too fine for the mesh", "it is open, its volume not well defined"
@@ -68,12 +68,12 @@ def _why(name: str, layout: BodyLayout) -> str:
 
 
 def errors(mesh: TetMesh, layout: BodyLayout) -> dict[str, float]:
-    """Relative errors of all volumes and areas that are known."""
+    """Return the relative errors of all known volumes and areas by name."""
     return {name: is_ / expected - 1 for name, (is_, expected, _) in {**_volumes(mesh, layout), **_areas(mesh, layout)}.items()}
 
 
 def _volumes(mesh: TetMesh, layout: BodyLayout) -> dict[str, tuple[float, float, float]]:
-    """By name: a volume in the mesh, the exact one, and the relative error that is allowed."""
+    """Return by name a volume in the mesh, its exact value, and the allowed relative error."""
     volumes = element_volumes(mesh.nodes, mesh.elements) * (2 if mesh.half else 1)
 
     def of(label: int) -> float:
@@ -114,7 +114,7 @@ def _areas(mesh: TetMesh, layout: BodyLayout) -> dict[str, tuple[float, float, f
 
 
 def _area(mesh: TetMesh, bodies: list[int], height: float) -> float:
-    """Area of the outer faces of some bodies that lie in a plane z = height, with their curved edges."""
+    """Return the area of the outer faces of ``bodies`` in the plane z = height, curved edges included."""
     faces = mesh.boundary(*bodies)
     level = np.abs(mesh.nodes[:, 2] - height) <= 1e-9 * np.abs(mesh.nodes).max()
     corners = mesh.nodes[faces[level[faces].all(axis=1)]][..., :2]
@@ -146,7 +146,7 @@ def _tissue_area(layout: BodyLayout) -> float:
 
 
 def _pieces(tetrahedra: Indices) -> int:
-    """How many pieces tetrahedra are in that hang together by faces."""
+    """Count the connected pieces of a mesh; tetrahedra connect by common faces."""
     faces = np.sort(tetrahedra[:, FACES].reshape(-1, 3), axis=1)
     owner = np.repeat(np.arange(len(tetrahedra)), 4)
     order = np.lexsort(faces.T)
@@ -157,5 +157,5 @@ def _pieces(tetrahedra: Indices) -> int:
 
 
 def _may_be_split(layout: BodyLayout, label: int) -> bool:
-    """Bodies that a scene can rightly have in several pieces: what a file holds, and tissue beside a block's sides."""
+    """Return whether a body may be in several pieces: one from a file, or tissue outside the reference cylinder."""
     return label == BEYOND or (label >= INCLUSION and not isinstance(layout.inclusions[label - INCLUSION], Ellipsoid))

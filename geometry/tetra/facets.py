@@ -77,7 +77,7 @@ def cut(triangles: Triangles, edges: NDArray[np.int64], count: int) -> Triangles
 def _middles(
     points: Points, triangles: Triangles, surfaces: list[Surface], space: MeshSpace
 ) -> tuple[NDArray[np.int64], Points, Points]:
-    """Edges on surfaces, (k, 2); their middles on these, (k, 3); and where straight edges have them in the mesher's space."""
+    """Return edges on surfaces, (k, 2); their middles on these, (k, 3); and where straight edges have them in mesher's space."""
     near, sides = _ON * float(np.abs(points).max()), np.sort(triangles[:, _SIDES], axis=2).reshape(-1, 2)
     member = np.stack([np.abs(surface.level(points)[0]) <= near for surface in surfaces], axis=1)
     edges = np.unique(sides[(member[sides[:, 0]] & member[sides[:, 1]]).any(axis=1)], axis=0)
@@ -87,7 +87,7 @@ def _middles(
 
 
 def _room(layout: BodyLayout, fineness: TetraFineness, space: MeshSpace, points: Points) -> Points:
-    """The size of tetrahedra at points (n, 3) of the scene, or the distance to an inclusion if less; in the mesher's space."""
+    """Return size of tetrahedra at points (n, 3) of the scene, or the distance to an inclusion if less; in the mesher's space."""
     away = [np.abs(body.distance(points)) for body in layout.inclusions]
     result: Points = np.min([sizes(layout, fineness, space, points), *away], axis=0) * space.scale(points)
     return result

@@ -17,7 +17,7 @@ AIR, MIRROR = -1, -2  # outside all bodies; behind the plane of symmetry
 
 
 def labels(layout: BodyLayout, turns: Corners, space: MeshSpace, points: Points) -> tuple[Labels, NDArray[np.bool_]]:
-    """The bodies that points (n, 3) of the scene lie in, or ``AIR`` or ``MIRROR``, and whether beyond the reference cylinder."""
+    """Return the body (or ``AIR_LABEL``, ``MIRROR_LABEL``) of points (n, 3), and whether beyond the reference cylinder."""
     x, y, z = points.T
     body = np.full(len(points), AIR)
     radius, angle, wide = np.hypot(x, y), np.arctan2(y, x), space.to_mesh(points)
@@ -44,7 +44,7 @@ def labels(layout: BodyLayout, turns: Corners, space: MeshSpace, points: Points)
 
 
 def _mapped_radii(layout: BodyLayout, turns: Corners, space: MeshSpace, angle: Points, z: Points) -> list[tuple[Points, Points]]:
-    """Radii in the mesher's space at each point's height, and how much larger the circle is than its polygon in its direction."""
+    """Return radii in mesher's space at each point's height, and the ratio of circle to polygon there."""
     result = []
     for size, corners in ((layout.inner, turns.hole), (turns.hole_radius, turns.hole), (layout.tube, turns.tube)):
         index = np.clip(np.searchsorted(corners, angle) - 1, 0, len(corners) - 2)

@@ -53,7 +53,7 @@ class LayeredCells:
 
 
 def layers_at(layout: BodyLayout, heights: Points) -> Indices:
-    """The layers of tissue at heights (n,): 1 for the first below the surface and so on, 0 for the tissue's own material."""
+    """Return layers of tissue at heights (n,): 1 for the first below the surface and so on, 0 for the tissue's own material."""
     number = 1 + np.searchsorted(np.array(layout.interfaces), -heights)
     return np.where(number > len(layout.interfaces), 0, number)
 
@@ -88,7 +88,7 @@ def layered(
 
 
 def split(points: Points, cells: Indices, height: float) -> tuple[Points, Indices, Indices]:
-    """Points (n, 3) and tetrahedra (t, 4), none crossing the plane z = height, and of each the one that it was cut from (t,)."""
+    """Cut tetrahedra by plane z = height; return points (n, 3), tetrahedra (t, 4) and of each the one it was cut from (t,)."""
     away = points[:, 2] - height
     side, parent = np.where(np.abs(away) <= _ON * np.abs(points).max(), 0.0, np.sign(away)), np.arange(len(cells))
     pairs = np.sort(cells[:, EDGES], axis=2)
@@ -120,7 +120,7 @@ def split(points: Points, cells: Indices, height: float) -> tuple[Points, Indice
 
 
 def _moved(surfaces: list[Surface], points: Points, cells: Indices, member: NDArray[np.bool_], plane: int) -> Points:
-    """Points (n, 3), those near a plane, by its index, moved onto it along their surfaces where that spoils no tetrahedron."""
+    """Move points (n, 3) near a plane (its index) onto it, along their surfaces, where that spoils no tetrahedron."""
     above = surfaces[plane].level(points)[0]
     ends = cells[:, EDGES].reshape(-1, 2)
     shortest = _shortest(points, ends[above[ends].prod(axis=1) < 0])
@@ -145,7 +145,7 @@ def _moved(surfaces: list[Surface], points: Points, cells: Indices, member: NDAr
 
 
 def _shortest(points: Points, ends: Indices) -> Points:
-    """Of each point (n, 3) the length of the shortest of some edges (m, 2), 0 where it has none."""
+    """Return for each point (n, 3) the length of the shortest of its edges (m, 2), 0 if it has none."""
     result = np.full(len(points), np.inf)
     np.minimum.at(result, ends, np.linalg.norm(points[ends[:, 1]] - points[ends[:, 0]], axis=1)[:, None])
     result[np.isinf(result)] = 0.0
@@ -155,7 +155,7 @@ def _shortest(points: Points, ends: Indices) -> Points:
 def body_faces(
     layout: BodyLayout, surfaces: list[Surface], points: Points, cells: Indices, *, body: Indices, layer: Indices
 ) -> tuple[Indices, Indices]:
-    """Faces (f, 3) between bodies and between layers, and their surfaces (f,)."""
+    """Find the faces (f, 3) between bodies and between layers, and their surfaces (f,)."""
     faces, one, other = interfaces(cells, body)
     flat = (np.abs(points[faces, 1]) <= 1e-9 * np.abs(points).max()).all(axis=1)
     other = np.where(flat & (other == AIR) & layout.half, MIRROR, other)
@@ -173,7 +173,7 @@ def body_faces(
 
 
 def _mended(surfaces: list[Surface], points: Points, cells: Indices, member: NDArray[np.bool_]) -> Points:
-    """Points (n, 3) on all their surfaces, those of bad tetrahedra moved along them, but where that would spoil others."""
+    """Move points (n, 3) onto their surfaces and smooth bad tetrahedra, except where that would spoil others."""
     exact = snap(surfaces, points, member)
     near = np.linalg.norm(exact - points, axis=1) < _FAR * _shortest(points, cells[:, EDGES].reshape(-1, 2))
     quality = mean_ratios(points, cells)

@@ -28,12 +28,12 @@ class Ellipsoid:
     axes: Points
 
     def level(self, points: Points) -> Points:
-        """|u| of points (n, 3): 1 on the surface."""
+        """Return |u| of points (n, 3), see the class: 1 on the surface."""
         result: Points = np.linalg.norm((points - self.centre) @ self._inverse.T, axis=1)
         return result
 
     def distance(self, points: Points) -> Points:
-        """About the distance from points (n, 3) to the surface, negative inside: exact for a sphere."""
+        """Estimate the distance from points (n, 3) to the surface, negative inside; exact for a sphere."""
         inverse, level = self._inverse, np.maximum(self.level(points), 1e-9)
         slope = np.linalg.norm((points - self.centre) @ (inverse.T @ inverse), axis=1) / level
         return np.asarray((level - 1) / np.maximum(slope, 1e-9 / self.smallest))
@@ -98,7 +98,7 @@ class BodyLayout:
         return self.hole - self.inner
 
     def side_distance(self, angles: Points) -> Points:
-        """How far the tissue reaches from the probe's axis in the directions ``angles`` (n,)."""
+        """Return the distances from the probe's axis to the tissue's side in the directions ``angles`` (n,)."""
         ways = np.column_stack([np.cos(angles), np.sin(angles)])
         centre = np.array(self.centre)
         if self.tissue_radius is not None:
@@ -109,7 +109,7 @@ class BodyLayout:
         return np.asarray((rooms / np.maximum(np.abs(ways), 1e-300)).min(axis=1))
 
     def holds(self, points: Points) -> NDArray[np.bool_]:
-        """Which of points (n, 3) lie in tissue or blocks, gap and groove counted to these; of a half those with y >= 0."""
+        """Return which points (n, 3) lie in tissue or blocks, gap and groove included; of a half mesh those with y >= 0."""
         radius, z = np.hypot(points[:, 0], points[:, 1]), points[:, 2]
         tissue = (z <= 0) & (z >= -self.depth) & (radius <= self.side_distance(np.arctan2(points[:, 1], points[:, 0])))
         blocks = (z > 0) & (z <= max(self.inner_height, self.outer_height)) & (radius <= self.tube)
@@ -117,7 +117,7 @@ class BodyLayout:
 
 
 def extent(scene: Scene, tissue_extent: float | None) -> float:
-    """The radius and depth in m that tissue is shortened to: ``tissue_extent``, infinity, or what stands for a half-space's.
+    """Return radius and depth in m that tissue is shortened to: ``tissue_extent``, infinity, or what stands for a half-space's.
 
     A half-space reaches to 25 outer radii and beyond all inclusions, five times as far from the probe as they are.
     """
@@ -138,7 +138,7 @@ def body_layout(scene: Scene, half: bool, tissue_extent: float, reference_radius
         scene: the scene.
         half: whether only y >= 0 is meshed.
         tissue_extent: radius and depth in m that stand for a half-space's; other tissue that reaches further to its sides
-            becomes a cylinder of that radius about the probe's axis, and deeper tissue becomes as deep. See ``extent``.
+            becomes a cylinder of that radius about the probe's axis, and deeper tissue becomes as deep. See ``find_extent``.
         reference_radius: of the reference cylinder in m; None for the tissue's own side where that is coaxial, else a large one.
 
     Raises:
@@ -207,7 +207,7 @@ def _with_wall(layout: BodyLayout, radius: float | None) -> BodyLayout:
 
 
 def default_wall(layout: BodyLayout, room: float) -> float:
-    """The largest reference cylinder that leaves a fifth of the room beside it and keeps clear of all inclusions."""
+    """Return the largest radius of a reference cylinder that leaves a fifth of the tissue beside it and meets no inclusion."""
     free = [(layout.tube * 1.05, (layout.tube + room) / 2 if room < 1.2 * layout.tube else 0.8 * room)]
     for body in layout.inclusions:
         centre, reach = math.hypot(*body.centre[:2]), math.hypot(*body.reach[:2])
@@ -219,7 +219,7 @@ def default_wall(layout: BodyLayout, room: float) -> float:
 
 
 def mirror_symmetric(scene: Scene) -> bool:
-    """Whether the scene is its own mirror image in the plane y = placement.y; a surface from a file never counts as such."""
+    """Return whether scene is its own mirror image in the plane y = placement.y; a surface from a file never counts as such."""
     size, at = scene.probe.tube_radius, scene.placement
     if scene.tissue.shape != "half-space" and abs(at.y) > _EVEN * size:
         return False

@@ -40,7 +40,7 @@ def check_fit(layout: BodyLayout, names: tuple[str, ...], extent: float) -> None
 
 
 def _leaves(layout: BodyLayout, body: Ellipsoid | Sheet) -> str:
-    """What of the tissue a body reaches beyond, "" if it is inside."""
+    """Return which face of the tissue a body reaches beyond and by how much, "" if it is inside."""
     if isinstance(body, Sheet):
         low, high = float(body.points[:, 2].min()), float(body.points[:, 2].max())
         reach, angles = np.hypot(*body.points[:, :2].T), np.arctan2(body.points[:, 1], body.points[:, 0])
@@ -57,7 +57,7 @@ def _leaves(layout: BodyLayout, body: Ellipsoid | Sheet) -> str:
 
 
 def _outline(body: Ellipsoid) -> Points:
-    """Where the ellipsoid's shadow on the plane z = 0 has its boundary, about the centre, (n, 2)."""
+    """Return the outline of the ellipsoid's projection on the plane z = 0, about its centre, (n, 2)."""
     ways = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
     form = body.axes[:2] @ body.axes[:2].T
     result: Points = ways @ form / np.sqrt(np.einsum("ni,ij,nj->n", ways, form, ways))[:, None]
@@ -65,7 +65,7 @@ def _outline(body: Ellipsoid) -> Points:
 
 
 def overlapping(one: Ellipsoid | Sheet, other: Ellipsoid | Sheet) -> bool:
-    """Whether two bodies, at least one of them a surface from a file, overlap or touch; False for two ellipsoids."""
+    """Return whether two bodies, at least one of them a surface from a file, overlap or touch; False for two ellipsoids."""
     if not isinstance(one, Sheet):
         return overlapping(other, one) if isinstance(other, Sheet) else False
     if isinstance(other, Sheet):
@@ -75,7 +75,7 @@ def overlapping(one: Ellipsoid | Sheet, other: Ellipsoid | Sheet) -> bool:
 
 
 def least_distances(corners: Points) -> Points:
-    """Distances (t,) from the origin to the triangles with ``corners`` (t, 3, 3)."""
+    """Return the distances (t,) from the origin to the triangles with ``corners`` (t, 3, 3)."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     result = np.minimum(_to_edge(a, b), np.minimum(_to_edge(b, c), _to_edge(c, a)))
     normal = np.cross(b - a, c - a)

@@ -123,7 +123,7 @@ def _tried(layout: BodyLayout, fineness: TetraFineness, mesher: Mesher) -> tuple
 
 
 def _work(layout: BodyLayout) -> str:
-    """What takes long, and what would help."""
+    """Describe the work that takes long, and what would shorten it."""
     uneven = [len(body.triangles) for body in layout.inclusions if isinstance(body, Sheet) and body.fewer is None]
     if max(uneven, default=0) <= MANY:
         return "meshing"
@@ -133,7 +133,7 @@ def _work(layout: BodyLayout) -> str:
 def expected_elements(layout: BodyLayout, fineness: TetraFineness) -> float:
     """Return about how many tetrahedra a layout's mesh will have, from their sizes alone, in a moment.
 
-    See ``regular_elements`` for netgen's. Of pytetwild's meshes with 5000 to 250 000 tetrahedra these are 0.97 to 1.6 times as
+    See ``estimate_regular_elements`` for netgen. Of pytetwild meshes with 5000 to 250 000 tetrahedra they are 0.97 to 1.6 x as
     many, large ones nearer to 1; what planes between layers add is 1 to 1.8 times as many.
     """
     if is_regular(layout):
@@ -150,7 +150,7 @@ def expected_elements(layout: BodyLayout, fineness: TetraFineness) -> float:
 def _prepared(
     layout: BodyLayout, fineness: TetraFineness
 ) -> tuple[MeshSpace, Corners, tuple[Points, NDArray[np.int32]], tuple[Points, NDArray[np.int32], Points]]:
-    """The mesher's space, the polygons that stand for circles, surfaces in that space, and the sizes wanted there."""
+    """Return the mesher's space, the polygons that stand for circles, surfaces in that space, and the sizes wanted there."""
     space, turns = space_of(layout, fineness), corners(layout, fineness.corners)
     layout = _drawn(layout, space)
     coarse = surfaces(layout, turns, space.near, _ROWS, max(5, round(2.5 / fineness.sphere)))
@@ -161,12 +161,12 @@ def _prepared(
 
 
 def _by_netgen(layout: BodyLayout, fineness: TetraFineness, trial: int) -> TetMesh:
-    """A trial like the others: what netgen makes of slightly smaller sizes is another mesh."""
+    """Mesh a layout by netgen; a later trial differs by its slightly smaller sizes."""
     return regular_mesh(layout, fineness, space_of(layout, fineness), _QUICK + expected_elements(layout, fineness) / _SLOW)
 
 
 def _by_tetwild(layout: BodyLayout, fineness: TetraFineness, trial: int) -> TetMesh:
-    """Within a tighter envelope each time."""
+    """Mesh a layout by pytetwild, with a tighter envelope at each trial."""
     space, turns, (points, triangles), sizes = _prepared(layout, fineness)
     envelope = _ENVELOPE * _TIGHTER**trial * _smallest(layout, space)
     return _finish(layout, space, turns, *_tetrahedralize(points, triangles, envelope, sizes, _PATIENCE[trial]))
@@ -176,7 +176,7 @@ NETGEN, TETWILD = Mesher("netgen", _by_netgen), Mesher("pytetwild", _by_tetwild)
 
 
 def space_of(layout: BodyLayout, fineness: TetraFineness) -> MeshSpace:
-    """The mesher's space: a gap as wide as the tetrahedra at its rims, tissue beyond the probe and surface files drawn near."""
+    """Choose mesher's space: a gap as wide as tetrahedra at its rims, tissue beyond the probe and surface files drawn near."""
     sheets = [float(np.linalg.norm(body.points, axis=1).max()) for body in layout.inclusions if isinstance(body, Sheet)]
     near = max(_NEAR * max(layout.tube, layout.inner_height, layout.outer_height), *(1.05 * size for size in sheets), 0.0)
     wide = min(fineness.rim * layout.inner, _WIDEN * layout.gap)
@@ -187,7 +187,7 @@ def space_of(layout: BodyLayout, fineness: TetraFineness) -> MeshSpace:
 
 
 def _drawn(layout: BodyLayout, space: MeshSpace) -> BodyLayout:
-    """The layout with fewer triangles for surfaces of very many, where these stay well within the envelope.
+    """Return the layout with fewer triangles for surfaces of very many, where these stay well within the envelope.
 
     pytetwild alone is given these: labels, nodes and checks go by the file's own triangles.
     """
@@ -197,7 +197,7 @@ def _drawn(layout: BodyLayout, space: MeshSpace) -> BodyLayout:
 
 
 def _in_mesh_space(layout: BodyLayout, space: MeshSpace, soup: tuple[Points, Any]) -> tuple[Points, NDArray[np.int32]]:
-    """The surfaces mapped, with the plane of symmetry, a rectangle beyond them all, for half a scene."""
+    """Map the surfaces, with the plane of symmetry, a rectangle beyond them all, for half a scene."""
     points, triangles = space.to_mesh(soup[0]), soup[1]
     if layout.half:
         points[np.abs(points[:, 1]) < 1e-9 * np.abs(points).max(), 1] = 0.0  # what lies on the plane up to rounding lies on it
@@ -210,7 +210,7 @@ def _in_mesh_space(layout: BodyLayout, space: MeshSpace, soup: tuple[Points, Any
 
 
 def _smallest(layout: BodyLayout, space: MeshSpace) -> float:
-    """The smallest feature in the mesher's space, in m."""
+    """Return the smallest feature in the mesher's space, in m."""
     lengths = [layout.gap + space.moved[2] - space.moved[1], layout.tube - layout.hole, layout.inner_height, layout.outer_height]
     if layout.groove is not None:
         lengths += [2 * layout.groove[0], layout.groove[1]]
@@ -230,7 +230,7 @@ def _tetrahedralize(
     sizes: tuple[Points, NDArray[np.int32], Points],
     patience: float,
 ) -> tuple[Points, NDArray[np.int64]]:
-    """Call pytetwild; ``envelope`` in m, ``sizes`` as from ``background``, ``patience`` in s."""
+    """Call pytetwild; ``envelope`` in m, ``sizes`` as from ``build_background``, ``patience`` in s."""
     scale = 1 / float(np.linalg.norm(np.ptp(points, axis=0)))
     grid, cells, values = sizes
     values = np.minimum(values, _LARGEST / scale)

@@ -35,7 +35,7 @@ _SURE = 0.9  # of a piece's volume that lies in one body, as tetrahedra are stra
 
 
 def is_regular(layout: BodyLayout) -> bool:
-    """Whether all bodies are shapes with formulas, and the gap no hairline."""
+    """Return whether all bodies are shapes with formulas, and the gap no hairline."""
     return layout.gap >= _HAIRLINE * layout.inner and all(isinstance(body, Ellipsoid) for body in layout.inclusions)
 
 
@@ -58,7 +58,7 @@ def regular_mesh(layout: BodyLayout, fineness: TetraFineness, space: MeshSpace, 
 
 
 def shapes(layout: BodyLayout, fineness: TetraFineness, space: MeshSpace) -> GluedShapes:
-    """The scene's bodies as shapes, and the sizes wanted."""
+    """Build the scene's bodies as shapes, and the sizes wanted."""
     cylinders: list[tuple[float, ...]] = [(0.0, 0.0, 0.0, layout.inner_height, layout.inner)]
     (x, y), (a, b), floor = layout.centre, layout.sides, -layout.depth
     if layout.wall is not None:
@@ -113,7 +113,7 @@ def _cubes(layout: BodyLayout, fineness: TetraFineness, space: MeshSpace) -> Siz
 
 
 def _labelled(layout: BodyLayout, space: MeshSpace, turns: Corners, found: Pieces) -> tuple[Indices, NDArray[np.bool_], Indices]:
-    """Body, whether beyond the reference cylinder, and layer of each tetrahedron: what most of its piece has."""
+    """Return body, whether beyond the reference cylinder, and layer of each tetrahedron, by majority of its piece's volume."""
     corners = found.points[found.tetrahedra]
     centres, volumes = corners.mean(axis=1), np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1]))
     body, beyond = labels(layout, turns, space, centres)

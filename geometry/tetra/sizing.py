@@ -56,7 +56,7 @@ FINE = TetraFineness(groove=0.4, rim=0.072, block=0.24, wall=0.65, sphere=0.222,
 
 
 def sizes(layout: BodyLayout, fine: TetraFineness, space: MeshSpace, points: Points) -> Points:
-    """Edge lengths in m at points (n, 3) of the scene."""
+    """Return the wanted edge lengths in m at points (n, 3) of the scene: (n,)."""
     radius, z = np.hypot(points[:, 0], points[:, 1]), points[:, 2]
     rims = np.full(len(points), np.inf)
     thickness = min(layout.tube - layout.hole, layout.inner)
@@ -96,7 +96,7 @@ def sizes(layout: BodyLayout, fine: TetraFineness, space: MeshSpace, points: Poi
 
 
 def _out_of(top: float, bottom: float, z: Points) -> Points:
-    """How far heights (n,) are above or below a layer between two depths."""
+    """Return the distances (n,) of heights z from the layer between the depths ``top`` and ``bottom``."""
     return np.maximum(np.maximum(top + z, -z - bottom), 0.0)
 
 
@@ -115,14 +115,14 @@ def squares(layout: BodyLayout, fine: TetraFineness, space: MeshSpace) -> float:
 
 
 def _beside(layout: BodyLayout, radius: Points, z: Points) -> Points:
-    """Distance from the probe's blocks."""
+    """Return the distances (n,) from the cylinder around the probe's blocks."""
     return np.hypot(np.maximum(radius - layout.tube, 0), np.maximum(-z, 0))
 
 
 def background(
     layout: BodyLayout, fine: TetraFineness, space: MeshSpace, box: Points
 ) -> tuple[Points, NDArray[np.int32], Points]:
-    """A mesh of the box (2, 3) of the mesher's space: points, tetrahedra and an edge length at each point."""
+    """Build a mesh of the box (2, 3) of the mesher's space: points, tetrahedra and an edge length at each point."""
     least = fine.rim * layout.inner
     axes = [_graded(low, high, least, space.near) for low, high in box.T]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -138,7 +138,7 @@ def background(
 
 
 def _outside(layout: BodyLayout, points: Points) -> NDArray[np.bool_]:
-    """Points well outside all bodies, where nothing is kept of the mesh."""
+    """Return which points (n, 3) lie well outside all bodies, where the mesh is discarded."""
     radius, z, away = np.hypot(points[:, 0], points[:, 1]), points[:, 2], 0.2 * layout.tube
     above = (z > away) & ((radius > layout.tube + away) | (z > max(layout.inner_height, layout.outer_height) + away))
     side = layout.side_distance(np.arctan2(points[:, 1], points[:, 0]))
@@ -147,7 +147,7 @@ def _outside(layout: BodyLayout, points: Points) -> NDArray[np.bool_]:
 
 
 def _graded(low: float, high: float, least: float, near: float) -> Points:
-    """Points of an axis from low to high, about ``least`` apart near zero and further apart away from it."""
+    """Return the points of an axis from low to high, about ``min_size`` apart near zero and further apart away from it."""
     ends = np.arcsinh(np.array([low, high]) / (near / 3))
     count = int(np.clip(np.ptp(ends) * near / 3 / least, 12, 48))
     return np.asarray(np.sinh(np.linspace(ends[0], ends[1], count + 1)) * near / 3)

@@ -23,7 +23,7 @@ _ROUNDS = 3
 
 
 def mean_ratios(points: Points, tetrahedra: Indices) -> Points:
-    """Quality of straight tetrahedra, (t,): 1 for a regular one, 0 for a flat one, negative for an inverted one."""
+    """Return mean ratios of straight tetrahedra, (t,): 1 for a regular one, 0 for a flat one, negative for an inverted one."""
     t = _shapes(points[tetrahedra])
     det = np.linalg.det(t)
     result: Points = 3 * np.cbrt(det) ** 2 * np.sign(det) / np.maximum((t**2).sum(axis=(1, 2)), 1e-300)
@@ -33,7 +33,7 @@ def mean_ratios(points: Points, tetrahedra: Indices) -> Points:
 def smooth(
     points: Points, tetrahedra: Indices, surfaces: list[Surface], member: NDArray[np.bool_], *, least: float, rounds: int
 ) -> Points:
-    """Points (n, 3), of which some are moved until no tetrahedron's mean ratio is below ``least``, or the rounds are over."""
+    """Move points (n, 3) until no tetrahedron has a mean ratio below the limit, or ``rounds`` are over."""
     result = points
     for _ in range(rounds):
         quality = mean_ratios(result, tetrahedra)
@@ -52,7 +52,7 @@ def smooth(
 
 
 def undo_inversions(points: Points, before: Points, tetrahedra: Indices, least: float | Points) -> Points:
-    """Points (n, 3), with those of tetrahedra below a mean ratio, one or (t,), put back to where they were ``before`` all moves.
+    """Move the corners of tetrahedra below a mean ratio, one or (t,), back to their ``original`` places; return points (n, 3).
 
     All tetrahedra were good there, so that the neighbours, put back in their turn, are good again in the end.
     """
@@ -67,7 +67,7 @@ def undo_inversions(points: Points, before: Points, tetrahedra: Indices, least: 
 
 
 def _worth(quality: Points) -> float:
-    """What mending raises: the mean of the twenty worst qualities."""
+    """Return the mean of the twenty worst qualities, which smoothing raises."""
     return float(np.sort(quality)[:20].mean())
 
 
@@ -92,7 +92,7 @@ def _minimise(points: Points, patch: Indices, rows: Indices, surfaces: list[Surf
 
 
 def _tangents(points: Points, surfaces: list[Surface], member: NDArray[np.bool_]) -> Points:
-    """Projections (n, 3, 3) onto what is left to points that lie on some surfaces."""
+    """Return the projections (n, 3, 3) onto the tangents of the surfaces that points lie on."""
     result = np.broadcast_to(np.eye(3), (len(points), 3, 3)).copy()
     rows = np.flatnonzero(member.any(axis=1))
     slopes = np.zeros((len(rows), len(surfaces), 3))
@@ -105,13 +105,16 @@ def _tangents(points: Points, surfaces: list[Surface], member: NDArray[np.bool_]
 
 
 def _shapes(corners: Points) -> Points:
-    """The linear maps from a regular tetrahedron to those with these corners, (t, 3, 3)."""
+    """Return the linear maps from a regular tetrahedron to those with these corners, (t, 3, 3)."""
     result: Points = np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2) @ _REGULAR
     return result
 
 
 def _energies(corners: Points) -> tuple[Points, Points]:
-    """(|T|^2 / 3 / det(T)^(2/3))^(3/2 p) of each tetrahedron and its slopes (t, 4, 3); finite where it is inverted."""
+    """Return the distortion energy (|T|^2 / 3 / det(T)^(2/3))^(3 p / 2) of each tetrahedron, (t,), and its gradients (t, 4, 3).
+
+    T is the linear map from a regular tetrahedron, p is 2. det(T) is smoothed, so that inverted ones have finite energies.
+    """
     t = _shapes(corners)
     size = np.cbrt(np.abs(np.linalg.det(t))) + 1e-2 * np.sqrt((t**2).sum(axis=(1, 2)))
     det, least = np.linalg.det(t), 3e-2 * size**3
@@ -151,7 +154,7 @@ def remove_slivers(
 
 
 def _faces_outside(tetrahedra: Indices, body: Indices, rows: Indices) -> Indices:
-    """How many faces of each of the tetrahedra ``rows`` are outer ones, (r,)."""
+    """Count the outer faces of each of the tetrahedra ``rows``, (r,)."""
     near = np.flatnonzero(np.isin(tetrahedra, tetrahedra[rows]).sum(axis=1) >= 3)
     faces, one, other = interfaces(tetrahedra[near], body[near])
     faces = np.sort(faces[(np.minimum(one, other) < 0) & (np.maximum(one, other) >= 0)], axis=1)

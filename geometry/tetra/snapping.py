@@ -27,7 +27,7 @@ _AROUND = (0.8,) * 5  # the same where an element has an edge between two faces 
 
 @dataclass(frozen=True)
 class Surface:
-    """An exact surface, between which bodies it can lie (``AIR``: what is outside), and whether nodes always stay on it."""
+    """An exact surface, between which bodies it can lie (``AIR_LABEL``: what is outside), and whether nodes always stay on it."""
 
     level: Level
     between: Callable[[Indices, Indices], NDArray[np.bool_]]
@@ -35,7 +35,7 @@ class Surface:
 
 
 def exact_surfaces(layout: BodyLayout) -> list[Surface]:
-    """All exact surfaces of a scene, the planes between layers last: no bodies tell these, see ``layers.py``."""
+    """Return all exact surfaces of a scene, the planes between layers last; these separate no bodies, see ``layers.py``."""
     air = AIR
     result = [
         Surface(_cylinder(layout.inner), _pair([INNER], [air])),
@@ -60,7 +60,7 @@ def exact_surfaces(layout: BodyLayout) -> list[Surface]:
 
 
 def interfaces(tetrahedra: Indices, body: Indices) -> tuple[Indices, Indices, Indices]:
-    """The faces between different bodies: corners (f, 3) and the bodies (f,) on both sides; ``AIR`` outside the mesh."""
+    """Find faces between different bodies: corners (f, 3) and the bodies (f,) on both sides; ``AIR_LABEL`` outside the mesh."""
     faces = tetrahedra[:, FACES].reshape(-1, 3)
     owner = np.repeat(np.arange(len(tetrahedra)), 4)
     order = np.lexsort(np.sort(faces, axis=1).T)
@@ -76,7 +76,7 @@ def interfaces(tetrahedra: Indices, body: Indices) -> tuple[Indices, Indices, In
 
 
 def surfaces_of(surfaces: list[Surface], points: Points, faces: Indices, one: Indices, other: Indices) -> Indices:
-    """Which surface each face (f, 3) stands for, (f,): of those between its bodies the nearest in place and direction."""
+    """Find the surface of each face (f, 3), (f,): of those between its two bodies the nearest in place and direction."""
     corners = points[faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     size = np.sqrt(np.linalg.norm(normal, axis=1)) + 1e-300
@@ -96,7 +96,7 @@ def surfaces_of(surfaces: list[Surface], points: Points, faces: Indices, one: In
 
 
 def memberships(count: int, faces: Indices, chosen: Indices, surfaces: int) -> NDArray[np.bool_]:
-    """Which surfaces each of ``count`` nodes lies on, (count, surfaces)."""
+    """Return which surfaces each of ``count`` nodes lies on, (count, surfaces)."""
     member = np.zeros((count, surfaces), dtype=bool)
     for k in range(3):
         member[faces[:, k], chosen] = True
@@ -104,7 +104,7 @@ def memberships(count: int, faces: Indices, chosen: Indices, surfaces: int) -> N
 
 
 def snap(surfaces: list[Surface], points: Points, member: NDArray[np.bool_]) -> Points:
-    """Points (n, 3) moved to all the surfaces that each is a member of, (n, surfaces)."""
+    """Move points (n, 3) onto all surfaces that each is a member of, (n, surfaces)."""
     result = points.copy()
     single = member.sum(axis=1)
     for _ in range(_STEPS):
@@ -118,14 +118,14 @@ def snap(surfaces: list[Surface], points: Points, member: NDArray[np.bool_]) -> 
 
 
 def snap_to_permanent(surfaces: list[Surface], points: Points, member: NDArray[np.bool_]) -> Points:
-    """Points (n, 3) moved to those alone that nodes always stay on, of the surfaces that each is a member of, (n, surfaces)."""
+    """Move points (n, 3) onto only the permanent ones of the surfaces that each is a member of, (n, surfaces)."""
     return snap(surfaces, points, member & np.array([surface.permanent for surface in surfaces]))
 
 
 def curved_mesh(
     corners: Points, tetrahedra: Indices, surfaces: list[Surface], *, faces: Indices, chosen: Indices, keep: float
 ) -> tuple[Points, Indices]:
-    """Nodes and elements of the quadratic mesh whose interface edges follow the surfaces ``chosen`` (f,) of ``faces`` (f, 3).
+    """Return nodes and elements of quadratic mesh whose interface edges follow the surfaces ``chosen`` (f,) of ``faces`` (f, 3).
 
     Edges of elements whose scaled Jacobian would fall below ``keep`` times the straight element's are straightened, step by step.
     Two faces that an element has on one surface are tangent to each other along their common edge once all is curved. So its
@@ -150,7 +150,7 @@ def curved_mesh(
 
 
 def _between_faces(elements: Indices, faces: Indices) -> NDArray[np.bool_]:
-    """Which of the six edges of elements (t, 10) lie between two of ``faces`` (f, 3) that both are the element's, (t, 6)."""
+    """Return which of six edges of elements (t, 10) lie between two of ``faces`` (f, 3) that both are the element's, (t, 6)."""
     base = int(elements[:, :4].max(initial=faces.max(initial=0))) + 1
     own, given = (np.sort(part, axis=-1) @ np.array([base**2, base, 1]) for part in (elements[:, FACES], faces))
     on = np.isin(own, given)
@@ -159,7 +159,7 @@ def _between_faces(elements: Indices, faces: Indices) -> NDArray[np.bool_]:
 
 
 def _edge_members(pairs: Indices, faces: Indices, chosen: Indices, surfaces: int, count: int) -> NDArray[np.bool_]:
-    """Which surfaces each edge (m, 2) lies on, (m, surfaces): those of the faces beside it."""
+    """Return which surfaces each edge (m, 2) lies on, (m, surfaces): those of the faces beside it."""
     edges = np.sort(faces[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2), axis=1)
     keys = pairs[:, 0] * count + pairs[:, 1]  # the pairs are in order, so their keys are
     edge_keys = edges[:, 0] * count + edges[:, 1]
@@ -171,7 +171,7 @@ def _edge_members(pairs: Indices, faces: Indices, chosen: Indices, surfaces: int
 
 
 def _to_edges(surfaces: list[Surface], points: Points, member: NDArray[np.bool_], rows: Indices) -> None:
-    """One step of Newton's method for the points of ``rows``, which lie on several surfaces."""
+    """Make one step of Newton's method for the points ``rows``, which lie on several surfaces."""
     if len(rows) == 0:
         return
     used = np.flatnonzero(member[rows].any(axis=0))
@@ -191,7 +191,7 @@ def _within(one: int, other: int) -> Callable[[Indices, Indices], NDArray[np.boo
 
 
 def _only(body: int) -> Callable[[Indices, Indices], NDArray[np.bool_]]:
-    """Between a body and any other one, but the plane of symmetry."""
+    """Return a test for faces between ``body`` and any other body, except the plane of symmetry."""
     return lambda a, b: (a == body) & ((b != MIRROR) if body != MIRROR else (b >= 0))
 
 
@@ -221,7 +221,7 @@ def _sides(layout: BodyLayout) -> list[Level]:
 
 
 def _closed(body: object) -> Level:
-    """An ellipsoid as |u| - 1 over its slope; a surface from a file by its nearest points."""
+    """Return the level function of an inclusion: an ellipsoid's (|u| - 1) / |grad |u||, or the distance to a file's surface."""
     if isinstance(body, Ellipsoid):
         inverse = np.linalg.inv(body.axes)
         form = inverse.T @ inverse

@@ -26,7 +26,7 @@ class MeshSpace:
         moved: by how much each of them grows towards the mesher's space: (5,), its first and last two zero.
         rising: by how much they grow further with each m of height above the tissue: (5,).
         fade: depth of tissue at which the widened gap has faded.
-        near: distance from the origin beyond which lengths shrink, as the logarithm does.
+        linear_radius: distance from the origin beyond which lengths shrink, as the logarithm does.
     """
 
     radii: tuple[float, ...]
@@ -51,7 +51,7 @@ class MeshSpace:
         return self._shifted(far, inverse=True)
 
     def scale(self, points: Points) -> Points:
-        """How many times longer lengths at points (n, 3) of the scene are in the mesher's space, the gap left out: (n,)."""
+        """Return the ratio of lengths in the mesher's space to those in the scene at points (n, 3), gap excluded: (n,)."""
         result: Points = 1 / np.maximum(np.linalg.norm(points, axis=1) / self.near, 1.0)
         return result
 
@@ -78,7 +78,7 @@ class Spacing:
     """How long edges of triangles on the tissue's faces may be.
 
     Attributes:
-        near: distance from the probe beyond which lengths shrink in the mesher's space.
+        linear_radius: distance from the probe beyond which lengths shrink in the mesher's space.
         bodies: middles of inclusions, (b, 3).
         largest: what they are nowhere above.
     """
@@ -88,18 +88,18 @@ class Spacing:
     largest: float = math.inf
 
     def at(self, points: Points) -> Points:
-        """Lengths at points (n, 3): a plane at a distance r is bent in the mesher's space as ln(r / near) over r."""
+        """Return allowed lengths at points (n, 3): a plane at a distance r is bent in mesher's space as ln(r / near) over r."""
         far = np.maximum(np.linalg.norm(points, axis=1), self.near / 2)
         share = np.minimum(np.sqrt(8 * _BESIDE / np.maximum(np.log(far / self.near), 1e-9)), _LARGEST)
         apart = np.linalg.norm(points[:, None] - self.bodies, axis=2).min(axis=1, initial=np.inf)
         return np.asarray(np.minimum(np.minimum(share * far, _BODY * apart), self.largest))
 
     def between(self, low: Points, high: Points) -> Points:
-        """Shares from 0 to 1 of the way from one point (3,) to another, so far apart."""
+        """Divide the line between two points (3,) by the allowed lengths; return fractions from 0 to 1."""
         return self.along(low + np.linspace(0, 1, 2000)[:, None] * (high - low))
 
     def along(self, path: Points) -> Points:
-        """Shares from 0 to 1 of a path of very many equal steps (n, 3), so far apart."""
+        """Divide a path of many equal steps (n, 3) by the allowed lengths; return fractions from 0 to 1."""
         ends, step = np.linspace(0, 1, len(path)), float(np.linalg.norm(path[1] - path[0]))
         density = step / self.at(path)
         count = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2)])
@@ -122,6 +122,6 @@ def mesh_space(
 
 
 def _shared(add: float, inner: float, wall: float) -> tuple[float, float]:
-    """What the solid cylinder and the tube's wall each give to a gap that grows by ``add``."""
+    """Return how much the solid cylinder and the tube's wall each give to a gap that grows by ``add``."""
     outwards = min(add - min(add / 2, inner / 4), wall / 4)
     return min(add - outwards, inner / 4), outwards

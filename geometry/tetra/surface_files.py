@@ -41,7 +41,7 @@ class Sheet:
         triangles: (t, 3) indices of points.
         centre: the inclusion's, (3,).
         fewer: triangles that follow a surface of very many, or None where there are none.
-        off: how far these are from it.
+        decimation_error: how far these are from it.
     """
 
     points: Points
@@ -79,27 +79,27 @@ class Sheet:
         return len(forth) == len(edges) and len(np.unique(np.vstack([edges, edges[:, ::-1]]), axis=0)) == len(edges)
 
     def winding(self, points: Points) -> Points:
-        """How often the surface goes round each of points (m, 3): 1 inside, 0 outside, fractions where it is open: (m,)."""
+        """Return winding numbers of the surface about points (m, 3): 1 inside, 0 outside, fractions where it is open: (m,)."""
         return self._winding_tree.winding(points)
 
     def inside(self, points: Points) -> NDArray[np.bool_]:
-        """Whether points (m, 3) lie inside."""
+        """Return whether points (m, 3) lie inside."""
         near = (np.abs(points - self._middle) <= self._room).all(axis=1)
         result = np.zeros(len(points), dtype=bool)
         result[near] = np.abs(self.winding(points[near])) > _INSIDE
         return result
 
     def nearest(self, points: Points) -> Points:
-        """The nearest points of the surface, (m, 3)."""
+        """Return the nearest points of the surface, (m, 3)."""
         result: Points = np.asarray(self._poly.find_closest_cell(points, return_closest_point=True)[1], dtype=float)
         return result.reshape(-1, 3)
 
     def crosses(self, other: Sheet) -> bool:
-        """Whether a triangle of one surface touches one of the other."""
+        """Return whether a triangle of one surface touches one of the other."""
         return bool(self._poly.collision(other._poly, contact_mode=1)[1])
 
     def distance(self, points: Points) -> Points:
-        """About the distance of points (m, 3) from the surface, (m,): from the nearest corner or middle of a triangle.
+        """Estimate the distance of points (m, 3) from the surface, (m,): from the nearest corner or middle of a triangle.
 
         It may be a tenth too large: from a ball's middle all its triangles are as near, and to find the nearest takes minutes.
         """

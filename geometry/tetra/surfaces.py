@@ -65,7 +65,7 @@ def surfaces(layout: BodyLayout, turns: Corners, near: float, rows: int, sphere:
     Args:
         layout: the bodies.
         turns: directions of the polygons' corners.
-        near: distance beyond which lengths shrink in the mesher's space.
+        linear_radius: distance beyond which lengths shrink in the mesher's space.
         rows: of quadrilaterals down round tissue.
         sphere: triangles to a right angle of an ellipsoid.
     """
@@ -144,7 +144,7 @@ def _tissue(layout: BodyLayout, turns: Corners, near: float, rows: int) -> list[
 
 
 def _can(layout: BodyLayout, top: Points, down: Points, rows: int) -> list[Soup]:
-    """The side below a ring, with rows at the heights ``down``, and the floor inside it."""
+    """The side below a ring, with rows at the heights ``inverted``, and the floor inside it."""
     floor = [top * share - [0, 0, layout.depth] for share in np.linspace(0, 1, rows + 1)[1:]]
     return [band(*(top + np.array([0, 0, z]) for z in down)), disc(floor[0]), band(*floor)]
 

@@ -22,10 +22,10 @@ class TetMesh:
 
     Attributes:
         nodes: (n, 3) in m.
-        elements: (t, 10) indices of nodes in VTK's order: four corners, then the middles of ``EDGES``.
-        body: (t,) ``INNER``, ``OUTER``, ``GROOVE`` (what the groove takes from the tube), ``TISSUE``, ``BEYOND`` (tissue
-            outside the reference cylinder) or ``INCLUSION`` + the inclusion's index in the scene.
-        beyond: (t,) whether the element lies outside the reference cylinder: all of ``BEYOND``, and inclusions there.
+        elements: (t, 10) indices of nodes in VTK's order: four corners, then the middles of ``EDGE_CORNERS``.
+        body: (t,) ``INNER_BODY``, ``OUTER_BODY``, ``GROOVE_BODY`` (the groove), ``TISSUE_BODY``, ``BEYOND_BODY`` (tissue
+            outside the reference cylinder) or ``FIRST_INCLUSION_BODY`` + the inclusion's index in the scene.
+        beyond: (t,) whether the element lies outside the reference cylinder: all of ``BEYOND_BODY``, and inclusions there.
         layer: (t,) the layer of tissue that the element lies in, or whose place an inclusion takes: 1 for the first below the
             surface and so on, 0 for the tissue's own material and the blocks.
         half: whether only the half y >= 0 of a mirror-symmetric scene is meshed.
@@ -44,7 +44,7 @@ class TetMesh:
         return scaled_jacobians(self.nodes, self.elements)
 
     def boundary(self, *labels: int) -> Indices:
-        """The outer faces of some bodies taken together, (f, 6): three corners, their normals pointing out, then middles."""
+        """Return outer faces of some bodies taken together, (f, 6): three corners, their normals pointing out, then middles."""
         chosen = self.elements[np.isin(self.body, labels)]
         faces = np.concatenate([chosen[:, [*corners, *middles]] for corners, middles in zip(FACES, FACE_MIDDLES, strict=True)])
         _, index, count = np.unique(np.sort(faces[:, :3], axis=1), axis=0, return_index=True, return_counts=True)
@@ -61,7 +61,7 @@ FACE_MIDDLES = _face_middles()
 
 
 def shape_gradients(points: Points) -> Points:
-    """Derivatives of the ten shape functions at barycentric points (q, 3) of the reference element: (q, 10, 3)."""
+    """Return the derivatives of the ten shape functions at barycentric points (q, 3) of the reference element: (q, 10, 3)."""
     b = np.column_stack([1 - points.sum(axis=1), points])
     d = np.vstack([-np.ones(3), np.eye(3)])
     corners = (4 * b[:, :, None] - 1) * d
@@ -77,14 +77,14 @@ _FOUR = shape_gradients(np.array([(_A, _A, _A), (_B, _A, _A), (_A, _B, _A), (_A,
 
 
 def element_volumes(nodes: Points, elements: Indices) -> Points:
-    """Volume of each quadratic element in m^3, (t,), by a rule of degree 2 (3 where the edges are straight)."""
+    """Return the volume of each quadratic element in m^3, (t,), by a rule of degree 2 (3 where the edges are straight)."""
     jacobians = np.einsum("qka,tkb->tqab", _FOUR, nodes[elements])
     result: Points = np.linalg.det(jacobians).mean(axis=1) / 6
     return result
 
 
 def scaled_jacobians(nodes: Points, elements: Indices) -> Points:
-    """The least Jacobian at each quadratic element's ten nodes over its edges' lengths there, (t,); 1 if regular."""
+    """Return the minimum over each quadratic element's ten nodes of the Jacobian over the edges' lengths, (t,); 1 if regular."""
     at = nodes[elements]
     result = np.full(len(elements), np.inf)
     for gradients in _TEN:
@@ -94,14 +94,14 @@ def scaled_jacobians(nodes: Points, elements: Indices) -> Points:
 
 
 def _largest_product(a: Points, b: Points, c: Points) -> Points:
-    """The largest product of three edges that meet in a corner, of tetrahedra spanned by three edges from one corner."""
+    """Return the largest product of three edges that meet in a corner, of tetrahedra spanned by three edges from one corner."""
     la, lb, lc, ab, ac, bc = (np.sqrt(np.einsum("tb,tb->t", v, v)) for v in (a, b, c, a - b, a - c, b - c))
     result: Points = np.maximum(np.maximum(la * lb * lc, la * ab * ac), np.maximum(lb * ab * bc, lc * ac * bc))
     return result
 
 
 def quadratic(corners: Points, tetrahedra: Indices) -> tuple[Points, Indices, Indices]:
-    """Nodes (n, 3) and elements (t, 10) with straight edges, and the corners (m, 2) whose middles the added nodes are."""
+    """Build nodes (n, 3) and elements (t, 10) with straight edges, and the corners (m, 2) whose middles the added nodes are."""
     edges = np.sort(tetrahedra[:, EDGES].reshape(-1, 2), axis=1)
     pairs, number = np.unique(edges, axis=0, return_inverse=True)
     nodes = np.vstack([corners, corners[pairs].mean(axis=1)])

@@ -232,7 +232,7 @@ def _beside_ring(points: Points, ring: Points) -> Points:
 
 
 def _opposite(points: Points, others: Points, chord: float) -> Points:
-    """Points (n,) of an edge with ``others`` in place of those close to them; the ends stay."""
+    """Points (n,) of an edge with ``replacements`` in place of those close to them; the ends stay."""
     inside = (others > points[0] + chord / 2) & (others < points[-1] - chord / 2)
     apart = np.abs(points[:, None] - others[inside]).min(axis=1, initial=np.inf) > chord / 2
     apart[[0, -1]] = True

@@ -33,7 +33,7 @@ def assembly_order(
         patterns: of the films.
         moulds: of the blocks that are cast.
         budget: see ``geometry.workshop.tolerance.Budget``.
-        scatter: what scatters the ratio, see ``geometry.workshop.lists.scatter_of_ratio``.
+        scatter: what scatters the ratio, see ``geometry.workshop.lists.compute_scatter_of_ratio``.
     """
     steps = [*_casting(moulds), *_bonding(probe, patterns), _gap(probe, moulds, budget), *_measuring(moulds)]
     lines = [f"{count}. {text}" for count, text in enumerate(steps, start=1)]

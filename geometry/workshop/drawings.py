@@ -122,7 +122,7 @@ def _front(view: View, part: PartView, process: str) -> None:
 
 
 def _beside(tips: Sequence[Point], low: float, apart: float) -> list[float]:
-    """Return heights for the numbers of items: beside their tips as far as they stay apart, and none below ``low``."""
+    """Return the heights for the numbers of items: beside their tips as far as they stay apart, and none below ``low``."""
     heights: list[float] = []
     for _, z in tips:
         heights.append(min(z, heights[-1] - apart) if heights else z)

@@ -69,7 +69,7 @@ class HeldDimension:
         measure: what is drawn.
         part: on whose drawing.
         held: its deviation.
-        slope: d ln ratio / d ln size; None where the ratio does not depend on it, or that is not known.
+        log_sensitivity: d ln ratio / d ln size; None where the ratio does not depend on it, or that is not known.
         wanted: deviation in mm that the ratio wants; None likewise.
     """
 

@@ -70,13 +70,13 @@ class MouldSizes:
         return (self.inner[1] + self.outer[1]) / 2 if self.inner[1] else 0.0
 
     def radii(self, z: float) -> tuple[float, float]:
-        """Inner and outer radius of the cavity above its round edges, at a height."""
+        """Return the inner and outer radius of the cavity above its round edges, at a height."""
         share = z / self.height
         return tuple(low + (high - low) * share for low, high in (self.inner, self.outer))  # type: ignore[return-value]
 
 
 def draft_of(probe: Probe, asked: float = DRAFT) -> float:
-    """Return the draft angle in rad: what is asked for, or less where the walls would change the gap by more than ``GAP_CHANGE``.
+    """Return the draft angle, rad: as requested, less where walls would change the gap by more than ``MAX_RELATIVE_GAP_CHANGE``.
 
     Half the height h above its middle both walls together have taken h tan(draft) from the gap:
 
@@ -94,7 +94,7 @@ def mould_sizes(
         probe: whose.
         edge_radius: of the blocks' lower edges, m.
         shrinkage: linear, of the elastomer while it cures.
-        draft: of the walls in rad, at most; see ``draft_of``.
+        draft: of the walls in rad, at most; see ``choose_draft``.
 
     Raises:
         InputError: no such shrinkage or draft.
@@ -132,7 +132,7 @@ def _sizes(
 
 
 def cavity_volume(mould: MouldSizes) -> float:
-    """Volume of the closed mould's cavity in mm^3: frusta, less what round edges and rib take.
+    """Return the volume of the closed mould's cavity in mm^3: frusta, less what round edges and rib take.
 
     The round edges stand below a frustum of radii a, b and height h, on a cylinder of the radius that the wall has there:
 
@@ -151,7 +151,7 @@ def _frustum(low: float, high: float, height: float) -> float:
 
 
 def rib_volume(mould: MouldSizes) -> float:
-    """Volume of the rib in mm^3: its footprint, eq. SC.1, between the leaning walls, over its depth, by Gauss's rule."""
+    """Return volume of the rib in mm^3: its footprint, eq. SC.1, between the leaning walls, over its depth, by Gauss's rule."""
     if not mould.depth:
         return 0.0
     nodes, weights = np.polynomial.legendre.leggauss(8)
@@ -166,7 +166,7 @@ def _footprint(inner: float, outer: float, a: float) -> float:
 
 
 def holes_volume(mould: MouldSizes) -> float:
-    """Volume in mm^3 of the lid's hole to pour through and of its vents: what becomes sprues."""
+    """Return the volume in mm^3 of the lid's pour hole and vents, which become sprues."""
     return math.pi * (mould.pour**2 + 2 * mould.vent**2) * LID
 
 
@@ -181,7 +181,7 @@ def volumes(mould: MouldSizes) -> dict[str, float]:
 
 
 def block_volume(probe: Probe, name: str, edge_radius: float = 0.0) -> float:
-    """Volume of a block as the scene has it, mm^3."""
+    """Return the volume of a block of the scene in mm^3."""
     from geometry.cad.parts_check import expected_bodies
 
     return expected_bodies(probe, edge_radius)[name].volume

@@ -30,7 +30,7 @@ def write(mould: MouldSizes, half: str, stamp: Stamp, path: Path) -> None:
 
     Raises:
         ExportError: the modeller fails, or the file does not hold what the formulas say.
-        MissingLibrary: see ``geometry.cad.solids.cadquery``.
+        MissingLibrary: see ``geometry.cad.solids.load_cadquery``.
         OSError: the file cannot be written.
     """
     name = f"mould-{mould.name}-{half}"
@@ -71,7 +71,7 @@ def upper(mould: MouldSizes) -> Any:
 
 
 def hole_places(mould: MouldSizes) -> list[tuple[float, Point]]:
-    """Return radius and place of the hole to pour through and of two vents; none of them above the rib, which lies at +x."""
+    """Return the radius and place of the hole to pour through and of two vents; none of them above the rib, which lies at +x."""
     if not mould.middle:
         at = 0.8 * mould.outer[1]
         return [(mould.pour, (0.0, 0.0)), (mould.vent, (0.0, at)), (mould.vent, (0.0, -at))]

@@ -26,7 +26,7 @@ def block(left: float, right: float, top: float, edge: float) -> Loop:
 
 
 def base_section(probe: Probe) -> Loop:
-    """Return the section of the base; see ``geometry.cad.solids.base``."""
+    """Return the section of the base; see ``geometry.cad.solids.build_base``."""
     sizes, mm = base_sizes(probe), solids.MM
     low, side = (height * mm for height in solids.film_tops(probe))
     ro, rf, rm = probe.tube_radius * mm, sizes.flange_radius * mm, (probe.inner_radius + probe.gap / 2) * mm

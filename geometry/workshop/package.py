@@ -25,7 +25,7 @@ class Casting:
 
     Attributes:
         shrinkage: linear, of the elastomer while it cures.
-        draft: of the moulds' walls in rad, at most; see ``geometry.workshop.mould_sizes.draft_of``.
+        draft: of the moulds' walls in rad, at most; see ``geometry.workshop.mould_sizes.choose_draft``.
     """
 
     shrinkage: float = mould_sizes.SHRINKAGE
@@ -38,7 +38,7 @@ USUAL = Casting()
 def writers(probe: Probe, edge_radius: float = 0.0, budget: Budget = UNBOUND, casting: Casting = USUAL) -> dict[str, Writer]:
     """Return drawings (DXF and PDF), film patterns, moulds, bill of materials, tolerances and the order of assembly.
 
-    They are what ``geometry.cad.export.export`` takes as ``beside``.
+    They are what ``geometry.cad.export.export_parts`` takes as ``other_files``.
 
     Args:
         probe: what is built.

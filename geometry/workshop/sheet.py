@@ -133,7 +133,7 @@ class View:
         self.sheet.model.add_circle(self.at((0.0, 0.0)), radius, dxfattribs={"layer": layer})
 
     def cross(self, width: float, height: float, over: float = 3.0) -> None:
-        """Draw centre lines through the origin, ``over`` mm of paper longer than width and height."""
+        """Draw centre lines through the origin, ``overhang`` mm of paper longer than width and height."""
         reach = over * self.sheet.unit
         self.line((-width / 2 - reach, 0), (width / 2 + reach, 0), "AXIS")
         self.line((0, -height / 2 - reach), (0, height / 2 + reach), "AXIS")
@@ -141,7 +141,7 @@ class View:
     def dimension(
         self, start: Point, end: Point, text: str, *, at: float, upright: bool = False, clear: float = -math.inf
     ) -> None:
-        """Dimension the horizontal or upright distance of two points; the line lies ``at`` that y, or x, of the part, in mm.
+        """Dimension horizontal or upright distance of two points; line lies ``line_position`` that y, or x, of the part, in mm.
 
         The text stands on the line where it fits between the arrows, else on its continuation beyond its upper or right end
         and beyond ``clear``, where nothing else is.

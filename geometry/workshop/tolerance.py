@@ -25,7 +25,7 @@ class Tolerance:
         size: in mm.
         deviation: in mm.
         source: what it follows from.
-        told: whether the drawing writes it beside the size.
+        is_stated: whether the drawing writes it beside the size.
     """
 
     size: float

@@ -120,7 +120,7 @@ DAMAGE = [missing, empty, torn, of_another_version, nested, a_folder, a_pipe, no
 def test_parts_whose_design_cannot_be_told_are_refused(damage: Callable[[Path], None], folder: Path) -> None:
     damage(folder)
     for probe in (make(), make(height=6e-3)):
-        with pytest.raises(InputError, match=r"(is missing|is damaged|is not the file that parts\.json tells of)\); --force"):
+        with pytest.raises(InputError, match=r"(is missing|is damaged|is not the file listed in parts\.json)\); --force"):
             check_same(folder, probe)
     with pytest.raises(InputError, match="--force"):
         check_asked(folder, ASKED)
