@@ -69,7 +69,7 @@ class Family:
         return Family.of(self.places, self.x, more) if len(self.x) >= 2 * (more + 2) else None
 
     def spread(self, values: Floats) -> tuple[Floats, Floats]:
-        """Interpolate values at the ``solved`` members, shape (f, k), to all members; return them and error bounds, (n, k) both."""
+        """Interpolate values at the ``solved`` members, shape (f, k), to all members; return these and error bounds, (n, k)."""
         found = self.found
         all_nodes, nodes = self._weights(found), self._weights(self.nodes)
         whole, part = all_nodes @ values, nodes @ values[np.searchsorted(found, self.nodes)]
