@@ -27,7 +27,7 @@ def interpolated(family: Family, scenes: Sequence[Scene], level: FilmLevel, accu
     Args:
         family: which members are solved.
         scenes: the members in order.
-        level: the evaluator that solves them.
+        evaluator: the evaluator that solves them.
         accuracy: as in ``evaluate``.
     """
     if scenes[0].probe.film is not None or scenes[0].tissue.shape != "cylinder":

@@ -46,7 +46,7 @@ class MeridianModel:
         section, materials, interface: what is modelled.
         mesh: the elements.
         shapes: their functions.
-        at: their geometry.
+        geometry: their geometry.
         two_mu, lam: of each element, shape (n,).
         condensed: the elements' matrices without their insides.
         system: of the unknowns on corners and edges.

@@ -100,7 +100,7 @@ class Solution:
 
     Attributes:
         v: the unknowns, shape (unknowns, k).
-        own: the elements' values, without rigid shifts, shape (n, 8 p, k).
+        values: the elements' values, without rigid shifts, shape (n, 8 p, k).
         shift: these shifts along z, shape (n, k).
         loads: the elements' forces, shape (n, 8 p, k).
         unbalanced: residual forces, shape (unknowns, k).

@@ -90,7 +90,7 @@ class _Change:
     Attributes:
         values: vectors that span the difference, elements' values, shape (n, 8 p, m).
         loads: their forces, shape (n, 8 p, m).
-        low, own: the states of the smaller and the whole space; for a curve ``values`` holds the vectors of both.
+        low, whole: the states of the smaller and the whole space; for a curve ``values`` holds the vectors of both.
     """
 
     values: Floats

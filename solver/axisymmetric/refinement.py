@@ -61,10 +61,10 @@ def refine(
     Args:
         solve: solves on a mesh.
         accuracy: relative.
-        good: returns whether a sample with its errors is accurate enough.
-        alone: functions that bound the errors of a sample from its own mesh or return None, the cheapest first.
+        is_good: returns whether a sample with its errors is accurate enough.
+        one_mesh_bounds: functions that bound the errors of a sample from its own mesh or return None, the cheapest first.
         margin: factor of error bounds from several meshes; above 1 they are used only where no mesh bounds its own errors.
-        told: orders of the meshes that can bound their own errors.
+        one_mesh_orders: orders of the meshes that can bound their own errors.
 
     Raises:
         SolveError: the meshes that a first bound needs could not be solved.

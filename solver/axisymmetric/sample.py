@@ -22,7 +22,7 @@ class MeshSample:
     """Film forces at one or several moduli on one mesh.
 
     Attributes:
-        forces, slope: F_ij and dF_ij / d ln E_object, shape (k, 2, 2).
+        forces, modulus_derivative: F_ij and dF_ij / d ln E_object, shape (k, 2, 2).
         states: the base states from which they are computed.
         times: the moduli as multiples of that of ``states``, shape (k,).
         response: the states as functions of the modulus; None where there is one modulus.

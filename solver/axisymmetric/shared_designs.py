@@ -53,7 +53,7 @@ def answers(
 
     Args:
         converge: computes film forces at moduli, Pa, shape (k,); used for scenes with exactly one inclusion.
-        alone: solves one scene.
+        solve_alone: solves one scene.
         scenes: scenes of any kind; those that the evaluator does not take are refused.
         accuracies: one for each; scenes that share a design are solved to the finest.
     """

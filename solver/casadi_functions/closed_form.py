@@ -18,7 +18,7 @@ class ClosedFormFunction(Differentiated):
 
     Args:
         shape, start: of a scene, see ``closed_form.parameters``.
-        which: indices of the parameters that x holds; the others stay constant.
+        indices: indices of the parameters that x holds; the others stay constant.
     """
 
     def __init__(self, shape: Shape, start: Floats, which: Sequence[int]) -> None:

@@ -75,7 +75,7 @@ def rectangles(at: Geometry, shapes: Shapes, two_mu: Floats, lam: Floats, column
     """Return the blocks of rectangles' stiffness matrices, as ``quadrilateral.integrate_stiffness`` does in general.
 
     Args:
-        at: their geometry.
+        geometry: their geometry.
         shapes: their functions.
         two_mu: 2 mu of each, shape (n,).
         lam: lambda of each, shape (n,).

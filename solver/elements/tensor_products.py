@@ -24,8 +24,8 @@ class TensorSums:
     """Sums of terms c f_i g_j whose x-factors are tables that several terms share.
 
     Attributes:
-        first: the terms' tables by y, each (points along y, pairs).
-        then: the groups' tables by x, one below the other, shape (groups times points along x, pairs).
+        y_tables: the terms' tables by y, each (points along y, pairs).
+        x_tables: the groups' tables by x, one below the other, shape (groups times points along x, pairs).
         groups: for each table by x, the numbers of the terms that share it.
     """
 
@@ -59,9 +59,9 @@ class ElementTables:
     """Tables from which the element matrices of one order are summed.
 
     Attributes:
-        even: sums of N N, X X, X Y + Y X and Y Y (its two halves), N a function, X and Y its slopes, for i_2 <= j_2 alone: an
+        symmetric: sums of N N, X X, X Y + Y X and Y Y (its two halves), N a function, X and Y its slopes, only for i_2 <= j_2: an
             exchange of both functions changes nothing.
-        odd: of X X, X Y, Y X and Y Y.
+        unsymmetric: of X X, X Y, Y X and Y Y.
         dilation: of P X, P Y and P N, P a pressure.
         stiffness: where the entries of an element's matrix lie in the sums for r r, z z and r z, one after the other; (2 s, 2 s).
         moments: where the moments lie in the sums of P times div u, those by u_r before those by u_z; (pressures, 2 s).

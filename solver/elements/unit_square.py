@@ -46,7 +46,7 @@ class UnitSquare:
         tables: of these.
         weight: 2 pi r dA at the Gauss points, shape (n, q).
         xr, xz, yr, yz: of d(x, y) / d(r, z), shape (n, q) each.
-        over: 1 / r, shape (n, q).
+        inverse_radius: 1 / r, shape (n, q).
     """
 
     functions: Shapes

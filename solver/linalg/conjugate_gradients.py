@@ -252,8 +252,8 @@ def solve(
 ) -> Floats:
     """Return K^-1 forces, shape (n, k), by preconditioned conjugate gradients, all columns in step.
 
-    ``near`` is the factor of a matrix close to K. The iteration ends at the relative residual ``target``; up to ten times that is
-    accepted.
+    ``factor`` is the factor of a matrix close to K. The iteration ends at the relative residual ``target``; up to ten times that
+    is accepted.
 
     Raises:
         SolveError: the residual is too large for the solution to be trusted.

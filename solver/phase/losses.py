@@ -37,7 +37,7 @@ def spread(scene: Scene) -> float:
 
 
 def stiffened(scene: Scene, by: Turns, times: float) -> Scene:
-    """Return a scene whose moduli are multiplied by exp(times * by), ``by`` a number for each material."""
+    """Return a scene whose moduli are multiplied by exp(times * by), ``log_changes`` a number for each material."""
 
     def grown(name: str, body: object) -> dict[str, float]:
         return {"youngs_modulus": body.youngs_modulus * math.exp(times * by[name])}  # type: ignore[attr-defined]

@@ -116,7 +116,7 @@ def _changes(scene: Scene, middle: Slopes, at: Callable[[float], Slopes]) -> tup
     Args:
         scene: the scene itself.
         middle: its derivatives.
-        at: returns the derivatives after the logarithms of the moduli moved by a multiple of the loss angles.
+        differentiate: returns the derivatives after the logarithms of the moduli moved by a multiple of the loss angles.
     """
     largest = max(angles(scene).values())
     if largest == 0:

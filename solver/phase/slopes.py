@@ -32,8 +32,8 @@ class Slopes:
 
     Attributes:
         ratio: on this mesh; to first order in the tumours where they are off the axis.
-        by: d ln(ratio) by keys of ``geometry.scenes.variables.values``: by the logarithm of moduli, per SI unit otherwise.
-        along: derivative of ln(ratio) along each direction, shape (d,).
+        derivatives: d ln(ratio) by keys of ``geometry.scenes.variables.values``: by ln of moduli, else per SI unit.
+        directional: derivative of ln(ratio) along each direction, shape (d,).
     """
 
     ratio: float

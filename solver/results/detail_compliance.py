@@ -22,8 +22,8 @@ class Detail:
     """A detail's name and the compliance that it adds, m/N, shape (2, 2).
 
     Attributes:
-        sure: whether the compliance is exact and not an upper bound, so that equal changes of both films cancel in the ratio.
-        lost: share of the outer film's force that the detail may remove in addition to the effect of its compliance.
+        is_exact: whether the compliance is exact and not an upper bound, so that equal changes of both films cancel in the ratio.
+        lost_share: share of the outer film's force that the detail may remove in addition to the effect of its compliance.
     """
 
     name: str

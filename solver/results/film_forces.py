@@ -51,7 +51,7 @@ class FilmForces:
     Attributes:
         forces: N/m, symmetric, shape (2, 2).
         bound: on the errors of the forces.
-        slope: d forces / d ln E_object, N/m, shape (2, 2), or None without a target.
+        modulus_derivative: d forces / d ln E_object, N/m, shape (2, 2), or None without a target.
         sensitivity_error: estimate of the absolute error of the log-sensitivity.
     """
 
