@@ -95,7 +95,7 @@ class Family:
 
 
 def families(scenes: Sequence[Scene], kind: Callable[[Scene], Any]) -> Iterator[Family]:
-    """Yield families of at least ``LEAST`` scenes, none in two, the largest first.
+    """Yield families of at least ``MIN_FAMILY_SIZE`` scenes, none in two, the largest first.
 
     Args:
         scenes: any.

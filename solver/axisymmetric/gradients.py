@@ -30,7 +30,7 @@ class Gradients:
 
     Attributes:
         variables: keys of ``geometry.scenes.variables.values``, v of them.
-        values: by name of ``OUTPUTS``, SI, shape (k,).
+        values: by name of ``OUTPUT_NAMES``, SI, shape (k,).
         derivatives: by output, in SI units per SI unit of each variable, shape (k, v).
     """
 
