@@ -1,17 +1,17 @@
-"""A scene in, stresses out: one evaluator per level of fidelity behind one small interface.
+"""Evaluate scenes: evaluators of several fidelities behind one small interface.
 
     >>> from solver import evaluate
     >>> evaluate("examples/scene.toml", evaluator="closed-form").ratio  # doctest: +SKIP
 
-What a user calls, with a ``geometry.Scene`` or the name of a scene file:
+The public functions take a ``geometry.Scene`` or the name of a scene file:
 
-    evaluate       what both films feel, and how well their ratio tells E_object: a Result
-    evaluate_many  the same of many scenes at once, in order: what they share is found once
-    plan           which level answers at which accuracy, and what it leaves out: a Decision for each feature
-    curve          ratio and log-sensitivity over the target's Young's modulus: a Curve
-    load           the same, and the gap's walls, under rising loads
-    evaluator      one level by its name: an Evaluator
-    Workspace      keeps factors from one answer to the next
+    evaluate       film stresses, their ratio and its log-sensitivity to the tumour's modulus: a Result
+    evaluate_many  the same for many scenes at once, in order; work that they share is done once
+    plan           the evaluator that reaches an accuracy, and what it leaves out: a Decision for each feature
+    curve          ratio and log-sensitivity as functions of the target's Young's modulus: a Curve
+    load           the same, and the distance of the gap's walls, under rising loads: a LoadCurve
+    evaluator      one evaluator by its name: an Evaluator
+    Workspace      keeps meshes and factors from one evaluation to the next
 """
 
 from solver.answers import curve, evaluate, load, plan

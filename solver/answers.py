@@ -1,4 +1,4 @@
-"""What a user asks of a scene: an answer, a plan, a curve, rising loads."""
+"""The public functions: evaluate a scene, plan it, vary the target's modulus, increase the load."""
 
 from __future__ import annotations
 
@@ -43,26 +43,27 @@ def evaluate(
 ) -> Result:
     """Evaluate a scene.
 
-    An evaluator that is named answers linearly, but for ``contact``: its ``error_estimate`` refers to linear elasticity, and
-    beyond ``linear_limit_load`` it warns. ``auto`` counts what finite strain may change, has ``contact`` answer larger loads, and
-    refuses those that it cannot take.
+    An evaluator that is named uses linear elasticity, except ``contact``. Its ``error_estimate`` refers to linear elasticity, and
+    it warns above ``linear_limit_load``. ``auto`` includes the effect of finite strain in the error, uses ``contact`` for larger
+    loads, and refuses loads that ``contact`` cannot compute.
 
     Args:
-        scene: what is pressed on what, or the name of a scene file.
-        evaluator: its name, or ``auto``: what ``plan`` says, the cheapest level that takes the scene and reaches the accuracy,
-            of ``axisymmetric``, ``equivalent-inclusion``, ``contact`` and ``solid``; it refuses to answer worse than asked.
+        scene: probe, tissue, tumours and load, or the name of a scene file.
+        evaluator: its name, or ``auto``: the cheapest evaluator that takes the scene and reaches the accuracy, one of
+            ``axisymmetric``, ``equivalent-inclusion``, ``contact`` and ``solid``. ``auto`` refuses if none reaches it.
         accuracy: relative, on ratio, stresses and stiffness; above 0, below 1.
-        tell: called with a line before each long piece of work.
-        linear: whether ``auto`` answers linearly at any load; ``error_estimate`` counts the effect, None where nothing is known.
-        loads: whether level ``contact`` computes the ``load_limits``, which takes some ten seconds more.
-        frequency: of a sinusoidal load, Hz, at which the loss factors hold: ``ratio_phase`` is told; a second or so.
+        tell: called with a line of text before each long piece of work.
+        linear: whether ``auto`` uses linear elasticity at any load; ``error_estimate`` then includes the effect of finite strain
+            and is None where that effect is unknown.
+        loads: whether ``contact`` computes the ``load_limits``, which takes about ten seconds more.
+        frequency: of a sinusoidal load, Hz, at which the loss factors hold. With it ``ratio_phase`` is computed, in about 1 s.
         limits: of memory and time, 2 GB and 120 s unless ``geometry.common.resources.limited`` says otherwise.
 
     Raises:
         InputError: no such evaluator, accuracy or frequency, or a surface file that is missing.
-        Refusal: the scene is of a kind that the evaluator cannot take, or ``auto`` cannot reach the accuracy, or its load is
-            beyond what linear elasticity allows.
-        LimitReached: the answer would take more memory or time than is allowed.
+        Refusal: the evaluator cannot take this kind of scene, or ``auto`` cannot reach the accuracy, or the load is above the
+            limit of linear elasticity.
+        LimitReached: the evaluation would take more memory or time than is allowed.
     """
     from solver.phase.inertia import check_frequency
 
@@ -88,7 +89,7 @@ def doubtful(scene: Scene) -> tuple[Note, ...]:
 
 
 def _named(scene: Scene, name: str, accuracy: float, tell: Tell | None) -> Result:
-    """The answer of one level; of a linear one with a warning where the load is beyond linear elasticity."""
+    """Evaluate a scene with the named evaluator; linear ones add a warning where the load is beyond linear elasticity."""
     from solver.planning.load_check import with_warning
     from solver.planning.load_limits import load_limits
 
@@ -100,7 +101,7 @@ P = TypeVar("P", "Result", "Plan", "LoadCurve")
 
 
 def _with_loads(result: P, scene: Scene, accuracy: float) -> P:
-    """An answer, a plan or a curve with the loads that level ``contact`` computes, or with why it does not."""
+    """Return a result, plan or curve with the load limits computed by ``contact``, or with a warning why they are not."""
     from solver.contact.level import ContactLevel
     from solver.contact.load_curve import Ends, ends_of
     from solver.planning.load_limits import computed_limits, load_limits
@@ -115,7 +116,10 @@ def _with_loads(result: P, scene: Scene, accuracy: float) -> P:
 
 
 def with_phase(result: Result, scene: Scene, accuracy: float, frequency: float) -> Result:
-    """Return an answer with the phase of its ratio at a frequency (Hz), or with why that is null; see ``solver.phase.phase``."""
+    """Return a result with the phase of its ratio at a frequency (Hz), or with a warning why the phase is null.
+
+    See ``solver.phase.phase``.
+    """
     from solver.phase.inertia import with_inertia
     from solver.phase.phase import NotTold, ratio_phase
 
@@ -130,16 +134,16 @@ def with_phase(result: Result, scene: Scene, accuracy: float, frequency: float) 
 
 
 def plan(scene: Scene | Path | str, accuracy: float = 0.01, solid: bool = False, *, loads: bool = False) -> Plan:
-    """Say how ``auto`` would answer a scene, what it would leave out, and what that may change; see ``solver.planning.plan``.
+    """Return how ``auto`` would evaluate a scene, what it would leave out and the effect of that; see ``solver.planning.plan``.
 
-    The evaluators are asked, as ``evaluate`` asks them, so that the one that is named reaches the accuracy; but ``solid``, which
-    takes up to a minute, only where its reach is in doubt. Where none answers, ``evaluator`` is None and ``refusal`` is what
-    ``evaluate`` raises.
+    The evaluators run as they do in ``evaluate``, so that the one that is named does reach the accuracy. ``solid``, which takes
+    up to a minute, runs only where it is uncertain whether it reaches the accuracy. Where none does, ``evaluator`` is None and
+    ``refusal`` is the error that ``evaluate`` raises.
 
     Args:
         scene: any, or the name of a scene file.
         accuracy: relative, on ratio, stresses and stiffness; above 0, below 1.
-        solid: whether to plan for the level ``solid``, whatever the scene asks for.
+        solid: whether to plan for ``solid``, also where a cheaper evaluator would do.
         loads: see ``evaluate``.
 
     Raises:
@@ -179,20 +183,20 @@ def load(
     tell: Tell | None = None,
     limits: Limits | None = None,
 ) -> LoadCurve:
-    """Press a scene ever harder, at finite strain and with contact; see ``solver.results.load_curve.LoadCurve``.
+    """Compute a scene under rising loads, with finite strain and contact; see ``solver.results.load_curve.LoadCurve``.
 
     Args:
-        scene: that level ``contact`` takes, or the name of a scene file; its own load does not matter.
+        scene: one that ``contact`` takes, or the name of a scene file; its own load is not used.
         force: the largest load, N; or
         indentation: the largest, m. One of the two.
         points: number of loads, evenly spaced above 0.
         accuracy: relative, on ratio, stresses and stiffness; above 0, below 1.
         tell: called with a line before each load.
-        limits: see ``evaluate``; the time is for each load that is asked for.
+        limits: see ``evaluate``; the time is for each of the loads.
 
     Raises:
         InputError: no such load or accuracy.
-        Refusal: the scene is of a kind that level ``contact`` cannot take, or not even the first load converges.
+        Refusal: ``contact`` cannot take this kind of scene, or not even the first load converges.
         LimitReached: see ``evaluate``.
     """
     from solver.contact.load_curve import load_curve
@@ -224,7 +228,7 @@ def curve(
     linear: bool = False,
     limits: Limits | None = None,
 ) -> Curve:
-    """Return ratio and log-sensitivity of a scene for every Young's modulus (Pa) of its target, by the level of ``auto``.
+    """Return ratio and log-sensitivity of a scene for every Young's modulus (Pa) of its target, by the evaluator of ``auto``.
 
     Args:
         scene: with one inclusion or a target among several, or the name of a scene file.
@@ -236,7 +240,7 @@ def curve(
 
     Raises:
         InputError: no such accuracy or moduli; no target.
-        Refusal: the scene is of a kind that no level built yet can take, or its load is beyond what linear elasticity allows.
+        Refusal: no evaluator takes this kind of scene, or its load is above the limit of linear elasticity.
         LimitReached: see ``evaluate``.
     """
     scene = read(scene)

@@ -1,4 +1,4 @@
-"""The one decision of ``auto``: the evaluator that the plan names, or the next one where that does not reach the accuracy."""
+"""Choose the evaluator for ``auto``: the one that the plan names, or the next one where that misses the accuracy."""
 
 from __future__ import annotations
 
@@ -20,26 +20,26 @@ if TYPE_CHECKING:
     from solver.planning.coarse_model import CoarseModel
     from solver.planning.plan import Plan
 
-ATTEMPTS = 4  # accuracies that are tried before one is named as within reach
-LOADED = 0.2  # of the error that is reached: where the load has more of it, a smaller one is worth naming
-MORE = 1.25  # times the last of them is the next, at least
+ATTEMPTS = 4  # accuracies that are tried before one is reported as within reach
+LOADED = 0.2  # share of the error due to the load above which the refusal suggests a smaller load
+MORE = 1.25  # least factor from one tried accuracy to the next
 
 
 Sure = Callable[["Plan"], bool]
 
 
 def never(planned: Plan) -> bool:
-    """Ask every evaluator that is named."""
+    """Return False: every evaluator that a plan names is run, whatever its chance to reach the accuracy."""
     return False
 
 
 @dataclass(frozen=True)
 class Decided:
-    """What ``auto`` does with a scene.
+    """The plan that ``auto`` chose for a scene, with its result.
 
     Attributes:
-        plan: with the evaluator that answers.
-        result: its answer; None where that was not asked for.
+        plan: names the evaluator that reaches the accuracy.
+        result: the evaluator's result; None where the evaluator was not run.
     """
 
     plan: Plan
@@ -48,26 +48,26 @@ class Decided:
 
 @dataclass(frozen=True)
 class Missed:
-    """An evaluator that did not answer.
+    """An evaluator that refused or missed the accuracy.
 
     Attributes:
-        plan: that named it.
-        fault: why it did not.
+        plan: the plan that named it.
+        fault: what it raised.
     """
 
     plan: Plan
     fault: Refusal
 
     def reached(self, accuracy: float) -> float:
-        """Return the error of the whole answer, load and left-out inclusions included; infinite where there was none."""
+        """Return the error bound of the whole result, load and left-out inclusions included; infinite without a result."""
         return self.plan.reached(self.fault.reached, accuracy) if isinstance(self.fault, OutOfReach) else float("inf")
 
 
 def automatic(scene: Scene, accuracy: float, linear: bool, tell: Tell | None) -> Result:
-    """Return the answer of the cheapest evaluator that reaches the accuracy.
+    """Return the result of the cheapest evaluator that reaches the accuracy.
 
     Raises:
-        Refusal: none does, or the load is beyond what linear elasticity allows; see ``decide``.
+        Refusal: none does, or the load is above the limit of linear elasticity; see ``choose_evaluator``.
     """
     result = decide(scene, accuracy, linear, tell).result
     assert result is not None  # it was asked for
@@ -77,7 +77,7 @@ def automatic(scene: Scene, accuracy: float, linear: bool, tell: Tell | None) ->
 def decide(
     scene: Scene, accuracy: float, linear: bool, tell: Tell | None, rough: CoarseModel | None = None, *, sure: Sure = never
 ) -> Decided:
-    """Decide how ``auto`` answers a scene, by asking the evaluators in turn; the one place where that is decided.
+    """Choose the evaluator that ``auto`` uses for a scene, by running evaluators in turn; nothing else makes this choice.
 
     Args:
         scene: any.
@@ -85,7 +85,7 @@ def decide(
         linear: likewise.
         tell: likewise.
         rough: the scene's coarse model, where it is known.
-        sure: whether an evaluator is named without being asked.
+        sure: whether a plan is accepted without running its evaluator.
 
     Raises:
         Refusal: no evaluator takes the scene, or none reaches the accuracy, or its load is out of reach.
@@ -104,7 +104,7 @@ def decide(
 
 
 def allowed_plan(scene: Scene, accuracy: float, linear: bool, rough: CoarseModel | None = None) -> Plan:
-    """Return the plan with which ``auto`` begins.
+    """Return the plan with which ``auto`` begins, after a check of the load.
 
     Args:
         scene: any.
@@ -113,7 +113,7 @@ def allowed_plan(scene: Scene, accuracy: float, linear: bool, rough: CoarseModel
         rough: the scene's coarse model, where it is known.
 
     Raises:
-        Refusal: no level built yet takes the scene, or its load is out of reach before anything is solved.
+        Refusal: no evaluator takes the scene, or its load is known to be too large before anything is solved.
     """
     planned = supported_plan(scene, accuracy, linear, rough)
     if not linear:
@@ -122,10 +122,10 @@ def allowed_plan(scene: Scene, accuracy: float, linear: bool, rough: CoarseModel
 
 
 def supported_plan(scene: Scene, accuracy: float, linear: bool, rough: CoarseModel | None = None) -> Plan:
-    """The plan for a scene that some level takes.
+    """Return the plan for a scene, without a check of the load.
 
     Raises:
-        Refusal: no level built yet takes the scene.
+        Refusal: no evaluator takes the scene.
     """
     from solver.planning.plan import plan as run
 
@@ -137,7 +137,7 @@ def supported_plan(scene: Scene, accuracy: float, linear: bool, rough: CoarseMod
 
 
 def level_of(name: str | None, tell: Tell | None) -> Evaluator:
-    """Return the level that a plan names."""
+    """Return the evaluator that a plan names."""
     assert name is not None  # supported_plan has refused it
     return evaluator(name, tell)
 
@@ -145,7 +145,7 @@ def level_of(name: str | None, tell: Tell | None) -> Evaluator:
 def _first_to_answer(
     scene: Scene, accuracy: float, linear: bool, tell: Tell | None, *, rough: CoarseModel | None, sure: Sure
 ) -> Decided | list[Missed]:
-    """The first evaluator that answers within the accuracy, or all that did not."""
+    """Return the first evaluator that reaches the accuracy, or the failed attempts of all."""
     from solver.planning.plan import following
     from solver.planning.plan import plan as run
 
@@ -167,7 +167,7 @@ def _first_to_answer(
 
 
 def _with_remedy(fault: Refusal, planned: Plan, scene: Scene) -> Refusal:
-    """What ``contact`` says of a load, with the way to answer linearly all the same."""
+    """Return the refusal of a load by ``contact``, with advice how to evaluate the scene linearly."""
     from solver.planning.load_check import REMEDY
 
     if planned.evaluator != CONTACT or unsupported(scene) is not None or REMEDY in fault.allowed:
@@ -178,7 +178,7 @@ def _with_remedy(fault: Refusal, planned: Plan, scene: Scene) -> Refusal:
 def _out_of_reach(
     best: Missed, fault: OutOfReach, scene: Scene, accuracy: float, *, linear: bool, tell: Tell | None
 ) -> OutOfReach:
-    """Say in the user's own numbers what is reached, by which evaluator, and what to do."""
+    """Return a refusal that names the accuracy within reach, the evaluator that reaches it, and what to do."""
     reached = best.reached(accuracy)
     enough, name = _enough(scene, reached, linear, tell), fault.name
     own = f"--evaluator {name} answers with its own error"
@@ -186,12 +186,12 @@ def _out_of_reach(
     smaller, share = (", or a smaller load", f", {load:.2g} of it by the load") if load > LOADED * reached else ("", "")
     text = f"{enough} or more for this scene{smaller} ({name} reaches {least(reached, 3)}{share}; {own})"
     if enough is None:
-        text = f"none for this scene: errors are no smaller than the values (--evaluator {name} tells which)"
+        text = f"none for this scene: errors are no smaller than the values (--evaluator {name} prints their bounds)"
     return OutOfReach(name, scene, accuracy, reached, stopped=fault.stopped, allowed=text)
 
 
 def _enough(scene: Scene, reached: float, linear: bool, tell: Tell | None) -> str | None:
-    """The accuracy that is answered, found by asking for it: the effort that evaluators make depends on what is asked."""
+    """Return an accuracy that some evaluator reaches, by trying: the effort of evaluators depends on the accuracy asked for."""
     for _ in range(ATTEMPTS):
         if not reached < 1:
             return None

@@ -1,13 +1,14 @@
-"""Families of scenes that differ in one number: what is smooth in it is found for a few and interpolated between them.
+"""Families of scenes that differ in one number: a few are solved, and the others are interpolated.
 
 Within a kind of meridian section the finite elements' results are smooth functions of every length and material
-(``geometry/meridian/frame.py``), so that a polynomial through few of them in the number's logarithm meets the others; of 40 gaps
-over a factor of 1.6 five give the film forces to 2e-8, seven to 6e-12. Two more, where the polynomial's error is largest, tell
-what is left:
+(``geometry/meridian/frame.py``), so that a polynomial through few of them in the number's logarithm meets the others; for 40 gaps
+over a factor of 1.6 five solved scenes give the film forces to 2e-8, seven to 6e-12. Two more solved scenes, where the
+polynomial's error is largest, give the error bound:
 
     10 max over both of |p - f| + |p_all(x) - p(x)|
 
-with p through the nodes, p_all through all that were found. Where that is more than is allowed, nothing is interpolated.
+with f the solved value at such a check, p the polynomial through the nodes and p_all the one through nodes and checks. Where the
+bound is above what is allowed, nothing is interpolated.
 """
 
 from __future__ import annotations
@@ -22,10 +23,10 @@ import numpy as np
 from geometry.common.arrays import Floats, Ints
 from geometry.scenes.scene import Scene
 
-NODES = 4  # at first; then 7 and 13, among which these are
-LEAST = 10  # scenes, of which the first nodes and both others are little more than half
-MARGIN = 10.0  # of the formula above
-NO_FAMILY = {("load", "force"), ("load", "indentation"), ("inclusion", 0, "youngs_modulus")}  # found at once anyway
+NODES = 4  # refined to 7 and 13, which contain them
+LEAST = 10  # scenes: the first nodes and both checks are then little more than half of them
+MARGIN = 10.0  # factor of the formula above
+NO_FAMILY = {("load", "force"), ("load", "indentation"), ("inclusion", 0, "youngs_modulus")}  # these share one solution anyway
 
 
 @dataclass(frozen=True)
@@ -33,10 +34,10 @@ class Family:
     """Scenes in the order of the number that differs.
 
     Attributes:
-        places: of the scenes, shape (n,).
+        places: indices of the scenes in the list they come from, shape (n,).
         x: logarithm of the number, rising, shape (n,).
-        nodes: indices of those that a polynomial goes through, shape (m,).
-        others: of those that tell its error, shape (2,).
+        nodes: indices of the members that the polynomial goes through, shape (m,).
+        checks: indices of the members at which its error is measured, shape (2,).
     """
 
     places: Ints
@@ -46,7 +47,7 @@ class Family:
 
     @classmethod
     def of(cls, places: Sequence[int] | Ints, x: Floats, count: int = NODES) -> Family:
-        """Choose nodes near Chebyshev's points, and the others where the product of distances to them is largest."""
+        """Choose nodes near Chebyshev's points, and checks where the product of distances to the nodes is largest."""
         order = np.argsort(x)
         x = x[order]
         wanted = x[0] + (x[-1] - x[0]) * (1 - np.cos(np.pi * np.arange(count) / (count - 1))) / 2
@@ -58,17 +59,17 @@ class Family:
 
     @property
     def found(self) -> Ints:
-        """Indices of all that have to be found, rising."""
+        """Indices of all members that have to be solved, rising."""
         return np.union1d(self.nodes, self.others)
 
     @property
     def finer(self) -> Family | None:
-        """The same with nodes between, where half of the members may be left; None else."""
+        """The family with nodes added in between; None where more than half of the members would have to be solved."""
         more = 2 * len(self.nodes) - 1
         return Family.of(self.places, self.x, more) if len(self.x) >= 2 * (more + 2) else None
 
     def spread(self, values: Floats) -> tuple[Floats, Floats]:
-        """Return values for all members, (n, k), from those of ``found``, (f, k), and what they may miss, (n, k)."""
+        """Interpolate values at the ``solved`` members, shape (f, k), to all members; return these and error bounds, (n, k)."""
         found = self.found
         all_nodes, nodes = self._weights(found), self._weights(self.nodes)
         whole, part = all_nodes @ values, nodes @ values[np.searchsorted(found, self.nodes)]
@@ -76,13 +77,16 @@ class Family:
         return whole, MARGIN * missed + np.abs(whole - part)
 
     def beside(self, values: Floats) -> Floats:
-        """Return for all members the larger of the values of ``found``, (f, k), on either side, and by how much it is larger."""
+        """Extend error bounds of the ``solved`` members, shape (f, k), to all members, shape (n, k).
+
+        Each member gets the larger bound of its two solved neighbours, plus the difference between them.
+        """
         after = np.clip(np.searchsorted(self.found, np.arange(len(self.x))), 0, len(self.found) - 1)
         high, low = values[after], values[np.maximum(after - 1, 0)]
         return np.asarray(np.maximum(high, low) + np.abs(high - low))
 
     def _weights(self, nodes: Ints) -> Floats:
-        """Lagrange's polynomials of some nodes at all members, shape (n, nodes)."""
+        """Return Lagrange's polynomials of some nodes at all members, shape (n, nodes)."""
         at = self.x[nodes]
         apart = np.where(np.eye(len(at), dtype=bool), 1.0, at[:, None] - at)
         from_nodes = self.x[:, None] - at
@@ -91,11 +95,11 @@ class Family:
 
 
 def families(scenes: Sequence[Scene], kind: Callable[[Scene], Any]) -> Iterator[Family]:
-    """Yield families of at least ``LEAST`` scenes, none in two, the largest first.
+    """Yield families of at least ``MIN_FAMILY_SIZE`` scenes, none in two, the largest first.
 
     Args:
         scenes: any.
-        kind: what all of a family have to share.
+        kind: returns what all members of a family have to share.
     """
     tables = [dict(leaves(scene.model_dump())) for scene in scenes] if len(scenes) >= LEAST else []
     names = {name for table in tables for name in table}
@@ -114,7 +118,7 @@ def families(scenes: Sequence[Scene], kind: Callable[[Scene], Any]) -> Iterator[
 
 
 def _groups(tables: Sequence[Mapping[Any, Any]], name: Any, differing: set[Any]) -> Iterator[tuple[list[int], Floats]]:
-    """Scenes that differ in a number alone, with its logarithms, each once."""
+    """Yield indices of scenes that differ in one number alone, with its logarithms; equal scenes are counted once."""
     others = sorted(differing - {name}, key=str)
     groups: dict[Any, dict[float, int]] = defaultdict(dict)
     for place, table in enumerate(tables):

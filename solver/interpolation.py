@@ -1,4 +1,4 @@
-"""Answers of finite elements to a family of scenes: found for a few, interpolated for the others, which adds to their errors."""
+"""Interpolate finite-element solutions within a family of scenes; the interpolation error is added to the error bounds."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from solver.planning.loads import LoadRule
 from solver.results.evaluator import Answer, FilmLevel
 from solver.results.film_forces import Bound, FilmForces, shortfalls
 
-SHARE = 0.01  # of what is promised that interpolation may take
-RULE = 1e-3  # relative, of the forces without tumours: those of the coarsest mesh are good to a twentieth
+SHARE = 0.01  # of the accuracy: the largest error that interpolation may add
+RULE = 1e-3  # on the forces without tumours; the coarsest mesh, from which they come, is accurate to 5 % only
 Pair = tuple[Answer, LoadRule | None]
 
 
 def interpolated(family: Family, scenes: Sequence[Scene], level: FilmLevel, accuracy: float) -> list[Pair | None]:
-    """Return an answer of each member, and the rule for loads where that is interpolated; None where it is to be answered alone.
+    """Return the solution of each member, with its load rule where interpolated; None where the scene has to be solved alone.
 
     Args:
-        family: the scenes' own.
-        scenes: its members in order.
-        level: that answers them.
+        family: which members are solved.
+        scenes: the members in order.
+        evaluator: the evaluator that solves them.
         accuracy: as in ``evaluate``.
     """
     if scenes[0].probe.film is not None or scenes[0].tissue.shape != "cylinder":
@@ -48,7 +48,7 @@ def interpolated(family: Family, scenes: Sequence[Scene], level: FilmLevel, accu
 
 
 def _between(family: Family, scenes: Sequence[Scene], found: Sequence[Answer], accuracy: float) -> list[Pair | None]:
-    """Interpolate all members from those that were found; None where that is not good enough."""
+    """Interpolate all members from the solved ones; None where the error would exceed the accuracy."""
     rules = _rules(family, scenes)
     films = _films(family, [one.films[0] for one in found], accuracy)
     residual = max(one.residual or 0.0 for one in found)
@@ -60,7 +60,7 @@ def _between(family: Family, scenes: Sequence[Scene], found: Sequence[Answer], a
 
 
 def _films(family: Family, found: Sequence[FilmForces], accuracy: float) -> list[FilmForces | None]:
-    """Film forces of all members, with what interpolation may miss in their bounds; None where that is too much."""
+    """Interpolate the film forces of all members, with interpolation errors in their bounds; None where these are too large."""
     sensitive = found[0].slope is not None
     slopes = np.array([np.zeros(4) if one.slope is None else one.slope.ravel() for one in found])
     sensitivity = np.array([[one.log_sensitivity or 0.0] for one in found])
@@ -84,7 +84,7 @@ def _film(forces: Floats, slope: Floats | None, bounds: Floats, totals: Floats) 
 
 
 def _rules(family: Family, scenes: Sequence[Scene]) -> list[LoadRule] | None:
-    """The rule for loads of each member; None where they are not smooth enough, or one is refused."""
+    """Interpolate the load rule of each member; None where the rules are not smooth enough, or one is refused."""
     numbers = []
     try:
         for k in family.found:

@@ -13,7 +13,7 @@ from solver.results.evaluator import Evaluator, Tell
 
 AUTO, CONTACT = "auto", "contact"
 BUILT = ("published", "closed-form", "equivalent-inclusion", "axisymmetric", "contact", "solid")
-"""The levels' names: each lives in the room of that name, one of ``solver/*/level.py``."""
+"""Names of the evaluators; each is made by the module ``solver/<name>/level.py``."""
 
 
 def evaluator(name: str, tell: Tell | None = None, workspace: Workspace | None = None) -> Evaluator:
@@ -22,7 +22,7 @@ def evaluator(name: str, tell: Tell | None = None, workspace: Workspace | None =
     Args:
         name: its name.
         tell: called with a line before each long piece of work, by those that have any.
-        workspace: the evaluator's own; left out: the one that is worked in, usually the process's.
+        workspace: where it keeps meshes and factors; by default the current one, usually the process's.
 
     Raises:
         InputError: no evaluator has that name.
@@ -35,7 +35,7 @@ def evaluator(name: str, tell: Tell | None = None, workspace: Workspace | None =
 
 
 def read(scene: Scene | Path | str) -> Scene:
-    """Return a scene, or that of a file. Raises ``InputError``."""
+    """Return a scene as it is, or read it from a file. Raises ``InputError``."""
     if isinstance(scene, Scene):
         return scene
     if not isinstance(scene, Path | str):
@@ -46,6 +46,6 @@ def read(scene: Scene | Path | str) -> Scene:
 
 
 def check_accuracy(accuracy: float) -> None:
-    """Raise ``InputError`` for an accuracy that is none."""
+    """Raise ``InputError`` unless the accuracy is between 0 and 1."""
     if not 0 < accuracy < 1:
         raise InputError("accuracy", accuracy, "a number above 0 and below 1, such as 0.01")

@@ -1,4 +1,4 @@
-"""Many scenes at once: what they share is found once, and one that is refused leaves the others alone."""
+"""Evaluate many scenes at once: work that they share is done once, and a refused scene does not affect the others."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from solver.results.evaluator import Answer, FilmLevel, Tell
 from solver.results.kinds import is_round
 from solver.results.result import Result
 
-TOGETHER = ("closed-form", "axisymmetric")  # levels that answer many scenes faster than one by one
+TOGETHER = ("closed-form", "axisymmetric")  # evaluators that are faster on many scenes at once than one by one
 AXISYMMETRIC, FORMULAS = "axisymmetric", "closed-form"
 T = TypeVar("T")
 Answered = Result | ProbeError
@@ -31,7 +31,7 @@ Answered = Result | ProbeError
 
 @dataclass(frozen=True)
 class _Question:
-    """What is asked of every scene, see ``evaluate_many``."""
+    """The arguments of ``evaluate_many`` that hold for every scene."""
 
     evaluator: str
     accuracy: float
@@ -39,7 +39,7 @@ class _Question:
     linear: bool
 
     def alone(self, scene: Scene) -> Answered:
-        """What ``evaluate`` says, or its refusal."""
+        """Return the result of ``evaluate`` for one scene, or the error that it raises."""
         return _caught(lambda: evaluate(scene, self.evaluator, self.accuracy, self.tell, linear=self.linear))
 
 
@@ -54,21 +54,22 @@ def evaluate_many(
 ) -> list[Result | ProbeError]:
     """Evaluate many scenes of any kinds: what ``evaluate`` returns for each, in order, or the error that it raises.
 
-    ``closed-form`` answers those of one structure on arrays, bit for bit as alone. ``axisymmetric``, also where ``auto`` chooses
-    it, answers those that differ in the target's modulus and the load alone by one curve; asked by name it finds a few of 10 or
-    more that differ in one other number and interpolates the rest where that adds next to nothing to their errors. Both agree
-    with single answers within the ``error_estimate`` of both. What is found together shares ``seconds`` evenly.
+    ``closed-form`` computes scenes of one structure on arrays, bit for bit as one by one. ``axisymmetric``, also where ``auto``
+    chooses it, computes scenes that differ only in the target's modulus and the load from one curve. If it is named, and 10 or
+    more scenes differ in one other number, it solves a few and interpolates the others where that adds at most 1 % of the
+    accuracy to their errors. Both agree with single results within the ``error_estimate`` of both. Results that are computed
+    together share ``seconds`` evenly.
 
     Args:
-        scenes: what is pressed on what, or names of scene files.
+        scenes: scenes, or names of scene files.
         evaluator: see ``evaluate``.
-        accuracy: likewise.
-        tell: likewise.
-        linear: likewise.
-        limits: for each answer, see ``evaluate``; those that are found together have their number of times.
+        accuracy: see ``evaluate``.
+        tell: see ``evaluate``.
+        linear: see ``evaluate``.
+        limits: for each scene, see ``evaluate``; scenes that are computed together may use the time of all of them.
 
     Raises:
-        InputError: no such evaluator or accuracy; of a scene it stands in its place among the results.
+        InputError: no such evaluator or accuracy. Errors of single scenes are not raised but returned in their places.
 
     Example:
         >>> from solver import evaluate_many
@@ -88,7 +89,7 @@ def evaluate_many(
 def answered(
     scenes: Sequence[Scene], evaluator: str, accuracy: float, tell: Tell | None = None, *, linear: bool = False
 ) -> list[Answered]:
-    """Return what ``evaluate_many`` does, those that were answered together without their provenance."""
+    """Evaluate checked scenes as ``evaluate_many`` does; results that were computed together have no provenance."""
     alone = _Question(evaluator, accuracy, tell, linear).alone
     found = together(scenes, evaluator, accuracy, tell, linear=linear)
     return [alone(scene) if one is None else one for one, scene in zip(found, scenes, strict=True)]
@@ -97,7 +98,7 @@ def answered(
 def together(
     scenes: Sequence[Scene], evaluator: str, accuracy: float, tell: Tell | None = None, *, linear: bool = False
 ) -> list[Answered | None]:
-    """Return what can be answered together, without its provenance, and None for each scene that is to be answered alone."""
+    """Evaluate the scenes that can be computed together, without provenance; None for each that has to be evaluated alone."""
     asked = _Question(evaluator, accuracy, tell, linear)
     several = len(scenes) > 1
     if evaluator in TOGETHER and (several or evaluator == FORMULAS):  # one of formulas, too: its limits are those of many
@@ -118,7 +119,7 @@ def _told(scene: Scene, answer: Answered, asked: _Question) -> Answered:
 
 
 def _named(scenes: Sequence[Scene], asked: _Question) -> list[Answered]:
-    """Answers of a level that answers together, with warnings of loads beyond linear elasticity."""
+    """Evaluate scenes with a batch evaluator, with warnings of loads beyond linear elasticity."""
     from solver.planning.load_check import rule_by_formulas, with_warning
 
     level, formulas = levels.evaluator(asked.evaluator, asked.tell), asked.evaluator == FORMULAS
@@ -129,7 +130,7 @@ def _named(scenes: Sequence[Scene], asked: _Question) -> list[Answered]:
 
     def warned(result: Result, scene: Scene) -> Result:
         with timed():
-            if formulas and result.stiffness is not None:  # of thousands: no mesh for each
+            if formulas and result.stiffness is not None:  # there may be thousands of scenes: do not mesh each of them
                 return with_warning(result, scene, asked.accuracy, rule_by_formulas(scene, result), "formulas")
             return with_warning(result, scene, asked.accuracy)
 
@@ -139,7 +140,7 @@ def _named(scenes: Sequence[Scene], asked: _Question) -> list[Answered]:
 
 
 def _smooth(scenes: Sequence[Scene], asked: _Question, level: FilmLevel) -> dict[int, Answered]:
-    """Answers to scenes that differ in one number, by their places: some found, the others interpolated where that is allowed."""
+    """Evaluate scenes that differ in one number, by their places: some are solved, the others interpolated where accurate."""
     from solver.interpolation import interpolated
     from solver.planning.load_check import rule_of_answer, with_warning
 
@@ -160,7 +161,7 @@ def _smooth(scenes: Sequence[Scene], asked: _Question, level: FilmLevel) -> dict
 
 
 def smooth_kinds(scene: Scene) -> object:
-    """What scenes share whose forces and whose rule for loads are smooth functions of their numbers."""
+    """Return a key that scenes share if their forces and load rules are smooth functions of their numbers."""
     from solver.axisymmetric.shared_designs import smooth_kind
     from solver.planning.coarse_model import without_tumours
 
@@ -168,7 +169,7 @@ def smooth_kinds(scene: Scene) -> object:
 
 
 def _automatic(scenes: Sequence[Scene], asked: _Question) -> list[Answered | None]:
-    """Answers to those that share a design where the plan names ``axisymmetric``."""
+    """Evaluate the scenes that share a design and for which the plan names ``axisymmetric``; None for the others."""
     from solver.axisymmetric.shared_designs import design
 
     groups: dict[Scene, list[int]] = defaultdict(list)
@@ -183,7 +184,7 @@ def _automatic(scenes: Sequence[Scene], asked: _Question) -> list[Answered | Non
 
 
 def _of_one_design(scenes: Sequence[Scene], asked: _Question) -> Iterator[Answered | None]:
-    """Answers to scenes that share a design, by the order of scenes; None where one alone may be answered otherwise."""
+    """Evaluate scenes that share a design, in order; None where ``auto`` may choose another evaluator for the scene alone."""
     from solver.planning.coarse_model import CoarseModel
 
     start = perf_counter()
@@ -214,7 +215,7 @@ def _of_one_design(scenes: Sequence[Scene], asked: _Question) -> Iterator[Answer
 
 
 def _caught(made: Callable[[], T]) -> T | ProbeError:
-    """What is made, or the error that the toolkit raises on purpose."""
+    """Return what a function makes, or the error that the toolkit raises on purpose."""
     try:
         return made()
     except ProbeError as fault:

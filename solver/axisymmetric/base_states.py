@@ -1,9 +1,9 @@
-"""The two base states of a scene: one block moved down against the base by one unit, the other not.
+"""Solve the two base states of a scene: the base of one block displaced by one unit, that of the other held.
 
-With a rigid base this is the base of one block moved and the other held. Film forces are energies of pairs of states,
+Film forces are energies of pairs of states,
 F_ij = u_i^T K u_j: consistent reactions, which converge at twice the rate of the displacements. K is affine in every
-Young's modulus, so the derivative of F_ij by the modulus of a body is the part of that energy inside it (the states
-are their own adjoints).
+Young's modulus, so the derivative of F_ij by ln of a body's modulus is the part of that energy inside the body (the
+states are their own adjoints).
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ from solver.elements.shape_functions import Shapes, shapes
 from solver.linalg.workspace import current, kept
 
 Materials = Mapping[Body, Material]
-HIDDEN = 1e-12  # share of a force that rounding may change before the solution is refined
-LITTLE = 1e-9  # share of a force that rounding may change before its bound is made a close one
-DEPENDENT = 1e-12  # share of the largest below which a way in energy is none
-BLOCK = 4e6  # bytes of the elements' matrices that are worked on at once: few enough for the processor's cache
-WHOLE = 2.6  # times the bytes of all element matrices: what a process holds at most
+HIDDEN = 1e-12  # change of a force by rounding above which the solution is refined
+LITTLE = 1e-9  # change of a force by rounding above which a closer bound is computed
+DEPENDENT = 1e-12  # of the largest energy: directions with less count as dependent
+BLOCK = 4e6  # of element matrices processed at once: fits the processor's cache
+WHOLE = 2.6  # times the bytes of all element matrices: the peak of a process
 _mesh = kept(topology)
 
 
@@ -46,7 +46,7 @@ class MeridianModel:
         section, materials, interface: what is modelled.
         mesh: the elements.
         shapes: their functions.
-        at: their geometry.
+        geometry: their geometry.
         two_mu, lam: of each element, shape (n,).
         condensed: the elements' matrices without their insides.
         system: of the unknowns on corners and edges.
@@ -65,21 +65,21 @@ class MeridianModel:
 
     @cached_property
     def recovery(self) -> Floats:
-        """What gives the values inside an element from those on corners and edges, shape (n, 2 (p-1)^2, 8 p)."""
+        """Matrices that give values inside elements from those on corners and edges, shape (n, 2 (p-1)^2, 8 p)."""
         return self.condensed.recovery()
 
     def parts(self, chosen: Ints) -> tuple[Floats, Floats]:
-        """Matrices of some elements per unit 2 mu and lambda, shape (e, 2 s, 2 s) both; u_r before u_z. They are not kept."""
+        """Return matrices of some elements per unit 2 mu and lambda, shape (e, 2 s, 2 s) both; u_r before u_z. Not cached."""
         size = 2 * len(self.shapes.degrees)
         shear, volume = matrices(self.at.of(chosen), self.shapes)
         return shear.reshape(len(chosen), size, size), volume.reshape(len(chosen), size, size)
 
     def stiffness(self, chosen: Ints) -> Blocks:
-        """Matrices of some elements with their moduli. They are not kept."""
+        """Return the blocks of some elements' stiffness matrices with their moduli. Not cached."""
         return stiffness(self.at.of(chosen), self.shapes, self.two_mu[chosen], self.lam[chosen])
 
     def whole(self, edge: Floats) -> Floats:
-        """All values of the elements, (n, 2 s, k), from those on corners and edges, (n, 8 p, k)."""
+        """Return all values of the elements, (n, 2 s, k), from those on corners and edges, (n, 8 p, k)."""
         n, s, m, k = len(edge), len(self.shapes.degrees), self.shapes.skeleton, edge.shape[-1]
         out = np.empty((n, 2, s, k))
         out[:, :, :m] = edge.reshape(n, 2, m, k)
@@ -94,11 +94,11 @@ class BaseStates:
     Attributes:
         model: what was solved.
         v: the unknowns of both states, shape (unknowns, 2).
-        edge: the elements' values on corners and edges in both states, rigid shifts taken out, shape (n, 8 p, 2).
+        edge: the elements' values on corners and edges in both states, without rigid shifts, shape (n, 8 p, 2).
         shift: these shifts along z, shape (n, 2).
         forces: F_ij, force on block i (0 inner, 1 outer) per unit displacement of base j, N/m, shape (2, 2).
         rounding: bound on what rounding changes in ``forces``, shape (2, 2).
-        residual: of both solutions, relative to |K| |u|, the larger.
+        residual: the larger of both solutions, relative to |K| |u|.
     """
 
     model: MeridianModel
@@ -111,7 +111,7 @@ class BaseStates:
 
     @cached_property
     def own(self) -> Floats:
-        """All values of the elements, rigid shifts taken out, shape (n, 2 s, 2)."""
+        """All values of the elements, without rigid shifts, shape (n, 2 s, 2)."""
         return self.model.whole(self.edge)
 
     def slope(self, body: Body = Body.INCLUSION) -> Floats:
@@ -124,11 +124,11 @@ class BaseStates:
 def model(
     section: Section, materials: Materials, interface: Interface, fineness: MeridianFineness, kind: Kind | None = None
 ) -> MeridianModel:
-    """Integrate, condense and factorise.
+    """Build the model of a section on one mesh: integrate, condense and factorise the stiffness.
 
     Raises:
         SolveError: the mesh has a cell without area.
-        LimitReached: it has too many cells for the limit of memory, or the time is over.
+        LimitReached: the mesh has too many cells for the limit of memory, or the time limit is exceeded.
     """
     mesh = _mesh(kind or kind_of(section, fineness.lean), fineness)
     functions = shapes(fineness.order)
@@ -155,10 +155,10 @@ def model(
 
 
 def integrated(mesh: Topology, at: Geometry, functions: Shapes, two_mu: Floats, lam: Floats) -> Iterator[Blocks]:
-    """Yield the elements' matrices in order, rectangles first, few enough at a time for the processor's cache."""
+    """Yield the elements' matrices in order, rectangles first, in blocks that fit the processor's cache."""
     count, columns = max(1, int(BLOCK / (8 * (2 * len(functions.degrees)) ** 2))), mesh.columns
     starts = [columns[0]]
-    while starts[-1] < columns[-1]:  # whole columns, one at least
+    while starts[-1] < columns[-1]:  # complete columns, at least one
         fit = columns[columns <= starts[-1] + count][-1]
         starts.append(fit if fit > starts[-1] else columns[columns > starts[-1]][0])
     for low, high in pairwise(starts):
@@ -189,9 +189,10 @@ def base_states(model: MeridianModel) -> BaseStates:
 
 
 def _rounding(stiffness: Floats, own: Floats, forces: Floats) -> Floats:
-    """Ten standard deviations of the forces when every entry of the matrices carries an independent rounding error.
+    """Return ten standard deviations of the forces if every entry of the matrices has an independent rounding error.
 
-    No entry of a positive definite matrix is above the roots of both its diagonal ones, which is enough where little follows.
+    An entry of a positive definite matrix is at most the root of the product of its two diagonal entries. That gives a bound from
+    the diagonal, which is returned where it is small enough.
     """
     ten = 10 * np.finfo(float).eps
     diagonal = np.einsum("ek,eki->ei", np.diagonal(stiffness, axis1=1, axis2=2), own**2)
@@ -202,14 +203,16 @@ def _rounding(stiffness: Floats, own: Floats, forces: Floats) -> Floats:
 
 
 def lower_order(states: BaseStates, vectors: Floats, degree: int, stiffest: float = 1.0) -> Floats:
-    """What of the space with edge functions up to a degree at most is nearest in energy, elements' values, (n, 8 p, 2 + m + 2).
+    """Project states and vectors, in energy, to the space of edge functions up to a degree.
+
+    Returns the elements' values, shape (n, 8 p, 2 + m) or, with ``stiffest`` above 1, (n, 8 p, 2 + m + 2).
 
     Args:
-        states: on the whole space; theirs come first.
-        vectors: of the elements' values without a lift, shape (n, 8 p, m).
+        states: on the whole space; their projections come first.
+        vectors: elements' values without a lift, shape (n, 8 p, m).
         degree: at least 1.
-        stiffest: a modulus of the inclusion, as a multiple of that of ``states``. Above 1 both states are solved for there, too,
-            and what they differ by from the first comes last: there what an inclusion that is nearly rigid is strained by counts.
+        stiffest: a modulus of the inclusion, as a multiple of that of ``states``. Above 1 both states are solved there, too, and
+            their differences from the first come last: they describe the strain of a nearly rigid inclusion.
     """
     system, lift = states.model.system, states.model.system.numbering.lift
     space = subspace(system.numbering, degree)
@@ -225,13 +228,13 @@ def lower_order(states: BaseStates, vectors: Floats, degree: int, stiffest: floa
 
 
 def near_lower_order(states: BaseStates, degree: int) -> tuple[Floats, Floats]:
-    """What is nearly as near as ``lower_order`` of both states, without another factorisation.
+    """Approximate ``project_to_lower_order`` of both states without another factorisation.
 
-    Returns the elements' values and the forces of what they differ by from ``states``, (n, 8 p, 2) both.
+    Returns the elements' values and the forces of their difference from ``states``, (n, 8 p, 2) both.
 
-    From the states without their functions of the last degree, ``degree`` + 1, one step of steepest descent of the distance in
-    energy, of both at once. The whole's factor says where to: it differs from the smaller space's own by how much the last
-    degree's functions strain what the others do, little but where Poisson's ratio is near 1/2.
+    From the states without their functions of the last degree, ``degree`` + 1, one step of steepest descent reduces the distance
+    in energy of both at once. Its direction comes from the factor of the whole space, which differs from that of the smaller
+    space by the coupling between the last degree and the others; this is small unless Poisson's ratio is near 1/2.
     """
     system, outside = states.model.system, states.model.system.numbering.degrees > degree
     cut = states.edge.copy()
@@ -248,12 +251,12 @@ def near_lower_order(states: BaseStates, degree: int) -> tuple[Floats, Floats]:
 
 
 def in_inclusion(model: MeridianModel, time: float) -> Floats:
-    """What multiplies the elements' stiffness where the inclusion's is multiplied, shape (n, 1, 1)."""
+    """Return factors of the elements' stiffness, shape (n, 1, 1): ``time`` in the inclusion, 1 elsewhere."""
     return np.where(model.mesh.body == Body.INCLUSION, time, 1.0)[:, None, None]
 
 
 def of_degree(model: MeridianModel, degree: int) -> Ints:
-    """The elements' values that are of one degree on edges."""
+    """Return the indices of the elements' values whose edge functions are of one degree."""
     return np.flatnonzero(np.tile(_degrees(model), 2) == degree)
 
 

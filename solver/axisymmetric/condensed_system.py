@@ -1,4 +1,4 @@
-"""A condensed linear system: factorised once, solved for any forces, its residual known."""
+"""A condensed linear system: factorised once, solved for any forces, with its residual."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from solver.axisymmetric.dofs import Numbering
 from solver.linalg.cholesky import Factor, factorise
 
 LARGEST_RESIDUAL = 1e-9  # relative, in the 2-norm; direct solves leave about 1e-16
-SMALL = 1e-12  # residual relative to the diagonal's part of |K| |u|, up to which the rest need not be known
+SMALL = 1e-12  # relative to the diagonal's part of |K| |u|: below it no closer value is computed
 
 
 @dataclass(frozen=True)
@@ -21,13 +21,13 @@ class System:
     """The stiffness of all elements, condensed to corners and edges, and its factors.
 
     A rigid shift strains nothing, but a stiff element computes large forces from its rounding errors.
-    So each element is told its displacements less the shift of its first corner.
+    So each element's displacements are taken relative to those of its first corner.
 
     Attributes:
         numbering: of the unknowns.
         stiffness: of the elements, shape (n, 8 p, 8 p).
-        matrix: they assembled, shape (unknowns, unknowns).
-        factor: of it.
+        matrix: the assembled stiffness, shape (unknowns, unknowns).
+        factor: of the matrix.
     """
 
     numbering: Numbering
@@ -37,16 +37,16 @@ class System:
 
     @classmethod
     def of(cls, numbering: Numbering, stiffness: Floats) -> System:
-        """Assemble and factorise."""
+        """Assemble and factorise the elements' stiffness, shape (n, 8 p, 8 p)."""
         matrix = numbering.assemble(stiffness)
         return cls(numbering, stiffness, matrix, factorise(matrix, numbering.pattern))
 
     def own(self, v: Floats, lift: Floats | float = 0.0) -> Floats:
-        """The elements' own values of displacements v (unknowns, k) and lift (n, 8 p, k), rigid shifts taken out; (n, 8 p, k)."""
+        """Return the elements' values of displacements v (unknowns, k) and lift, both without rigid shifts; (n, 8 p, k)."""
         return self.unshifted(self._local(v, lift))[0]
 
     def unshifted(self, local: Floats) -> tuple[Floats, Floats]:
-        """Any elements' values (e, 8 p, k) without their rigid shifts along z, and these, (e, k)."""
+        """Return elements' values (e, 8 p, k) without their rigid shifts along z, and these shifts, (e, k)."""
         up = self.numbering.vertical
         shift = local[:, np.argmax(up)]
         return local - shift[:, None] * up[:, None], shift
@@ -59,17 +59,17 @@ class System:
         return np.asarray(self.numbering.spread @ forces.reshape(self.numbering.gather.shape[0], forces.shape[-1]))
 
     def lifted(self, lift: Floats) -> Floats:
-        """Forces of the lift alone, shape (unknowns, k); few elements have any."""
+        """Return the forces of the lift alone, shape (unknowns, k); few elements have a lift."""
         some = np.flatnonzero(np.any(lift != 0, axis=(1, 2)))
         forces = np.zeros((*self.stiffness.shape[:2], lift.shape[-1]))
         forces[some] = self.stiffness[some] @ self.unshifted(lift[some])[0]
         return self.add_up(forces)
 
     def solve(self, forces: Floats, lift: Floats | float = 0.0, passes: int = 1, largest: float = LARGEST_RESIDUAL) -> Solution:
-        """Solve K (v + lift) = forces, and again for what is left in as many ``passes`` as asked.
+        """Solve K (v + lift) = forces, with iterative refinement in ``passes`` - 1 further steps.
 
         Raises:
-            SolveError: what is left is too large for the solution to be trusted, a residual above ``largest``.
+            SolveError: the relative residual is above ``largest``, so that the solution cannot be trusted.
         """
         v = np.zeros_like(forces)
         unbalanced = forces - self.lifted(lift) if isinstance(lift, np.ndarray) else forces
@@ -89,7 +89,7 @@ class System:
         return Solution(v, own, shift, loads=loads, unbalanced=unbalanced, residual=residual)
 
     def _share(self, unbalanced: Floats, magnitude: Floats, forces: Floats) -> float:
-        """What is left of the forces, as a share of the sizes of what is added up, (n, 8 p, k), the largest."""
+        """Return the largest residual relative to the assembled ``magnitude``, (n, 8 p, k), of k solutions."""
         scale = np.linalg.norm(self.numbering.reach @ magnitude.reshape(-1, forces.shape[-1]) + np.abs(forces), axis=0)
         return float(np.max(np.linalg.norm(unbalanced, axis=0) / np.where(scale > 0, scale, 1.0)))
 
@@ -100,12 +100,12 @@ class Solution:
 
     Attributes:
         v: the unknowns, shape (unknowns, k).
-        own: the elements' own values, rigid shifts taken out, shape (n, 8 p, k).
+        values: the elements' values, without rigid shifts, shape (n, 8 p, k).
         shift: these shifts along z, shape (n, k).
         loads: the elements' forces, shape (n, 8 p, k).
-        unbalanced: what is left of the forces, shape (unknowns, k).
-        residual: its share of |K| |u|, to which rounding errors are proportional, the largest; of the diagonal's part of that,
-            which is somewhat more, where it is small.
+        unbalanced: residual forces, shape (unknowns, k).
+        residual: the largest relative to |K| |u|, to which rounding errors are proportional; where it is small, relative to the
+            diagonal's part of |K| |u|, which gives a somewhat larger number.
     """
 
     v: Floats

@@ -1,4 +1,4 @@
-"""Film forces of a scene to the accuracy asked for, with everything that is known of their errors."""
+"""Compute the film forces of a scene to a given accuracy, with bounds on all known errors."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from solver.results.film_forces import Bound, FilmForces, above
 from solver.results.result import Decision
 from solver.results.warnings import Note
 
-NEGLIGIBLE = 0.05  # of the accuracy: films and base that change less are left out
-UNEVEN = 2.0  # times what several meshes tell where they may all miss the same: corners of films and a base, layers' ends
+NEGLIGIBLE = 0.05  # of the accuracy: films and base with a smaller effect are left out
+UNEVEN = 2.0  # where all meshes may share an error: corners of films and base, layers' ends
 
 
 @dataclass(frozen=True)
 class Converged:
-    """Film forces at each modulus asked for.
+    """Film forces at each modulus, with their errors.
 
     Attributes:
         films: with their errors.
         sample: where they come from; its states are those of one of the moduli, or of one between them.
         plan: what is modelled or left out, beyond blocks and tissue.
-        notes: what stands in the way of a better answer, one line each.
-        stopped: why no finer mesh was used where one was wanted; None where none was.
+        notes: warnings that explain what limits the accuracy, one line each.
+        stopped: why no finer mesh was used where one was needed; None where none was needed.
     """
 
     films: tuple[FilmForces, ...]
@@ -112,7 +112,7 @@ def _notes(
     if isinstance(why, Note) and (reached > accuracy or insensitive):
         yield why
     if reached > accuracy:
-        obstacle = f"; no finer mesh helped: {why}" if why else ": what stands in the way is listed"
+        obstacle = f"; no finer mesh helped: {why}" if why else ": the warnings list why"
         yield Note("accuracy", above(reached, accuracy) + obstacle)
     if insensitive:
         yield Note("sensitivity", f"log_sensitivity is good to about {worst:.1g} of itself only")

@@ -1,4 +1,4 @@
-"""Numbers of unknowns and the sparsity pattern of a mesh: computed once for all sections of a kind."""
+"""Number the unknowns of a mesh and find its sparsity pattern, once for all sections of a kind."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from geometry.meridian.section import TISSUES, Body
 from solver.linalg.cholesky import Factor, Pattern, factorise
 from solver.linalg.workspace import kept
 
-Interface = Literal["bonded", "frictionless", "apart"]  # apart: no ties, what touches is told elsewhere (solver/contact)
+Interface = Literal["bonded", "frictionless", "apart"]  # apart: no ties; solver/contact handles contact
 # what vanishes on the axis of u_r, u_z (m = 0), else of u_r + u_theta, u_r - u_theta, u_z: only a translation (m = 1) does not
 AXIS = {0: (True, False), 1: (True, False, True)}
 
@@ -29,16 +29,16 @@ class Numbering:
     values for each element.
 
     Attributes:
-        gather: from unknowns to the elements' own values, shape (8 p n, unknowns); edges' odd functions change
-            their sign where an element runs along the edge the other way. Its transpose adds elements' forces up.
+        gather: from unknowns to the elements' own values, shape (8 p n, unknowns). Odd functions of an edge change their sign in
+            elements that run along the edge in the opposite direction. The transpose sums elements' forces.
         lift: the elements' own values of each state's rigid shift of a block, for the tissue's elements alone, shape
-            (n, 8 p, 2); blocks, whose shift strains nothing, are told without it.
+            (n, 8 p, 2); for blocks it is zero, as their shift causes no strain.
         rows, starts: of the system's matrix in compressed columns.
         sums: of the entries of the elements' matrices, with their signs, to those of the system's; shape (entries, n (8 p)^2).
         signs: of the elements' own values, shape (n, 8 p).
         degrees: of the unknowns' functions, 1 at corners, shape (unknowns,).
         vertical: the elements' own values that a shift along z sets to 1, shape (8 p,); none where m > 0.
-        pattern: of the matrices of systems that are used one after the other.
+        pattern: shared by the matrices of systems that are used one after the other.
     """
 
     gather: sp.csr_array
@@ -57,19 +57,19 @@ class Numbering:
         return len(self.starts) - 1
 
     def assemble(self, stiffness: Floats) -> sp.csc_array:
-        """Add up the elements' matrices, shape (n, 8 p, 8 p)."""
-        matrix = copy(self._empty)  # its rows are looked at once
+        """Assemble the elements' matrices, shape (n, 8 p, 8 p)."""
+        matrix = copy(self._empty)  # a copy: SciPy checks the rows only once
         matrix.data = self.sums @ stiffness.ravel()
         return matrix
 
     @cached_property
     def spread(self) -> sp.csr_array:
-        """``gather`` the other way: from the elements' forces to those of the unknowns."""
+        """The transpose of ``gather``: from the elements' forces to those of the unknowns."""
         return self.gather.T.tocsr()
 
     @cached_property
     def reach(self) -> sp.csr_array:
-        """``spread`` without signs."""
+        """``scatter`` without signs."""
         return abs(self.spread)
 
     @cached_property
@@ -126,7 +126,7 @@ class Subspace:
 
 @kept
 def subspace(numbering: Numbering, degree: int) -> Subspace:
-    """The functions of degree ``degree`` at most."""
+    """Return the subspace of functions of at most the given degree."""
     inside = numbering.degrees <= degree
     number: Any = np.cumsum(inside, dtype=np.int32) - 1
     columns = np.repeat(np.arange(numbering.unknowns), np.diff(numbering.starts))
@@ -136,7 +136,7 @@ def subspace(numbering: Numbering, degree: int) -> Subspace:
 
 
 def _functions(corners: Floats, probe: Bools, order: int) -> tuple[Ints, Floats, Floats]:
-    """Number the functions on corners and edges, those of the probe apart from those of the tissue.
+    """Number the functions on corners and edges, separately for probe and tissue.
 
     Returns the elements' functions and signs, shape (n, 4 p) both, and for each function its edge's two ends, or its
     corner twice, with 0 (tissue) or 1 (probe) and its degree: (r, z, r, z, probe, degree).
@@ -160,10 +160,10 @@ def _functions(corners: Floats, probe: Bools, order: int) -> tuple[Ints, Floats,
 
 
 def _ties(mesh: Topology, ends: Floats, interface: Interface, axis: tuple[bool, ...]) -> tuple[Ints, Bools, Floats]:
-    """What holds at the supports, on the axis and between blocks and tissue; u_z is the last of the components.
+    """Find the constraints at supports, on the axis and between blocks and tissue; u_z is the last component.
 
-    Returns for each component of each function the dof that stands for it and whether it is held, shape (functions, components),
-    and for the functions under the inner and the outer block their value in a unit shift, shape (functions, 2).
+    Returns for each component of each function the dof that represents it and whether it is fixed, shape (functions, components),
+    and the value of each function in a unit shift of the inner and the outer block, shape (functions, 2).
     """
     layout, (r0, z0, r1, z1, probe, degree) = mesh.layout, ends.T
     surface = line_label(layout.row["surface"])
@@ -195,7 +195,7 @@ def _gather(dofs: Ints, signs: Floats, unknowns: int) -> sp.csr_array:
 
 
 def _pattern(dofs: Ints, signs: Floats, unknowns: int) -> tuple[Ints, Ints, sp.csr_array]:
-    """Rows and column starts of the matrix, and the sums of its entries."""
+    """Return rows and column starts of the matrix, and the sparse matrix that sums its entries."""
     size = dofs.shape[1]
     narrow: Any = dofs.astype(np.int32)
     row, column = (np.broadcast_to(one, (*dofs.shape, size)).ravel() for one in (narrow[:, :, None], narrow[:, None, :]))
@@ -212,7 +212,7 @@ def _pattern(dofs: Ints, signs: Floats, unknowns: int) -> tuple[Ints, Ints, sp.c
 
 
 def _order(numbers: Ints, count: int) -> Ints:
-    """Return what sorts numbers below ``count``, equal ones as they come: sparse matrices are transposed by counting."""
+    """Return the stable sorting order of numbers below ``count``, by counting, as in the transpose of a sparse matrix."""
     whole = np.array([0, len(numbers)], dtype=np.int32)
     row = sp.csr_array((np.arange(len(numbers)), numbers, whole), shape=(1, count))
     return np.asarray(row.tocsc().data)

@@ -1,6 +1,6 @@
-"""Exact derivatives of discrete energies by every length, modulus and Poisson's ratio of a section.
+"""Differentiate discrete energies exactly by every length, modulus and Poisson's ratio of a section.
 
-Nodes are smooth functions of the lengths and polynomial coefficients stay put, so that with the nodes' velocity V,
+Nodes are smooth functions of the lengths and polynomial coefficients stay constant, so that with the nodes' velocity V,
 L = grad V and tau = div V + V_r / r an energy a(u, v) = int w (2 mu eps:eps + lambda P_u P_v), w = 2 pi r dA, changes by
 
     grad u:  -grad u L,      u_r / r:  -(u_r / r) V_r / r,      w:  w tau                                            (AX.5)
@@ -9,8 +9,8 @@ L = grad V and tau = div V + V_r / r an energy a(u, v) = int w (2 mu eps:eps + l
 Base states minimise the energy, so that nothing else changes their forces: no adjoint solve is needed. Node
 velocities are derivatives by complex steps of the map from lengths to nodes.
 
-Changes are linear in V: six numbers at each point, the energy-momentum tensor (``energy_momentum.py``), are found once for all
-lengths, and a matrix product with all their velocities does the rest.
+Changes are linear in V: six numbers at each point, the energy-momentum tensor (``energy_momentum.py``), are computed once for all
+lengths, and one matrix product with all velocities gives the derivatives.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from solver.axisymmetric.base_states import MeridianModel
 from solver.axisymmetric.energy_momentum import EnergyPoints
 from solver.elements.quadrilateral import lame
 
-AT_ONCE = 2e7  # bytes: the tensors that are kept at once
-STEP = 1e-30  # of the complex step, relative: nothing is subtracted, so that it can be this small
+AT_ONCE = 2e7  # tensors in memory at once
+STEP = 1e-30  # relative: a complex step subtracts nothing, so that it can be this small
 
 
 def variables(model: MeridianModel) -> tuple[str, ...]:
-    """Names of what energies can be differentiated by: by ln of a length or modulus, and by a Poisson's ratio itself."""
+    """Return the names of a section's variables: ln of each length and modulus, and each Poisson's ratio itself."""
     bodies = [body.name.lower() for body in model.materials]
     return (
         *model.section.lengths,
@@ -41,9 +41,9 @@ def variables(model: MeridianModel) -> tuple[str, ...]:
 
 
 def total_derivatives(model: MeridianModel, whole: Floats, inside: Body) -> tuple[Floats, Floats]:
-    """Return d(u_i^T K (u_1 + u_2)) for k pairs u_1, u_2 of states, ``whole`` of shape (n, 2 s, 2, k), by all ``variables``.
+    """Return d(u_i^T K (u_1 + u_2)) for k pairs u_1, u_2 of states, ``whole`` of shape (n, 2 s, 2, k), by all variables.
 
-    Two arrays of shape (variables, 2, k): the part of all bodies but ``inside``, and its part.
+    Two arrays of shape (variables, 2, k): the part of all bodies except ``inside``, and the part of ``inside``.
     """
     moved, mask = velocities(model), model.mesh.body == inside
     rest, within = (_of_elements(model, whole, np.flatnonzero(part), moved) for part in (~mask, mask))
@@ -51,10 +51,10 @@ def total_derivatives(model: MeridianModel, whole: Floats, inside: Body) -> tupl
 
 
 def velocities(model: MeridianModel) -> tuple[Floats, Floats]:
-    """Derivatives of the nodes by ln of each given length with the mesh's corner size held, and last by ln of that size.
+    """Return derivatives of the nodes by ln of each length at a fixed corner size of the mesh, and last by ln of that size.
 
-    Returns them, shape (lengths + 1, n, s, 2), and the derivatives of ln of the corner size by ln of each length, (lengths,):
-    most lengths then move few elements, and the corner size, on which all depend, is dealt with once.
+    Shape (lengths + 1, n, s, 2); the second array are the derivatives of ln of the corner size by ln of each length, (lengths,).
+    Thus most lengths move few elements, and the corner size, on which all depend, is treated once.
     """
     names, section = model.section.lengths, model.section
     steps = 1 + 1j * STEP * np.eye(len(names) + 1)
@@ -66,7 +66,7 @@ def velocities(model: MeridianModel) -> tuple[Floats, Floats]:
 
 
 def _of_elements(model: MeridianModel, whole: Floats, chosen: Ints, moved: tuple[Floats, Floats]) -> Floats:
-    """Derivatives of some elements' totals, shape (variables, 2, k)."""
+    """Return derivatives of some elements' totals, shape (variables, 2, k)."""
     if not chosen.size:
         return np.zeros((len(variables(model)), *whole.shape[2:]))
     every, shares = moved
@@ -86,18 +86,18 @@ def _of_elements(model: MeridianModel, whole: Floats, chosen: Ints, moved: tuple
 
 
 def _of_pairs(points: EnergyPoints, motions: Floats, values: Floats) -> tuple[Floats, Floats, Floats]:
-    """What ``motions``, (lengths, 6 e q), change of pairs' energies, (k, 2, lengths), and what ``_by_materials`` asks for."""
+    """Return changes of pairs' energies by ``motions``, (lengths, 6 e q), shape (k, 2, lengths), energies and int w P^2."""
     tensors = np.empty((len(values), 2, 6, *points.weight.shape))
     volume = np.empty((len(values), 2, len(points.weight)))
     for pair, tensor, part in zip(values, tensors, volume, strict=True):
         part[:] = points.tensors(pair, tensor)
     energy = (tensors[:, :, :3] @ np.ones(tensors.shape[-1])).sum(axis=2)
-    lengths = tensors.reshape(2 * len(values), -1) @ motions.T  # in one product: that of each pair reads all motions again
+    lengths = tensors.reshape(2 * len(values), -1) @ motions.T  # one product for all pairs: each would read all motions again
     return lengths.reshape(len(values), 2, -1), energy, volume
 
 
 def _by_materials(model: MeridianModel, chosen: Ints, energy: Floats, volume: Floats) -> tuple[Floats, Floats]:
-    """Derivatives by ln E and by nu of every body, (..., bodies) each; 2 mu = E / (1 + nu), lambda = 2 mu nu / (1 - 2 nu).
+    """Return derivatives by ln E and nu of every body, (..., bodies) each; 2 mu = E / (1 + nu), lambda = 2 mu nu / (1 - 2 nu).
 
     ``energy`` and ``volume`` are the chosen elements' energies and int w P^2, shape (..., e).
     """

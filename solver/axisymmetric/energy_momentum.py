@@ -1,11 +1,11 @@
-"""What moving points change in a state's energy: its energy-momentum tensor at the Gauss points.
+"""The energy-momentum tensor at the Gauss points: how the energy of a state changes as points move.
 
-By eqs. AX.5, AX.6 the energy u^T K u of one state changes by what is linear in the velocity V,
+By eqs. AX.5, AX.6 the energy u^T K u of one state changes linearly with the velocity V,
 
     d(u^T K u) = int w [tau (s : grad u + s_t u_r / r + lambda P (D - P)) - 2 s : (grad u L) - 2 s_t u_r V_r / r^2]   (AX.13)
 
-with stresses s = 2 mu eps + lambda P, and s_t round the axis. Where moduli change instead, so do the energy's two parts:
-int w s : eps is the energy itself, int w P^2 what lambda multiplies in it.
+with stresses s = 2 mu eps + lambda P, and s_t round the axis. Where moduli change instead, two integrals
+suffice: int w s : eps is the energy itself, int w P^2 its factor of lambda.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class EnergyPoints:
 
     @classmethod
     def of(cls, model: MeridianModel, chosen: Ints) -> EnergyPoints:
-        """The points of some elements of a model."""
+        """Return the points of some elements of a model."""
         at, shapes = model.at.of(chosen), model.shapes
         pressures = shapes.pressure.shape[1]
         return cls(
@@ -57,11 +57,11 @@ class EnergyPoints:
         )
 
     def tensors(self, values: Floats, out: Floats) -> Floats:
-        """Find what ``motions`` multiplies, and return each element's int w P_u P_v, shape (2, n), of states u, v (2, 2, n, s).
+        """Compute the tensors that motions multiply, into ``out``, and return each element's int w P_u P_v, shape (2, n).
 
-        Of u alone, and of u and v, twice. The six of ``out``, (2, 6, n, q), are s_rr u_r,r + s_rz u_z,r, s_rz u_r,z + s_zz u_z,z,
-        s_t u_r / r, s_rz u_r,r + s_zz u_z,r, s_rr u_r,z + s_rz u_z,z and lambda P (D - P), all times w; of the first three the
-        energy is the sum.
+        ``values`` are the states u, v, shape (2, 2, n, s); the results are of u alone, and twice of u and v. The six of ``out``,
+        (2, 6, n, q), are s_rr u_r,r + s_rz u_z,r, s_rz u_r,z + s_zz u_z,z, s_t u_r / r, s_rz u_r,r + s_zz u_z,r, s_rr u_r,z +
+        s_rz u_z,z and lambda P (D - P), all times w; the sum of the first three is the energy.
         """
         fields = self._fields(values)
         stresses, u, v = self._stresses(fields), fields[:, 0], fields[:, 1]
@@ -72,7 +72,7 @@ class EnergyPoints:
         return np.stack([np.einsum("nq,nq->n", pressed, u[6]), 2 * np.einsum("nq,nq->n", pressed, v[6])])
 
     def _fields(self, values: Floats) -> Floats:
-        """u_r,r, u_r,z, u_z,r, u_z,z, u_r / r, D - P and P of states (k, 2, n, s), shape (7, k, n, q)."""
+        """Return u_r,r, u_r,z, u_z,r, u_z,z, u_r / r, D - P and P of states (k, 2, n, s), shape (7, k, n, q)."""
         slopes, value = self.shapes.slope, self.shapes.value
         out = np.empty((7, len(values), *self.weight.shape))
         for k in (0, 1):
@@ -85,7 +85,7 @@ class EnergyPoints:
         return out
 
     def _stresses(self, fields: Floats) -> Floats:
-        """s_rr, s_zz, s_t, s_rz and lambda P, times w, of fields (7, k, n, q), shape (5, k, n, q)."""
+        """Return s_rr, s_zz, s_t, s_rz and lambda P, times w, from fields (7, k, n, q), shape (5, k, n, q)."""
         out = np.empty((5, *fields.shape[1:]))
         np.multiply(self.lam, fields[6], out=out[4])
         for target, strain in zip(out[:3], (fields[0], fields[3], fields[4]), strict=True):
@@ -96,7 +96,7 @@ class EnergyPoints:
         return out
 
     def motions(self, velocity: Floats) -> Floats:
-        """Return what ``tensors`` are multiplied by as nodes move with velocities (k, n, s, 2), shape (k, 6, n, q)."""
+        """Return the factors of the tensors as nodes move with velocities (k, n, s, 2), shape (k, 6, n, q)."""
         tangents, (along_r, along_z) = self.shapes.tangents, np.ascontiguousarray(np.moveaxis(velocity, -1, 0))
         out = np.empty((len(velocity), 6, *self.weight.shape))
         rr, zz, turn, rz, zr, tau = out.swapaxes(0, 1)
@@ -110,7 +110,7 @@ class EnergyPoints:
         return out
 
     def _by_space(self, slopes: Sequence[Floats], out: Sequence[Floats]) -> None:
-        """Derivatives by r and z of what has these by x and y."""
+        """Convert derivatives by x and y to derivatives by r and z, into ``out``."""
         by_x, by_y = slopes
         for along, across, target in zip(self.slopes[:2], self.slopes[2:], out, strict=True):
             np.multiply(along, by_x, out=target)
@@ -124,7 +124,7 @@ class EnergyPoints:
 
 
 def _work(stresses: Floats, fields: Floats, out: Floats) -> Floats:
-    """The six of ``EnergyPoints.tensors`` of one state's stresses and another's fields, into ``out``, shape (6, n, q)."""
+    """Multiply one state's stresses by another's fields, into the six products of ``out``, shape (6, n, q)."""
     (radial, axial, hoop, shear, pushed), (rr, rz, zr, zz, turn, rest, _) = stresses, fields
     for k, (a, b, c, d) in {
         0: (radial, rr, shear, zr), 1: (axial, zz, shear, rz), 3: (axial, zr, shear, rr), 4: (radial, rz, shear, zz)

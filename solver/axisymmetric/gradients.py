@@ -1,4 +1,4 @@
-"""Exact derivatives of ratio, stresses, stiffness and log-sensitivity by every number of a scene."""
+"""Differentiate ratio, stresses, stiffness and log-sensitivity exactly by every number of a scene."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Gradients:
 
     Attributes:
         variables: keys of ``geometry.scenes.variables.values``, v of them.
-        values: by name of ``OUTPUTS``, SI, shape (k,).
+        values: by name of ``OUTPUT_NAMES``, SI, shape (k,).
         derivatives: by output, in SI units per SI unit of each variable, shape (k, v).
     """
 
@@ -40,13 +40,13 @@ class Gradients:
 
 
 def gradients(scene: Scene, sample: MeshSample, names: tuple[str, ...] | None = None) -> Gradients:
-    """Differentiate a sample's outputs: the discrete ones, exactly, at a fixed topology of the mesh.
+    """Differentiate the outputs of a sample exactly, as discretised, at a fixed topology of the mesh.
 
-    Derivatives of log_sensitivity cost one more solve with two right sides: u' = -K^-1 K' u of both states. Lengths of a
-    base or a film are left at their values.
+    Derivatives of log_sensitivity take one more solve with two right sides: u' = -K^-1 K' u of both states. Lengths of a
+    base or a film stay constant.
 
     Raises:
-        InputError: a name is none of the scene's variables.
+        InputError: a name is not one of the scene's variables.
     """
     allowed = _differentiable(scene, sample)
     chosen = allowed if names is None else names
@@ -68,13 +68,16 @@ def gradients(scene: Scene, sample: MeshSample, names: tuple[str, ...] | None = 
     outputs = _values(scene, sample)
     derivatives = {name: outputs[name][:, None] * (change @ chain.T) for name, change in logarithmic.items()}
     derivatives["log_sensitivity"] = logs.sensitivity @ chain.T
-    for change in derivatives.values():  # by the inclusion's modulus: that of each value, not of the states
+    for change in derivatives.values():  # the variable is each value's own modulus, not that of the states
         change[:, [name == "inclusion.youngs_modulus" for name in chosen]] /= sample.times[:, None]
     return Gradients(chosen, outputs, derivatives)
 
 
 def _differentiable(scene: Scene, sample: MeshSample) -> tuple[str, ...]:
-    """The scene's variables; not each height alone where an elastic base lies level on both films: it would get a step."""
+    """Return the scene's variables, without single heights where an elastic base lies flat on both films.
+
+    There a change of one height would put a step into the base.
+    """
     level = sample.states.model.mesh.layout.kind.base == 0
     return tuple(name for name in values(scene) if not (level and name in ("probe.inner_height", "probe.outer_height")))
 
@@ -88,9 +91,10 @@ class SectionDerivatives:
 
 
 def by_section(sample: MeshSample) -> SectionDerivatives:
-    """Differentiate energies; the states' own change enters the slope F' alone.
+    """Differentiate totals and log-sensitivities by the section's variables; the states' own change enters F' alone.
 
     F' = dF / d ln E = t u^T K_b u:  dF' = 2 u'^T dK u + t u^T dK_b u,  u' = du / d ln E (AX.7).
+    E is the inclusion's modulus, t its multiple of that of the states, K_b the inclusion's part of the stiffness K at t = 1.
     """
     states, t = sample.states, sample.times[:, None, None]
     spanned = sample.response
@@ -111,12 +115,12 @@ def by_section(sample: MeshSample) -> SectionDerivatives:
 
 
 def _stiffness(totals: Floats, logs: Floats) -> Floats:
-    """Derivative of ln of the total force, (k, v)."""
+    """Return derivatives of ln of the total force, (k, v)."""
     return np.asarray((logs * totals[:, None]).sum(axis=-1) / totals.sum(axis=-1)[:, None])
 
 
 def areas(scene: Scene, model: MeridianModel) -> Floats:
-    """Derivatives of ln of the end areas by the section's variables, shape (v, 2)."""
+    """Return derivatives of ln of the end areas by the section's variables, shape (v, 2)."""
     names, probe = variables(model), scene.probe
     out = np.zeros((len(names), 2))
     ring = probe.outer_area / np.pi
@@ -127,7 +131,7 @@ def areas(scene: Scene, model: MeridianModel) -> Floats:
 
 
 def by_scene(scene: Scene, model: MeridianModel, name: str) -> Floats:
-    """Derivatives of the section's variables (ln of lengths and moduli, Poisson's ratios) by one of the scene's."""
+    """Return derivatives of the section's variables (ln of lengths and moduli, Poisson's ratios) by one of the scene's."""
     section_variables = variables(model)
     out = np.zeros(len(section_variables))
     for length, change in length_derivatives(scene).get(name, {}).items():

@@ -1,4 +1,4 @@
-"""Level 3: finite elements in the meridian plane, refined until the error asked for is reached."""
+"""Evaluator ``axisymmetric``: finite elements in the meridian plane, refined until the accuracy is reached."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Axisymmetric(FilmLevel):
     summary: str = "2D finite elements; tumour on the probe's axis; 1e-4 to 1e-2 in 0.1 to 3 s"
 
     def refusal(self, scene: Scene) -> str | None:
-        """Say which kind of thing in the scene is not rotationally symmetric, or None."""
+        """Return why the scene is not rotationally symmetric, with the evaluator that takes it; None where it is."""
         at = scene.placement
         if needs_solid(scene) is not None:
             return needs_solid(scene)
@@ -44,17 +44,17 @@ class Axisymmetric(FilmLevel):
     def answer(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> Answer:
         """Refine until ratio, stresses and stiffness are within ``accuracy`` and log_sensitivity within 5 times that.
 
-        A curve comes from one factorisation a mesh.
+        A curve takes one factorisation per mesh.
 
         Raises:
-            Refusal: the scene is of another kind, or so extreme that its equations cannot be solved in double precision.
+            Refusal: the scene is not rotationally symmetric, or its equations cannot be solved in double precision.
         """
         converged = self.converged(scene, accuracy, moduli)
         return Answer(converged.films, converged.sample.states.residual, converged.plan, converged.notes)
 
     @in_own_workspace
     def answers(self, scenes: Sequence[Scene], accuracies: Sequence[float]) -> list[Answer | InputError]:
-        """Return what ``answer`` finds of each scene at its accuracy, or its refusal: a design's moduli and loads at once."""
+        """Solve each scene at its accuracy, or return its refusal; all moduli and loads of a design are solved together."""
         return answers(self.converged, self._alone, scenes, accuracies)
 
     @in_own_workspace
@@ -62,7 +62,7 @@ class Axisymmetric(FilmLevel):
         """Return film forces with their errors at the inclusion's modulus, or at all ``moduli``.
 
         Raises:
-            Refusal: see ``answer``.
+            Refusal: see ``solve``.
         """
         why = self.refusal(scene)
         if why is not None:
@@ -80,5 +80,5 @@ class Axisymmetric(FilmLevel):
 
 
 def level(tell: Tell | None = None) -> Axisymmetric:
-    """Return the level; it has nothing to tell."""
+    """Return the evaluator; it reports no progress."""
     return Axisymmetric()

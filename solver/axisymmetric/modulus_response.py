@@ -1,8 +1,8 @@
-"""Film forces as an exact function of one body's Young's modulus, from one factorisation.
+"""Compute film forces as an exact function of one body's Young's modulus, from one factorisation.
 
 K is affine in the modulus: with t = E / E_0, K(t) = K + (t - 1) K_b. The states at every t lie, to a stated tolerance, in the
 block Krylov space of K^-1 K_b begun with the states at t = 1. On a basis of it, orthonormal in K, K_b becomes diagonal, and
-the film forces a sum of rational functions of t, eq. AX.8, which is differentiated as it stands. Galerkin's
+the film forces a sum of rational functions of t, eq. AX.8, which is differentiated analytically. Galerkin's
 error in the forces is the square of the states' error.
 """
 
@@ -18,9 +18,9 @@ from geometry.meridian.section import Body
 from solver.axisymmetric.base_states import BaseStates, products
 from solver.linalg.rational_response import KrylovBasis, RationalResponse
 
-TOLERANCE = 1e-10  # of the film forces, relative, at both ends of the range; states are good to its root
+TOLERANCE = 1e-10  # at both ends of the range; states are accurate to its root
 MOST_STEPS = 60
-NOTHING_NEW = 1e-20  # share of a vector's energy that is left beside the basis
+NOTHING_NEW = 1e-20  # outside the basis: vectors with less are dropped
 
 
 @dataclass(frozen=True)
@@ -32,9 +32,9 @@ class ModulusResponse:
         F(t) = F(1) + (t - 1) G - (t - 1)^2 sum_k c_k c_k^T / (1 + (t - 1) l_k)        (AX.8)
 
     Attributes:
-        body: whose modulus varies.
-        states: at t = 1.
-        edge: the elements' values of the basis v_k on corners and edges, rigid shifts taken out, shape (n, 8 p, m).
+        body: the body whose modulus varies.
+        states: both base states u_1, u_2 at t = 1.
+        edge: the elements' values of the basis v_k on corners and edges, without rigid shifts, shape (n, 8 p, m).
         rational: eq. AX.8, l_k, G and c.
     """
 
@@ -48,7 +48,7 @@ class ModulusResponse:
         return self.rational.at(t)
 
     def states_at(self, t: Floats) -> tuple[Floats, Floats]:
-        """Coefficients of both states on (u_1, u_2, v_1 ... v_m) and their derivatives by ln E, each (n, 2 + m, 2).
+        """Return coefficients of both states on (u_1, u_2, v_1 ... v_m) and their derivatives by ln E, each (n, 2 + m, 2).
 
         On v_k they are -(t - 1) c_k / (1 + (t - 1) l_k) and -t c_k / (1 + (t - 1) l_k)^2 (AX.9).
         """
@@ -69,7 +69,7 @@ class ModulusResponse:
 
 
 def response(states: BaseStates, low: float, high: float, body: Body = Body.INCLUSION) -> ModulusResponse:
-    """Return film forces for moduli of a body from ``low`` to ``high``, multiples of the one that ``states`` were solved with.
+    """Return film forces for moduli of a body from ``low`` to ``high``, as multiples of its modulus in ``states``.
 
     Raises:
         SolveError: the body has no elements, or the range is too wide for the tolerance.
@@ -90,14 +90,14 @@ def response(states: BaseStates, low: float, high: float, body: Body = Body.INCL
 
 
 def tangent(states: BaseStates) -> ModulusResponse:
-    """Return what is exact at t = 1 alone: the states and their derivatives by ln E of the inclusion, from one solve."""
+    """Return a response that is exact at t = 1 only: states and derivatives by ln E of the inclusion, from one solve."""
     space = _BodyEnergy(states, np.flatnonzero(states.model.mesh.body == Body.INCLUSION))
     space.grow()
     return space.response(Body.INCLUSION)
 
 
 class _BodyEnergy:
-    """A body's energies on a growing basis: summed over its own elements."""
+    """The energies of a body on a growing basis, summed over the body's elements."""
 
     def __init__(self, states: BaseStates, inside: Ints) -> None:
         system = states.model.system
@@ -110,7 +110,7 @@ class _BodyEnergy:
         self.basis = KrylovBasis(system.matrix, system.factor.solve, len(states.v), NOTHING_NEW)
 
     def grow(self) -> bool:
-        """Add K^-1 K_b of the newest vectors; return whether anything new came."""
+        """Add K^-1 K_b times the newest vectors to the basis; return whether any of them was independent."""
         new = self.basis.grow(np.asarray(self.gather.T @ self.last.reshape(-1, self.last.shape[2])))
         if not new.shape[1]:
             return False
@@ -122,7 +122,7 @@ class _BodyEnergy:
         return True
 
     def forces(self, t: Floats) -> Floats:
-        """Film forces as far as the basis goes, which is taken for orthonormal, shape (n, 2, 2)."""
+        """Return film forces on the present basis, taken as orthonormal, shape (n, 2, 2)."""
         x, energy = np.asarray(t)[:, None, None] - 1, self.energy
         share, coupling = energy[2:, 2:], energy[2:, :2]
         across = coupling.T @ np.linalg.solve(
@@ -131,7 +131,7 @@ class _BodyEnergy:
         return np.asarray(self.states.forces + x * energy[:2, :2] - x**2 * across)
 
     def response(self, body: Body) -> ModulusResponse:
-        """The film forces as far as the basis goes."""
+        """Return the response on the present basis."""
         energy, edge = self.energy, self.states.model.system.own(self.basis.vectors)
         rational = RationalResponse.of(energy[2:, 2:], energy[2:, :2], start=self.states.forces, inside=energy[:2, :2])
         return ModulusResponse(body, self.states, edge @ rational.turn, rational)

@@ -1,4 +1,4 @@
-"""What a rotationally symmetric model of blocks and tissue leaves out, each with a bound on what it changes."""
+"""Bound the effects that a rotationally symmetric model of blocks and tissue leaves out."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from solver.results.detail_compliance import details
 from solver.results.film_forces import Bound
 from solver.results.result import Decision, Effect
 
-IN_PLANE = "film compliance", "elastic base"  # what the meridian plane can hold
+IN_PLANE = "film compliance", "elastic base"  # details that the meridian plane can model
 BEYOND = f"the tissue beyond {HALF_SPACE:g} probe sizes"
-SECOND_ORDER = 1 / 3  # of what the mean over cylinders shifts: what it may leave
-SLACK = 1.2  # on the bracket of tissue that is not round: within it the ratio need not be monotone
+SECOND_ORDER = 1 / 3  # remaining error, of the shift by the mean over cylinders
+SLACK = 1.2  # on the bracket of sides that are not round: the ratio may not be monotone in it
 
 
 @dataclass(frozen=True)
 class Change:
-    """A feature and a bound on what its omission changes of the film forces at each modulus.
+    """A feature and a bound on the change of the film forces by its omission, at each of k moduli.
 
     Attributes:
-        sensitivity: estimate of what it changes of the log-sensitivities, shape (k,).
-        totals: on each film that it is relative to, N/m, shape (k, 2).
-        shift: what is known of the change of the forces, and added to them, N/m, shape (k, 2, 2); or nothing.
+        sensitivity: estimate of the change of the log-sensitivities, shape (k,).
+        totals: forces on each film to which the bounds are relative, N/m, shape (k, 2).
+        shift: known part of the change, which is added to the forces, N/m, shape (k, 2, 2); 0 where none is known.
     """
 
     feature: str
@@ -47,7 +47,7 @@ class Change:
         return max(bound.log_ratio for bound in self.bounds)
 
     def decision(self, accuracy: float) -> Decision:
-        """Return what the plan says of it."""
+        """Return the line of the plan for this feature."""
         totals = np.array([bound.totals for bound in self.bounds])
         with np.errstate(divide="ignore"):
             stresses = totals / np.abs(self.totals)
@@ -59,7 +59,7 @@ class Change:
 
 
 def omitted_changes(scene: Scene, plain: Sections, rough: Callable[[], MeshSample], moduli: Floats | None) -> Iterable[Change]:
-    """Yield bounds on what round blocks on a rigid base and round tissue leave out.
+    """Yield bounds on the effects that round blocks on a rigid base and round tissue leave out.
 
     Args:
         scene: whose details are left out.
@@ -82,19 +82,19 @@ def omitted_changes(scene: Scene, plain: Sections, rough: Callable[[], MeshSampl
 
 
 def _sides(scene: Scene, plain: Sections, rough: MeshSample, moduli: Floats | None) -> Change:
-    """The tissue's sides are not round about the probe's axis: the mean over cylinders of all their distances.
+    """Correct for sides of the tissue that are not round about the probe's axis, by the mean over cylinders, with a bound.
 
-    F = (1 / 2 pi) Int F_cylinder(R(theta)) d theta (AX.4) is right to first order in how far sides deviate from a circle. With b
-    what the inscribed or circumscribed cylinder changes of a total, relative, what is left is bounded by a third of the shift and
-    b^2; 3D references with b = 0.03 and 0.06 leave 0.0001 and 0.002 (their own uncertainty).
+    F = (1 / 2 pi) Int F_cylinder(R(theta)) d theta (AX.4) is right to first order in the deviation of the sides from a circle,
+    R(theta) their distance. With b the relative change of a total for the inscribed or circumscribed cylinder, the rest is
+    bounded by a third of the shift and b^2; 3D references with b = 0.03 and 0.06 leave 0.0001 and 0.002 (their own uncertainty).
     """
     kind = kind_of(plain.section)
-    from scipy.interpolate import pchip_interpolate  # half of what this level imports, for scenes of this kind alone
+    from scipy.interpolate import pchip_interpolate  # slow to import, and used for such scenes only
 
     ends = []
     for section in plain.bracket:
         try:  # on a mesh of one topology errors cancel in the difference
-            with np.errstate(all="ignore"):  # lengths may be in another order; the mesh's areas tell
+            with np.errstate(all="ignore"):  # lengths may be in another order; the mesh then has no area
                 ends.append(sample(section, plain, scene, LEVELS[0], moduli=moduli, kind=kind))
         except SolveError:
             ends.append(sample(section, plain, scene, LEVELS[0], moduli=moduli))

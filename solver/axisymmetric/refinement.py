@@ -1,4 +1,4 @@
-"""Meshes refined until the error asked for is reached, and the bounds on what is left."""
+"""Refine meshes until the accuracy is reached, and bound the remaining errors."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ LEVELS = (
     MeridianFineness(1.5, 5, 8),
     MeridianFineness(2, 6, 8),
 )
-COARSE_ENOUGH = (3e-3, 3e-4)  # accuracies below which the first, the second level is left out
-LIGHT = MeridianFineness(0.7, 1, 4, lean=True)  # tried first where none is left out and one mesh tells its own error
-LIGHT_FOR = 3e-3  # accuracies it is tried for, or above: it seldom does below
-BELIEVED = 0.01  # bounds of its that are believed: where they are wider its changes need not fall yet
-ONE_MESH = (4, 5, 6)  # orders of meshes that do
-CROSSED = (5, 6, 8)  # likewise where interfaces cross the sphere: order 4 told half of an error where rays were turned much
-UNSEEN_DROP = 1.5  # by which errors are trusted to fall from one level to the next before it is seen
-LEAST_SHARE = 1.5  # of the last change: the least that the error bound keeps
-GUARD = 0.3  # of the largest change that eq. AX.2 allows
-LEAST_MEMORY = 0.1  # of the change before that
+COARSE_ENOUGH = (3e-3, 3e-4)  # accuracies below which the first and the second mesh are left out
+LIGHT = MeridianFineness(0.7, 1, 4, lean=True)  # tried first at low accuracy
+LIGHT_FOR = 3e-3  # below it the light mesh is seldom accurate enough
+BELIEVED = 0.01  # wider bounds of the light mesh are not trusted: its changes may not yet fall
+ONE_MESH = (4, 5, 6)  # orders of meshes that bound their own errors
+CROSSED = (5, 6, 8)  # where interfaces cross the sphere: order 4 gave half of an error there
+UNSEEN_DROP = 1.5  # of errors from one mesh to the next, before it is measured
+LEAST_SHARE = 1.5  # smallest error bound, times the last change
+GUARD = 0.3  # share of the largest change that eq. AX.2 allows
+LEAST_MEMORY = 0.1  # smallest error bound, times the change before the last
 
 
 @dataclass(frozen=True)
@@ -54,21 +54,21 @@ def refine(
     margin: float = 1.0,
     told: Sequence[int] = ONE_MESH,
 ) -> tuple[MeshSample, SampleErrors, str | None]:
-    """Return the first sample that is good enough with its errors, or that of the finest mesh that could be solved.
+    """Return the first sample that is accurate enough with its errors, or the best that could be solved.
 
-    The last of the three says why a finer mesh was not used, if one was wanted: a note where a limit forbade it.
+    The last of the three results explains why no finer mesh was used, if one was needed: a ``Note`` where a limit prevented it.
 
     Args:
         solve: solves on a mesh.
         accuracy: relative.
-        good: whether a sample with its errors is good enough.
-        alone: what may tell the errors of a sample from its own mesh, the cheapest first.
-        margin: times what several meshes tell of their errors; above 1 that counts where none tells its own alone.
-        told: orders of the meshes that do.
+        is_good: returns whether a sample with its errors is accurate enough.
+        one_mesh_bounds: functions that bound the errors of a sample from its own mesh or return None, the cheapest first.
+        margin: factor of error bounds from several meshes; above 1 they are used only where no mesh bounds its own errors.
+        one_mesh_orders: orders of the meshes that can bound their own errors.
 
     Raises:
-        SolveError: not even two meshes could be solved, or one where that is asked.
-        LimitReached: likewise, within the limits.
+        SolveError: the meshes that a first bound needs could not be solved.
+        LimitReached: they could not be solved within the limits.
     """
     history: dict[MeridianFineness, MeshSample] = {}
     best: tuple[MeshSample, SampleErrors] | None = None
@@ -98,10 +98,10 @@ def refine(
 
 
 def _ladder(accuracy: float, alone: bool, several: bool) -> Sequence[MeridianFineness]:
-    """The meshes that are solved in turn.
+    """Return the meshes to solve, in order.
 
-    Where one tells its own error the second comes first, and the coarser, which is cheap, bounds its error where it does not do
-    and several are believed.
+    Where one mesh bounds its own error, the second mesh comes first. If that is not accurate enough, and bounds from several
+    meshes are trusted, the cheap first mesh follows and gives another bound.
     """
     levels = LEVELS[sum(accuracy < limit for limit in COARSE_ENOUGH) :]
     if not alone:
@@ -115,7 +115,7 @@ def _known(
     alone: Iterable[Callable[[MeshSample], SampleErrors | None]],
     margin: float,
 ) -> Iterator[SampleErrors]:
-    """Bounds on the errors of the sample on the finest mesh: from several meshes, and from its own."""
+    """Yield bounds on the errors of the sample on the finest mesh: from several meshes, and from that mesh alone."""
     light = all(found is not one for one in solved)
     if len(solved) > 1 and not light:
         told = errors(solved)
@@ -125,12 +125,12 @@ def _known(
 
 
 def _worst(sample: MeshSample, bounds: SampleErrors) -> float:
-    """The largest relative error bound of a film's force."""
+    """Return the largest relative error bound of a film's force."""
     return float(np.max(bounds.totals / np.maximum(np.abs(sample.totals), 1e-300)))
 
 
 def errors(history: Sequence[MeshSample]) -> SampleErrors:
-    """Bounds on the errors of the last of at least two samples.
+    """Bound the errors of the last of at least two samples by the changes between them.
 
     By Galerkin's orthogonality the error of film i's total is the energy product of the errors of state i and of the sum U of
     both states, and so at most sqrt(e_ii e_UU), e the errors of F_ii and of the stiffness (AX.2). A part of it guards
@@ -142,16 +142,17 @@ def errors(history: Sequence[MeshSample]) -> SampleErrors:
 
 
 def total_change(change: Floats) -> Floats:
-    """How much both totals changed, shape (k, 2), from the change of F_ij, shape (k, 2, 2): see eq. AX.2."""
+    """Return the change of both totals, shape (k, 2), from the change of F_ij, shape (k, 2, 2), by eq. AX.2."""
     single, whole = np.abs(np.diagonal(change, axis1=1, axis2=2)), np.abs(change.sum(axis=(1, 2)))[:, None]
     return np.asarray(np.maximum(np.abs(change.sum(axis=2)), GUARD * np.sqrt(single * whole)))
 
 
 def _remaining_error(changes: Sequence[Floats]) -> Floats:
-    """What is left after the last of several changes.
+    """Bound the error that remains after the last of several changes.
 
-    If errors fall by q from level to level, 1 / (q - 1) of the last change is left (AX.3). No more than UNSEEN_DROP is trusted
-    before a second change shows q; never less is kept than LEAST_SHARE of the last change and LEAST_MEMORY of the one before.
+    If errors fall by q from level to level, 1 / (q - 1) of the last change is left (AX.3). q is taken as ASSUMED_DECAY until a
+    second change gives it. The bound is at least MIN_CHANGE_SHARE of the last change and MIN_PREVIOUS_CHANGE_SHARE of the one
+    before.
     """
     if len(changes) == 1:
         return np.asarray(changes[0] / (UNSEEN_DROP - 1))

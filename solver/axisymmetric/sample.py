@@ -1,4 +1,4 @@
-"""Film forces of one section on one mesh."""
+"""Compute the film forces of one section on one mesh."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ class MeshSample:
     """Film forces at one or several moduli on one mesh.
 
     Attributes:
-        forces, slope: F_ij and dF_ij / d ln E_object, shape (k, 2, 2).
-        states: the base states that they come from.
+        forces, modulus_derivative: F_ij and dF_ij / d ln E_object, shape (k, 2, 2).
+        states: the base states from which they are computed.
         times: the moduli as multiples of that of ``states``, shape (k,).
-        response: how the states change with the modulus, where there are several.
+        response: the states as functions of the modulus; None where there is one modulus.
     """
 
     forces: Floats
@@ -85,6 +85,6 @@ def sample(
 
 
 def _middle(moduli: Floats, tissue: float) -> float:
-    """The modulus from which a curve is spanned: the middle of its part in which the film forces change."""
+    """Return the modulus at which a curve is solved: the middle of the range in which the film forces change."""
     low, high = np.clip([moduli.min(), moduli.max()], 0.01 * tissue, 100 * tissue)
     return float(np.sqrt(low * high))

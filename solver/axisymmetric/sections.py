@@ -1,4 +1,4 @@
-"""From a scene to the meridian sections that stand for it."""
+"""Build the meridian sections that represent a scene."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from geometry.scenes.base_sizes import base_sizes
 from geometry.scenes.probe import Material
 from geometry.scenes.scene import Scene
 
-ANGLES = 1440  # directions in which the tissue's sides are looked for
-HALF_SPACE = 1e6  # radius and depth of what stands for a half-space, in sizes of probe and inclusion
-LEAST_CUT, TOUCHING = 1e-7, 1e-6  # of the sphere's radius: what an interface cuts off that is nearer to a pole than the second
-FILM_POISSON_RATIO = 0.3  # of films and adhesive, whose lateral stiffness the blocks hardly feel
+ANGLES = 1440  # directions in which the distance of the tissue's sides is computed
+HALF_SPACE = 1e6  # radius and depth of the model of a half-space, in sizes of probe and inclusion
+LEAST_CUT, TOUCHING = 1e-7, 1e-6  # of the sphere's radius; nearer interfaces move to the cut
+FILM_POISSON_RATIO = 0.3  # of films and adhesive; it has little effect
 
 
 @dataclass(frozen=True)
 class Sections:
-    """What is solved for a scene.
+    """The meridian sections of a scene, with materials.
 
     Material added to the tissue's sides adds energy to every state, so that in the order of symmetric matrices
     F(inscribed cylinder) <= F <= F(circumscribed cylinder) (AX.1); the cylinder of the same area lies between them too.
 
     Attributes:
         section: with the tissue as a cylinder of its own cross-section's area about the probe's axis.
-        bracket: cylinders from the inscribed to the circumscribed one, where they differ from it; else empty.
+        bracket: cylinders from the inscribed to the circumscribed one; empty where the tissue is round about the axis.
         materials: of every body.
         outline: distances of the sides from the probe's axis in evenly spaced directions, m, shape (ANGLES,).
     """
@@ -58,7 +58,7 @@ def sections(scene: Scene) -> Sections:
     elif tissue.shape == "block":
         radius, depth = math.sqrt(tissue.length * tissue.breadth / math.pi), tissue.depth
         sides = ((np.cos(angle), tissue.length / 2, at.x), (np.sin(angle), tissue.breadth / 2, at.y))
-        # to the side that the direction meets first; 1e-9: none is quite parallel to a side
+        # distance to the first side met; 1e-9 avoids division by 0 parallel to a side
         outline = np.min([(half - np.sign(along) * centre) / (np.abs(along) + 1e-9) for along, half, centre in sides], axis=0)
     else:
         radius = depth = HALF_SPACE * max(*blocks, sum(sphere), *layers.values())
@@ -74,7 +74,7 @@ def sections(scene: Scene) -> Sections:
 
 
 def _apart_from_poles(section: Section) -> Section:
-    """Move interfaces that touch the sphere a little into it, by less than rounding leaves known of where they are."""
+    """Move interfaces that touch the sphere slightly into it, by less than the rounding of their positions."""
     if not section.sphere_radius:
         return section
     radius, thicknesses, last = section.sphere_radius, {}, 0.0

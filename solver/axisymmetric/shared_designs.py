@@ -1,8 +1,8 @@
-"""Answers to many scenes of which some differ in nothing but the inclusion's Young's modulus and the load.
+"""Solve many scenes, of which some differ only in the inclusion's Young's modulus and the load.
 
 The film forces of such scenes per unit indentation are one curve: a load scales them, and all moduli come from one
-factorisation (``modulus_response.py``), each with its own error bound. Where a curve does not do, each modulus is answered alone,
-and a load costs nothing in either case.
+factorisation (``modulus_response.py``), each with its own error bound. Where a curve is not accurate enough, each modulus is
+solved alone. Further loads take no time in either case.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ Found = Answer | InputError
 
 
 def design(scene: Scene) -> Scene:
-    """Return the scene without what a curve answers: the inclusion's modulus and the size of the load, but not its kind."""
+    """Return the scene with a standard modulus of the inclusion and a zero load of its kind: the key of scenes on one curve."""
     load = Load(indentation=0.0) if scene.load.indentation is not None else Load(force=0.0)
     bodies = tuple(body.model_copy(update={"youngs_modulus": 1.0}) for body in scene.inclusion)
     return scene.model_copy(update={"load": load, "inclusion": bodies})
 
 
 def smooth_kind(scene: Scene) -> tuple[Kind, Kind] | None:
-    """Return what scenes share whose results are smooth functions of their numbers; None of one that is refused."""
+    """Return a key that scenes share if their results are smooth functions of their numbers; None for a refused scene."""
     try:
         section = sections(scene).section
         return kind_of(section), kind_of(section, lean=True)
@@ -49,13 +49,13 @@ def smooth_kind(scene: Scene) -> tuple[Kind, Kind] | None:
 def answers(
     converge: Converge, alone: Callable[[Scene, float], Found], scenes: Sequence[Scene], accuracies: Sequence[float]
 ) -> list[Found]:
-    """Return what is found of each scene at its accuracy, or its refusal.
+    """Solve each scene at its accuracy, or return its refusal; scenes that share a design are solved together.
 
     Args:
-        converge: finds film forces at moduli, Pa, shape (k,); scenes with one inclusion alone are asked for that.
-        alone: answers one scene.
-        scenes: that the level takes or not.
-        accuracies: one for each; of those that share a design the finest counts.
+        converge: computes film forces at moduli, Pa, shape (k,); used for scenes with exactly one inclusion.
+        solve_alone: solves one scene.
+        scenes: scenes of any kind; those that the evaluator does not take are refused.
+        accuracies: one for each; scenes that share a design are solved to the finest.
     """
     groups: dict[Scene, list[int]] = defaultdict(list)
     for place, scene in enumerate(scenes):
@@ -79,7 +79,10 @@ def _modulus(scene: Scene) -> float:
 
 
 def _curve(converge: Converge, scenes: Mapping[float, Scene], accuracy: float, count: int) -> dict[float, Answer]:
-    """Answers to scenes by their moduli, within ``count`` times, but for those of which a mesh of their own may tell more."""
+    """Solve a curve for scenes by their moduli, within ``count`` times the time limit.
+
+    Moduli at which the curve is not accurate enough, and their own mesh may be, are left out.
+    """
     moduli = np.array(sorted(scenes))
     try:
         with limited(replace(limits(), seconds=count * limits().seconds)), timed():

@@ -1,4 +1,4 @@
-"""Forms of pairs of states by those of few: what gradients along a whole curve need of the elements.
+"""Express energy forms of many pairs of states by those of a few, for gradients along a whole curve of moduli.
 
 A film's total is the form g_i(u) = u_i^T A (u_1 + u_2) of both states, A the stiffness or its derivative by anything, and it
 changes with the states, by w, as g_i'(u, w) = w_i^T A (u_1 + u_2) + u_i^T A (w_1 + w_2). On a basis of m vectors both are sums of
@@ -16,10 +16,10 @@ import numpy as np
 
 from geometry.common.arrays import Floats, Ints
 
-NEGLIGIBLE = 1e-7  # of a form, in the norm of the coefficients of its products: what may be left of it
-SPENT = 1e-2  # times that: where forms leave less, another one helps little
-FEW = 20  # of the states, evenly: what is chosen among first
-MORE = 2.0  # times what is negligible: what may then be left of the others
+NEGLIGIBLE = 1e-7  # remainder of a form, in the norm of the coefficients of its products
+SPENT = 1e-2  # times that: with a smaller remainder another form helps little
+FEW = 20  # states, evenly spaced, among which pivots are chosen first
+MORE = 2.0  # times the negligible remainder: allowed for the other states then
 
 
 @dataclass(frozen=True)
@@ -38,11 +38,11 @@ class StateForms:
 
     @classmethod
     def of(cls, u: Floats, w: Floats, size: Floats) -> StateForms:
-        """Choose pairs.
+        """Choose the pairs by which all forms and changes are expressed.
 
         Args:
             u: coefficients of the states on a basis, shape (k, m, 2).
-            w: of what they change by, shape (k, m, 2).
+            w: coefficients of their changes, shape (k, m, 2).
             size: norms of the basis vectors, shape (m,): coefficients times norms are compared.
         """
         step = _steps(u * size[:, None], w * size[:, None])
@@ -59,19 +59,19 @@ class StateForms:
         return cls(states.transpose(1, 2, 0), weights[: len(u)], weights[len(u) :] / step[:, 0])
 
     def sums(self, forms: Floats) -> tuple[Floats, Floats]:
-        """From g_i of the chosen pairs, (v, 2, s), to g_i and g_i' of all, shape (k, v, 2) both."""
+        """Return g_i and g_i' of all pairs, shape (k, v, 2) both, from g_i of the chosen pairs, (v, 2, s)."""
         values, changes = (np.moveaxis(forms @ part.T, -1, 0) for part in (self.values, self.changes))
         return values, changes
 
 
 def _steps(u: Floats, w: Floats) -> Floats:
-    """By what changes are multiplied to be as large as the states, shape (k, 1, 1)."""
+    """Return factors that scale changes to the size of the states, shape (k, 1, 1)."""
     states, changes = (np.linalg.norm(one, axis=(1, 2), keepdims=True) for one in (u, w))
     return np.asarray(np.divide(states, changes, out=np.ones_like(states), where=changes > 0))
 
 
 def _products(u: Floats, w: Floats, size: Floats) -> Floats:
-    """What A is multiplied by in g_1 - g_2 and g_1 + g_2, made bilinear and symmetric in u and w, shape (k, products)."""
+    """Return the factors of A in g_1 - g_2 and g_1 + g_2, bilinear and symmetric in u and w, shape (k, products)."""
     low, high = np.triu_indices(len(size))
     weight = np.where(low < high, 2**0.5, 1.0)  # of entries that stand for two
     (sums, apart), (other_sums, other_apart) = (_sum_and_difference(one * size[:, None]) for one in (u, w))
@@ -88,9 +88,9 @@ def _sum_and_difference(u: Floats) -> tuple[Floats, Floats]:
 
 
 def _pivots(products: Floats, plain: int) -> Ints:
-    """Rows of which all others are sums, those of the first ``plain`` first: shape (chosen,), likewise in order.
+    """Choose rows whose linear combinations give all others; return their indices in order, shape (chosen,).
 
-    They are chosen among a few first, which as a rule will do.
+    Of the first ``plain`` rows as many as useful are taken first. A few candidates are tried before all, which usually suffices.
     """
     norms = np.linalg.norm(products, axis=1, keepdims=True)
     left = np.divide(products, norms, out=np.zeros_like(products), where=norms > 0)
@@ -103,7 +103,7 @@ def _pivots(products: Floats, plain: int) -> Ints:
 
 
 def _chosen(left: Floats, plain: int) -> tuple[Ints, Floats]:
-    """Rows by pivoting, in order, and an orthonormal basis of them."""
+    """Choose rows by pivoting; return their indices in order and an orthonormal basis."""
     chosen: list[int] = []
     basis: list[Floats] = []
     for _ in range(len(left)):

@@ -1,7 +1,7 @@
-"""Displacements and strains of base states anywhere in tissue without inclusions.
+"""Evaluate displacements and strains of base states anywhere in tissue without inclusions.
 
 Without a sphere every element of the tissue is a quadrilateral with straight sides, whose map is inverted by Newton's
-method; the polynomials are then evaluated where they stand, so that strains are as accurate as the elements are.
+method; the polynomials are then evaluated directly, so that strains are as accurate as the elements.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from solver.axisymmetric.base_states import BaseStates
 from solver.elements.quadrilateral import dilations
 from solver.elements.shape_functions import functions, polynomials, pressures
 
-CHUNK = 20_000  # points evaluated at once, which bounds the memory
-NEWTON, CONVERGED = 12, 1e-13  # steps at most; a step in the unit square
+CHUNK = 20_000  # evaluated at once, which limits the memory
+NEWTON, CONVERGED = 12, 1e-13  # tolerance: last step in the unit square
 
 
 @dataclass(frozen=True)
 class Strains:
-    """Both base states (last axis: inner, outer block's base moved by one unit) at m points.
+    """Displacements and strains of both base states at m points; last axis: inner or outer block displaced by one unit.
 
     Attributes:
         displacement: u_r, u_z per unit displacement, shape (m, 2, 2).
@@ -113,7 +113,7 @@ class TissueField:
 
     @cached_property
     def _lookup(self) -> tuple[Any, ...]:
-        """Lines of the tissue, and for each row and column between them the elements in it (repeated to one length)."""
+        """Grid lines of the tissue, and the elements in each row and column between them (repeated to one length)."""
         model = self.states.model
         layout = model.mesh.layout
         lines = frame(model.section, layout)
@@ -135,7 +135,7 @@ class TissueField:
 
 
 def _planes(corners: Floats) -> Floats:
-    """Coefficients (3, n, 4) of a r + b z + c, for each side of quadrilaterals: positive inside, in units of their sizes."""
+    """Return coefficients (3, n, 4) of a r + b z + c for each side of quadrilaterals: positive inside, relative to size."""
     sides = np.roll(corners, -1, axis=1) - corners
     size = np.abs(sides).sum(axis=(1, 2))[:, None] ** 2
     a, b = -sides[..., 1] / size, sides[..., 0] / size
@@ -143,7 +143,7 @@ def _planes(corners: Floats) -> Floats:
 
 
 def _inverted(corners: Floats, points: Floats) -> tuple[Floats, Floats]:
-    """Places in the unit squares of quadrilaterals, (m, 4, 2), that are mapped to points, (m, 2), and the Jacobians there."""
+    """Return the places in quadrilaterals' unit squares that map to points, (m, 2), and the Jacobians there."""
     a, b, c, d = corners.transpose(1, 2, 0)
     along, up, twist = b - a, d - a, (a - d) - (b - c)  # the map a + u along + v up + u v twist
     u = v = np.full(len(points), 0.5)
@@ -160,7 +160,7 @@ def _inverted(corners: Floats, points: Floats) -> tuple[Floats, Floats]:
 
 
 def jacobian(corners: Any, places: Any) -> Any:
-    """D (r, z) / d (u, v) of quadrilaterals, (m, 4, 2), at places in their unit squares, (m, 2); shape (m, 2, 2)."""
+    """Return d(r, z) / d(u, v) of quadrilaterals, (m, 4, 2), at places in their unit squares, (m, 2); shape (m, 2, 2)."""
     u, v = places[:, :1], places[:, 1:]
     a, b, c, d = np.moveaxis(corners, 1, 0)
     return np.stack([(1 - v) * (b - a) + v * (c - d), (1 - u) * (d - a) + u * (c - b)], axis=-1)

@@ -1,1 +1,1 @@
-"""The levels as differentiable casadi functions for IPOPT; the only room that imports casadi."""
+"""Evaluators as differentiable casadi functions for IPOPT; the only package that imports casadi."""

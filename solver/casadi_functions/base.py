@@ -1,4 +1,4 @@
-"""Functions with exact Jacobians as casadi functions: what IPOPT is given."""
+"""Wrap functions with exact Jacobians as casadi functions for IPOPT."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ from geometry.common.arrays import Floats
 
 
 class Differentiated(casadi.Callback):  # type: ignore[misc]
-    """x -> y, both vectors, with dy/dx; who derives from it tells ``values`` and, when all is set, calls ``begin``.
+    """A casadi function from a vector x to a vector y with dy/dx; subclasses define ``compute`` and then call ``begin``.
 
-    Values at the last x are remembered. Tell IPOPT ``hessian_approximation = "limited-memory"``; keep a reference as long as
+    Values at the last x are kept. Set IPOPT's option ``hessian_approximation = "limited-memory"``; keep a reference as long as
     casadi uses it.
     """
 
     def begin(self, name: str, inputs: int, outputs: int) -> None:
-        """Make the casadi function of so many inputs and outputs."""
+        """Construct the casadi function with the given numbers of inputs and outputs."""
         self.inputs, self.outputs = inputs, outputs
         self.last: tuple[Floats, tuple[Floats, Floats]] | None = None
         self.jacobians: list[_Jacobian] = []
         self.construct(name, {"enable_fd": False})
 
     def values(self, x: Floats) -> tuple[Floats, Floats]:
-        """Return y and dy/dx, shapes (outputs,) and (outputs, inputs); NaN where there are none: IPOPT steps back."""
+        """Return y and dy/dx, shapes (outputs,) and (outputs, inputs); NaN where undefined, so that IPOPT steps back."""
         raise NotImplementedError
 
     def at(self, argument: Any) -> tuple[Floats, Floats]:
-        """Return ``values`` at x, those of the last x from memory."""
+        """Return ``compute`` at x, from memory for the last x."""
         x = np.array(argument, dtype=float).ravel()
         if self.last is None or not np.array_equal(self.last[0], x):
             self.last = x, self.values(x)
@@ -60,7 +60,7 @@ class Differentiated(casadi.Callback):  # type: ignore[misc]
 
 
 class _Jacobian(casadi.Callback):  # type: ignore[misc]
-    """(x, y) -> dy/dx."""
+    """The Jacobian dy/dx as a casadi function of x and y."""
 
     def __init__(self, of: Differentiated, name: str, options: dict[str, Any]) -> None:
         super().__init__()

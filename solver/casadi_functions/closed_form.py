@@ -1,4 +1,4 @@
-"""The closed form as a casadi function with exact derivatives: what the search gives to IPOPT."""
+"""The closed form as a casadi function with exact derivatives, for design searches by IPOPT."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from solver.closed_form.designs import Shape, gradients
 
 
 class ClosedFormFunction(Differentiated):
-    """x -> (F_00, F_01, F_10, F_11 and their slopes), x some of the closed form's parameters, SI; the rest stay.
+    """Film forces F_00, F_01, F_10, F_11 and their derivatives by ln E_object, as a function of some parameters x in SI units.
 
     The derivatives are those of the formula itself, by complex steps.
 
     Args:
         shape, start: of a scene, see ``closed_form.parameters``.
-        which: indices of the parameters that x holds.
+        indices: indices of the parameters that x holds; the others stay constant.
     """
 
     def __init__(self, shape: Shape, start: Floats, which: Sequence[int]) -> None:
@@ -27,7 +27,7 @@ class ClosedFormFunction(Differentiated):
         self.begin("closed_form", len(self.which), 8)
 
     def values(self, x: Floats) -> tuple[Floats, Floats]:
-        """Return forces and slopes, shape (8,), and their derivatives; NaN where the formulas break down."""
+        """Return forces and their derivatives by ln E_object, shape (8,), and the Jacobian, shape (8, x); NaN where undefined."""
         values = self.start.copy()
         values[self.which] = x
         with np.errstate(all="ignore"):  # IPOPT steps back from what is not finite

@@ -1,4 +1,4 @@
-"""The finite-element levels as casadi functions with exact Jacobians: what IPOPT optimises designs with."""
+"""The finite-element evaluators as casadi functions with exact Jacobians, for design optimisation by IPOPT."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ OUTPUTS = ("ratio", "stress_inner", "stress_outer", "log_sensitivity")
 
 
 class FilmCallback(Differentiated):
-    """x -> (ratio, stress_inner, stress_outer, log_sensitivity) of a scene, x some of its numbers in SI units.
+    """Ratio, stress_inner, stress_outer and log_sensitivity of a scene as functions of some of its numbers x, SI.
 
-    The mesh that meets the accuracy at the scene itself is kept: its nodes move smoothly with x, and so do the outputs. A design
-    that it cannot follow gets a mesh of its own kind; one that is no scene, or cannot be solved, gives NaN, from
-    which IPOPT steps back.
+    The mesh that meets the accuracy at the scene itself is used throughout: its nodes move smoothly with x, and so do the
+    outputs. A design that does not fit this mesh gets a mesh of its own kind. An invalid scene, or one that cannot be solved,
+    gives NaN, from which IPOPT steps back.
 
     Args:
         scene: where x starts; of a kind that ``axisymmetric`` takes.
@@ -39,7 +39,7 @@ class FilmCallback(Differentiated):
         accuracy: of the outputs at the scene itself, see ``solver.evaluate``.
 
     Raises:
-        InputError: a variable is none of the scene's.
+        InputError: a variable is not one of the scene's.
         Refusal: ``axisymmetric`` cannot take the scene.
     """
 
@@ -52,7 +52,7 @@ class FilmCallback(Differentiated):
         self.begin("films", len(variables), len(OUTPUTS))
 
     def started(self, accuracy: float) -> tuple[MeshTopology, tuple[Decision, ...]]:
-        """Solve the scene itself, and refuse variables that it does not have; return the mesh and what was modelled."""
+        """Solve the scene itself and check the variables; return the mesh and the plan of details."""
         start = Axisymmetric().converged(self.scene, accuracy)
         gradients(self.scene, start.sample, self.variables)
         return start.sample.states.model.mesh.layout, start.plan
@@ -67,7 +67,7 @@ class FilmCallback(Differentiated):
         return gradients(scene, mesh_sample, self.variables)
 
     def values(self, x: Floats) -> tuple[Floats, Floats]:
-        """Return the outputs and their derivatives at x, NaN where there are none."""
+        """Return the outputs and their derivatives at x; NaN where the scene is invalid or cannot be solved."""
         solution = self._solved(x)
         if solution is None:
             return np.full(len(OUTPUTS), np.nan), np.full((len(OUTPUTS), len(x)), np.nan)
@@ -92,13 +92,13 @@ class FilmCallback(Differentiated):
 
 
 class TumourCallback(FilmCallback):
-    """What ``FilmCallback`` is, for scenes with spheres anywhere: the equivalent-inclusion level to first order.
+    """As ``FilmCallback``, for scenes with spheres anywhere, by the evaluator ``equivalent-inclusion`` to first order.
 
-    Reflections are left out, as they have no exact derivative: what IPOPT finds is to be judged with them.
+    Reflections are left out, as they have no exact derivative: verify designs from IPOPT with reflections.
 
     Raises:
-        InputError: a variable is none of the scene's.
-        Refusal: the level cannot take the scene.
+        InputError: a variable is not one of the scene's.
+        Refusal: the evaluator cannot take the scene.
     """
 
     def started(self, accuracy: float) -> tuple[MeshTopology, tuple[Decision, ...]]:
@@ -118,7 +118,10 @@ class TumourCallback(FilmCallback):
 
 
 def _explicit(scene: Scene) -> Scene:
-    """Write down what would follow from other numbers, a base's default sizes and an adhesive's modulus: they stay as x moves."""
+    """Return the scene with default values that follow from other numbers set, so that they stay constant as x moves.
+
+    These are the sizes of the base and the modulus of the adhesive.
+    """
     data, probe = scene.model_dump(exclude_unset=True), scene.probe
     if probe.base.youngs_modulus is not None:
         data["probe"]["base"] |= asdict(base_sizes(probe))

@@ -23,7 +23,7 @@ from solver.elements.shape_functions import Shapes
 
 @dataclass(frozen=True)
 class Geometry:
-    """Elements at their Gauss points.
+    """The geometry of elements at their Gauss points.
 
     Attributes:
         radius: r, shape (n, q).
@@ -42,11 +42,11 @@ class Geometry:
 
 @dataclass(frozen=True)
 class Blocks:
-    """Element matrices as their insides are eliminated: the functions on corners and edges, all components, and those within.
+    """Blocks of element matrices: functions on corners and edges (outside), and functions within the element (inside).
 
     Attributes:
         outside: shape (n, c 4 p, c 4 p) for c components.
-        across: of the inside's forces by the outside's values, shape (n, c (p-1)^2, c 4 p).
+        across: forces on the inside by values of the outside, shape (n, c (p-1)^2, c 4 p).
         inside: shape (n, c (p-1)^2, c (p-1)^2).
     """
 
@@ -56,7 +56,7 @@ class Blocks:
 
     @classmethod
     def of(cls, whole: Floats, skeleton: int) -> Blocks:
-        """Part matrices (n, c, s, c, s) whose first ``skeleton`` functions are on corners and edges."""
+        """Split matrices (n, c, s, c, s) whose first ``skeleton`` functions are on corners and edges."""
         n, c, s = whole.shape[:3]
         edge, inner = c * skeleton, c * (s - skeleton)
         low, high = slice(None, skeleton), slice(skeleton, None)
@@ -65,17 +65,18 @@ class Blocks:
         return cls(outside, across, whole[:, :, high, :, high].reshape(n, inner, inner))
 
     def condensed(self) -> Condensed:
-        """Eliminate each element's inside."""
+        """Eliminate the inside of each element."""
         return Condensed.of([self], len(self.outside))
 
 
 @dataclass(frozen=True)
 class Condensed:
-    """Element matrices without their insides.
+    """Element matrices after elimination of the functions within each element.
 
     Attributes:
         stiffness: of the functions on corners and edges, shape (n, c 4 p, c 4 p).
-        upper: Cholesky factors U of the insides, U^T U, shape (n, c (p-1)^2, c (p-1)^2); below the diagonal anything.
+        upper: Cholesky factors U of the insides, U^T U, shape (n, c (p-1)^2, c (p-1)^2); entries below the diagonal are
+            undefined.
         half: U^-T times ``Blocks.across``.
     """
 
@@ -85,11 +86,11 @@ class Condensed:
 
     @classmethod
     def of(cls, parts: Iterable[Blocks], count: int) -> Condensed:
-        """Eliminate by Cholesky's method, half of the operations of Gauss's.
+        """Eliminate the insides by Cholesky's method, with half of the operations of Gauss's.
 
         Args:
-            parts: matrices of the elements, some at a time, so that they need not be held together.
-            count: of all elements.
+            parts: matrices of some elements at a time, so that not all are in memory together.
+            count: number of all elements.
 
         Raises:
             LinAlgError: an inside is not positive definite to rounding.
@@ -107,7 +108,7 @@ class Condensed:
         return whole
 
     def _eliminate(self, blocks: Blocks, where: slice) -> None:
-        """Fill some elements' places, each where it is: rows are LAPACK's columns, so that nothing is copied twice."""
+        """Eliminate the insides of some elements in place: rows are LAPACK's columns, so that nothing is copied twice."""
         reduced, upper, half = self.stiffness[where], self.upper[where], self.half[where]
         upper[:], half[:] = blocks.inside, blocks.across
         for inside, across in zip(upper, half, strict=True):
@@ -118,16 +119,16 @@ class Condensed:
         np.subtract(blocks.outside, half.transpose(0, 2, 1) @ half, out=reduced)
 
     def recovery(self, chosen: Ints | slice = slice(None)) -> Floats:
-        """What gives the insides from corners and edges: inside = recovery @ edge."""
+        """Return the matrices that give inside values from those on corners and edges: inside = recovery @ edge."""
         pairs = zip(self.upper[chosen], self.half[chosen], strict=True)
         return np.array([dtrsm(-1.0, upper.T, half.T, side=1, lower=1).T for upper, half in pairs])
 
 
 def geometry(nodes: Floats, shapes: Shapes) -> Geometry:
-    """Return the elements' geometry from their nodes, shape (n, s, 2).
+    """Return the elements' geometry at the Gauss points from their nodes, shape (n, s, 2).
 
     Raises:
-        SolveError: an element is turned inside out.
+        SolveError: an element has no area or is inverted.
     """
     radius = nodes[..., 0] @ shapes.geometry.T
     (a, b), (c, d) = ([nodes[..., x] @ shapes.tangents[k].T for k in (0, 1)] for x in (0, 1))
@@ -149,7 +150,7 @@ def gradients(at: Geometry, shapes: Shapes, u: Floats) -> tuple[tuple[Floats, ..
 
 
 def matrices(at: Geometry, shapes: Shapes) -> tuple[Floats, Floats]:
-    """Integrate eps:eps and (P div u)^2, P the projection, over each ring element.
+    """Integrate eps:eps and (P div u)^2 over each ring element, P the projection onto the pressures.
 
     Returns two arrays of shape (n, 2, s, 2, s), the components r and z before the functions: the stiffness per unit 2 mu
     and per unit lambda.
@@ -159,7 +160,7 @@ def matrices(at: Geometry, shapes: Shapes) -> tuple[Floats, Floats]:
 
 
 def volumetric(at: Geometry, shapes: Shapes) -> Floats:
-    """Return the latter of ``matrices`` alone."""
+    """Return the second array of ``integrate_matrices`` alone: the stiffness per unit lambda."""
     dilations, inverse = _dilations(at, shapes)
     moments = dilations.take(shapes.tables.moments, axis=1)
     volume = moments.transpose(0, 2, 1) @ (inverse @ moments)
@@ -167,7 +168,7 @@ def volumetric(at: Geometry, shapes: Shapes) -> Floats:
 
 
 def stiffness(at: Geometry, shapes: Shapes, two_mu: Floats, lam: Floats) -> Blocks:
-    """Return the elements' matrices with their moduli, shape (n,) both: of corners and edges, and of their insides."""
+    """Return the blocks of the elements' stiffness matrices with their moduli 2 mu and lambda, shape (n,) both."""
     places = shapes.places_in_sums
     dilations, inverse = _dilations(at, shapes)
     sums, pressures = _shear(at, shapes, two_mu), lam[:, None, None] * inverse
@@ -187,7 +188,7 @@ def stiffness(at: Geometry, shapes: Shapes, two_mu: Floats, lam: Floats) -> Bloc
 
 
 def _shear(at: Geometry, shapes: Shapes, two_mu: Floats) -> Floats:
-    """Sums from which ``ElementTables.stiffness`` takes the integrals of 2 mu eps:eps, shape (n, sums)."""
+    """Return the sums from which ``ElementTables.stiffness`` takes the integrals of 2 mu eps:eps, shape (n, sums)."""
     table = shapes.tables
     (xr, xz), (yr, yz) = (at.inverse[..., k, :].transpose(2, 0, 1) for k in (0, 1))  # x, y: the unit square's; r, z
     w = at.weight * two_mu[:, None]
@@ -204,9 +205,9 @@ def _shear(at: Geometry, shapes: Shapes, two_mu: Floats) -> Floats:
 
 
 def _dilations(at: Geometry, shapes: Shapes) -> tuple[Floats, Floats]:
-    """Sums from which ``ElementTables.moments`` takes integrals of m pressures times div u; the inverse of the pressures' own.
+    """Return sums for the integrals of m pressures times div u, and the inverse mass matrices of the pressures.
 
-    Shapes (n, sums) and (n, m, m).
+    Shapes (n, sums) and (n, m, m); ``ElementTables.moments`` takes the integrals from the sums.
     """
     w, table, n = at.weight, shapes.tables, len(at.weight)
     by_r, by_z = ([w * at.inverse[..., k, axis] for k in (0, 1)] for axis in (0, 1))
@@ -216,9 +217,10 @@ def _dilations(at: Geometry, shapes: Shapes) -> tuple[Floats, Floats]:
 
 
 def dilations(at: Geometry, shapes: Shapes, m: int = 0) -> Floats:
-    """From values U, V, W of fields of azimuthal order m to coefficients of their projected dilation, (n, pressures, 3, s).
+    """Return matrices from values U, V, W of fields of azimuthal order m to their projected dilation, (n, pressures, 3, s).
 
-    div u = U,r + (U + m V) / r + W,z. With nearly incompressible tissue the projection, not div u itself, is what balances.
+    div u = U,r + (U + m V) / r + W,z; the result are coefficients of the pressures. With nearly incompressible tissue the
+    projection, not div u itself, is what balances.
     """
     (xr, xz), (yr, yz) = (at.inverse[..., k, :, None].transpose(2, 0, 1, 3) for k in (0, 1))
     over = shapes.value / at.radius[..., None]
@@ -236,6 +238,6 @@ def projected(at: Geometry, shapes: Shapes, dilation: Floats) -> Floats:
 
 
 def lame(youngs_modulus: Any, poisson_ratio: Any) -> tuple[Any, Any]:
-    """Return 2 mu and lambda."""
+    """Return Lame's 2 mu and lambda from Young's modulus and Poisson's ratio."""
     two_mu = youngs_modulus / (1 + poisson_ratio)
     return two_mu, two_mu * poisson_ratio / (1 - 2 * poisson_ratio)

@@ -1,4 +1,4 @@
-"""Element matrices of rectangles r_0 < r < r_0 + h, l high: products of one-dimensional integrals, the same for all.
+"""Element matrices of rectangles r_0 < r < r_0 + h of height l, from products of one-dimensional integrals that all share.
 
 With M, M_1 the integrals of N_i N_j and x N_i N_j over the unit interval, S and S_1 those of slopes, C and C_1 of N_i with the
 slope of N_j, x along r before y along z, per unit 2 mu and 2 pi:
@@ -7,8 +7,8 @@ slope of N_j, x along r before y along z, per unit 2 mu and 2 pi:
     K_zz = h / l (r_0 M + h M_1) S + l / h (r_0 S + h S_1) M / 2                                              (EL.2)
     K_rz = (r_0 C + h C_1) C^T / 2
 
-The part by lambda depends on r_0 and h but for factors l, 1 and 1 / l of its blocks r r, r z and z z: rectangles between the same
-two radii share it. All is what ``quadrilateral`` sums over Gauss points, to rounding, for a third of the time.
+The part by lambda depends on r_0 and h only, apart from factors l, 1 and 1 / l of its blocks r r, r z and z z: rectangles between
+the same two radii share it. The result equals that of ``quadrilateral``, to rounding, in a third of the time.
 """
 
 from __future__ import annotations
@@ -72,14 +72,14 @@ def _tables(order: int) -> RectangleTables:
 
 
 def rectangles(at: Geometry, shapes: Shapes, two_mu: Floats, lam: Floats, columns: Ints) -> Blocks:
-    """Return what ``quadrilateral.stiffness`` does, of rectangles.
+    """Return the blocks of rectangles' stiffness matrices, as ``quadrilateral.integrate_stiffness`` does in general.
 
     Args:
-        at: their geometry.
+        geometry: their geometry.
         shapes: their functions.
-        two_mu: of each, shape (n,).
-        lam: likewise.
-        columns: the numbers of the first of each run of them that lie between the same two radii, and n; rising.
+        two_mu: 2 mu of each, shape (n,).
+        lam: lambda of each, shape (n,).
+        columns: number of the first rectangle of each run between the same two radii, and n at the end; rising.
     """
     table, s, (first, count) = _tables(shapes.order), len(shapes.degrees), (columns[:-1], np.diff(columns))
     rr, zz, rz = _sheared(at, shapes, two_mu)
@@ -92,7 +92,7 @@ def rectangles(at: Geometry, shapes: Shapes, two_mu: Floats, lam: Floats, column
 
 
 def _sheared(at: Geometry, shapes: Shapes, two_mu: Floats) -> tuple[Floats, Floats, Floats]:
-    """Eq. EL.2 for the pairs of ``RectangleTables``, times 2 mu and 2 pi."""
+    """Return eq. EL.2 for the pairs of ``RectangleTables``, times 2 mu and 2 pi: parts r r, z z and r z."""
     table, wide, high = _tables(shapes.order), 1 / at.inverse[:, 0, 0, 0], 1 / at.inverse[:, 0, 1, 1]
     along = at.radius[:, :: shapes.order + 2]
     inner, factor = along[:, 0] - shapes.points[0, 0] * wide, 2 * np.pi * two_mu
@@ -103,13 +103,13 @@ def _sheared(at: Geometry, shapes: Shapes, two_mu: Floats) -> tuple[Floats, Floa
 
 
 def _add(sums: Floats, shares: Floats, parts: Floats, columns: Ints) -> None:
-    """Add what all of a column share, (columns, pairs), times each one's share, to the sums, (n, pairs), in place."""
+    """Add to the sums (n, pairs), in place, what each column of rectangles has in common times each rectangle's factor."""
     for part, (start, end) in zip(parts, pairwise(columns), strict=True):
         dger(1.0, part, shares[start:end], a=sums[start:end].T, overwrite_a=1)
 
 
 def _blocks(rr: Floats, zz: Floats, rz: Floats, m: int) -> Blocks:
-    """Put the parts of matrices side by side, u_r before u_z."""
+    """Assemble the blocks from the parts r r, z z and r z, u_r before u_z."""
     n, parts, start, (edge, inner) = len(rz), [], 0, (slice(None, m), slice(m, None))
     for rows, cols in ((edge, edge), (inner, edge), (inner, inner)):
         across = rz[:, rows, cols]

@@ -19,7 +19,7 @@ from solver.linalg.workspace import kept
 
 @dataclass(frozen=True)
 class Shapes:
-    """Functions of order p; s = (p+1)^2 of them, the first 4 p on corners and edges.
+    """The s = (p+1)^2 functions of order p, the first 4 p on corners and edges.
 
     Attributes:
         order: p.
@@ -27,7 +27,7 @@ class Shapes:
         points, weights: of Gauss quadrature, shapes (q, 2) and (q,).
         value, slope: of the functions at the points, shapes (q, s) and (2, q, s).
         pressure: polynomials of total degree below p at the points, shape (q, p (p+1) / 2).
-        places: nodes (u, v) by whose positions an element's geometry is told, shape (s, 2).
+        places: nodes (u, v) whose positions define an element's geometry, shape (s, 2).
         geometry, tangents: interpolation from these nodes to the points, shapes (q, s) and (2, q, s).
         tables: of the functions' products, from which elements' matrices are sums.
         mass: products of two pressures at the points, shape (q, m^2) with m of them.
@@ -53,7 +53,7 @@ class Shapes:
 
     @cached_property
     def places_in_sums(self) -> BlockPlaces:
-        """``tables``' two, of corners and edges, u_r before u_z, and of the inside."""
+        """``tables.stiffness`` and ``tables.moments`` by blocks: corners and edges, u_r before u_z, and the inside."""
         s, m = len(self.degrees), self.skeleton
         edge, inner = np.r_[:m, s : s + m], np.r_[m:s, s + m : 2 * s]
         stiffness, moments = self.tables.stiffness, self.tables.moments
@@ -74,7 +74,7 @@ class BlockPlaces:
 
 @kept
 def shapes(order: int) -> Shapes:
-    """Tabulate the functions of an order."""
+    """Tabulate the functions of one order."""
     x, w = legendre.leggauss(order + 2)
     x, w = (x + 1) / 2, w / 2
     points = np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -105,14 +105,15 @@ def shapes(order: int) -> Shapes:
 
 
 def polynomials(points: Floats, order: int) -> Floats:
-    """Legendre polynomials of degrees 0 to p along each axis at points of the unit square, (n, 2), or of an edge, (n,)."""
+    """Return Legendre polynomials of degrees 0 to p at points of the unit square, (n, 2), by axis, or of an edge, (n,)."""
     return np.asarray(legendre.legvander(2 * points - 1, order))
 
 
 def pressures(points: Floats, order: int, precomputed: Floats | None = None) -> Floats:
-    """Products of Legendre polynomials of total degree below p at points of the unit square, (n, 2), shape (n, p (p+1) / 2).
+    """Return the pressures at points of the unit square, (n, 2): shape (n, p (p+1) / 2).
 
-    ``precomputed`` is ``polynomials`` of the same points, where that is known.
+    They are products of Legendre polynomials of total degree below p. ``precomputed`` is ``evaluate_legendre`` of the same
+    points, where that is known.
     """
     along = polynomials(points, order) if precomputed is None else precomputed
     i, j = pressure_degrees(order).T
@@ -120,14 +121,14 @@ def pressures(points: Floats, order: int, precomputed: Floats | None = None) -> 
 
 
 def pressure_degrees(order: int) -> Ints:
-    """Degrees along x and y of the pressures, shape (p (p+1) / 2, 2)."""
+    """Return the degrees along x and y of the pressures, shape (p (p+1) / 2, 2)."""
     return np.array([(i, j) for i in range(order) for j in range(order - i)])
 
 
 def functions(points: Floats, degrees: Ints, precomputed: Floats | None = None) -> tuple[Floats, Floats]:
-    """Values (n, s) and slopes (2, n, s) of the functions with the given degrees at points of the unit square, (n, 2).
+    """Return values (n, s) and derivatives (2, n, s) of functions of given degrees at points of the unit square, (n, 2).
 
-    ``precomputed`` is ``polynomials`` of the same points, where that is known.
+    ``precomputed`` is ``evaluate_legendre`` of the same points, where that is known.
     """
     P = polynomials(points, int(degrees.max())) if precomputed is None else precomputed
     value, slope = edge_functions(points, P)
@@ -137,7 +138,10 @@ def functions(points: Floats, degrees: Ints, precomputed: Floats | None = None) 
 
 
 def edge_functions(x: Floats, P: Floats) -> tuple[Floats, Floats]:
-    """Values and derivatives of the one-dimensional functions at places x of the unit interval, shape (..., p + 1)."""
+    """Return values and derivatives of the one-dimensional functions at x in the unit interval, shape (..., p + 1) both.
+
+    ``P`` are Legendre polynomials at the same x.
+    """
     scale = np.sqrt(4 * np.arange(2, P.shape[-1]) - 2)
     value, slope = np.empty_like(P), np.empty_like(P)
     value[..., 0], value[..., 1], value[..., 2:] = 1 - x, x, (P[..., 2:] - P[..., :-2]) / scale
@@ -146,7 +150,7 @@ def edge_functions(x: Floats, P: Floats) -> tuple[Floats, Floats]:
 
 
 def _degrees(order: int) -> Ints:
-    """Corners counter-clockwise; edges bottom, right, top, left, each by rising degree; the inside."""
+    """Return the functions' degrees: corners counter-clockwise; edges bottom, right, top, left, by rising degree; the inside."""
     high = range(2, order + 1)
     edges = [(k, 0) for k in high] + [(1, k) for k in high] + [(k, 1) for k in high] + [(0, k) for k in high]
     inside = sorted(((i, j) for i in high for j in high), key=max)

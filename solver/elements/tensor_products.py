@@ -24,9 +24,9 @@ class TensorSums:
     """Sums of terms c f_i g_j whose x-factors are tables that several terms share.
 
     Attributes:
-        first: the terms' tables by y, each (points along y, pairs), in groups of one x-table.
-        then: the groups' tables by x, one below the other, shape (groups times points along x, pairs).
-        groups: for each group the numbers of its terms.
+        y_tables: the terms' tables by y, each (points along y, pairs).
+        x_tables: the groups' tables by x, one below the other, shape (groups times points along x, pairs).
+        groups: for each table by x, the numbers of the terms that share it.
     """
 
     first: tuple[Floats, ...]
@@ -35,7 +35,7 @@ class TensorSums:
 
     @classmethod
     def of(cls, *terms: tuple[Floats, Floats]) -> TensorSums:
-        """Group terms, each its tables by x and y, by the former."""
+        """Group terms, each a table by x and one by y, by their tables by x."""
         tables = list({id(by_x): by_x for by_x, _ in terms}.values())
         groups = tuple(tuple(k for k, (by_x, _) in enumerate(terms) if by_x is one) for one in tables)
         return cls(tuple(by_y for _, by_y in terms), np.concatenate(tables), groups)
@@ -56,12 +56,12 @@ class TensorSums:
 
 @dataclass(frozen=True)
 class ElementTables:
-    """What an order's element matrices are sums of.
+    """Tables from which the element matrices of one order are summed.
 
     Attributes:
-        even: sums of N N, X X, X Y + Y X and Y Y (its two halves), N a function, X and Y its slopes, for i_2 <= j_2 alone: an
+        symmetric: sums of N N, X X, X Y + Y X and Y Y (its two halves), N a function, X and Y its slopes, only for i_2 <= j_2: an
             exchange of both functions changes nothing.
-        odd: of X X, X Y, Y X and Y Y.
+        unsymmetric: of X X, X Y, Y X and Y Y.
         dilation: of P X, P Y and P N, P a pressure.
         stiffness: where the entries of an element's matrix lie in the sums for r r, z z and r z, one after the other; (2 s, 2 s).
         moments: where the moments lie in the sums of P times div u, those by u_r before those by u_z; (pressures, 2 s).
@@ -100,7 +100,7 @@ class ElementTables:
 
 
 def _places(degrees: Ints, half: tuple[Ints, Ints], size: int) -> Ints:
-    """Where an element matrix's entries lie in the sums: halves for r r and z z, the whole for r z."""
+    """Return where an element matrix's entries lie in the sums: half of them stored for r r and z z, all for r z."""
     number = np.zeros((size, size), dtype=int)
     number[half] = number[half[::-1]] = np.arange(len(half[0]))
     (x, y), (other_x, other_y) = degrees.T[:, :, None], degrees.T[:, None]
@@ -112,5 +112,5 @@ def _places(degrees: Ints, half: tuple[Ints, Ints], size: int) -> Ints:
 
 
 def _pairs(a: Floats, b: Floats) -> Floats:
-    """Products of two sets of functions at the same points, (points, i) and (points, j) to (points, i j)."""
+    """Return products of two sets of functions at the same points, (points, i) and (points, j) to (points, i j)."""
     return np.asarray((a[:, :, None] * b[:, None]).reshape(len(a), -1))

@@ -1,8 +1,9 @@
-"""Elements' sums over Gauss points in the coordinates x, y of the unit square, where all elements share their functions.
+"""Sums over Gauss points in the coordinates x, y of the unit square, where all elements share their functions.
 
-What works on slopes by r and z and on u / r is turned first, point by point, to what works on X, Y and N, slopes by x and y and
-the value; what remains is one large matrix product with tables of the functions, or of their products, for all elements.
-Components of a gradient of u_r, u_z are ordered rr, rz, zr, zz, tt, first axis; turned ones rX, rY, zX, zY, N.
+Stresses, which work on derivatives by r and z and on u / r, are first transformed point by point to work on X, Y and N, the
+derivatives by x and y and the value. What remains is one large matrix product with tables of the functions, or of their products,
+for all elements. Components of a gradient of u_r, u_z are ordered rr, rz, zr, zz, tt, first axis; transformed ones rX, rY, zX,
+zY, N.
 """
 
 from __future__ import annotations
@@ -38,14 +39,14 @@ class Tables:
 
 @dataclass(frozen=True)
 class UnitSquare:
-    """Elements seen from the unit square.
+    """The geometry of elements with the map from the unit square.
 
     Attributes:
         functions: theirs.
         tables: of these.
         weight: 2 pi r dA at the Gauss points, shape (n, q).
         xr, xz, yr, yz: of d(x, y) / d(r, z), shape (n, q) each.
-        over: 1 / r, shape (n, q).
+        inverse_radius: 1 / r, shape (n, q).
     """
 
     functions: Shapes
@@ -59,12 +60,12 @@ class UnitSquare:
 
     @classmethod
     def of(cls, at: Geometry, functions: Shapes) -> UnitSquare:
-        """Tabulate."""
+        """Build the tables from the geometry of elements."""
         xr, xz, yr, yz = (np.ascontiguousarray(at.inverse[..., k, c]) for k in (0, 1) for c in (0, 1))
         return cls(functions, _tables(functions.order), at.weight, xr, xz, yr, yz, 1 / at.radius)
 
     def gradients(self, u: Floats) -> Floats:
-        """Displacement gradients of values u, (n, 2 s), u_r before u_z, shape (5, n, q)."""
+        """Return displacement gradients of values u, (n, 2 s), u_r before u_z, shape (5, n, q)."""
         n, q = self.weight.shape
         x, y, value = (u.reshape(2 * n, -1) @ self.tables.flat).reshape(n, 2, 3, q).transpose(2, 1, 0, 3)
         out = np.empty((5, n, q))
@@ -75,7 +76,7 @@ class UnitSquare:
         return out
 
     def turned(self, stress: Floats) -> Floats:
-        """Turn what works on the gradient, (5, n, q), to what works on X, Y of u_r, on those of u_z, and on N."""
+        """Transform stresses that work on the gradient, (5, n, q), to those that work on X, Y of u_r, X, Y of u_z, and N."""
         out = np.empty_like(stress)
         for c in (0, 2):
             out[c] = self.xr * stress[c] + self.xz * stress[c + 1]
@@ -84,12 +85,12 @@ class UnitSquare:
         return out
 
     def turned_unit(self) -> Floats:
-        """Turn the unit matrix: entries rX rX (= zX zX), rX rY (= zX zY), rY rY (= zY zY) and N N, shape (4, n, q)."""
+        """Transform the unit matrix: return its entries rX rX (= zX zX), rX rY (= zX zY), rY rY (= zY zY), N N, (4, n, q)."""
         xr, xz, yr, yz = self.xr, self.xz, self.yr, self.yz
         return np.stack([xr**2 + xz**2, xr * yr + xz * yz, yr**2 + yz**2, self.over**2])
 
     def forces(self, turned: Floats) -> Floats:
-        """Sum what works on X, Y and N, weights included, (5, n, q), to that on the values, (n, 2 s)."""
+        """Sum transformed stresses, weights included, (5, n, q), to forces on the values, (n, 2 s)."""
         n, q, s = *self.weight.shape, len(self.functions.degrees)
         out = np.empty((n, 2, s))
         out[:, 0] = _side_by_side(turned[[0, 1, 4]]) @ self.tables.flat.T
@@ -97,7 +98,7 @@ class UnitSquare:
         return out.reshape(n, -1)
 
     def moments(self, turned: Floats) -> Floats:
-        """Likewise, times the pressures' functions, shape (n, m, 2 s)."""
+        """Sum transformed stresses times each pressure, weights included, (5, n, q), to shape (n, m, 2 s)."""
         n, q, s = *self.weight.shape, len(self.functions.degrees)
         out = np.empty((n, self.functions.pressure.shape[1], 2, s))
         out[:, :, 0] = (_side_by_side(turned[[0, 1, 4]]) @ self.tables.pressed).reshape(n, -1, s)
@@ -105,7 +106,7 @@ class UnitSquare:
         return out.reshape(n, -1, 2 * s)
 
     def stiffness(self, turned: Floats) -> Floats:
-        """Sum a symmetric matrix of turned components, weights included, (5, 5, n, q), to that of the values, (n, 2 s, 2 s).
+        """Sum a symmetric matrix of transformed components, weights included, (5, 5, n, q), to stiffness, (n, 2 s, 2 s).
 
         Of its entries the upper triangle and those of rX, rY and N with zX, zY are used.
         """
@@ -121,7 +122,7 @@ class UnitSquare:
 
 
 def _side_by_side(parts: Floats) -> Floats:
-    """(k, n, q) to (n, k q)."""
+    """Rearrange an array (k, n, q) to (n, k q)."""
     return np.ascontiguousarray(parts.transpose(1, 0, 2)).reshape(parts.shape[1], -1)
 
 

@@ -1,1 +1,1 @@
-"""Factorisations, conjugate gradients, threads and memory of the process; knows no physics."""
+"""Factorisations, conjugate gradients, threads and memory of the process; no physics."""

@@ -1,8 +1,8 @@
 """Sparse Cholesky factors: by PARDISO where it is installed, else by scipy's SuperLU.
 
 PARDISO (``pip install 'probe-design[fast]'``) analyses a pattern once and then factorises 5 to 10 times faster than
-SuperLU (benchmarks/levels/factorisations.py). Of matrices of one ``Pattern`` it keeps the factors of the last: older ones
-are made again when asked for.
+SuperLU (benchmarks/levels/factorisations.py). Of matrices of one ``Pattern`` it keeps the factors of the last;
+older ones are factorised again when they are used.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from scipy.sparse.linalg import splu
 
 from geometry.common.arrays import Floats
 
-METIS = {1: 2}  # PARDISO's ordering by nested dissection
-LEAST_DEGREE = {1: 0}  # of the meridian's meshes it leaves a tenth less to factorise, and is found in half of the time
-POSITIVE_DEFINITE = 2
+METIS = {1: 2}  # PARDISO's parameter 1: nested dissection
+LEAST_DEGREE = {1: 0}  # for meridian meshes a tenth fewer operations than METIS, and ordered in half of the time
+POSITIVE_DEFINITE = 2  # PARDISO's matrix type: real, symmetric positive definite
 
 
 class Factor(Protocol):
-    """What solves for one matrix."""
+    """A factorised matrix K."""
 
     def solve(self, forces: Floats) -> Floats:
-        """Return K^-1 forces, shape (unknowns, k)."""
+        """Return K^-1 forces, shape (unknowns, k) both."""
         ...
 
 
 class Pattern:
-    """Where matrices that share it are not zero; what PARDISO has found out about that, and their factors, hang on it."""
+    """The sparsity pattern that several matrices share; it holds PARDISO's analysis and the factors of the last matrix."""
 
     analysed: _Analysed | None = None
 
@@ -43,7 +43,7 @@ def factorise(matrix: Any, pattern: Pattern | None) -> Factor:
 
     Args:
         matrix: both triangles, rows sorted.
-        pattern: that all matrices of one pattern share, a plane mesh's, or None for any matrix, whose factors are kept.
+        pattern: the object that all matrices of one mesh share; None for a single matrix.
     """
     library = pardiso()
     if library is not None:
@@ -57,19 +57,22 @@ def factorise(matrix: Any, pattern: Pattern | None) -> Factor:
 def factorise_any(matrix: Any) -> Factor:
     """Factorise a matrix in compressed columns that need not be symmetric, by SuperLU.
 
-    Its pattern is: an ordering for symmetric patterns fills in less than one for any.
+    Its pattern has to be symmetric: an ordering for symmetric patterns fills in less than a general one.
     """
     return _SuperLU(splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.01))
 
 
 def loaded() -> bool:
-    """Whether PARDISO is there; afterwards its library is loaded."""
+    """Return whether PARDISO is installed; its library is loaded as a side effect."""
     return pardiso() is not None
 
 
 @cache
 def pardiso() -> Any:
-    """PARDISO's compiled module, or None; its public face first looks at every row, half as long as it factorises."""
+    """Return PARDISO's compiled module, or None.
+
+    Its Python interface is not used: it checks every row first, which takes half as long as the factorisation.
+    """
     try:
         return import_module("pymklpardiso._mkl_pardiso")
     except ImportError:
@@ -82,7 +85,7 @@ class _SuperLU:
 
     @property
     def foreign_bytes(self) -> int:
-        """What the library holds: values and rows of both triangles."""
+        """Bytes that the library holds: values and rows of both triangles."""
         return 12 * int(self.factors.nnz)
 
     def solve(self, forces: Floats) -> Floats:
@@ -91,7 +94,7 @@ class _SuperLU:
 
 @dataclass
 class _Analysed:
-    """PARDISO's analysis of a pattern and the values that it factorised last."""
+    """PARDISO's analysis of a pattern, and the values that it factorised last."""
 
     solver: Any
     lower: NDArray[np.bool_]
@@ -100,7 +103,7 @@ class _Analysed:
 
     @property
     def foreign_bytes(self) -> int:
-        """What the library holds: kB for the analysis, kB for the factors, and twice the matrix, as given and permuted."""
+        """Bytes that the library holds: analysis and factors (given in kB), and the matrix twice, as given and permuted."""
         factors = 1024 * int(self.solver.get_iparm_value(15) + self.solver.get_iparm_value(16))
         return factors + 2 * 12 * int(self.solver.nnz())
 
@@ -117,7 +120,7 @@ class _Pardiso:
             lower = matrix.indices >= np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
             values = matrix.data[lower]
             solver = _analysis(library, matrix, (lower, values), METIS if pattern is None else LEAST_DEGREE)
-            if pattern is None:  # never another matrix's: its values need not be known again
+            if pattern is None:  # no other matrix shares the analysis: its values are not needed again
                 lower, values = np.empty(0, dtype=bool), np.empty(0)
             analysed = _Analysed(solver, lower, values)
             if pattern is not None:
@@ -140,7 +143,10 @@ class _Pardiso:
 
 
 def _analysis(library: Any, matrix: Any, triangle: tuple[NDArray[np.bool_], Floats], ordering: dict[int, int]) -> Any:
-    """Analyse and factorise by the lower triangle, which of the entries and their values; by rows it is the upper one."""
+    """Analyse and factorise a matrix from its lower triangle: a mask of entries and their values.
+
+    PARDISO reads rows: the lower triangle by columns is the upper one by rows.
+    """
     lower, values = triangle
     solver = library.PardisoSolver(POSITIVE_DEFINITE, 0)
     for key, value in ordering.items():

@@ -1,4 +1,6 @@
-"""Solves for the stiffness of tetrahedra: a sparse factor of this matrix, or of one near it, and conjugate gradients on top.
+"""Solve systems with the stiffness of tetrahedra by conjugate gradients, preconditioned by a sparse factor.
+
+The factor is that of the matrix itself or of a similar one.
 
 rslab (MIT, wheels for Linux, macOS and Windows) factorises as fast as PARDISO on one thread; where it is missing, or panics,
 ``cholesky.py`` does it. A factor in single precision takes half the memory: conjugate gradients give the digits back, unless
@@ -28,22 +30,22 @@ from solver.linalg.memory import give_back
 from solver.linalg.workspace import current
 
 TARGET_RESIDUAL = 1e-9  # relative residual
-MOST = 10.0  # times the target: the largest residual that is taken
-ROUNDING = 1e-14  # of |K| |v|: what no solver can avoid
+MOST = 10.0  # times the target: the largest residual that is accepted
+ROUNDING = 1e-14  # of |K| |v|: the residual that no solver can avoid
 MOST_STEPS = 300
-BYTES = 120.0  # of a factor in single precision while it is made: times the unknowns to the power of 4/3
+BYTES = 120.0  # times unknowns^(4/3): memory of a single-precision factorisation
 KEEP_LITTLE = {"MIMALLOC_PURGE_DELAY": "10", "MIMALLOC_ARENA_EAGER_COMMIT": "0", "MIMALLOC_ARENA_PURGE_MULT": "1"}
-ASIDE = 0.5e9  # bytes of its threads, and of pages that its allocator holds: 0.3e9 were too few
-STACK = 2**31  # bytes that each of its threads asks the system for
-ANALYSED = 2e3  # bytes of an unknown while a matrix is analysed
-STUCK = 60  # steps without a residual of half the best
-ASSEMBLED = 5e3  # bytes of an unknown: bodies' matrices, a scene's, its reference's
-SPEED = 4e10  # operations a second of a factorisation in single precision on two cores; in double it is half
-PANIC = "pyo3_runtime"  # the module of what Rust's panics become
+ASIDE = 0.5e9  # for rslab's threads and the pages of its allocator: 0.3e9 were too few
+STACK = 2**31  # that each of rslab's threads requests from the system
+ANALYSED = 2e3  # while a matrix is analysed
+STUCK = 60  # steps in which the best residual was not halved
+ASSEMBLED = 5e3  # matrices of the bodies, the scene and its reference
+SPEED = 4e10  # of a single-precision factorisation on two cores; half in double precision
+PANIC = "pyo3_runtime"  # module of the exceptions that panics in Rust raise
 
 
 class Stiffness:
-    """A symmetric matrix of which the lower triangle is kept.
+    """A symmetric matrix stored by its lower triangle.
 
     Attributes:
         lower: compressed columns, rows sorted, shape (n, n).
@@ -53,15 +55,15 @@ class Stiffness:
         self.lower, self._diagonal = lower, lower.diagonal()[:, None]
 
     def __matmul__(self, v: Floats) -> Floats:
-        """K v, shape (n, k)."""
+        """Return K v, shape (n, k)."""
         return np.asarray(self.lower @ v + self.lower.T @ v - self._diagonal * v)
 
     def magnitude(self, v: Floats) -> Floats:
-        """|K| |v|, to which rounding errors are proportional, shape (n, k)."""
+        """Return |K| |v|, to which rounding errors are proportional, shape (n, k)."""
         return Stiffness(abs(self.lower)) @ np.abs(v)
 
     def factor(self, single: bool = False, like: MatrixAnalysis | None = None) -> Factor:
-        """Factorise, in double or in single precision; ``like`` as in ``factorised``.
+        """Factorise in double or in single precision; ``like`` as in ``factorise_lower``.
 
         Raises:
             SolveError: the matrix is singular.
@@ -71,7 +73,7 @@ class Stiffness:
 
 
 def rounded(lower: sp.csc_array) -> sp.csc_array:
-    """Return what a factor in single precision is made of; without rslab the matrix itself, as other libraries have none."""
+    """Return a matrix in single precision; without rslab the matrix itself, as the other libraries need double precision."""
     if _rslab() is None:
         return lower
     return sp.csc_array((lower.data.astype(np.float32), lower.indices, lower.indptr), shape=lower.shape)
@@ -79,11 +81,11 @@ def rounded(lower: sp.csc_array) -> sp.csc_array:
 
 @dataclass(frozen=True)
 class MatrixAnalysis:
-    """Where a matrix has entries, as rslab has analysed it.
+    """rslab's analysis of a sparsity pattern.
 
     Attributes:
-        symbolic: the library's.
-        starts, rows: of the columns of the lower triangle.
+        symbolic: the library's object.
+        starts, rows: of the lower triangle in compressed columns.
     """
 
     symbolic: Any
@@ -96,7 +98,7 @@ class MatrixAnalysis:
         return int(self.symbolic.heap_bytes)
 
     def fits(self, lower: sp.csc_array) -> bool:
-        """Whether a matrix has entries at the same places."""
+        """Return whether a matrix has the same pattern."""
         return np.array_equal(self.starts, lower.indptr) and np.array_equal(self.rows, lower.indices)
 
 
@@ -106,7 +108,7 @@ def pattern_of(factor: Factor) -> MatrixAnalysis | None:
 
 
 def factorised(lower: sp.csc_array, like: MatrixAnalysis | None = None) -> Factor:
-    """Factorise a symmetric matrix in the precision of its lower triangle; the analysis ``like`` serves again if it fits.
+    """Factorise a symmetric matrix in the precision of its lower triangle; the analysis ``like`` is reused if it fits.
 
     Raises:
         SolveError: the matrix is singular.
@@ -118,7 +120,7 @@ def factorised(lower: sp.csc_array, like: MatrixAnalysis | None = None) -> Facto
     if library is not None:
         try:
             return _Ldlt.of(library, lower, like)
-        except BaseException as fault:  # a panic in Rust is no Exception
+        except BaseException as fault:  # a panic in Rust is not an Exception
             if type(fault).__module__ != PANIC:
                 raise
     check_memory(f"factors of {unknowns} unknowns", held_bytes(unknowns, _other_bytes(unknowns)))
@@ -127,13 +129,13 @@ def factorised(lower: sp.csc_array, like: MatrixAnalysis | None = None) -> Facto
 
 
 def _other_bytes(unknowns: int) -> float:
-    """About what a factor of the other libraries takes, in double precision and, of SuperLU, with both triangles."""
+    """Estimate the bytes of a factor by PARDISO or SuperLU: double precision, and both triangles for SuperLU."""
     n = float(unknowns)
     return float(300.0 * n ** (4 / 3) if loaded() else 12 * 8.0 * n**1.5)
 
 
 class _Ldlt:
-    """A factor by rslab, in the matrix's precision."""
+    """A factor by rslab in the precision of the matrix."""
 
     def __init__(self, handle: Any, single: bool, pattern: MatrixAnalysis) -> None:
         self.handle, self.single, self.pattern = handle, single, pattern
@@ -184,24 +186,24 @@ class _Ldlt:
 def _analysed(library: Any, lower: sp.csc_array) -> MatrixAnalysis:
     _reserve(ANALYSED * lower.shape[0])
     symbolic = library.analyze(lower, path="ldlt")
-    give_back()  # what the analysis has freed: without it hundreds of MB more at the peak
+    give_back()  # memory that the analysis freed: else the peak is hundreds of MB higher
     return MatrixAnalysis(symbolic, lower.indptr, lower.indices)
 
 
 def held_bytes(unknowns: float, factor: float) -> float:
-    """Return what is held at most where unknowns are assembled and factorised, the factor's bytes known."""
+    """Estimate the peak memory of assembly and factorisation, from unknowns and the bytes of the factor."""
     return ASSEMBLED * unknowns + factor
 
 
 def _reserve(size: float) -> None:
-    """Ask the system for what a library in Rust takes to hold so many bytes: given too little, it ends the process.
+    """Check that the system provides so many bytes, as a library in Rust ends the process when it does not.
 
     Raises:
-        LimitReached: there is less.
+        LimitReached: the system provides less.
     """
     wanted, stacks = size + ASIDE, []
     if _limited():
-        with suppress(MemoryError):  # its threads do with less where they get no such stack, but take it where they can
+        with suppress(MemoryError):  # the threads work with less stack, but take this much where they can
             for _ in range(2 * (os.cpu_count() or 1)):
                 stacks.append(np.empty(STACK, dtype=np.uint8))
     try:
@@ -212,7 +214,7 @@ def _reserve(size: float) -> None:
 
 
 def _limited() -> bool:
-    """Whether the system limits this process's memory, as ``ulimit`` does."""
+    """Return whether the system limits this process's memory, as ``ulimit`` does."""
     try:
         resource = import_module("resource")
     except ImportError:  # Windows
@@ -222,7 +224,10 @@ def _limited() -> bool:
 
 @cache
 def _rslab() -> Any:
-    """The library; its allocator, which reads the environment when it is loaded, keeps what is freed for 10 ms only."""
+    """Import rslab, or return None; its allocator is set to return freed memory after 10 ms.
+
+    The allocator reads the environment when the library is loaded.
+    """
     try:
         with _environment(KEEP_LITTLE):
             return import_module("rslab")
@@ -232,7 +237,7 @@ def _rslab() -> Any:
 
 @contextmanager
 def _environment(more: Mapping[str, str]) -> Iterator[None]:
-    """Add to the environment what the user has not set himself, for a while."""
+    """Set environment variables that the user has not set, within the context."""
     own = {key: value for key, value in more.items() if key not in os.environ}
     os.environ.update(own)
     try:
@@ -245,13 +250,14 @@ def _environment(more: Mapping[str, str]) -> Iterator[None]:
 def solve(
     matrix: Stiffness, forces: Floats, near: Factor, start: Floats | None = None, target: float = TARGET_RESIDUAL
 ) -> Floats:
-    """Return K^-1 forces, shape (n, k), by conjugate gradients with the factor of a matrix near K; all columns in step.
+    """Return K^-1 forces, shape (n, k), by preconditioned conjugate gradients, all columns in step.
 
-    They end at the relative residual ``target``; ten times that is the largest that is taken.
+    ``factor`` is the factor of a matrix close to K. The iteration ends at the relative residual ``target``; up to ten times that
+    is accepted.
 
     Raises:
-        SolveError: what is left of the forces is too large for the solution to be trusted.
-        LimitReached: the time is over.
+        SolveError: the residual is too large for the solution to be trusted.
+        LimitReached: the time limit is exceeded.
     """
     v = np.zeros_like(forces) if start is None else start.copy()
     remainder, size = forces - matrix @ v, np.maximum(np.linalg.norm(forces, axis=0), np.finfo(float).tiny)
@@ -266,7 +272,7 @@ def solve(
         if best <= target or since > STUCK:
             break
         z = near.solve(remainder)
-        gain = _columns(remainder - was, z)  # Polak and Ribiere: the factor may be no symmetric operator to rounding
+        gain = _columns(remainder - was, z)  # Polak and Ribiere: rounding may make the factor an unsymmetric operator
         direction, product = z + _ratio(gain, product) * direction, _columns(remainder, z)
         image = matrix @ direction
         step = _ratio(product, _columns(direction, image))
@@ -276,7 +282,7 @@ def solve(
 
 
 def residual(matrix: Stiffness, forces: Floats, v: Floats) -> float:
-    """Return what is left of the forces, relative to them, of the worst column; forces and v of shape (n, k)."""
+    """Return the largest relative residual of the columns; forces and v of shape (n, k)."""
     remainder, size = (np.linalg.norm(x, axis=0) for x in (forces - matrix @ v, forces))
     return float(np.max(remainder / np.maximum(size, np.finfo(float).tiny)))
 

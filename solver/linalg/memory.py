@@ -1,4 +1,4 @@
-"""What the C library does with memory that is freed. Nothing here is done by an import: the process may be another's."""
+"""Control what the C library does with freed memory. An import changes nothing: the process may belong to others."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 
 class _Heap(ctypes.Structure):
-    """What glibc's ``mallinfo2`` tells of the heap, in bytes; ``uordblks`` and ``hblkhd``: pieces in use."""
+    """The result of glibc's ``mallinfo2``, in bytes; ``uordblks`` and ``hblkhd`` are the pieces in use."""
 
     _fields_ = tuple(
         (name, ctypes.c_size_t)
@@ -21,7 +21,7 @@ class _Heap(ctypes.Structure):
 
 
 class _Freed:
-    """The heap of this process: how many bytes its pages had beside pieces in use, when they last were given back."""
+    """Freed memory of this process: how many bytes were idle when memory was last given back."""
 
     left = 0
 
@@ -36,7 +36,7 @@ class _Freed:
 
 
 def _idle(library: ctypes.CDLL) -> int:
-    """Bytes of the process that are not the heap's pieces in use: glibc does not tell which of its free pieces have pages."""
+    """Return the process's resident bytes less the heap's pieces in use; glibc does not report resident free pieces."""
     heap = library.mallinfo2()
     resident = int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
     return resident - int(heap.uordblks) - int(heap.hblkhd)
@@ -46,9 +46,10 @@ _FREED = _Freed()
 
 
 def give_back(worth: float = 0.0) -> None:
-    """Give freed memory back to the operating system if it is ``worth`` bytes, for programs that answer many unlike scenes.
+    """Give freed memory back to the operating system if it is at least ``worth`` bytes.
 
-    glibc keeps what is freed between pieces still in use, far more than these in the end. It takes some milliseconds; where the
+    glibc keeps memory that is freed between pieces in use. In programs that evaluate many different scenes that becomes far more
+    than the pieces themselves. It takes some milliseconds; where the
     C library is another one, or older than 2.33, nothing is done.
     """
     with suppress(AttributeError, OSError, TypeError):
@@ -57,7 +58,7 @@ def give_back(worth: float = 0.0) -> None:
 
 @cache
 def keep_freed() -> None:
-    """Let arrays up to 32 MB be made of what was freed before, for programs that make many of them over and over.
+    """Let arrays up to 32 MB reuse freed memory, for programs that make many of them again and again.
 
     glibc does so with arrays smaller than the largest ever freed, so that one is made and freed, once a process. Without it
     a third of the time goes into new pages.

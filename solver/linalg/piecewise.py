@@ -1,4 +1,4 @@
-"""Functions of one number with many values, found once on a grid and read off polynomials between equal steps."""
+"""Piecewise polynomial interpolation of array-valued functions of one number, on equal steps."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-SLAB = 64  # numbers at once: their polynomials then stay in the processor's cache
-Array = Any  # numpy array of floats, or of complex numbers on the way to a derivative
+SLAB = 64  # numbers evaluated at once: their polynomials then fit the processor's cache
+Array = Any  # array of floats, or of complex numbers for derivatives by complex steps
 
 
 class PiecewisePolynomials:
-    """Polynomials that meet a function at Chebyshev's points of every step; what a complex step differentiates is what is read.
+    """Polynomials that interpolate a function at Chebyshev's points of every step; complex steps differentiate them exactly.
 
     Args:
         function: takes numbers (m,), returns arrays of shapes (m, ...).
@@ -32,7 +32,7 @@ class PiecewisePolynomials:
         self.coefficients = np.linalg.inv(np.vander(places, increasing=True)) @ values.reshape(steps, degree + 1, -1)
 
     def __call__(self, x: Array) -> list[Array]:
-        """The arrays at x (n,), shapes (..., n); NaN outside the steps."""
+        """Return the arrays at x (n,), shapes (..., n); NaN outside the steps."""
         steps, powers, count = self.coefficients.shape
         way = (x - self.start) / self.step
         inside = (way.real >= 0) & (way.real <= steps)

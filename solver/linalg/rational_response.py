@@ -1,4 +1,4 @@
-"""What a matrix that is linear in a number t does, K(t) = K + (t - 1) B, for every t from one factor of K.
+"""Solve with a matrix that is linear in a number t, K(t) = K + (t - 1) B, for every t from one factor of K.
 
 Solutions u(t) of given loads lie, to a stated tolerance, in the block Krylov space of K^-1 B begun with B u(1). On a basis of it
 that is orthonormal in K, B is made diagonal, and products of the solutions become sums of rational functions of t.
@@ -22,7 +22,7 @@ class KrylovBasis:
         matrix: K (n, n), symmetric and positive definite: whatever multiplies arrays (n, k) by ``@``.
         solve: returns K^-1 loads, shape (n, k) both.
         unknowns: n.
-        negligible: share of a vector's energy that it has to have beside the basis, or it adds nothing.
+        negligible: share of its energy that a new vector has to have outside the basis; otherwise it is dropped.
 
     Attributes:
         vectors: v_k, shape (n, m).
@@ -34,15 +34,15 @@ class KrylovBasis:
         self.vectors, self.images = np.zeros((unknowns, 0)), np.zeros((unknowns, 0))
 
     def grow(self, loads: Floats) -> Floats:
-        """Add K^-1 loads, shape (n, k), and return what came new to the basis, shape (n, 0) to (n, k)."""
+        """Add K^-1 loads, shape (n, k), to the basis and return the new basis vectors, shape (n, 0) to (n, k)."""
         new, images = self._orthonormal(self._solve(loads), loads)
         self.vectors, self.images = np.hstack([self.vectors, new]), np.hstack([self.images, images])
         return new
 
     def _orthonormal(self, new: Floats, loads: Floats) -> tuple[Floats, Floats]:
-        """Make vectors orthonormal in K to the basis and each other; drop what is nothing new. Returns them and K times them.
+        """Return vectors made orthonormal in K to the basis and each other, and K times them; dependent vectors are dropped.
 
-        K times them is computed afresh: near incompressibility it is not the loads that they were solved for.
+        K times them is computed again: near incompressibility it differs from the loads that they were solved for.
         """
         new = new / np.sqrt(np.maximum(np.abs(np.einsum("ik,ik->k", new, loads)), 1e-300))
         for _ in range(2):
@@ -56,7 +56,7 @@ class KrylovBasis:
 
 @dataclass(frozen=True)
 class RationalResponse:
-    """Products F_ij(t) = u_i(t)^T K(t) u_j(t) for every t > 0, of k solutions whose values are imposed, not their loads.
+    """Products F_ij(t) = u_i(t)^T K(t) u_j(t) for every t > 0, of k solutions with imposed displacements, not loads.
 
     With B w_k = l_k K w_k on the turned basis w, c_ki = w_k^T B u_i and G_ij = u_i^T B u_j, u at t = 1,
 
@@ -94,7 +94,7 @@ class RationalResponse:
         return self.start + x * self.inside - x**2 * total, (x + 1) * (self.inside - x * slope)
 
     def amplitudes(self, t: Floats) -> tuple[Floats, Floats]:
-        """What u(t) - u(1) is on w and its derivative by ln t, shape (n, m, k) each."""
+        """Return the coefficients of u(t) - u(1) on w and their derivatives by ln t, shape (n, m, k) each."""
         x = np.asarray(t, dtype=float)[:, None, None] - 1
         denominator = 1 + x * self.share[:, None]
         return -x * self.coupling / denominator, -(x + 1) * self.coupling / denominator**2

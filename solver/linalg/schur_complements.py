@@ -1,4 +1,4 @@
-"""Products B^T A^-1 B of sparse matrices, which PARDISO finds in the time of a factorisation: no solution for each column.
+"""Compute products B^T A^-1 B of sparse matrices by PARDISO in the time of one factorisation, without solves by column.
 
 Eliminating the unknowns of A from ((A, B), (B^T, 0)) leaves -B^T A^-1 B, the Schur complement.
 """
@@ -15,13 +15,13 @@ import scipy.sparse as sp
 from geometry.common.arrays import Floats, Ints
 from solver.linalg.cholesky import METIS, POSITIVE_DEFINITE, loaded, pardiso
 
-SCHUR, ELIMINATE = {35: 1}, 22  # PARDISO's: return the Schur complement of what is not marked; numerical factorisation
-LARGEST_ERROR = 1e-9  # of the column whose product is known, relative in energy; rounding leaves about 1e-15
+SCHUR, ELIMINATE = {35: 1}, 22  # PARDISO's: return the Schur complement of the marked unknowns; phase
+LARGEST_ERROR = 1e-9  # relative, in energy, of the check column; rounding leaves about 1e-15
 
 
 @dataclass
 class _Analysis:
-    """PARDISO's analysis of matrices with the entries of ``structure``, and where these stand in its upper triangle by rows."""
+    """PARDISO's analysis of matrices of one ``structure``, and the order of their entries in the upper triangle by rows."""
 
     solver: Any
     structure: tuple[Ints, ...]
@@ -30,21 +30,21 @@ class _Analysis:
 
     @property
     def foreign_bytes(self) -> int:
-        """What the library holds: kB for the analysis, kB for the factors, and twice the matrix, as given and permuted."""
+        """Bytes that the library holds: analysis and factors (given in kB), and the matrix twice, as given and permuted."""
         return 1024 * int(self.solver.get_iparm_value(15) + self.solver.get_iparm_value(16)) + 2 * 12 * len(self.order)
 
 
 @dataclass
 class SchurComplements:
-    """What finds products of matrices one after the other; where entries stand alike, they are analysed once."""
+    """Computes products for matrices one after the other; matrices of one pattern are analysed once."""
 
     _analysis: _Analysis | None = None
     _lock: Any = field(default_factory=Lock, repr=False)
 
     def product(self, A: Any, B: Any) -> Floats | None:
-        """Return B^T A^-1 B, shape (k, k); None without PARDISO, where A is not positive definite to rounding, or not solved.
+        """Return B^T A^-1 B, shape (k, k); None without PARDISO, or where A is not positive definite or not solved accurately.
 
-        One column more, A e, has a product that is known, B^T e: it shows whether A was solved.
+        An additional column A e, e a known vector, has the known product B^T e: it checks the solution.
 
         Args:
             A: symmetric positive definite, both triangles in compressed columns, rows sorted, shape (n, n).
@@ -70,14 +70,14 @@ class SchurComplements:
             self._analysis = _analysed(A, B, structure)
         one, (n, k) = self._analysis, B.shape
         one.solver.set_values(np.concatenate([A.data[one.lower], B.data, np.zeros(k)])[one.order])
-        out = np.zeros((n + k, -(-(k**2) // (n + k))), order="F")  # as PARDISO's solutions are, and as large as the complement
+        out = np.zeros((n + k, -(-(k**2) // (n + k))), order="F")  # PARDISO writes the complement into the array of solutions
         one.solver.run_phase_into(ELIMINATE, np.zeros_like(out), out)
         left = -out.ravel(order="F")[: k**2].reshape(k, k)
         return np.asarray((left + left.T) / 2)
 
 
 def _analysed(A: Any, B: Any, structure: tuple[Ints, ...]) -> _Analysis:
-    """Order the entries of A's triangle, of B and of a diagonal below them, and let PARDISO analyse them."""
+    """Order the entries of A's triangle, of B and of a diagonal below them, and analyse them with PARDISO."""
     (n, k), columns = B.shape, np.repeat(np.arange(A.shape[1]), np.diff(A.indptr))
     lower, last = A.indices >= columns, B.shape[0] + np.arange(B.shape[1])
     rows = np.concatenate([columns[lower], np.repeat(np.arange(n), np.diff(B.indptr)), last])

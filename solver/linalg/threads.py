@@ -1,4 +1,4 @@
-"""One thread for linear algebra: many small products wait for each other on more."""
+"""Limit linear algebra to one thread: with more threads many small products wait for each other."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from solver.linalg.cholesky import loaded
 
 
 def one_thread() -> AbstractContextManager[Any]:
-    """Return the context in which BLAS uses one thread. Its libraries are looked for once, which takes milliseconds."""
+    """Return the context in which BLAS uses one thread. Its libraries are searched once, in some milliseconds."""
     limit: AbstractContextManager[Any] = _controller().limit(limits=1, user_api="blas")
     return limit
 

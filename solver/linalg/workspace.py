@@ -1,10 +1,10 @@
-"""What evaluators keep from one scene to the next: meshes, patterns, factors, solved probes; within a limit of bytes.
+"""Cache of meshes, patterns, factors and solved probes from one scene to the next, within a limit of bytes.
 
-An evaluator owns a workspace and works in it, ``with using(workspace):``, and everything below it keeps there what it may be
-asked for again, by ``kept``. Outside any, the process's own is used, and an evaluator that is given none takes the one it is made
-in. What was used longest ago goes first, and what an evaluation itself uses stays while it runs: it is alive anyway, and another
-tumour under the same probe then costs little. So a workspace holds its limit or what the last evaluation needed, whichever is
-more.
+An evaluator owns a workspace and works in it, ``with use_workspace(workspace):``. Functions below it that are decorated with
+``keep_result`` keep their results there. Outside any workspace, the process's own is used; an evaluator that is given none takes
+the one in which it is made. What was used longest ago is dropped first. What the current evaluation uses stays while it runs, as
+it is in use anyway, and another tumour under the same probe then costs little. So a workspace holds its limit, or what the last
+evaluation needed if that is more.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ from solver.linalg.memory import give_back
 
 LIMIT = "PROBE_DESIGN_MEMORY"  # the environment variable: GB that the process's workspace may hold
 USUAL = 1.0  # GB
-GROWN = 4.0  # times: what values may have grown since they were measured, at most: patterns to which factors were added
-WORTH_GIVING_BACK = 1e8  # bytes: until then the C library keeps what is freed, as new pages cost time
+GROWN = 4.0  # most that values may have grown since they were measured, as patterns do with their factors
+WORTH_GIVING_BACK = 1e8  # below that the C library keeps freed memory, as new pages cost time
 P = ParamSpec("P")
 T = TypeVar("T")
 
 
 @dataclass
 class _Entry:
-    """A value, its bytes when it was last measured, whether it is once and for all, and the evaluation that used it last."""
+    """A value, its bytes when last measured, whether that size is fixed, and the number of the evaluation that used it last."""
 
     value: Any
     bytes: int
@@ -44,33 +44,33 @@ class _Entry:
 
 
 class Workspace:
-    """Values by key, those used last at the end."""
+    """Values by key, those used last at the end, within a limit of bytes."""
 
     def __init__(self, limit: float = USUAL * 1e9) -> None:
-        """Hold ``limit`` bytes."""
+        """Make an empty workspace for ``limit`` bytes."""
         self.limit = limit
         self._entries: OrderedDict[Hashable, _Entry] = OrderedDict()
         self._evaluation, self._lock = 0, RLock()
 
     @property
     def bytes_held(self) -> int:
-        """All that is held, arrays that several values share counted once."""
+        """Bytes of all values; arrays that several values share are counted once."""
         with self._lock:
             return self._measure()
 
     def clear(self) -> None:
-        """Hold nothing."""
+        """Drop all values."""
         with self._lock:
             self._entries.clear()
         give_back()
 
     def begin(self) -> None:
-        """Begin an evaluation: what is held from before it may go from now on."""
+        """Begin an evaluation: values from earlier ones may be dropped from now on."""
         self._evaluation += 1
         give_back(WORTH_GIVING_BACK)
 
     def keep(self, key: Hashable, make: Callable[[], T], fixed: bool = False) -> T:
-        """Return what is held under a key, made now if there is none; ``fixed`` is what neither grows nor shares arrays."""
+        """Return the value under a key, made now if there is none; ``fixed`` values neither grow nor share arrays."""
         with self._lock:
             entry = self._entries.get(key)
             if entry is not None:
@@ -85,7 +85,7 @@ class Workspace:
         return value
 
     def make_room(self, wanted: float = 0.0) -> None:
-        """Let go, oldest first, of what this evaluation has not used, until ``wanted`` bytes more are within the limit."""
+        """Drop values that this evaluation has not used, oldest first, until ``wanted`` bytes more are within the limit."""
         with self._lock:
             if GROWN * sum(one.bytes for one in self._entries.values()) + wanted <= self.limit:
                 return  # measuring takes as long as adding up a small mesh
@@ -97,7 +97,7 @@ class Workspace:
         give_back(WORTH_GIVING_BACK)
 
     def _measure(self) -> int:
-        """Measure values anew, as some grow: what several share is counted with the one that was used last."""
+        """Measure all values again, as some grow; an array that several share is counted with the one used last."""
         seen: set[int] = set()
         for entry in reversed(self._entries.values()):
             if not entry.fixed:
@@ -106,11 +106,11 @@ class Workspace:
 
 
 def size(value: Any, seen: set[int] | None = None) -> int:
-    """Return the bytes of all arrays that a value leads to, and what libraries hold for it, its ``foreign_bytes``.
+    """Return the bytes of all arrays that a value refers to, plus the ``foreign_bytes`` that libraries hold for it.
 
     Args:
-        value: any: objects, containers, arrays.
-        seen: what is counted already, by identity; it is added to.
+        value: any object, container or array.
+        seen: identities of objects that are already counted; new ones are added.
     """
     seen, total, left = set() if seen is None else seen, 0, [value]
     while left:
@@ -137,7 +137,7 @@ _CURRENT: ContextVar[Workspace | None] = ContextVar("workspace", default=None)
 
 @contextmanager
 def using(workspace: Workspace) -> Iterator[Workspace]:
-    """Work in a workspace."""
+    """Use a workspace within the context."""
     token = _CURRENT.set(workspace)
     try:
         yield workspace
@@ -146,12 +146,12 @@ def using(workspace: Workspace) -> Iterator[Workspace]:
 
 
 def current() -> Workspace:
-    """Return the workspace that is worked in: the process's own outside ``using``."""
+    """Return the current workspace: the process's own outside ``use_workspace``."""
     return _CURRENT.get() or of_process()
 
 
 class Owner(Protocol):
-    """What has a workspace of its own."""
+    """An object with its own workspace."""
 
     @property
     def workspace(self) -> Workspace: ...  # noqa: D102
@@ -161,7 +161,7 @@ Owning = TypeVar("Owning", bound=Owner)
 
 
 def in_own_workspace(method: Callable[Concatenate[Owning, P], T]) -> Callable[Concatenate[Owning, P], T]:
-    """Let a method work in the workspace of its object."""
+    """Decorate a method so that it uses the workspace of its object."""
 
     @wraps(method)
     def worked(self: Owning, /, *args: P.args, **named: P.kwargs) -> T:
@@ -176,7 +176,7 @@ def of_process() -> Workspace:
     """Return the workspace of all evaluators that are given none.
 
     Raises:
-        InputError: ``PROBE_DESIGN_MEMORY`` is no number of GB.
+        InputError: ``PROBE_DESIGN_MEMORY`` is not a number of GB.
     """
     given = os.environ.get(LIMIT, f"{USUAL:g}")
     try:
@@ -189,12 +189,12 @@ def of_process() -> Workspace:
 
 
 def kept(function: Callable[P, T]) -> Callable[P, T]:
-    """Keep what a function returns in the current workspace, by its arguments, which are hashable."""
+    """Decorate a function so that its results are kept in the current workspace, by its hashable arguments."""
     return _kept(function, fixed=False)
 
 
 def kept_within_limits(function: Callable[P, T]) -> Callable[P, T]:
-    """Do so for the limits of memory and time that hold: what one of them stopped may be better within others."""
+    """Keep results as ``keep_result`` does, but apart for each limit of memory and time, on which they may depend."""
 
     @wraps(function)
     def looked_up(*args: P.args, **named: P.kwargs) -> T:
@@ -205,7 +205,7 @@ def kept_within_limits(function: Callable[P, T]) -> Callable[P, T]:
 
 
 def kept_table(function: Callable[P, T]) -> Callable[P, T]:
-    """Do so with tables: of those there are many, and as they do not grow they are measured once."""
+    """Keep results as ``keep_result`` does, but measure their size once: for the many tables, which do not grow."""
     return _kept(function, fixed=True)
 
 

@@ -1,7 +1,7 @@
-"""Lossy materials: by how much the logarithms of their moduli are complex.
+"""Complex moduli of lossy materials, as changes of the logarithms of their storage moduli.
 
-Under a sinusoidal load a modulus E' with the loss factor t = tan delta is complex (the correspondence principle: elastic
-solutions hold with complex moduli, Poisson's ratios being real),
+Under a sinusoidal load a storage modulus E' with the loss factor t = tan delta becomes a complex modulus E (the correspondence
+principle: elastic solutions hold with complex moduli, Poisson's ratios being real),
 
     ln E = ln E' + v + j delta,     v = ln(1 + t^2) / 2,   delta = atan t                            (PH.1)
 """
@@ -17,19 +17,19 @@ Turns = dict[str, float]  # by the materials' names, "probe.inner", "tissue.laye
 
 
 def angles(scene: Scene) -> Turns:
-    """Return delta of eq. PH.1 of every material that can be lossy, rad."""
+    """Return the loss angle delta of eq. PH.1 of every material that can be lossy, rad."""
     return {_owner(key): math.atan(loss) for key, loss in loss_factors(scene).items()}
 
 
 def stretches(scene: Scene) -> Turns:
-    """Return v of eq. PH.1 of every material that can be lossy."""
+    """Return the growth v of ln |E| by losses, eq. PH.1, of every material that can be lossy."""
     return {_owner(key): math.log1p(loss**2) / 2 for key, loss in loss_factors(scene).items()}
 
 
 def spread(scene: Scene) -> float:
-    """Return the largest less the least loss angle, rad: where it is 0 so is the ratio's phase.
+    """Return the largest less the smallest loss angle, rad; where it is 0, so is the ratio's phase.
 
-    An elastic base and films have none.
+    An elastic base and films are lossless: their loss angle is 0.
     """
     elastic = scene.probe.film is not None or not scene.probe.base.rigid
     every = [*angles(scene).values(), *([0.0] if elastic else [])]
@@ -37,7 +37,7 @@ def spread(scene: Scene) -> float:
 
 
 def stiffened(scene: Scene, by: Turns, times: float) -> Scene:
-    """Return a scene whose moduli are exp(times * by) of what they were."""
+    """Return a scene whose moduli are multiplied by exp(times * by), ``log_changes`` a number for each material."""
 
     def grown(name: str, body: object) -> dict[str, float]:
         return {"youngs_modulus": body.youngs_modulus * math.exp(times * by[name])}  # type: ignore[attr-defined]

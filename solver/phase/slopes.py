@@ -1,4 +1,4 @@
-"""Derivatives of ln(ratio) on one mesh, by the numbers of a scene and along directions in the logarithms of all moduli."""
+"""Derivatives of ln(ratio) on one mesh: by the numbers of a scene, and along directions in the logarithms of all moduli."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ class Slopes:
     """The ratio and its derivatives on one mesh.
 
     Attributes:
-        ratio: as this mesh has it, to first order in the tumours where they are off the axis.
-        by: d ln(ratio) by keys of ``geometry.scenes.variables.values``, by the logarithm of moduli, else per SI unit.
-        along: d ln(ratio) along each direction, shape (d,).
+        ratio: on this mesh; to first order in the tumours where they are off the axis.
+        derivatives: d ln(ratio) by keys of ``geometry.scenes.variables.values``: by ln of moduli, else per SI unit.
+        directional: derivative of ln(ratio) along each direction, shape (d,).
     """
 
     ratio: float
@@ -45,7 +45,7 @@ Sloped = Callable[[Scene, Sequence[Turns]], Slopes]
 
 
 def sloped(scene: Scene, accuracy: float) -> tuple[str | None, Sloped]:
-    """Return why scenes of this one's kind have no derivatives, or None, and what differentiates them, always on one mesh."""
+    """Return why this kind of scene has no derivatives, or None, and a function that differentiates such scenes on one mesh."""
     if Axisymmetric().refusal(scene) is None:
         fineness = LEVELS[3 if accuracy >= COARSE else 4 if accuracy >= MEDIUM else 5]
         return None, lambda one, directions: on_axis(one, directions, fineness)
@@ -58,7 +58,7 @@ def sloped(scene: Scene, accuracy: float) -> tuple[str | None, Sloped]:
 
 
 def on_axis(scene: Scene, directions: Sequence[Turns], fineness: MeridianFineness) -> Slopes:
-    """Return the slopes of a scene that ``axisymmetric`` takes, on one mesh.
+    """Return the derivatives for a scene that ``axisymmetric`` takes, on one mesh.
 
     Raises:
         SolveError: its equations cannot be solved in double precision.
@@ -70,10 +70,10 @@ def on_axis(scene: Scene, directions: Sequence[Turns], fineness: MeridianFinenes
 
 
 def off_axis(scene: Scene, directions: Sequence[Turns], fineness: MeridianFineness) -> Slopes:
-    """Return the slopes to first order in spheres anywhere, without reflections: how far that is off shows in the ratio.
+    """Return the derivatives to first order in spheres anywhere, without reflections; the error of that shows in the ratio.
 
     Raises:
-        SolveError: see ``on_axis``.
+        SolveError: see ``differentiate_on_axis``.
     """
     solution = first_order(scene, with_details(scene, sections(scene)), fineness)
     ratio, by = _logarithmic(scene, tumour_gradients(scene, solution, tuple(values(scene))))
@@ -93,7 +93,7 @@ def _along(by: dict[str, float], turns: Turns) -> float:
 
 
 def _by_tumours(solution: FirstOrder, turns: Turns) -> float:
-    """Derivative of ln(ratio) as the logarithms of all tumours' moduli move together, a complex step of their form."""
+    """Return the derivative of ln(ratio) as the logarithms of all tumours' moduli move together, by a complex step."""
     turn = np.array([one for owner, one in turns.items() if owner.startswith("inclusion")])
     moved = solution.form(solution.strengths(youngs_modulus=solution.tumours.youngs_modulus * (1 + 1j * STEP * turn))[0])
     totals = (solution.states.forces + moved.real).sum(axis=1)

@@ -1,4 +1,4 @@
-"""The paper's eqs. (4) and (6) to (8) with their defects mended (PHYSICS section 1), to see what the defects cost.
+"""The paper's eqs. (4) and (6) to (8) with their defects corrected (PHYSICS section 1), to measure their effect.
 
     1 / E_eq = 1 / E_matrix + k (1 / E_object - 1 / E_matrix),  k = 3 a D / (4 d^2)                                (PU.1)
 
@@ -16,7 +16,7 @@ from solver.published.equations import checked
 
 @checked
 def modulus(a: float, d: float, D: float, E_matrix: float, E_object: float) -> float:
-    """Eq. PU.1 for E_eq.
+    """Return the equivalent modulus E_eq by eq. PU.1, Pa.
 
     Raises:
         InputError: k is not below 1.
@@ -27,7 +27,7 @@ def modulus(a: float, d: float, D: float, E_matrix: float, E_object: float) -> f
 
 @checked
 def object_modulus(a: float, d: float, D: float, E_matrix: float, E_eq: float) -> float:
-    """Eq. PU.1 solved for E_object.
+    """Return E_object from E_eq by eq. PU.1, Pa.
 
     Raises:
         InputError: k is not below 1, or E_eq is not below that of a rigid object.
@@ -41,7 +41,7 @@ def object_modulus(a: float, d: float, D: float, E_matrix: float, E_eq: float) -
 
 @checked
 def diameter(a: float, d: float, E_matrix: float, E_object: float, E_eq: float) -> float:
-    """Eq. PU.1 solved for D.
+    """Return the object's diameter D from E_eq by eq. PU.1, m.
 
     Raises:
         InputError: E_eq is not between E_matrix and E_object, so that k is not between 0 and 1.
@@ -53,7 +53,7 @@ def diameter(a: float, d: float, E_matrix: float, E_object: float, E_eq: float) 
 
 
 def _share(a: float, d: float, D: float) -> float:
-    """K of eq. PU.1: the object's share of the shortening."""
+    """Return k of eq. PU.1, the object's share of the shortening."""
     if 3 * a * D >= 4 * d**2:
         raise InputError("3 a D / (4 d^2)", Words(f"{3 * a * D / (4 * d**2):.4g}"), "below 1: a smaller or deeper object")
     return 3 * a * D / (4 * d**2)

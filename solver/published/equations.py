@@ -1,4 +1,4 @@
-"""The paper's equations (1) to (12) exactly as printed, defects included, and what the paper inverts them for.
+"""The paper's equations (1) to (12) exactly as printed, defects included, and their inverses that the paper uses.
 
 "Detecting Embedded Objects Using Haptics with Applications in Artificial Palpation of Tumors", sections 2.3 and 2.4. Symbols are
 the paper's, SI units: ``sigma`` the applied stress on a circle of radius ``a``, ``d`` depth and ``D`` diameter of the object,
@@ -26,7 +26,7 @@ SIGNED = ("Q", "psi_1", "psi_2", "d31", "d32", "d33")
 
 
 def checked(formula: Callable[P, R]) -> Callable[P, R]:
-    """Return the formula behind a check of its arguments, by their names, and of its result."""
+    """Decorate a formula with checks of its arguments, by their names, and of its result."""
     names = signature(formula)
 
     @wraps(formula)
@@ -61,79 +61,82 @@ def _check(name: str, value: float) -> None:
 
 @checked
 def stress_at_depth(sigma: float, a: float, d: float) -> float:
-    """Eq. (1): sigma_1 = 3 sigma a^2 / (2 d^2)."""
+    """Return the stress at depth d, Pa. Eq. (1): sigma_1 = 3 sigma a^2 / (2 d^2)."""
     return 3 * sigma * a**2 / (2 * d**2)
 
 
 @checked
 def displacement_matrix(sigma: float, a: float, nu: float, E_matrix: float) -> float:
-    """Eq. (2): DIS_A = 2 (1-nu^2) sigma a / E_matrix."""
+    """Return the displacement of the matrix, m. Eq. (2): DIS_A = 2 (1-nu^2) sigma a / E_matrix."""
     return 2 * (1 - nu**2) * sigma * a / E_matrix
 
 
 @checked
 def displacement_object(sigma: float, a: float, d: float, D: float, E_object: float) -> float:
-    """Eq. (3): DIS_B = sigma_1 D / E_object = 3 sigma a^2 D / (2 d^2 E_object)."""
+    """Return the shortening of the object, m. Eq. (3): DIS_B = sigma_1 D / E_object = 3 sigma a^2 D / (2 d^2 E_object)."""
     return 3 * sigma * a**2 * D / (2 * d**2 * E_object)
 
 
 @checked
 def displacement_below(sigma: float, a: float, d: float, D: float, *, nu: float, E_matrix: float) -> float:
-    """Eq. (4): DIS_C = 3 (1-nu^2) sigma a^2 D / (2 E_matrix d^2)."""
+    """Return the displacement below the object, m. Eq. (4): DIS_C = 3 (1-nu^2) sigma a^2 D / (2 E_matrix d^2)."""
     return 3 * (1 - nu**2) * sigma * a**2 * D / (2 * E_matrix * d**2)
 
 
 @checked
 def displacement_equivalent(sigma: float, a: float, nu: float, E_eq: float) -> float:
-    """Eq. (5): DIS = 2 (1-nu^2) sigma a / E_eq."""
+    """Return the displacement of the equivalent tissue, m. Eq. (5): DIS = 2 (1-nu^2) sigma a / E_eq."""
     return 2 * (1 - nu**2) * sigma * a / E_eq
 
 
 @checked
 def displacement_total(sigma: float, a: float, d: float, D: float, *, nu: float, E_matrix: float, E_object: float) -> float:
-    """Eq. (6): DIS = DIS_A + DIS_B + DIS_C."""
+    """Return the total displacement, m. Eq. (6): DIS = DIS_A + DIS_B + DIS_C, by eqs. (2) to (4)."""
     a_and_b = displacement_matrix(sigma, a, nu, E_matrix) + displacement_object(sigma, a, d, D, E_object)
     return a_and_b + displacement_below(sigma, a, d, D, nu=nu, E_matrix=E_matrix)
 
 
 @checked
 def modulus_from_compatibility(a: float, d: float, D: float, *, nu: float, E_matrix: float, E_object: float) -> float:
-    """Eq. (7) solved for E_eq: eq. (5) set equal to eq. (6); sigma cancels."""
+    """Return E_eq by eq. (7), Pa: eq. (5) set equal to eq. (6); sigma cancels."""
     return 2 * (1 - nu**2) * a / displacement_total(1.0, a, d, D, nu=nu, E_matrix=E_matrix, E_object=E_object)
 
 
 @checked
 def modulus_printed(a: float, d: float, D: float, *, nu: float, E_matrix: float, E_object: float) -> float:
-    """Eq. (8): E_eq = 4 E_matrix E_object (1-nu^2) d^2 / [E_object (1-nu)^2 (4 d^2 + 3 a D) + 3 a D E_matrix]."""
+    """Return E_eq as printed, Pa.
+
+    Eq. (8): E_eq = 4 E_matrix E_object (1-nu^2) d^2 / [E_object (1-nu)^2 (4 d^2 + 3 a D) + 3 a D E_matrix].
+    """
     below = E_object * (1 - nu) ** 2 * (4 * d**2 + 3 * a * D) + 3 * a * D * E_matrix
     return 4 * E_matrix * E_object * (1 - nu**2) * d**2 / below
 
 
 @checked
 def layer_shortenings(sigma: float, a: float, nu_1: float, nu_2: float, E_1: float) -> tuple[float, float, float]:
-    """Eq. (9): the shortenings of tissue, tumour and tissue, the tumour's with E_1 as printed."""
+    """Return the shortenings of tissue, tumour and tissue by eq. (9), m; the tumour's with E_1, as printed."""
     tissue = 2 * (1 - nu_1**2) * sigma * a / E_1
     return tissue, 2 * (1 - nu_2**2) * sigma * a / E_1, tissue
 
 
 @checked
 def modulus_from_shortenings(sigma: float, a: float, nu_1: float, shortenings: tuple[float, float, float]) -> float:
-    """Eq. (10): E_eq = 2 (1-nu_1^2) sigma a / (sum of the shortenings)."""
+    """Return E_eq from the shortenings, Pa. Eq. (10): E_eq = 2 (1-nu_1^2) sigma a / (sum of the shortenings)."""
     return 2 * (1 - nu_1**2) * sigma * a / sum(shortenings)
 
 
 @checked
 def modulus_of_layers(E_1: float, E_2: float, E_3: float) -> float:
-    """Eq. (11): 1 / E_eq = 1/E_1 + 1/E_2 + 1/E_3."""
+    """Return E_eq of three layers, Pa. Eq. (11): 1 / E_eq = 1/E_1 + 1/E_2 + 1/E_3."""
     return 1 / (1 / E_1 + 1 / E_2 + 1 / E_3)
 
 
 @checked
 def film_force(Q: float, psi_1: float, psi_2: float, *, d31: float, d32: float, d33: float) -> float:
-    """Eq. (12): F = Q / (psi_1 d31 + psi_2 d32 + d33).
+    """Return the force on a film from its charge Q, N. Eq. (12): F = Q / (psi_1 d31 + psi_2 d32 + d33).
 
     Raises:
-        InputError: the film gives no charge.
+        InputError: the charge per force is zero.
     """
     charge_per_force = psi_1 * d31 + psi_2 * d32 + d33
     if charge_per_force == 0:
@@ -151,7 +154,7 @@ EQUATIONS: dict[int, Callable[..., float | tuple[float, float, float]]] = {
 
 @checked
 def object_modulus_from_layers(E_eq: float, E_1: float) -> float:
-    """Eq. (11) solved for E_2 = E_object with E_3 = E_1, as the end of section 2.3 does.
+    """Return E_object from eq. (11) with E_2 = E_object and E_3 = E_1, Pa, as at the end of section 2.3.
 
     Raises:
         InputError: E_eq is not below E_1 / 2: no positive modulus fits.
@@ -163,7 +166,7 @@ def object_modulus_from_layers(E_eq: float, E_1: float) -> float:
 
 @checked
 def diameter_printed(a: float, d: float, *, nu: float, E_matrix: float, E_object: float, E_eq: float) -> float:
-    """Eq. (8) solved for D; the answer may be larger than 2 d, which the paper does not exclude.
+    """Return D from eq. (8), m; it may be larger than 2 d, which the paper does not exclude.
 
     D = 4 d^2 E_object [E_matrix (1-nu^2) - E_eq (1-nu)^2] / (3 a E_eq [E_object (1-nu)^2 + E_matrix])
 
@@ -179,7 +182,7 @@ def diameter_printed(a: float, d: float, *, nu: float, E_matrix: float, E_object
 
 @checked
 def object_modulus_printed(a: float, d: float, D: float, *, nu: float, E_matrix: float, E_eq: float) -> float:
-    """Eq. (8) solved for E_object.
+    """Return E_object from eq. (8), Pa.
 
     E_object = 3 a D E_matrix E_eq / [4 E_matrix (1-nu^2) d^2 - E_eq (1-nu)^2 (4 d^2 + 3 a D)]
 
@@ -195,7 +198,7 @@ def object_modulus_printed(a: float, d: float, D: float, *, nu: float, E_matrix:
 
 @checked
 def object_and_diameter(a: float, d: float, nu: float, E_matrix: float, E_eq: float) -> tuple[float, float]:
-    """E_object and D from E_eq in the paper's order (end of section 2.3): E_object by eq. (11), then D by eq. (8).
+    """Return E_object, Pa, and D, m, from E_eq in the paper's order (end of section 2.3): by eq. (11), then by eq. (8).
 
     Raises:
         InputError: E_eq is not below E_matrix / 2.

@@ -1,4 +1,4 @@
-"""Level 0: the paper's equivalent modulus by eq. (8) as printed, beside the list of what is wrong in the paper."""
+"""Evaluator ``published``: the paper's equivalent modulus by eq. (8) as printed, and the list of the paper's defects."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Published:
     summary: str = "the paper's eqs. (1)-(12) as printed; an equivalent modulus, no stresses; for reproducing the paper"
 
     def refusal(self, scene: Scene) -> str | None:
-        """Say what in the scene the paper's equations have no symbol for, or None."""
+        """Return why the paper's equations cannot describe the scene, with the evaluator that can; None where they can."""
         if layered(scene) is not None:
             return layered(scene)
         if len(scene.inclusion) != 1 or scene.inclusion[0].diameter is None:
@@ -50,10 +50,10 @@ class Published:
         return None
 
     def evaluate(self, scene: Scene, accuracy: float = 0.01) -> Result:
-        """Return ``equivalent_modulus``; the equations give no film stresses, so the rest is None.
+        """Return ``equivalent_modulus``; the equations give no film stresses, so the other values are None.
 
         Raises:
-            Refusal: the equations have no symbol for something in the scene.
+            Refusal: the equations cannot describe the scene.
         """
         start = perf_counter()
         why = self.refusal(scene)
@@ -76,7 +76,7 @@ class Published:
         Raises:
             Refusal: always.
         """
-        raise Refusal("accuracy", accuracy, "none for this level: the paper's equations give no film stresses")
+        raise Refusal("accuracy", accuracy, "none for this evaluator: the paper's equations give no film stresses")
 
     def curve(self, scene: Scene, moduli: Floats, accuracy: float = 0.01) -> Curve:
         """Refuse: there is no ratio to follow.
@@ -95,5 +95,5 @@ def _corrected(sizes: tuple[float, float, float], moduli: tuple[float, float]) -
 
 
 def level(tell: Tell | None = None) -> Published:
-    """Return the level; it has nothing to tell."""
+    """Return the evaluator; it reports no progress."""
     return Published()

@@ -1,4 +1,4 @@
-"""The paper's Table 3 (section 3) as printed, and what can be checked of it without a model."""
+"""The paper's Table 3 (section 3) as printed, and checks of it that need no model."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ TABLE_3 = {
 
 @dataclass(frozen=True)
 class PositionCheck:
-    """What the rows of a position say of themselves.
+    """Consistency of the printed rows of one position.
 
     Attributes:
         spread: of the printed ratio over the loads, relative.
@@ -62,7 +62,7 @@ class PositionCheck:
 
 
 def check(rows: Sequence[PublishedRow]) -> PositionCheck:
-    """Check the rows of a position."""
+    """Check the printed rows of one position for consistency."""
     ratios, quotients = [row.ratio for row in rows], [row.stress_1 / row.stress_2 for row in rows]
     off = max(abs(abs(one) / ratio - 1) for one, ratio in zip(quotients, ratios, strict=True))
     area = rows[0].load / -(AREA_RATIO * rows[0].stress_1 + rows[0].stress_2)

@@ -1,1 +1,1 @@
-"""What every level takes and returns, and how film forces become stresses with bounds."""
+"""Results of evaluators, and the step from film forces to stresses with error bounds."""

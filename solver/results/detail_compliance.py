@@ -1,4 +1,4 @@
-"""Details that a rotationally symmetric level leaves out, each as a compliance between block and base.
+"""Details of the probe that a rotationally symmetric model leaves out, each as a compliance between block and base.
 
 Films, an elastic base and the groove all make the blocks' ends give way. With F the film forces
 per unit displacement, T = F 1 their totals and C the compliance that a detail adds, the forces
@@ -22,8 +22,8 @@ class Detail:
     """A detail's name and the compliance that it adds, m/N, shape (2, 2).
 
     Attributes:
-        sure: whether the compliance is known and not guessed, so that what it does to both films alike cancels in the ratio.
-        lost: share of the outer film's force that a detail may take apart from its compliance.
+        is_exact: whether the compliance is exact and not an upper bound, so that equal changes of both films cancel in the ratio.
+        lost_share: share of the outer film's force that the detail may remove in addition to the effect of its compliance.
     """
 
     name: str
@@ -32,7 +32,7 @@ class Detail:
     lost: float = 0.0
 
     def bound(self, forces: Floats) -> Bound:
-        """What the detail changes of the film forces, eq. RE.4."""
+        """Return a bound on what the detail changes of the film forces, N/m, shape (2, 2), by eq. RE.4."""
         totals = forces.sum(axis=1)
         change = forces @ self.compliance @ totals
         with np.errstate(divide="ignore"):
@@ -42,7 +42,7 @@ class Detail:
 
 
 def details(probe: Probe) -> Iterator[Detail]:
-    """Yield what the probe has beyond two blocks on a rigid base."""
+    """Yield the details of a probe beyond two blocks on a rigid base: groove, films, elastic base."""
     areas = np.array([probe.inner_area, probe.outer_area])
     if probe.groove is not None:
         yield Detail("groove", _groove(probe), lost=_bridged(probe))
@@ -53,7 +53,9 @@ def details(probe: Probe) -> Iterator[Detail]:
 
 
 def _groove(probe: Probe) -> Floats:
-    """A column of area A_1 that lacks a share f of its section over the groove's depth g.
+    """Return the compliance that a groove adds to the outer block, m/N.
+
+    The block is a column of area A_1 and modulus E_1 that lacks a share f of its section over the groove's depth g.
 
     To first order it is more compliant by f g / (A_1 E_1) (RE.5); times 6, as stress concentrates round a
     notch. The converged 3D reference tests/reference/solid/groove-on-axis.toml asks for a factor of 3.
@@ -65,9 +67,10 @@ def _groove(probe: Probe) -> Floats:
 
 
 def _bridged(probe: Probe) -> float:
-    """What the floor left under the groove, which bends, may fail to carry: -1.5 ln(1 - f) g / h (RE.6).
+    """Return the share of force that the floor under the groove, which bends, may fail to carry: -1.5 ln(1 - f) g / h (RE.6).
 
-    It is what stiff blocks lose. A groove of 6 mm x 2.9 mm in blocks of 3 mm (f = 0.21) changes the
+    f is the share of the block's section that the groove removes, g the groove's depth and h the block's height. It is what stiff
+    blocks lose. A groove of 6 mm x 2.9 mm in blocks of 3 mm (f = 0.21) changes the
     ratio by 26 % at 10 MPa and 30 % at 1 MPa in 3D finite elements; the bound says 34 % and more.
     """
     assert probe.groove is not None
@@ -76,16 +79,18 @@ def _bridged(probe: Probe) -> float:
 
 
 def _film(film: Film) -> float:
-    """Compliance times area of film and adhesive in series, m/Pa; the adhesive is as soft as its modulus says."""
+    """Return compliance times area of film and adhesive in series, m/Pa; by default the adhesive has the film's modulus."""
     adhesive = film.adhesive_thickness / (film.adhesive_modulus or film.youngs_modulus)
     return film.thickness / film.youngs_modulus + adhesive
 
 
 def _base(base: Base, radius: float) -> Floats:
-    """A half-space under the probe's footprint, 2 (1 - nu^2) / (pi R E) (RE.7), for each block and between them.
+    """Return the compliance of the elastic base for each block and between them, m/N: 2 (1 - nu^2) / (pi R E) (RE.7).
+
+    The base is a half-space of modulus E and Poisson's ratio nu under the probe's footprint of radius R.
 
     Twice the rigid punch's compliance (1 - nu^2) / (2 R E) is 1 / (R E); uniform pressure gives
-    16 (1 - nu^2) / (3 pi^2 R E). The bound taken covers both.
+    16 (1 - nu^2) / (3 pi^2 R E). The value returned, (1 - nu^2) / (R E), covers both.
     """
     assert base.youngs_modulus is not None
     assert base.poisson_ratio is not None

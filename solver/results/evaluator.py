@@ -1,4 +1,4 @@
-"""What a level of fidelity is, and the one place where film forces become what it returns."""
+"""The interface of evaluators, and the base class that turns film forces into results and curves."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ Tell = Callable[[str], None]
 
 
 def silent(text: str) -> None:
-    """Tell nobody."""
+    """Ignore a line of progress."""
 
 
 class Evaluator(Protocol):
-    """One level of fidelity; the module ``level`` of its room makes it by ``level(tell)``.
+    """A model of one fidelity; the module ``level`` of its package makes it by ``level(tell)``.
 
     Attributes:
         name: as on the command line.
@@ -39,23 +39,23 @@ class Evaluator(Protocol):
     def summary(self) -> str: ...  # noqa: D102
 
     def refusal(self, scene: Scene) -> str | None:
-        """Say which evaluator can take what in the scene is of a *kind* that this level cannot, or None if it can."""
+        """Return why this evaluator cannot take the scene, with the name of one that can; None where it can."""
         ...
 
     def evaluate(self, scene: Scene, accuracy: float = 0.01) -> Result:
-        """Answer to within ``accuracy`` (relative, on ratio, stresses and stiffness), or as well as possible with a warning.
+        """Evaluate to ``accuracy`` (relative, on ratio, stresses and stiffness), or as well as possible with a warning.
 
         Raises:
             InputError: a surface file that cannot be used.
-            Refusal: the scene is of a kind that this level cannot take, or its equations cannot be solved.
+            Refusal: this evaluator cannot take this kind of scene, or its equations cannot be solved.
         """
         ...
 
     def evaluate_within(self, scene: Scene, accuracy: float, allowed: float | None = None) -> Result:
-        """Answer as ``evaluate`` does, but only if every bound is at most ``allowed``, or ``accuracy`` where that is left out.
+        """Evaluate as ``evaluate`` does, but refuse unless every error bound is at most ``allowed`` (by default ``accuracy``).
 
         Raises:
-            InputError, Refusal: see ``evaluate``; and where the accuracy is out of reach.
+            InputError, Refusal: see ``evaluate``; also if the accuracy is out of reach.
         """
         ...
 
@@ -71,13 +71,13 @@ class Evaluator(Protocol):
 
 @dataclass(frozen=True)
 class Answer:
-    """What a level finds of a scene, at the target's modulus or at several.
+    """The film forces of a scene with their errors, at the target's modulus or at several.
 
     Attributes:
         films: film forces with their errors, one for each modulus.
-        residual: relative, the largest of the solutions behind them; None where none is solved for.
+        residual: relative, the largest of the linear systems solved; None where none is solved.
         plan: what was modelled and what was left out.
-        notes: warnings of the level's own.
+        notes: the evaluator's own warnings.
         stiffness: N/m, where it is not the sum of the film forces.
     """
 
@@ -88,7 +88,7 @@ class Answer:
     stiffness: float | None = None
 
     def result(self, name: str, scene: Scene, seconds: float) -> Result:
-        """Return the level's result for the scene's own target."""
+        """Return the result at the scene's own target modulus."""
         fields = outputs(scene, self.films[0])
         if self.stiffness is not None:
             fields["stiffness"] = self.stiffness
@@ -96,7 +96,7 @@ class Answer:
         return Result(name, seconds, **fields, residual=self.residual, plan=self.plan, warnings=warnings)
 
     def curve(self, name: str, scene: Scene, moduli: Floats, seconds: float) -> Curve:
-        """Return the level's curve over moduli, Pa, shape (k,)."""
+        """Return the curve over moduli of the target, Pa, shape (k,)."""
         rows = [ratio(scene, films) for films in self.films]
         values: dict[str, Any] = {key: tuple(row[key] for row in rows) for key in ("ratio", "log_sensitivity", "error_estimate")}
         values["stiffness"] = tuple(float(films.totals.sum()) for films in self.films)
@@ -105,17 +105,17 @@ class Answer:
 
 @dataclass(frozen=True, kw_only=True)
 class FilmLevel:
-    """A level that finds film forces: a subclass says how, by ``answer``; see ``Evaluator`` for what it then has.
+    """An evaluator that computes film forces: a subclass defines ``solve``, from which the methods of ``Evaluator`` follow.
 
     Attributes:
-        workspace: where it keeps what the next scene may need; left out: the one that is worked in, usually the process's.
+        workspace: where it keeps meshes and factors; by default the current one, usually the process's.
     """
 
     name: str
     workspace: Workspace = field(default_factory=current, compare=False, repr=False)
 
     def answer(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> Answer:
-        """Return what is found at the target's modulus, or at all ``moduli`` (Pa); see ``Evaluator`` for what it raises."""
+        """Compute film forces at the target's modulus, or at all ``moduli`` (Pa); see ``Evaluator`` for what it raises."""
         raise NotImplementedError
 
     @in_own_workspace
@@ -127,7 +127,7 @@ class FilmLevel:
         return answer.result(self.name, scene, perf_counter() - start)
 
     def answers(self, scenes: Sequence[Scene], accuracies: Sequence[float]) -> list[Answer | InputError]:
-        """Return what ``answer`` finds of each scene at its accuracy, or its refusal; levels that gain by it answer together."""
+        """Solve each scene at its accuracy, or return its refusal; subclasses may solve scenes together to save time."""
         return [self._alone(scene, accuracy) for scene, accuracy in zip(scenes, accuracies, strict=True)]
 
     def _alone(self, scene: Scene, accuracy: float) -> Answer | InputError:
@@ -139,11 +139,11 @@ class FilmLevel:
 
     @in_own_workspace
     def evaluate_many(self, scenes: Sequence[Scene], accuracy: float | Sequence[float] = 0.01) -> list[Result | InputError]:
-        """Return for each scene what ``evaluate`` returns, or the refusal it raises; ``seconds`` are shared out evenly.
+        """Return for each scene what ``evaluate`` returns, or the refusal it raises; ``seconds`` are divided evenly.
 
         Args:
-            scenes: any.
-            accuracy: of all, or of each.
+            scenes: scenes of any kind.
+            accuracy: one for all scenes, or one for each.
         """
         start = perf_counter()
         every = self.answers(scenes, accuracy if isinstance(accuracy, Sequence) else [accuracy] * len(scenes))
@@ -177,20 +177,20 @@ class FilmLevel:
 
 
 class OutOfReach(Refusal):
-    """An accuracy that a level does not reach.
+    """Refusal of an accuracy that an evaluator does not reach.
 
     Attributes:
-        name: of the level.
-        scene, accuracy: what it was asked.
-        reached: the largest bound on its errors; asked for that, it may refine less and reach less.
-        stopped: which limit of memory or time forbade more; empty where none did.
-        allowed: what would be, where more than the level's own bound is known of that.
+        name: name of the evaluator.
+        scene, accuracy: its arguments.
+        reached: the largest of its error bounds. At that accuracy the evaluator may refine less, and so miss it.
+        stopped: which limit of memory or time prevented a better result; empty where none did.
+        allowed: text of the accuracy that would be accepted; by default made from ``reached``.
     """
 
     def __init__(self, name: str, scene: Scene, accuracy: float, reached: float, *, stopped: str = "", allowed: str = "") -> None:
         self.name, self.scene, self.accuracy, self.reached, self.stopped = name, scene, accuracy, reached, stopped
         why = f"{least(reached, 2)} or more for this scene (--evaluator {name} answers with that error)"
         if reached >= 1:
-            why = f"none for this scene: errors are no smaller than the values (--evaluator {name} tells which)"
+            why = f"none for this scene: errors are no smaller than the values (--evaluator {name} prints their bounds)"
         why = allowed or why
         super().__init__("accuracy", accuracy, f"{why}; {stopped}" if stopped else why)

@@ -1,4 +1,4 @@
-"""Pictures of ratio and log-sensitivity against Young's modulus, and against load; matplotlib waits until one is drawn."""
+"""Plots of ratio and log-sensitivity over Young's modulus and over load; matplotlib is imported when one is drawn."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def curve_figure(curve: Curve, scene_modulus: float | None = None, tissue_modulus: float | None = None) -> Figure:
-    """Draw a curve with the band of its error; moduli of the scene's own inclusion and tissue, Pa, are marked."""
+    """Draw a curve with its error band, and mark the moduli of the scene's own inclusion and tissue, Pa."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -44,7 +44,7 @@ def curve_figure(curve: Curve, scene_modulus: float | None = None, tissue_modulu
 
 
 def load_figure(curve: LoadCurve) -> Figure:
-    """Draw a probe under load, the gap's walls below; where linear theory ends and where the gap closes is marked."""
+    """Draw ratio, log-sensitivity and gap width over force, and mark where linear theory ends and where the gap closes."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -80,12 +80,12 @@ def load_figure(curve: LoadCurve) -> Figure:
 
 
 def _numbers(values: tuple[float | None, ...]) -> np.ndarray:
-    """Floats with gaps where there is no value."""
+    """Return an array with NaN in place of None."""
     return np.array([np.nan if value is None else value for value in values])
 
 
 def _between(force: np.ndarray, depth: np.ndarray) -> tuple:  # type: ignore[type-arg]
-    """From force to indentation and back, straight on beyond the ends."""
+    """Return functions from force to indentation and back: piecewise linear, and proportional above the last point."""
     f, d = np.append(0.0, force), np.append(0.0, depth)
     ends = max(f[-1], 1e-300), max(d[-1], 1e-300)
 

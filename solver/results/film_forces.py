@@ -1,4 +1,4 @@
-"""From film forces per unit displacement to stresses, ratio, sensitivity and their errors."""
+"""Compute stresses, ratio, sensitivity and their errors from film forces per unit displacement."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from solver.results.warnings import Note, null_sensitivity
 
 @dataclass(frozen=True)
 class Bound:
-    """How far film forces may be off.
+    """Bounds on the errors of film forces.
 
     Attributes:
-        totals: of each film's total force, N/m, >= 0, shape (2,).
-        log_ratio: of ln(ratio); what shifts both films alike shifts it less than the totals.
+        totals: on each film's total force, N/m, >= 0, shape (2,).
+        log_ratio: on ln(ratio); equal relative errors of both films cancel in it.
     """
 
     totals: Floats
@@ -31,16 +31,16 @@ class Bound:
 
     @classmethod
     def independent(cls, totals: Floats, forces: Floats) -> Bound:
-        """Return the bound where the two films' errors know nothing of each other.
+        """Return the bound for independent errors of the two films.
 
-        With e_i their relative errors that of ln(ratio) is at most -ln(1 - e_0) - ln(1 - e_1) (RE.1).
+        With e_i the relative error of film i (0 inner, 1 outer), that of ln(ratio) is at most -ln(1 - e_0) - ln(1 - e_1) (RE.1).
         """
         with np.errstate(divide="ignore"):
             inner, outer = (totals / np.abs(forces.sum(axis=1))).tolist()
         return cls(totals, -math.log1p(-inner) - math.log1p(-outer) if max(inner, outer) < 1 else math.inf)
 
     def __add__(self, other: Bound) -> Bound:
-        """Return the bound on both errors together."""
+        """Return the bound on the sum of two errors."""
         return Bound(self.totals + other.totals, self.log_ratio + other.log_ratio)
 
 
@@ -50,8 +50,8 @@ class FilmForces:
 
     Attributes:
         forces: N/m, symmetric, shape (2, 2).
-        bound: on what they may be off.
-        slope: d forces / d ln E_object, shape (2, 2), or None without a target.
+        bound: on the errors of the forces.
+        modulus_derivative: d forces / d ln E_object, N/m, shape (2, 2), or None without a target.
         sensitivity_error: estimate of the absolute error of the log-sensitivity.
     """
 
@@ -62,7 +62,7 @@ class FilmForces:
 
     @cached_property
     def totals(self) -> Floats:
-        """Force on each film per unit indentation of the whole base, N/m: F_i = sum_j F_ij (RE.2)."""
+        """Force on each film per unit indentation of the whole base, N/m, shape (2,): F_i = sum_j F_ij (RE.2)."""
         return np.asarray(self.forces.sum(axis=1))
 
     @cached_property
@@ -73,14 +73,17 @@ class FilmForces:
 
     @property
     def unresolved_stress(self) -> str | None:
-        """Name of a stress that is below its own error, if there is one."""
+        """Name of a stress that is smaller than its error bound; None where there is none."""
         return next(
             (name for name, error in zip(("stress_inner", "stress_outer"), self.relative_errors, strict=True) if error >= 1), None
         )
 
     @property
     def log_sensitivity(self) -> float | None:
-        """Log-sensitivity of the ratio: S = d ln(F_0 / F_1) / d ln E_object (RE.3)."""
+        """Log-sensitivity of the ratio: S = d ln(F_0 / F_1) / d ln E_object (RE.3).
+
+        F_0 and F_1 are the forces on inner and outer film per unit indentation, E_object the target's Young's modulus.
+        """
         if self.slope is None:
             return None
         inner, outer = self.film_log_sensitivities or (0.0, 0.0)
@@ -88,7 +91,7 @@ class FilmForces:
 
     @cached_property
     def film_log_sensitivities(self) -> tuple[float, float] | None:
-        """Those of both film forces at a given indentation, inner and outer: d ln F_i / d ln E_object."""
+        """Log-sensitivities of the inner and the outer film's force at a given indentation: d ln F_i / d ln E_object."""
         if self.slope is None:
             return None
         inner, outer = (self.slope.sum(axis=1) / self.totals).tolist()
@@ -105,9 +108,9 @@ class FilmForces:
         return float(self.bound.totals.sum() / abs(self.totals.sum()))
 
     def error_under(self, scene: Scene) -> float:
-        """Largest relative error bound of ratio, both stresses and stiffness at the scene's kind of load.
+        """Return the largest relative error bound of ratio, both stresses and stiffness, for the scene's kind of load.
 
-        Under a force the stresses are shares of it, so that the ratio's error bounds theirs.
+        Where the force is given, the stresses are shares of it, so that the ratio's error bounds theirs.
         """
         stresses = self.ratio_error if scene.load.force is not None else float(self.relative_errors.max())
         return max(self.ratio_error, stresses, self.stiffness_error)
@@ -140,10 +143,10 @@ def outputs(scene: Scene, films: FilmForces) -> dict[str, Any]:
 
 
 def indented(scene: Scene, stiffness: float) -> float:
-    """Return the indentation at the scene's load, m, where the stiffness is that, N/m.
+    """Return the indentation at the scene's load, m, from the stiffness, N/m.
 
     Raises:
-        Refusal: it is deeper than the tissue.
+        Refusal: the indentation reaches the depth of the tissue.
     """
     if scene.load.indentation is not None:
         return scene.load.indentation
@@ -156,7 +159,10 @@ def indented(scene: Scene, stiffness: float) -> float:
 
 
 def ratio(scene: Scene, films: FilmForces) -> dict[str, Any]:
-    """Return ratio, its and the films' log-sensitivities and its error; all None where a stress is below its own error."""
+    """Return the fields ratio, log_sensitivity, film_log_sensitivities and error_estimate of a ``Result``.
+
+    All are None where a stress is smaller than its error bound.
+    """
     if films.unresolved_stress is not None:
         return dict.fromkeys(("ratio", "log_sensitivity", "film_log_sensitivities", "error_estimate"))
     inner, outer = films.totals / [scene.probe.inner_area, scene.probe.outer_area]
@@ -169,7 +175,7 @@ def ratio(scene: Scene, films: FilmForces) -> dict[str, Any]:
 
 
 def checked_moduli(scene: Scene, moduli: Floats) -> Floats:
-    """Return the moduli of a curve, Pa, as an array.
+    """Return the moduli of a curve, Pa, as an array of shape (k,), after checks.
 
     Raises:
         InputError: the scene has no target, or a modulus is not positive and finite.
@@ -183,8 +189,11 @@ def checked_moduli(scene: Scene, moduli: Floats) -> Floats:
 
 
 def shortfalls(films: FilmForces, reached: float, accuracy: float, stopped: Iterable[Note] = ()) -> list[Note]:
-    """Say what is not as accurate as was asked for, ``reached`` being the largest of the bounds, behind what was ``stopped``."""
-    notes = [] if reached <= accuracy else [Note("accuracy", f"{above(reached, accuracy)}: this level's best")]
+    """Return warnings of bounds above the accuracy, preceded by the notes ``stopped``; empty where all are met.
+
+    ``reached`` is the largest of the error bounds on ratio, stresses and stiffness.
+    """
+    notes = [] if reached <= accuracy else [Note("accuracy", f"{above(reached, accuracy)}: the best of this evaluator")]
     size = abs(films.log_sensitivity or 0.0)
     if films.slope is not None and films.sensitivity_error > max(5 * accuracy * size, 1e-5):
         share = films.sensitivity_error / size if size > 0 else np.inf
@@ -194,6 +203,6 @@ def shortfalls(films: FilmForces, reached: float, accuracy: float, stopped: Iter
 
 
 def above(reached: float, accuracy: float) -> str:
-    """Say that the largest bound on the errors is above the accuracy."""
+    """Return the text that the largest error bound is above the accuracy."""
     bounds = f"error bounds of {reached:.2g}" if reached < 1 else "error bounds no smaller than the values themselves"
     return f"{bounds} reached, accuracy {accuracy:g} asked for"

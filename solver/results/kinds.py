@@ -1,4 +1,4 @@
-"""Kinds of scenes that most levels cannot take."""
+"""Reasons why most evaluators refuse certain kinds of scenes; each text names the evaluator that takes them."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import math
 from geometry.scenes.fit import semi_axes
 from geometry.scenes.scene import Inclusion, Scene
 
-TOUCHING = 1e-6  # of its half height: a body nearer than this to an interface of the tissue's layers counts as crossed by it
+TOUCHING = 1e-6  # of a body's half height: at this distance from an interface of layers it counts as crossed
 
 
 def unsupported(scene: Scene) -> str | None:
-    """Say which kind of thing in the scene no linear level knows, or None."""
+    """Return why no linear evaluator takes the scene: a unilateral interface or round edges; None otherwise."""
     if scene.contact.interface == "unilateral":
         return "contact for contact.interface = 'unilateral'"
     if scene.contact.edge_radius > 0:
@@ -20,7 +20,7 @@ def unsupported(scene: Scene) -> str | None:
 
 
 def layered(scene: Scene) -> str | None:
-    """Say which level knows layers of tissue, for those that do not; None without layers."""
+    """Return which evaluator takes the scene's layers of tissue, for one that does not; None without layers."""
     if not scene.tissue.layer:
         return None
     return (
@@ -31,7 +31,7 @@ def layered(scene: Scene) -> str | None:
 
 
 def crossed(scene: Scene) -> str | None:
-    """Say which level knows bodies that an interface of the tissue's layers crosses, for one that does not; None without any."""
+    """Return which evaluator takes inclusions crossed by an interface of layers, for one that does not; None without any."""
     if not any(_crosses(scene, body) for body in scene.inclusion if body.surface is None):
         return None
     return f"{'axisymmetric' if is_round(scene) else 'solid'} for an inclusion that an interface of the tissue's layers crosses"
@@ -43,14 +43,14 @@ def _crosses(scene: Scene, body: Inclusion) -> bool:
 
 
 def is_round(scene: Scene) -> bool:
-    """Whether an upright probe stands above one sphere on its axis at most."""
+    """Return whether the probe is upright with at most one inclusion, a sphere on its axis."""
     at = scene.placement
     centred = all(math.hypot(body.x - at.x, body.y - at.y) <= 1e-9 * (body.diameter or 0.0) for body in scene.inclusion)
     return at.tilt == 0 and len(scene.inclusion) <= 1 and centred and all(body.diameter is not None for body in scene.inclusion)
 
 
 def needs_solid(scene: Scene) -> str | None:
-    """Say which kind of thing in the scene no level, or only ``solid``, knows; or None."""
+    """Return why only ``solid``, or no linear evaluator, takes the scene: contact, tilt, shape or crossed layers; else None."""
     if unsupported(scene) is not None:
         return unsupported(scene)
     if scene.placement.tilt != 0:

@@ -1,4 +1,4 @@
-"""What is told of a probe under rising loads."""
+"""Results of a scene under rising loads."""
 
 from __future__ import annotations
 
@@ -28,22 +28,22 @@ class LoadCurve(Notebook):
     """A scene under rising loads; tuples of one length.
 
     Attributes:
-        evaluator, seconds: what answered, and what it cost.
+        evaluator, seconds: what computed the curve, and how long it took.
         force: N.
         indentation: m.
         ratio: of the film stresses.
         log_sensitivity: d ln(ratio) / d ln(E_object) at that force; None without a target.
         stiffness: force over indentation, N/m.
-        tangent_stiffness: what more force takes, N/m.
+        tangent_stiffness: derivative of force by indentation, N/m.
         stress_inner, stress_outer: Pa.
-        closest_walls: least distance of the gap's walls, m.
-        contact_radius: outer radius of what lies on the tissue, m.
+        closest_walls: smallest distance between the gap's walls, m.
+        contact_radius: outer radius of the contact between probe and tissue, m.
         largest_strain: |stretch - 1| of the line element that changes most.
         error_estimate: bound on the relative error of each ratio.
         load_limits: up to which load linear elasticity holds within ``accuracy`` and the gap stays open, by ``contact``.
         constant_ratio: the widest range of forces in which the ratio stays within ``accuracy``; None with a single point.
-        accuracy: as asked for.
-        stopped: why the curve ends before the load asked for; None where it does not.
+        accuracy: the accuracy that was requested, relative.
+        stopped: why the curve ends before the requested load; None where it does not.
         warnings: one line each.
         provenance: see ``geometry.provenance.block``.
     """
@@ -73,12 +73,12 @@ class LoadCurve(Notebook):
 
     @property
     def linear_limit_load(self) -> LargestLoad | None:
-        """Up to which linear elasticity holds; None where it does as far as is known."""
+        """Load up to which linear elasticity holds; None where no limit is known."""
         return None if self.load_limits is None else self.load_limits.linear
 
     @property
     def gap_closure_load(self) -> LargestLoad | None:
-        """At which the gap's walls touch; None where they do not as far as is known."""
+        """Load at which the gap's walls touch; None where no such load is known."""
         return None if self.load_limits is None else self.load_limits.gap_closure
 
     def as_dict(self) -> dict[str, Any]:

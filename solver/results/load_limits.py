@@ -1,4 +1,4 @@
-"""Up to which load linear elasticity holds, question by question, and how each of these loads is known."""
+"""Loads up to which linear elasticity holds, one for each output, and how each of these loads was determined."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ HOW: dict[Known, str] = {"bound": "bound", "formulas": "bound by formulas", "con
 
 @dataclass(frozen=True)
 class LargestLoad:
-    """The largest load for which the answer to one question is yes.
+    """The largest load for which one statement about the scene is true.
 
     Attributes:
         force: N.
         indentation: m, at that force.
-        by: what sets it: "ratio" or "log_sensitivity", which finite strain puts beyond the accuracy; "strain limit" or "gap
-            closure", beyond which nothing is known.
-        question: that it answers, in words.
+        by: what sets it: "ratio" or "log_sensitivity", which finite strain changes by more than the accuracy above it; "strain
+            limit" or "gap closure", above which nothing is known.
+        question: the statement, in words.
         known: "bound", by a cautious rule that is never above the truth; "formulas", by that rule without a mesh; or
             "contact", computed with finite strain and contact.
     """
@@ -36,40 +36,41 @@ class LargestLoad:
 
     @property
     def how(self) -> str:
-        """How it is known, in words."""
+        """How the load was determined, in words."""
         return HOW[self.known]
 
     def __str__(self) -> str:
-        """Return the load, rounded down so that it is allowed itself, with what sets it and how it is known."""
+        """Return the load, rounded down so that it is itself allowed, with what sets it and how it was determined."""
         return (
             f"{most(self.force, 3)} N, an indentation of {most(1e3 * self.indentation, 3)} mm (limited by {self.by}, {self.how})"
         )
 
 
 def ratio_question(accuracy: float) -> str:
-    """Return the question about the ratio."""
+    """Return the statement that limits the load by ratio, stresses and stiffness."""
     return f"ratio, stresses and stiffness within {accuracy:.4g} of linear elasticity"
 
 
 def sensitivity_question(accuracy: float) -> str:
-    """Return the question about the log-sensitivity, which is promised to five accuracies."""
+    """Return the statement that limits the load by the log-sensitivity, whose tolerance is five times the accuracy."""
     return f"log_sensitivity within {5 * accuracy:.4g} of linear elasticity"
 
 
 def auto_question(accuracy: float) -> str:
-    """Return the question about what ``auto`` answers linearly."""
+    """Return the statement that limits the load up to which ``auto`` uses linear elasticity."""
     return f"auto answers linearly within {accuracy:.4g}, its own error included"
 
 
 @dataclass(frozen=True)
 class LoadLimits:
-    """The loads that answer each question about one scene at one accuracy; the only place from which they are taken.
+    """The largest loads for one scene at one accuracy; all outputs take them from here.
 
     Attributes:
         ratio: finite strain changes ratio, stresses and stiffness by at most the accuracy; None where ``contact`` finds no limit.
-        log_sensitivity: it changes the log-sensitivity by at most five accuracies; None likewise, and without a target.
-        gap_closure: the gap's walls do not touch; None where ``contact`` found that they do not at any load.
-        auto: ``auto`` answers linearly: the load takes no more of both than the evaluator's own error leaves.
+        log_sensitivity: finite strain changes the log-sensitivity by at most five accuracies; None where ``contact`` finds no
+            limit, and without a target.
+        gap_closure: the gap's walls do not touch; None where ``contact`` finds that they do not at any load.
+        auto: ``auto`` uses linear elasticity: the effect of the load plus the evaluator's own error is within the accuracy.
     """
 
     ratio: LargestLoad | None
@@ -85,7 +86,7 @@ class LoadLimits:
 
     @property
     def known(self) -> tuple[LargestLoad, ...]:
-        """Those that there are."""
+        """All limits that are not None."""
         return tuple(one for one in (getattr(self, field.name) for field in fields(self)) if one is not None)
 
     @property
@@ -95,7 +96,7 @@ class LoadLimits:
 
 
 def limits_dict(limits: LoadLimits | None) -> dict[str, Any]:
-    """Return limits as every JSON object has them: the two that are asked for most, and all of them."""
+    """Return the limits as every JSON object has them: the two used most at the top, and all of them together."""
     linear, closure = (None, None) if limits is None else (limits.linear, limits.gap_closure)
     named = {"linear_limit_load": linear, "gap_closure_load": closure, "load_limits": limits}
     return {name: None if one is None else asdict(one) for name, one in named.items()}

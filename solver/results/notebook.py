@@ -1,4 +1,4 @@
-"""What a notebook shows of a result, and its arrays with their labels: xarray waits until they are asked for."""
+"""Display of results in notebooks, and their arrays as an xarray dataset; xarray is imported when it is used."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ UNITS = {
     "resolved": "1", "above_error": "1", "noise": "1", "seen_threshold": "1", "resolved_threshold": "1", "accuracy": "1",
     "seconds": "s", "strength": "m^3", "p_value": "1",
 }  # fmt: skip
-"""SI units of what results hold, by name; 1 is a pure number."""
+"""SI units of the fields of results, by name; 1 is a pure number."""
 SHOWN = 12  # rows of a long table that a notebook shows
 
 
 class Notebook:
-    """A frozen dataclass of numbers and of arrays along ``DIMENSIONS``.
+    """Base of frozen dataclasses that hold numbers and arrays along ``DIMENSIONS``.
 
     Attributes:
         DIMENSIONS: the fields along which the arrays lie, in their order; none where there are no arrays.
@@ -41,7 +41,7 @@ class Notebook:
     LABELS: ClassVar[tuple[str, ...]] = ()
 
     def _arrays(self) -> dict[str, np.ndarray]:
-        """The fields that have a value for each place along the dimensions; NaN where a warning says why there is none."""
+        """Return the fields that are arrays along the dimensions; NaN where a value is missing, as a warning then explains."""
         shape = tuple(len(getattr(self, name)) for name in self.DIMENSIONS)
         found: dict[str, np.ndarray] = {}
         for one in fields(self):  # type: ignore[arg-type]
@@ -52,7 +52,7 @@ class Notebook:
         return found
 
     def _numbers(self) -> dict[str, Any]:
-        """The fields that are one number or text."""
+        """Return the fields that are one number or text."""
         values = {one.name: getattr(self, one.name) for one in fields(self)}  # type: ignore[arg-type]
         return {name: value for name, value in values.items() if isinstance(value, str | bool | int | float)}
 
@@ -79,7 +79,7 @@ class Notebook:
         return told
 
     def _repr_html_(self) -> str:
-        """What a notebook shows: the numbers, some rows of the arrays, the warnings."""
+        """Return what a notebook shows as HTML: the numbers, some rows of the arrays, the warnings."""
         single = [(name, _text(value), _unit(name)) for name, value in self._numbers().items()]
         parts = [html_table(("quantity", "value", "unit"), single)]
         if len(self.DIMENSIONS) == 1:
@@ -104,7 +104,7 @@ def _unit(name: str) -> str:
 
 
 def _text(value: Any) -> str:
-    """A number with six digits, a dash where there is none."""
+    """Return a number with six digits, or a dash for None and NaN."""
     if isinstance(value, str | bool):
         return str(value)
     return "-" if value is None or value != value else f"{value:.6g}"

@@ -1,4 +1,4 @@
-"""What every evaluator takes and returns."""
+"""The results that evaluators return."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from solver.results.warnings import Note
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-LARGEST = 1e9  # effects are cut there: all the same, and JSON knows no infinity
+LARGEST = 1e9  # larger effects are cut to this, as JSON has no infinity
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Effect:
 
     @property
     def largest(self) -> float:
-        """Of the three."""
+        """The largest of the three changes."""
         return max(self.ratio, self.stresses, self.stiffness)
 
 
@@ -36,9 +36,9 @@ class Decision:
 
     Attributes:
         effect: estimated relative change of the ratio by the feature; a bound where it is left out.
-        tolerance: the relative change that the accuracy asked for allows.
-        effect_on_stresses: on the stress that changes more, at the same indentation; None where it is not told apart.
-        effect_on_stiffness: likewise.
+        tolerance: the relative change that the requested accuracy allows.
+        effect_on_stresses: on the stress that changes more, at the same indentation; None where it is not known separately.
+        effect_on_stiffness: on the stiffness; None where it is not known separately.
     """
 
     feature: str
@@ -51,36 +51,37 @@ class Decision:
 
     @classmethod
     def of(cls, feature: str, modelled: bool, effect: Effect, tolerance: float, reason: str) -> Decision:
-        """Return the line for an effect; infinite effects are cut at LARGEST."""
+        """Return the line for an effect; effects above ``MAX_EFFECT`` are cut to it."""
         ratio, stresses, stiffness = (min(one, LARGEST) for one in (effect.ratio, effect.stresses, effect.stiffness))
         return cls(feature, modelled, ratio, tolerance, reason, stresses, stiffness)
 
 
 @dataclass(frozen=True)
 class Result(Notebook):
-    """What an evaluator says of a scene, at the scene's load; ``None`` where a warning gives the reason.
+    """The result of an evaluator for a scene at its load; values are ``None`` where a warning gives the reason.
 
     Attributes:
         stress_inner, stress_outer: force on each film over the block's nominal end area, Pa, compression positive.
         ratio: ``stress_inner / stress_outer``; at zero load its limit.
         log_sensitivity: d ln(ratio) / d ln(E_object) of the target inclusion.
-        film_log_sensitivities: of the forces on inner and outer film at a given indentation; their difference is the former.
+        film_log_sensitivities: of the forces on inner and outer film at a given indentation; ``log_sensitivity`` is the first
+            less the second.
         stiffness: force on the base per indentation, N/m.
         charge_inner, charge_outer: film charges by the paper's eq. (12), C.
-        error_estimate: bound on the relative error of ``ratio``; of an evaluator that was named, against linear elasticity.
-        evaluator: the level that answered.
-        seconds: what the answer cost.
-        equivalent_modulus: Pa; of ``published`` alone.
-        residual: relative, the largest of the solutions that answer; None where none is solved for.
-        load_limits: up to which load linear elasticity holds, by a cautious rule or, where loads are asked for, by ``contact``;
-            None where it is not known.
-        frequency: of a sinusoidal load, Hz, where one was asked for.
-        ratio_phase: by how much ``stress_inner`` leads ``stress_outer`` then, rad, by the materials' loss factors.
+        error_estimate: bound on the relative error of ``ratio``; if the evaluator was named, against linear elasticity.
+        evaluator: name of the evaluator that computed it.
+        seconds: how long it took.
+        equivalent_modulus: Pa; from ``published`` alone.
+        residual: relative, the largest of the linear systems solved; None where none is solved.
+        load_limits: loads up to which linear elasticity holds, by a cautious rule or, with ``loads=True``, by ``contact``; None
+            where they are not known.
+        frequency: of a sinusoidal load, Hz; None where none was given.
+        ratio_phase: phase by which ``stress_inner`` leads ``stress_outer``, rad, from the materials' loss factors.
         ratio_phase_error: bound on its absolute error, rad.
-        ratio_phase_derivatives: of it by the scene's numbers and loss factors, rad per SI unit.
+        ratio_phase_derivatives: derivatives of ``ratio_phase`` by the scene's numbers and loss factors, rad per SI unit.
         plan: what was modelled and what was left out.
         warnings: one line each.
-        provenance: see ``geometry.provenance.block``; None where a level was asked by itself.
+        provenance: see ``geometry.provenance.block``; None where an evaluator was called directly.
     """
 
     evaluator: str
@@ -107,12 +108,12 @@ class Result(Notebook):
 
     @property
     def linear_limit_load(self) -> LargestLoad | None:
-        """Up to which linear elasticity holds at the accuracy that was asked for; None where that is not known."""
+        """Load up to which linear elasticity holds at the requested accuracy; None where that is not known."""
         return None if self.load_limits is None else self.load_limits.linear
 
     @property
     def gap_closure_load(self) -> LargestLoad | None:
-        """Up to which the gap stays open; None where that is not known, or at any load."""
+        """Load up to which the gap stays open; None where that is not known, or where it stays open at any load."""
         return None if self.load_limits is None else self.load_limits.gap_closure
 
     def as_dict(self) -> dict[str, Any]:
@@ -122,7 +123,7 @@ class Result(Notebook):
 
 @dataclass(frozen=True)
 class Curve(Notebook):
-    """What an evaluator says of a scene for many Young's moduli of its target inclusion; arrays of one length.
+    """Results for many Young's moduli of the scene's target inclusion; tuples of one length.
 
     Attributes:
         youngs_modulus: of the target, Pa.

@@ -1,4 +1,4 @@
-"""Warnings: strings for people that carry what they are about for programs."""
+"""Warnings: strings for people that carry a kind for programs."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ Kind = Literal["null", "accuracy", "sensitivity", "left_out", "linear", "limit",
 
 
 class Note(str):
-    """One line of warning, a string wherever it goes; nothing reads its text to decide.
+    """One line of warning: a string with a kind, so that no program has to parse the text.
 
     Attributes:
-        kind: "null", a value is None; "accuracy", a bound is above what was asked for; "sensitivity", the log-sensitivity is
-            None or worse than promised; "left_out", a detail counted in the error; "linear", the load is beyond what the linear
-            model tells; "limit", what the limits of memory and time forbade; "published", what is wrong in the paper; "skin",
+        kind: "null", a value is None; "accuracy", an error bound is above the accuracy; "sensitivity", the log-sensitivity
+            is None or less accurate than intended; "left_out", a detail counted in the error; "linear", the load is beyond linear
+            elasticity; "limit", what the limits of memory and time prevented; "published", what is wrong in the paper; "skin",
             what a skin would change of tissue without layers; "doubt", a number of the scene that is probably a slip.
     """
 
@@ -28,16 +28,16 @@ class Note(str):
         return note
 
     def __getnewargs__(self) -> tuple[Kind, str]:  # type: ignore[override]  # copies and pickles keep the kind
-        """Return what a copy is made of."""
+        """Return the arguments from which a copy or pickle is made."""
         return self.kind, str(self)
 
 
 def of_kind(notes: Iterable[Note], kind: Kind) -> tuple[Note, ...]:
-    """Return the notes of a kind."""
+    """Return the notes of one kind, in order."""
     return tuple(note for note in notes if note.kind == kind)
 
 
 def null_sensitivity(inclusions: int) -> Note:
-    """Say why a scene with so many inclusions and no target has no log-sensitivity."""
+    """Return the warning that a scene with so many inclusions and no target has no log-sensitivity."""
     how = "several inclusions and none marked target = true" if inclusions else "the scene has no inclusion"
     return Note("sensitivity", f"log_sensitivity is null: {how}")
