@@ -185,7 +185,7 @@ def _add_ends(C: Array, blocks: Pair, bonded: bool) -> None:
 
 
 def _works(blocks: Pair, tissue: Tissue, layer_nodes: int, bonded: bool) -> list[Array]:
-    """Return works of pressures, shears and pressures on shears without the floor; rings are differences of discs."""
+    """Return works of pressures, shears and pressures on shears, without the floor, from those of discs."""
     if tissue.layers:
         return layered_works(blocks, tissue.stack, tissue.depth, layer_nodes, bonded)
     return of_rings(blocks, ring_work(*circles(blocks), tissue.mu, tissue.nu))

@@ -87,7 +87,7 @@ class Sides:
         return Sides(self.work[which], tissue, along, self.sink[which], self.widen[which], self.taken[which])
 
     def strain(self, r: Array, z: Array) -> Array:
-        """Return strains rr + hoop, rr - hoop, zz, rz under unit works at radii r (n, k), as many per depth z; (n, 4 k, works)."""
+        """Return strains rr + hoop, rr - hoop, zz, rz under unit works at r (n, k), equally many per depth z; (n, 4 k, works)."""
         P, slope, over = radial(self.tissue.radius, r)
         each = r.shape[1] // z.shape[1]
         g, dg, f, df = (np.repeat(values, each, axis=2) for values in self.along.at(z / self.tissue.height[:, None]))
