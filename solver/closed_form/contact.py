@@ -194,7 +194,7 @@ def _works(blocks: Pair, tissue: Tissue, layer_nodes: int, bonded: bool) -> list
 def _waves(
     blocks: Pair, tissue: Tissue, spheres: Sequence[SphereArray], nodes: int, bonded: bool
 ) -> tuple[Array, tuple[Array, Array], Array]:
-    """Choose the wave numbers; return them, the transforms of the rings' loads, shapes (n, q, rings), and the weights k dk."""
+    """Choose the wave numbers; return them, the transforms of the loads, shapes (n, q, loads), and the weights k dk."""
     reaches = [REACH / _way(sphere, tissue) for sphere in spheres]
     reach = reduce(_larger, reaches) if reaches else FLOOR_REACH / tissue.depth
     across = blocks[1].radius + reduce(_larger, [sphere.offset for sphere in spheres], 0 * blocks[1].radius)

@@ -69,7 +69,7 @@ def points(turns: Any) -> BallQuadrature:
 
 
 def _pairs() -> tuple[Any, Any, Any]:
-    """Return distances from the vertical axis, heights above (or below) the centre, and weights of pairs of points, shape (4,)."""
+    """Return distances from the vertical axis, heights above and below the centre, and weights of pairs of points (4,)."""
     cubes, cube_weights = np.polynomial.legendre.leggauss(2)
     cosines, cosine_weights = (part[2:] for part in np.polynomial.legendre.leggauss(4))
     rho, c = np.meshgrid(np.cbrt((cubes + 1) / 2), cosines, indexing="ij")
@@ -129,7 +129,7 @@ class BallWaves:
         return plain, way * plain - fade * self.odd
 
     def up(self, way: Array, across: Array) -> tuple[Array, Array]:
-        """Return averages of e^(t - 2x) and t e^(t - 2x), t as in downward averages, x = ``across`` (n, q): k times the thickness."""
+        """Return averages of e^(t - 2x) and t e^(t - 2x), t as for downward waves, x = ``across`` = k times thickness (n, q)."""
         fade, way = MIRROR * np.exp(self.size + way - 2 * across)[:, None], way[:, None]
         plain = fade * self.even
         return plain, way * plain + fade * self.odd

@@ -2,7 +2,7 @@
 
 Every function is a value on each of several rings, narrow at the edges; y is the share of the width (0 at the axis or hole).
 With pressures 1, y^2 and (1-y^2)^(-1/2) under a disc, 1, y, y^(-1/2) and (1-y)^(-1/2) under a tube, and shears r times such, two
-blocks as stiff as one likes or as soft are served by eleven unknowns. The fifteen of ``FINE_LOADS`` show the error of eleven. Rings
+blocks of any stiffness need eleven unknowns. The fifteen of ``FINE_LOADS`` show the error of eleven. Rings
 are differences of discs, which closed formulas know; in integrals over long waves a load is its values at few radii, exact for
 polynomials.
 """
@@ -182,7 +182,7 @@ def _combined(work: Array, left: Any, right: Any) -> Array:
 
 @lru_cache(maxsize=64)
 def between_waves(nodes: int, powers: tuple[float, float, float] = (0.2, 0.8, 0.0)) -> tuple[Any, Any]:
-    """Return wave numbers as fractions of their maximum, denser among long waves, and their weights; polynomials of Gauss's nodes."""
+    """Return wave numbers as fractions of their maximum, denser among long waves, and their weights, from Gauss's rule."""
     s, weight = legendre.leggauss(nodes)
     s = (s + 1) / 2
     one, two, three = powers
