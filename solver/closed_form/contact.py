@@ -198,7 +198,7 @@ def _waves(
     reaches = [REACH / _way(sphere, tissue) for sphere in spheres]
     reach = reduce(_larger, reaches) if reaches else FLOOR_REACH / tissue.depth
     across = blocks[1].radius + reduce(_larger, [sphere.offset for sphere in spheres], 0 * blocks[1].radius)
-    resolved = (nodes - LONG) / (NODES_PER_WAVE * across)  # shorter waves do not matter for a sphere that is tiny beside the probe
+    resolved = (nodes - LONG) / (NODES_PER_WAVE * across)  # shorter waves do not matter for a sphere tiny beside the probe
     reach = np.where(reach.real < resolved.real, reach, resolved)
     share, weight = between_waves(nodes)
     k = reach[:, None] * share

@@ -61,7 +61,7 @@ class Stack:
         return self.matrix.T.tocsr()
 
     def rows(self, flat: bool, k: int) -> tuple[Ints, Ints]:
-        """Return the rows (a, j, k) that have harmonics of the cosines' and of the sines' family; ``flat`` merges p = z into p = 1."""
+        """Return the rows (a, j, k) with harmonics of the cosines' and of the sines' family; ``flat`` merges p = z into p = 1."""
         if (flat, k) not in self._rows:
             filled = np.diff(self.matrix.indptr).reshape(self.components, FACTORS, 2, -1).any(axis=-1)
             if flat:

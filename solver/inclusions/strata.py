@@ -43,7 +43,7 @@ class Strata:
         return Hosts(*moduli[self.number(depth)].transpose(-1, *range(np.ndim(depth))))
 
     def gap(self, tumours: Tumours) -> Floats:
-        """Return the distance from each sphere to the nearest interface, m: infinite without any, negative where one crosses it."""
+        """Return the distance from each sphere to the nearest interface, m: inf without any, negative where one crosses it."""
         gaps = [np.abs(tumours.depth - depth) - tumours.diameter / 2 for depth in self.interfaces]
         return np.asarray(np.min(gaps, axis=0) if gaps else np.full(tumours.shape, np.inf))
 

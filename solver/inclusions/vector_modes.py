@@ -67,7 +67,7 @@ class Modes:
         return np.array(modes).T
 
     def _kinds(self, ell: int, m: int, sine: int) -> list[int]:
-        """Return the kinds of modes of a scalar harmonic; x cross grad turns an even function into an odd field and the reverse."""
+        """Return the kinds of modes of a scalar harmonic; x cross grad turns even functions into odd fields and the reverse."""
         allowed = range(3) if self.parity == "both" else [2] if sine else [0, 1]
         return [kind for kind in allowed if (m > 0 or not sine) and (ell > 0 or kind == 1)]
 

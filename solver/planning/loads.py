@@ -210,7 +210,7 @@ class LoadRule:
         return ratio_change(self.x(force), self.covered) if self.knows(force) else math.inf
 
     def log_sensitivity_change(self, force: float) -> float:
-        """Bound the relative change of the log-sensitivity by a force, N; infinite where it is unknown or the sensitivity is 0."""
+        """Bound the relative change of the log-sensitivity by a force, N; infinite where unknown or for a sensitivity of 0."""
         if not self.knows(force):
             return math.inf
         if self.films is None or not any(self.films):

@@ -101,7 +101,7 @@ class Plan(Notebook):
         return replace(self, evaluator=None, dimension=_model(self.scene, None), refusal=fault)
 
     def sure(self) -> bool:
-        """Return whether the evaluator surely meets the allowed error; only ``solid`` is checked, as it takes tens of seconds to run."""
+        """Return whether the evaluator is ``solid``, which takes tens of seconds, and surely meets the allowed error."""
         changed = (max(one.effect, one.effect_on_stresses or 0.0) for one in self.decisions if one.feature.startswith(MESHED))
         return self.evaluator == SOLID and self.allowed >= BEST + MESH_SHARE * sum(changed)
 
@@ -115,7 +115,7 @@ class Plan(Notebook):
             check_load(scene, self.rule, accuracy, scene.target is not None)
 
     def completed(self, result: Result, scene: Scene, accuracy: float, linear: bool) -> Result:
-        """Complete an evaluator's result for the reduced scene to one for the whole: load and left-out inclusions add to its error.
+        """Complete a result for the reduced scene to one for the whole: load and left-out inclusions add to its error.
 
         Raises:
             Refusal: the error is above the accuracy, unless ``linear``.
