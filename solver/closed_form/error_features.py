@@ -2,7 +2,7 @@
 
 Most come from how the formulas' own results change once something is changed: more functions, sides modelled or left out, a
 block a little stiffer, no spheres. The others are powers of ratios of lengths. Of the logarithms of ratio and totals
-``FEATURES`` are
+``FEATURE_NAMES`` are
 
 - always: one;
 - finer: what both totals change with fifteen tractions for eleven, and with more functions in the blocks instead of eq. CF.10;

@@ -88,7 +88,7 @@ class PairLoads:
     Attributes:
         loads: of the disc and of the tube.
         discs: what makes pressures, and shears, of discs, shapes (circles, functions).
-        concentrated: what makes their transforms of values at the radii, shapes (radii, functions).
+        transform_weights: what makes their transforms of values at the radii, shapes (radii, functions).
     """
 
     loads: tuple[Loads, Loads]

@@ -71,7 +71,7 @@ def with_ellipsoids(base: Undisturbed, scene: Scene, readings: Readings, bodies:
     To first order the difference is eq. IN.1 at each point of the ellipsoid less eq. EI.1; reflections are those of the spheres.
 
     Raises:
-        Refusal: see ``hill_tensor``.
+        Refusal: see ``compute_hill_tensor``.
     """
     target = scene.target or 0
     forces, bound, slope, slope_bound = (
@@ -116,7 +116,7 @@ def difference(base: Undisturbed, scene: Scene, body: Inclusion) -> ShapeCorrect
     """Compute the first-order difference between an ellipsoid and the sphere of equal volume.
 
     Raises:
-        Refusal: the ellipsoid reaches beyond the modelled tissue; see also ``hill_tensor``.
+        Refusal: the ellipsoid reaches beyond the modelled tissue; see also ``compute_hill_tensor``.
     """
     at, axes = scene.placement, np.array(semi_axes(body))
     points, weights = whole_ball(*POINTS)

@@ -193,7 +193,7 @@ def alone(scene: Scene, accuracy: float) -> ProbeAlone:
     """Solve only the film forces of a scene's probe on its tissue; they are cached too.
 
     Raises:
-        Refusal: see ``undisturbed``.
+        Refusal: see ``solve_undisturbed``.
     """
     current().begin()
     return _alone(_bare(scene), accuracy)
@@ -214,7 +214,7 @@ def in_other_tissue(base: Undisturbed, scene: Scene) -> Undisturbed:
         scene: with the other tissue, of the same number of layers.
 
     Raises:
-        Refusal: see ``undisturbed``.
+        Refusal: see ``solve_undisturbed``.
     """
     before, layers = base.field.states.model, dict(zip(LAYERS, scene.tissue.layer, strict=False))
     section = replace(before.section, **{body.name.lower(): layer.thickness for body, layer in layers.items()})

@@ -111,7 +111,7 @@ def hill_tensor(matrix: Material, axes: Floats) -> Floats:
     (Mura, Micromechanics of Defects in Solids, 1987, section 11; after the substitution xi = A^T k the weight is uniform).
 
     Raises:
-        Refusal: see ``polarisation``.
+        Refusal: see ``compute_polarisation``.
     """
     lengths = np.linalg.svd(axes, compute_uv=False)
     aspect = float(lengths[0] / lengths[-1])

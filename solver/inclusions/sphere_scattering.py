@@ -96,7 +96,9 @@ def _toroidal(degree: int, ratio: complex) -> tuple[Values, Values, Values]:
 
 
 def surface(ell: Ints, nu: complex, side: Side) -> Values:
-    """Return displacement and traction of modes l > 0 at rho = 1, shape (l, 4, 2): rows a, b, tau_r, tau_t / (2 mu), columns kinds.
+    """Return displacement and traction of modes l > 0 at rho = 1, shape (l, 4, 2), columns kinds 0 and 1.
+
+    Rows are a, b, tau_r and tau_t / (2 mu).
 
     u = a Y e_r + b grad_s Y and traction likewise, with n = l for regular and -l - 1 for outgoing modes
 

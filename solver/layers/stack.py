@@ -59,7 +59,7 @@ class TissueLayer:
 class Echo:
     """Echo in a layer from what is beyond its far face: r at that face and N at the near face (eq. LY.2), None without echo.
 
-    ``way`` is x, shape (n, q); it says nothing in a half-space.
+    ``path`` is x, shape (n, q); it says nothing in a half-space.
     """
 
     far: Symmetric | None

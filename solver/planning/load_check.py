@@ -37,7 +37,7 @@ def check_load(scene: Scene, rule: LoadRule, accuracy: float, promise: bool) -> 
     Args:
         scene: for its load.
         rule: with the stiffness that turns force into indentation.
-        accuracy: see ``largest``.
+        accuracy: see ``find_largest_load``.
         promise: likewise.
     """
     limit = largest(rule, accuracy, promise)
@@ -86,7 +86,7 @@ def with_load(result: Result, scene: Scene, rule: LoadRule, accuracy: float, pro
         result: of the scene.
         scene: for its load.
         rule: of the scene.
-        accuracy: see ``largest``.
+        accuracy: see ``find_largest_load``.
         promise: likewise.
     """
     error = with_error(result.error_estimate, rule.ratio_change(rule.force(scene)))
@@ -109,7 +109,7 @@ def with_warning(result: Result, scene: Scene, accuracy: float, rule: LoadRule |
     Args:
         result: of the evaluator.
         scene: of the result.
-        accuracy: see ``largest``.
+        accuracy: see ``find_largest_load``.
         rule: of the scene, where it is known.
         known: how the rule's numbers are.
     """

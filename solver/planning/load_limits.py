@@ -46,7 +46,7 @@ def rule_numbers(scene: Scene) -> tuple[Floats, float]:
     """Return film forces per indentation without tumours, N/m, shape (2,), and the force that closes the gap, N.
 
     Raises:
-        Refusal: see ``load_rule``.
+        Refusal: see ``build_load_rule``.
     """
     from solver.planning.coarse_model import without_tumours
 
@@ -76,7 +76,7 @@ def load_limits(scene: Scene, accuracy: float) -> LoadLimits:
         accuracy: relative, on ratio, stresses and stiffness; the log-sensitivity of a target has five times that.
 
     Raises:
-        InputError, Refusal: see ``load_rule``.
+        InputError, Refusal: see ``build_load_rule``.
     """
     return limits_of(load_rule(scene), accuracy, scene.target is not None)
 
@@ -86,7 +86,7 @@ def limits_of(rule: LoadRule, accuracy: float, promise: bool, known: Known = "bo
 
     Args:
         rule: of the scene.
-        accuracy: see ``load_limits``.
+        accuracy: see ``compute_load_limits``.
         promise: whether the log-sensitivity is promised too.
         known: how the rule's numbers are.
     """
@@ -105,7 +105,7 @@ def computed_limits(ends: Ends, bounds: LoadLimits, accuracy: float) -> LoadLimi
     Args:
         ends: of the load curve that ``contact`` computed.
         bounds: by the rule.
-        accuracy: see ``load_limits``.
+        accuracy: see ``compute_load_limits``.
     """
 
     def told(end: LargestLoad | None, question: str) -> LargestLoad | None:

@@ -106,7 +106,7 @@ class LoadRule:
     Attributes:
         strain: x per indentation, 1/m: ``tissue_strain`` and what the blocks' own strain adds.
         stiffness: linear, force per indentation, N/m.
-        closure: force that closes the gap in linear elasticity, N; see ``CoarseModel.closure``.
+        closure: force that closes the gap in linear elasticity, N; see ``CoarseModel.closure_force``.
         tilted: by how much a tilt lowers one side of the probe, m, which counts as indentation.
         covered: eqs. PL.7 and PL.11, times eq. PL.10.
         films: log-sensitivities of both film forces, where a result has them, see ``compute_sensitivity_size``.
@@ -130,7 +130,7 @@ class LoadRule:
         Args:
             scene: its load does not matter.
             totals: force on each film, inner and outer, per indentation, N/m, shape (2,).
-            closure: ``CoarseModel.closure``.
+            closure: ``CoarseModel.closure_force``.
         """
         probe = scene.probe
         inner = block_strain(probe.core_height, totals[0] / probe.inner_area / probe.inner.youngs_modulus)

@@ -52,7 +52,7 @@ class Plan(Notebook):
         allowed: its largest allowed error: what load and left-out inclusions leave of the accuracy; at least ``accuracy``.
         left_out: bound on what the inclusions left out change together of ln(ratio) or of a stress or the stiffness.
         decisions: one for each feature that could be left out.
-        rule: for loads, see ``CoarseModel.rule``.
+        rule: for loads, see ``CoarseModel.build_rule``.
         load_limits: up to which load linear elasticity holds, by the rule or, where loads are asked for, by ``contact``.
         warnings: one line each.
         refusal: why ``auto`` refuses the scene; None where an evaluator is named.
@@ -171,7 +171,7 @@ def plan(
     Args:
         scene: as there.
         accuracy: as there.
-        level: the evaluator to plan for; None for the cheapest that may do.
+        evaluator: the evaluator to plan for; None for the cheapest that may do.
         skin: whether to warn about the effect of a skin on soft tissue without layers.
         linear: whether to use linear elasticity at any load.
         rough: the scene's coarse model, where it is known: scenes without their tumours and loads may share it.

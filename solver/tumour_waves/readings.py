@@ -83,7 +83,7 @@ class ManyTumours:
         """Compute the film forces of n probes, eq. TW.1.
 
         Args:
-            probes: the parameters ``closed_form.designs.PROBE``, a column for each, floats or complex, shape (9, n).
+            probes: the parameters ``closed_form.designs.PROBE_PARAMETERS``, a column for each, floats or complex, shape (9, n).
         """
         parts = [self._films(probes[:, k : k + self._chunk]) for k in range(0, probes.shape[1], self._chunk)]
         return Films(*(np.concatenate([getattr(part, key) for part in parts]) for key in ("without", "change", "by_log")))
