@@ -200,14 +200,14 @@ def _own(across: RadialIntegrals, along: AxialIntegrals, slender: Array, U: Arra
     U += across.slide[:, None, :, None] * (along.dg_dg / slender)[None, :, None]
 
 
-# coefficients (tall, constant, flat, power) of the fraction by which the functions are too stiff, with w the width:
+# fraction by which the functions are too stiff, with w the width:
 # (2 nu)^power / (tall h/w (w/radius)^(3/2) + constant + flat w/h) (CF.10)
 _STIFF = {
     (True, True): (4.05, 3.97, 4.51, 5.92),
     (True, False): (8.24, 8.17, 1.89, 4.89),
     (False, True): (1.65, 8.19, 1.58, 7.06),
     (False, False): (8.72, 4.27, 4.68, 3.50),
-}  # solid or tube; bonded or frictionless
+}  # (tall, constant, flat, power) for solid or tube; bonded or frictionless
 
 
 def _softened(block: ElasticBlocks, bonded: bool) -> Array:

@@ -70,7 +70,7 @@ class ClosedForm(FilmLevel):
         if scene.tissue.shape != "half-space" and scene.tissue.depth < LEAST_DEPTH * scene.probe.tube_radius:
             return f"axisymmetric for tissue thinner than {LEAST_DEPTH:g} outer radii"
         if squeezed(scene) > LARGEST_SQUEEZE:
-            return "axisymmetric for a layer so thin and soft beside its neighbours that blocks squeeze it"
+            return "axisymmetric for a layer that blocks squeeze because it is thin and softer than its neighbours"
         return nearly_incompressible(scene)
 
     def answer(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> Answer:

@@ -61,7 +61,7 @@ def check(scene: Scene) -> None:
     np.fill_diagonal(apart, np.inf)
     outside = np.any(of.cover <= 0) or np.any(of.depth[0] + radius >= depth) or np.any(Strata.of(scene.tissue).gap(of) <= 0)
     if outside or np.any(apart <= 0):
-        why = "ellipsoids for which the sphere of their volume can stand: inside the tissue and apart from others; or solid"
+        why = "ellipsoids whose spheres of equal volume lie inside the tissue and apart from other bodies; or solid"
         raise Refusal("diameters", Words("an ellipsoid near a surface or another body"), why)
 
 

@@ -25,8 +25,8 @@ FORMULAS_MARGIN = 0.9  # of the stiffness by formulas, which is off by some per 
 WHY = {
     "ratio": "beyond it finite strain may change ratio and stresses by more than {accuracy:.2g}",
     "log_sensitivity": "beyond it finite strain may change log_sensitivity by more than {promise:.2g} of itself",
-    "strain limit": "nothing is known of larger strains",
-    "gap closure": "nothing is known of larger loads: the gap may close",
+    "strain limit": "the effect of larger strains is unknown",
+    "gap closure": "at larger loads the gap may close",
 }
 REMEDY = "or --linear (linear=True)"
 
@@ -57,7 +57,7 @@ def check_known(scene: Scene, rule: LoadRule) -> None:
     """
     if rule.knows(rule.force(scene)):
         return
-    text = f"up to {_most(scene, rule.largest_open)}, of larger loads nothing is known, with --linear (linear=True) either"
+    text = f"up to {_most(scene, rule.largest_open)}; the effect of larger loads is unknown, also with --linear (linear=True)"
     raise Refusal(*_load(scene), text)
 
 
@@ -100,7 +100,7 @@ def load_notes(scene: Scene, rule: LoadRule, accuracy: float, promise: bool) -> 
     if _within(force, limit):
         return ()
     null = "" if rule.knows(force) else "; error_estimate is null"
-    return (Note("linear", f"answered linearly beyond {_most(scene, limit)}: {effect(rule, force, promise)}{null}"),)
+    return (Note("linear", f"linear elasticity used beyond {_most(scene, limit)}: {effect(rule, force, promise)}{null}"),)
 
 
 def with_warning(result: Result, scene: Scene, accuracy: float, rule: LoadRule | None = None, known: Known = "bound") -> Result:
@@ -191,7 +191,7 @@ def _slopes(result: Result) -> Floats | None:
 def effect(rule: LoadRule, force: float, promise: bool) -> str:
     """Describe in words what a force, N, changes beyond linear elasticity."""
     if not rule.knows(force):
-        return "nothing is known of what finite strain and the gap's walls do at this load"
+        return "the effects of finite strain and of contact in the gap are unknown at this load"
     text = f"finite strain may change ratio, stresses and stiffness by {rule.ratio_change(force):.2g}"
     return f"{text}, log_sensitivity by {rule.log_sensitivity_change(force):.2g} of itself" if promise else text
 

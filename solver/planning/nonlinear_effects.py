@@ -40,13 +40,13 @@ def _indented(scene: Scene, rule: LoadRule, force: float) -> str:
     depth, x = force / rule.stiffness, rule.x(force)
     share = depth / scene.probe.tube_radius
     at = f"{NOBODY}: indented by {1e3 * depth:.2g} mm, {share:.2g} of the outer radius"
-    return at if x < ALIKE * share else f"{at}, which strains as {x:.2g} of it would under stiff blocks on deep tissue"
+    return at if x < ALIKE * share else f"{at}, equivalent to {x:.2g} of it under stiff blocks on deep tissue"
 
 
 def _finite_strain(at: str, x: float, covered: float, accuracy: float) -> Decision:
     """Decide on finite strain at an indentation equivalent to x outer radii."""
     if x > LARGEST_X:
-        return _decision("finite strain", math.inf, accuracy, f"{at}; beyond {LARGEST_X:g} nothing is known")
+        return _decision("finite strain", math.inf, accuracy, f"{at}; beyond {LARGEST_X:g} the effect is unknown")
     change, slope = ratio_change(x, covered), log_sensitivity_change(x)
     changes = f"ratio, stresses and stiffness by at most {change:.2g}, log_sensitivity by {slope:.2g}"
     return _decision("finite strain", change, accuracy, f"{at}, which changes {changes}")
@@ -57,7 +57,7 @@ def _gap_contact(force: float, rule: LoadRule, accuracy: float) -> Decision:
     known = f"{NOBODY}: the gap stays open up to {most(rule.largest_open.force, 3)} N at least"
     if rule.knows(force):
         return _decision("gap contact", 0.0, accuracy, known)
-    return _decision("gap contact", math.inf, accuracy, f"{known}; at {force:.2g} N nothing is known")
+    return _decision("gap contact", math.inf, accuracy, f"{known}; at {force:.2g} N it may close")
 
 
 def _lift_off(scene: Scene, rough: CoarseModel, indentation: float, accuracy: float) -> Decision:

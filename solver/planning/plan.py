@@ -280,7 +280,7 @@ def _dimension(scene: Scene, rough: CoarseModel, level: str | None, accuracy: fl
     why = (
         needs_solid(scene)
         or ", ".join(one.feature for one in flat)
-        or "the scene is round about the probe's axis but for tumours"
+        or "the scene is axisymmetric except for tumours"
     )
     return Decision.of("third dimension", level == SOLID, effect, accuracy, f"{_model(scene, level)}: {why}")
 
