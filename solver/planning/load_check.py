@@ -57,7 +57,7 @@ def check_known(scene: Scene, rule: LoadRule) -> None:
     """
     if rule.knows(rule.force(scene)):
         return
-    text = f"up to {_most(scene, rule.largest_open)}; the effect of larger loads is unknown, also with --linear (linear=True)"
+    text = f"up to {_most(scene, rule.largest_open)}; larger loads have unknown effects, also with --linear"
     raise Refusal(*_load(scene), text)
 
 
