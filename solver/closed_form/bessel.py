@@ -1,8 +1,8 @@
-"""Bessel functions of real and, a step away, complex numbers: scipy's values between which cubics lead.
+"""Bessel functions of real numbers and of complex steps, by cubic interpolation of scipy's stored values.
 
-Cubics that meet values and slopes at steps of 1/8 are off by less than 3e-7, and their own derivatives are continuous: what a
-complex step differentiates is what is evaluated. A table takes far less time than the cosines and sines of a fit. The values
-are stored, as importing scipy takes ten times as long as a scene; ``python -m benchmarks.closed_form.tables`` makes them.
+Cubics that match values and derivatives at steps of 1/8 have errors below 3e-7, and their own derivatives are continuous. So a
+complex step differentiates exactly the function that is evaluated. The values are stored because importing scipy takes ten times
+as long as solving a scene; ``python -m benchmarks.closed_form.tables`` makes them.
 """
 
 from __future__ import annotations
@@ -15,22 +15,22 @@ import numpy as np
 
 Array = Any  # numpy array of floats, or of complex numbers on the way to a derivative
 STORED = Path(__file__).with_name("bessel.npy")
-STORED_ORDERS = 10  # those of ``off_axis``, and one more for the slope
-STEPS = 8  # of the table, in one
+STORED_ORDERS = 10  # the orders that ``off_axis`` needs, and one more for the derivative
+STEPS = 8  # steps of the table per unit of the argument
 END = 1024
-SLAB = 16384  # values at once: what they need then stays in the processor's cache
+SLAB = 16384  # values at a time, so that the work arrays stay in the processor's cache
 
 
 def bessel(x: Array, orders: int = 2, first: int = 0) -> Array:
-    """Return J0, J1, ..., from ``first`` on, of x from 0 to ``END``, NaN elsewhere; shape (orders - first, *x.shape).
+    """Return J_first, ..., J_(orders-1) of x from 0 to ``MAX_ARGUMENT``, NaN elsewhere; shape (orders - first, *x.shape).
 
-    No scene's waves reach further.
+    No scene's waves have larger arguments.
     """
     return _between(x, [_cylindrical(order) for order in range(first, orders)])
 
 
 def spherical(x: Array, orders: int) -> Array:
-    """Return the spherical Bessel functions j0, j1, ... likewise."""
+    """Return the spherical Bessel functions j_0, ..., j_(orders-1) of x from 0 to ``MAX_ARGUMENT``; shape (orders, *x.shape)."""
     return _between(x, [_spherical(order) for order in range(orders)])
 
 
@@ -57,14 +57,14 @@ def _between(x: Array, tables: list[Any]) -> Array:
 
 @lru_cache(maxsize=32)
 def _cylindrical(order: int) -> Any:
-    """Cubics of J_n, whose slope is (J_n-1 - J_n+1) / 2."""
+    """Fit the cubics of J_n from its values and its derivative (J_(n-1) - J_(n+1)) / 2."""
     before = _values(0, order - 1) if order else -_values(0, 1)
     return _cubics(_values(0, order), (before - _values(0, order + 1)) / 2)
 
 
 @lru_cache(maxsize=32)
 def _spherical(order: int) -> Any:
-    """Cubics of j_n, whose slope is j_n-1 - (n+1) j_n / x; at 0 it is 1/3 for j_1, none for others."""
+    """Fit the cubics of j_n from its values and its derivative j_(n-1) - (n+1) j_n / x; at x = 0 it is 1/3 for n = 1, else 0."""
     value = _values(1, order)
     if order == 0:
         return _cubics(value, -_values(1, 1))
@@ -73,19 +73,19 @@ def _spherical(order: int) -> Any:
 
 
 def _cubics(value: Any, slope: Any) -> Any:
-    """Coefficients of the cubics from step to step that meet values and slopes, highest power first, shape (4, steps)."""
+    """Return coefficients of the cubics through values and slopes, highest power first, shape (4, steps)."""
     rise, slope = np.diff(value), slope / STEPS
     bend = slope[:-1] + slope[1:] - 2 * rise
     return np.stack([bend, rise - slope[:-1] - bend, slope[:-1], value[:-1]])
 
 
 def _values(kind: int, order: int) -> Any:
-    """J_n, kind 0, or j_n, kind 1, at the steps from 0 to ``END``, shape (steps + 1,)."""
+    """Return J_n (kind 0) or j_n (kind 1) at the steps from 0 to ``MAX_ARGUMENT``, shape (steps + 1,)."""
     return _stored()[kind, order] if order < STORED_ORDERS else made(kind, order)
 
 
 def made(kind: int, order: int) -> Any:
-    """Return the same by scipy, which stored orders, all that scenes need, do without."""
+    """Compute J_n (kind 0) or j_n (kind 1) at the table's steps with scipy; scenes need stored orders only."""
     from scipy.special import jv, spherical_jn
 
     return (jv, spherical_jn)[kind](order, np.arange(END * STEPS + 1.0) / STEPS)
@@ -93,5 +93,5 @@ def made(kind: int, order: int) -> Any:
 
 @cache
 def _stored() -> Any:
-    """The orders of both kinds, shape (2, STORED_ORDERS, steps + 1)."""
+    """Load the stored values of both kinds, shape (2, STORED_ORDERS, steps + 1)."""
     return np.load(STORED)

@@ -1,4 +1,4 @@
-"""How a block gives way at its tissue end, held by the base at the other: Ritz's method with few functions.
+"""Compliance of a block's tissue end, the other end held by the base: Ritz's method with few functions.
 
 A block is a disc, y = r / radius, or a tube, y = (r - hole) / wall, of height h; zeta runs from its tissue end (0) to the base
 (h). Displacements, w towards the tissue and u outwards, are products
@@ -48,7 +48,7 @@ from solver.closed_form.block_functions import (
 
 
 def _polynomials() -> Any:
-    """Coefficients by powers of s of P_i, of their slopes, and of their integrals over s; shape (3 functions, powers)."""
+    """Return coefficients by powers of s of P_i, of their derivatives and their integrals over s; shape (3 functions, powers)."""
     P = [legendre.Legendre(row, domain=[0, 1]) for row in np.eye(RADIAL)]
     kinds = [P, [p.deriv() for p in P], [p.integ(lbnd=0) for p in P]]
     rows = [[p.convert(kind=Polynomial).coef for p in kind] for kind in kinds]
@@ -74,7 +74,7 @@ class ElasticBlocks:
     fine: bool = False
 
     def take(self, which: Any) -> ElasticBlocks:
-        """The blocks at places ``which``."""
+        """Return the blocks with indices ``which``."""
         hole = None if self.hole is None else self.hole[which]
         return ElasticBlocks(hole, self.radius[which], self.height[which], self.E[which], self.nu[which], self.fine)
 
@@ -99,14 +99,14 @@ class ElasticBlocks:
         return (2.2 if self.hole is None else 2.0) * self.height / self.width
 
     def radii(self, y: Any) -> Array:
-        """Radii at shares y (k,) of the width, shape (n, k)."""
+        """Return the radii at fractions y (k,) of the width, m, shape (n, k)."""
         return self.start[:, None] + self.width[:, None] * np.asarray(y)
 
 
 def end_compliance(block: ElasticBlocks, bonded: bool) -> Array:
-    """Work of the end's displacements under unit loads on each other, pressures before shears, shape (n, loads, loads).
+    """Compute the work of each unit load on the end displacements by each other, m^5/N, shape (n, loads, loads).
 
-    m^3/N times m^2; the shears' functions are meant times r / radius.
+    Pressures come before shears; the functions of the shears are multiplied by r / radius.
     """
     wall = None if block.hole is None else block.width / block.radius
     across = radial_integrals(wall, block.fine)
@@ -123,7 +123,7 @@ def end_compliance(block: ElasticBlocks, bonded: bool) -> Array:
 
 
 def radial(radius: Array, r: Array) -> tuple[Array, Array, Array]:
-    """P_i, dP_i/dr and U_i / r of discs at distances r (n, k) > 0 from the axis, shapes (n, functions, k)."""
+    """Return P_i, dP_i/dr and U_i / r (eq. CF.8) of discs at distances r (n, k) > 0 from the axis, shapes (n, functions, k)."""
     s = (r / radius[:, None]) ** 2
     powers = np.stack([1 + 0 * s, *accumulate([s] * (RADIAL - 1), np.multiply)], axis=1)
     P, slope, U = np.split(_POLYNOMIALS @ powers, 3, axis=1)
@@ -138,7 +138,7 @@ class RitzSystem:
         S: shape (n, u, u).
         E: shape (n, loads, u).
         C: shape (n, loads, modes).
-        felt: D^-1 (kV + T), shape (n, u, modes).
+        mode_coupling: D^-1 (kV + T), shape (n, u, modes).
         C_over_D: C D^-1, shape (n, loads, modes).
     """
 
@@ -150,22 +150,22 @@ class RitzSystem:
 
     @property
     def answer(self) -> Array:
-        """The amounts a under unit loads, shape (n, u, loads)."""
+        """Amounts a of the u under unit loads, shape (n, u, loads)."""
         return np.linalg.solve(self.S, self.E.swapaxes(1, 2))
 
     def compliance(self, answer: Array) -> Array:
-        """B K^-1 B^T, shape (n, loads, loads)."""
+        """Return the compliance B K^-1 B^T from the amounts a, shape (n, loads, loads)."""
         return self.E @ answer + self.C @ self.C_over_D.swapaxes(1, 2)
 
     def modes(self, answer: Array) -> Array:
-        """The amounts of the modes that go with the a, shape (n, modes, loads)."""
+        """Return the amounts of the modes that belong to the amounts a of the u, shape (n, modes, loads)."""
         return self.C_over_D.swapaxes(1, 2) + self.felt.swapaxes(1, 2) @ answer
 
 
 def reduced(
     nu: Array, slender: Array, integrals: tuple[RadialIntegrals, AxialIntegrals], loads: tuple[Array, Array]
 ) -> RitzSystem:
-    """Set up eq. CF.23.
+    """Build the reduced Ritz system of eq. CF.23.
 
     Args:
         nu: Poisson's ratios, shape (n,).
@@ -200,21 +200,21 @@ def _own(across: RadialIntegrals, along: AxialIntegrals, slender: Array, U: Arra
     U += across.slide[:, None, :, None] * (along.dg_dg / slender)[None, :, None]
 
 
-# by which share the functions are too stiff, with w the width:
+# fraction by which the functions are too stiff, with w the width:
 # (2 nu)^power / (tall h/w (w/radius)^(3/2) + constant + flat w/h) (CF.10)
 _STIFF = {
     (True, True): (4.05, 3.97, 4.51, 5.92),
     (True, False): (8.24, 8.17, 1.89, 4.89),
     (False, True): (1.65, 8.19, 1.58, 7.06),
     (False, False): (8.72, 4.27, 4.68, 3.50),
-}  # solid or tube; bonded or frictionless
+}  # (tall, constant, flat, power) for solid or tube; bonded or frictionless
 
 
 def _softened(block: ElasticBlocks, bonded: bool) -> Array:
-    """E without what the few functions are too stiff by, as they leave out the corners' singularities: eq. CF.10.
+    """Return E reduced by eq. CF.10, because few functions are too stiff: they leave out the singularities of the corners.
 
-    Fitted to finite elements of 300 blocks on stiff ground by ``benchmarks/closed_form/blocks.py``; what is left is
-    below 1.5 % of a disc, 6 % of a tube. More functions are taken as they are.
+    Fitted to finite elements of 300 blocks on stiff ground by ``benchmarks/closed_form/blocks.py``; the remaining error is
+    below 1.5 % of a disc, 6 % of a tube. Blocks with more functions (``fine``) need no correction.
     """
     if block.fine:
         return block.E

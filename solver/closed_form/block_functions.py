@@ -1,8 +1,8 @@
 """The functions of a block's displacements, eqs. CF.8 and CF.9, and the integrals of their products, by tables.
 
 Along the height all integrals are numbers of the decay times the height alone, times powers of the height; across a tube's wall
-of the wall over the outer radius, times powers of the wall; a disc's are numbers. Each is found once by quadrature, and read off
-polynomials that are off by less than 1e-10 of it (``tests/solver/closed_form/test_blocks.py``).
+of the wall over the outer radius, times powers of the wall; a disc's are numbers. Each is computed once by quadrature, then
+interpolated by polynomials with relative errors below 1e-10 (``tests/solver/closed_form/test_blocks.py``).
 
 Of displacements w alone, products of modes are taken, sums of the P_i and of the f_j of which both the integrals of squares and
 those of squares of slopes are diagonal.
@@ -27,8 +27,8 @@ AXIAL, FINE_AXIAL = 2, 3  # functions g_j
 HEIGHTS, TABLE_HEIGHTS = 10, 48  # nodes of quadrature along the height: of fields, and of the tables, tall blocks among them
 POINTS, FINE_POINTS = 6, 10  # across the wall
 RING_POINTS = 4  # on each ring of a load
-DEGREE = 10  # of the tables' polynomials
-LAYER = 2.0  # decay times height about which the first table begins to take logarithms
+DEGREE = 10  # degree of the tables' polynomials
+LAYER = 2.0  # decay times height: the table is linear in it below, logarithmic above
 LONGEST = 16.0  # of ln(1 + decay x height / LAYER): blocks ten million times as tall as wide
 ABOVE = 1.01  # tubes' numbers are smooth in the logarithm of this less wall / radius
 
@@ -49,11 +49,11 @@ class Along:
     df: Array
 
     def take(self, which: Any) -> Along:
-        """The blocks at places ``which``."""
+        """Return the functions of the blocks with indices ``which``."""
         return Along(*(getattr(self, part.name)[..., which] for part in fields(self)))
 
     def at(self, share: Array) -> tuple[Array, ...]:
-        """g, dg, f and df at shares (n, k) of the height, shapes (n, functions, k)."""
+        """Return g, dg, f and df at fractions (n, k) of the height, shapes (n, functions, k)."""
         steep = self.steep[:, None]
         y = np.arctanh((2 * share - 1) * np.tanh(steep)) / steep
         nodes = len(self.zeta)
@@ -62,7 +62,7 @@ class Along:
 
 
 def along_height(height: Array, steepness: Array, axial: int, nodes: int = HEIGHTS) -> Along:
-    """Return ``axial`` functions g_j and one f_j more for blocks of heights (n,), ``steepness`` their decays times these."""
+    """Build ``axial`` functions g_j and one f_j more for blocks of heights (n,) and decays times heights ``steepness`` (n,)."""
     rule = _RULES[nodes]
     y, weight = rule.y[:, None], rule.weight[:, None]
     steep = 0.5 * np.log(1 + 0.5 * steepness) + 1e-3  # nodes as dense at both ends as the functions need
@@ -133,7 +133,7 @@ class AxialIntegrals:
 
 
 def axial_integrals(steepness: Array, axial: int) -> AxialIntegrals:
-    """Return the integrals for decays times heights (n,), NaN where blocks are far taller than wide."""
+    """Interpolate the axial integrals for decays times heights (n,); NaN where blocks are far taller than wide."""
     return AxialIntegrals(*_axial_table(axial)(np.log1p(steepness / LAYER)))
 
 
@@ -143,7 +143,7 @@ def _axial_table(axial: int) -> PiecewisePolynomials:
 
 
 def made_along(steepness: Any, axial: int) -> list[Any]:
-    """Return the parts of ``AxialIntegrals`` by quadrature, blocks first."""
+    """Compute the fields of ``AxialIntegrals`` by quadrature, blocks along the first axis."""
     along = along_height(np.ones_like(steepness), steepness, axial, TABLE_HEIGHTS)
     g, dg, f, df = along.g, along.dg, along.f, along.df
 
@@ -157,7 +157,7 @@ def made_along(steepness: Any, axial: int) -> list[Any]:
 
 
 def _modes(squares: Any, slopes: Any, end: Any) -> tuple[Any, Any]:
-    """The slopes' integrals of the modes and the modes, columns, whose squares' integrals are one; positive at an end."""
+    """Find modes (columns) with unit integrals of squares, positive at ``end``; return their slopes' integrals and the modes."""
     low = np.linalg.inv(np.linalg.cholesky(squares))
     slope, turn = np.linalg.eigh(low @ slopes @ low.swapaxes(1, 2))
     modes = low.swapaxes(1, 2) @ turn
@@ -190,7 +190,7 @@ class RadialIntegrals:
 
 
 def radial_integrals(wall: Array | None, fine: bool) -> RadialIntegrals:
-    """Return them for tubes of a wall over the outer radius (n,), for a disc (None) with one for n."""
+    """Interpolate the radial integrals of tubes for walls over outer radii (n,); of a disc where ``wall`` is None, then n = 1."""
     return _disc(fine) if wall is None else RadialIntegrals(*_wall_table(fine)(np.log(ABOVE - wall)))
 
 
@@ -208,7 +208,7 @@ def _wall_table(fine: bool) -> PiecewisePolynomials:
 
 
 def made_across(wall: Any, solid: bool, fine: bool) -> list[Any]:
-    """Return the parts of ``RadialIntegrals`` by quadrature, blocks first."""
+    """Compute the fields of ``RadialIntegrals`` by quadrature, blocks along the first axis."""
     radial, points, loads = (FINE_RADIAL, FINE_POINTS, FINE.loads) if fine else (RADIAL, POINTS, COARSE.loads)
     hole = 1 / wall - 1
     y, weight = _gauss((0.0, 1.0), points)
@@ -230,7 +230,7 @@ def made_across(wall: Any, solid: bool, fine: bool) -> list[Any]:
 
 
 def _loaded(hole: Any, wall: Any, loads: Loads, radial: int) -> tuple[Any, Any]:
-    """Work of the pressures on the P_i and of the shears on the u, shapes (m, loads, functions)."""
+    """Return the work of the pressures on the P_i and of the shears on the u, shapes (m, loads, functions)."""
     y, weight = _gauss(tuple(loads.cuts), RING_POINTS)
     P, _, r, u = _functions(y, hole, radial, loads.solid)
     ring = 2 * np.pi * wall[:, None] * r * weight
@@ -239,14 +239,14 @@ def _loaded(hole: Any, wall: Any, loads: Loads, radial: int) -> tuple[Any, Any]:
 
 
 def _gauss(cuts: tuple[float, ...], points: int) -> tuple[Any, Any]:
-    """Gauss's nodes and weights between the cuts, with so many points there."""
+    """Return Gauss's nodes and weights with ``points`` nodes in each interval between the cuts."""
     x, weight = legendre.leggauss(points)
     parts, low = np.diff(cuts)[:, None], np.array(cuts)[:-1, None]
     return (low + parts * (x + 1) / 2).ravel(), (parts * weight / 2).ravel()
 
 
 def _functions(y: Any, hole: Any, radial: int, solid: bool) -> tuple[Any, Any, Any, Any]:
-    """P_i, dP_i/dr, r and u = U_i / r at shares y of walls of width 1, shapes (m, functions, points) and (m, points)."""
+    """Return P_i, dP_i/dr, r and u = U_i / r at fractions y of walls of width 1, shapes (m, functions, points), r (m, points)."""
     x, weight = legendre.leggauss(6)
     x, weight = (x + 1) / 2, weight / 2
     polynomials = [legendre.Legendre(row, domain=[0, 1]) for row in np.eye(radial)]

@@ -1,4 +1,4 @@
-"""Two blocks on a layer with spheres: the tractions that move all ends together, for many designs at once.
+"""Contact of two blocks with a layer that holds spheres: tractions and forces for many designs at once.
 
 Unknown are pressures p and, where bonded, shears q on rings under both blocks. With C the work of unit loads' displacements on
 each other, of tissue and blocks' ends, and A_j the areas of the rings under block j,
@@ -37,10 +37,10 @@ from solver.layers.stack import TissueLayer
 if TYPE_CHECKING:
     from solver.closed_form.tractions import Pair
 
-REACH = 10.0  # exponents of what is left out of the integrals
+REACH = 10.0  # exponent at which the integrals over wave numbers are cut off
 FLOOR_REACH = 6.0
-LEAST_WAY = 0.1  # in radii: of a sphere that an interface cuts, which ``level`` refuses
-NODES_PER_WAVE, LONG = 0.35, 8  # times wave number and the outermost radius, beyond so many for long waves
+LEAST_WAY = 0.1  # in radii, for a sphere that an interface cuts; ``level`` refuses such scenes
+NODES_PER_WAVE, LONG = 0.35, 8  # nodes per wave number times outermost radius, and those that long waves need
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Tissue:
     layers: tuple[TissueLayer, ...] = ()
 
     def take(self, which: Any) -> Tissue:
-        """That of the designs at places ``which``."""
+        """Return the tissue of the designs with indices ``which``."""
         depth, radius = (None if part is None else part[which] for part in (self.depth, self.radius))
         layers = tuple(TissueLayer(layer.thickness[which], layer.E[which], layer.nu[which]) for layer in self.layers)
         return Tissue(depth, self.E[which], self.nu[which], radius, layers)
@@ -75,14 +75,14 @@ class Tissue:
 
     @property
     def faces(self) -> list[Array]:
-        """Depths of interfaces and floor: what throws back the field of a sphere, as the surface does."""
+        """Depths of interfaces and floor, m: like the surface they reflect the field of a sphere."""
         faces = list(accumulate(layer.thickness for layer in self.layers))
         return faces if self.depth is None else [*faces, self.depth]
 
 
 @dataclass(frozen=True)
 class ContactSolution:
-    """What designs answer.
+    """Forces and tractions of n designs.
 
     Attributes:
         forces: F_ij, N/m, shape (n, 2, 2).
@@ -98,7 +98,7 @@ class ContactSolution:
 
     @property
     def residual(self) -> Array:
-        """What is left of eq. CF.12, relative to the largest sum of its terms' sizes, shape (n,)."""
+        """Residual of eq. CF.12, relative to the largest sum of the absolute values of its terms, shape (n,)."""
         unbalanced = np.abs(self.works @ self.tractions - self.areas)
         return unbalanced.max(axis=(1, 2)) / (np.abs(self.works) @ np.abs(self.tractions)).max(axis=(1, 2))
 
@@ -115,7 +115,7 @@ def solve_contact(
     layer_nodes: int = 0,
     shared: Shared | None = None,
 ) -> ContactSolution:
-    """Solve eq. CF.12.
+    """Solve the contact equations (eq. CF.12) with the spheres' corrections (eq. CF.14).
 
     Args:
         blocks: inner (solid) and outer (tube).
@@ -162,7 +162,7 @@ class Shared:
 def _without_spheres(
     blocks: Pair, tissue: Tissue, nodes: tuple[int, int], bonded: bool, shared: Shared | None
 ) -> tuple[Array, Array, Sides | None]:
-    """C but for the floor, A, and the sides, of each kind of blocks and tissue once."""
+    """Return C without the floor, A, and the sides; equal blocks and tissues are computed once."""
     if shared is not None:
         inner, outer = (block.take(shared.first) for block in blocks)
         C, A, sides = _without_spheres((inner, outer), tissue.take(shared.first), nodes, bonded, None)
@@ -175,7 +175,7 @@ def _without_spheres(
 
 
 def _add_ends(C: Array, blocks: Pair, bonded: bool) -> None:
-    """Add what the blocks' ends give way to the works of the loads: pressures of both blocks come before shears of both."""
+    """Add the compliance of the blocks' ends to C; pressures of both blocks come before shears of both."""
     loads = pair_loads(blocks).loads
     counts = [loads[0].pressure.shape[1], loads[1].pressure.shape[1], *(one.shear.shape[1] for one in loads if bonded)]
     places = np.split(np.arange(sum(counts)), np.cumsum(counts)[:-1])
@@ -185,7 +185,7 @@ def _add_ends(C: Array, blocks: Pair, bonded: bool) -> None:
 
 
 def _works(blocks: Pair, tissue: Tissue, layer_nodes: int, bonded: bool) -> list[Array]:
-    """Works of pressures, shears, pressures on shears without the floor: of discs, combined as rings are differences of discs."""
+    """Return works of pressures, shears and pressures on shears, without the floor, from those of discs."""
     if tissue.layers:
         return layered_works(blocks, tissue.stack, tissue.depth, layer_nodes, bonded)
     return of_rings(blocks, ring_work(*circles(blocks), tissue.mu, tissue.nu))
@@ -194,11 +194,11 @@ def _works(blocks: Pair, tissue: Tissue, layer_nodes: int, bonded: bool) -> list
 def _waves(
     blocks: Pair, tissue: Tissue, spheres: Sequence[SphereArray], nodes: int, bonded: bool
 ) -> tuple[Array, tuple[Array, Array], Array]:
-    """The wave numbers, transforms of the rings' loads, shapes (n, q, rings), and the weights k dk."""
+    """Choose the wave numbers; return them, the transforms of the loads, shapes (n, q, loads), and the weights k dk."""
     reaches = [REACH / _way(sphere, tissue) for sphere in spheres]
     reach = reduce(_larger, reaches) if reaches else FLOOR_REACH / tissue.depth
     across = blocks[1].radius + reduce(_larger, [sphere.offset for sphere in spheres], 0 * blocks[1].radius)
-    resolved = (nodes - LONG) / (NODES_PER_WAVE * across)  # of a sphere tiny beside the probe no more matters
+    resolved = (nodes - LONG) / (NODES_PER_WAVE * across)  # shorter waves do not matter for a sphere tiny beside the probe
     reach = np.where(reach.real < resolved.real, reach, resolved)
     share, weight = between_waves(nodes)
     k = reach[:, None] * share
@@ -206,7 +206,7 @@ def _waves(
 
 
 def _way(sphere: SphereArray, tissue: Tissue) -> Array:
-    """From a sphere's quadrature to the surface, or there and back to another face; one that a face cuts has little."""
+    """Return the shortest path from a sphere's quadrature to the surface, or to another face and back, m."""
     way = sphere.depth - 0.8 * sphere.radius
     for face in tissue.faces:
         least = np.where(face.real < sphere.depth.real, sphere.depth - face, face - sphere.depth) - 0.8 * sphere.radius
@@ -215,7 +215,7 @@ def _way(sphere: SphereArray, tissue: Tissue) -> Array:
 
 
 def _sides(blocks: Pair, tissue: Tissue, nodes: int, bonded: bool) -> Sides:
-    """What free sides add, eq. CF.11."""
+    """Compute what free sides add to the works, eq. CF.11."""
     k, weights = cut_waves(tissue.radius, blocks[1].radius, nodes)
     E, nu = _column(tissue)
     cylinder = ElasticBlocks(None, tissue.radius, tissue.depth, E, nu)
@@ -223,7 +223,7 @@ def _sides(blocks: Pair, tissue: Tissue, nodes: int, bonded: bool) -> Sides:
 
 
 def _column(tissue: Tissue) -> tuple[Array, Array]:
-    """Modulus and Poisson's ratio of one material whose column shortens and widens as that of the layers."""
+    """Return modulus and Poisson's ratio of one material whose column shortens and widens as that of the layers."""
     if not tissue.layers:
         return tissue.E, tissue.nu
     shortening = [layer.thickness / layer.E for layer in tissue.stack]
@@ -232,7 +232,7 @@ def _column(tissue: Tissue) -> tuple[Array, Array]:
 
 
 def _disc(blocks: Pair, tissue: Tissue, layer_nodes: int) -> Disc:
-    """Both ends as one: they give way as half-spaces do, in the mean over their areas."""
+    """Build the disc that stands for both ends: each has the compliance of a half-space, averaged over the areas."""
     area = blocks[0].area + blocks[1].area
 
     def ends(share: float) -> Array:
@@ -248,12 +248,12 @@ def _disc(blocks: Pair, tissue: Tissue, layer_nodes: int) -> Disc:
 
 
 def _larger(one: Array, other: Array) -> Array:
-    """The one with the larger real part: a complex step has no other order."""
+    """Return the value with the larger real part; complex steps have no other order."""
     return np.where(one.real > other.real, one, other)
 
 
 def _floor(field: Waves, loads: tuple[Array, Array], weights: Array, mu: Array) -> Array:
-    """What the floor adds: 2 pi Int loads x eq. CF.6 k dk."""
+    """Return what the floor adds to C: 2 pi times the integral of loads times the floor's compliance (eq. CF.6) k dk."""
     scale = (np.pi / mu)[:, None, None]
     parts = [weights[:, :, None] * part[:, :, None] for part in floor_compliance(field)]
     p, q = loads

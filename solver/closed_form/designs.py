@@ -1,8 +1,8 @@
-"""Level 1's formula on arrays: of designs, and of complex steps for derivatives.
+"""The closed form on arrays of designs, and of complex steps for derivatives.
 
-One formula, ``contact.solve_contact``, serves all: ``forces`` evaluates it on arrays of designs, ``gradients`` on arrays of
-complex steps, which ``solver.casadi_functions.closed_form`` hands to casadi, and ``level`` on scenes and what their errors are
-told from.
+All use ``contact.solve_contact``: ``compute_forces`` evaluates it on arrays of designs, ``compute_gradients`` on arrays of
+complex steps, which ``solver.casadi_functions.closed_form`` hands to casadi, and ``level`` on scenes and on the variants from
+which their errors are estimated.
 """
 
 from __future__ import annotations
@@ -35,17 +35,17 @@ PROBE = (
 TISSUE = ("tissue_depth", "tissue_radius", "tissue_modulus", "tissue_poisson")
 BALL = ("radius", "depth", "offset", "modulus", "poisson")
 LAYER = ("layer_thickness", "layer_modulus", "layer_poisson")
-MOST = 256  # nodes over wave numbers
-LEAST_ROOM = 0.05  # of a sphere's points, in its diameters: nearer ones are refused by ``level``
-CHUNK = 520  # designs at once: what they need then stays in the processor's cache; not a power of two, whose rows share its lines
+MOST = 256  # nodes of the integrals over wave numbers
+LEAST_ROOM = 0.05  # gap between a sphere's points and a face, in its diameters; ``level`` refuses smaller ones
+CHUNK = 520  # designs at a time, so that the work arrays stay in the processor's cache; a power of two would share cache lines
 
 
-_ODD = np.sqrt(np.arange(2.0, 64.0))  # times the numbers of a probe and its tissue
+_ODD = np.sqrt(np.arange(2.0, 64.0))  # weights of the sum by which equal probes and tissues are recognised
 
 
 @dataclass(frozen=True)
 class Shape:
-    """What the structure of the formula depends on.
+    """The structure of the formula: what kind of scene it describes.
 
     Attributes:
         on_axis: for each inclusion, whether its centre lies on the probe's axis.
@@ -57,7 +57,7 @@ class Shape:
         places: for each inclusion, the layer that holds it, the tissue's own material last; empty if all are in the first.
         layers: how many layers of other materials the tissue has.
         layer_nodes: of the integral for these.
-        fine: whether blocks and tractions have more functions, to tell what they change.
+        fine: whether blocks and tractions have more functions, which shows the error of the usual number.
     """
 
     on_axis: tuple[bool, ...] = (True,)
@@ -73,12 +73,12 @@ class Shape:
 
     @property
     def homes(self) -> tuple[int, ...]:
-        """``places`` written out."""
+        """The layer that holds each inclusion; 0 for all where ``places`` is empty."""
         return self.places or (0,) * len(self.on_axis)
 
 
 def _answer(shape: Shape, p: Array, share: bool) -> ContactSolution:
-    """The answer for parameters p, shape (parameters, n)."""
+    """Solve the contact for parameters p, shape (parameters, n)."""
     r2, gap, ro, hi, ho, ei, ni, eo, no, depth, side, et, nt = p[: len(PROBE) + len(TISSUE)]
     bodies, layers = split(shape, p)
     blocks = ElasticBlocks(None, r2, hi, ei, ni, shape.fine), ElasticBlocks(r2 + gap, ro, ho, eo, no, shape.fine)
@@ -93,7 +93,7 @@ def _answer(shape: Shape, p: Array, share: bool) -> ContactSolution:
 
 
 def _shared(rows: Array) -> Shared | None:
-    """Which columns are the same, None where less than half are: they are told by one sum of their numbers, and compared."""
+    """Find equal columns by a weighted sum of their numbers, then compare them; None where fewer than half repeat."""
     with np.errstate(invalid="ignore"):
         _, first, which = np.unique(_ODD[: len(rows)] @ rows, return_index=True, return_inverse=True)
     if 2 * len(first) > rows.shape[1] or not (rows[:, first[which]] == rows).all():
@@ -102,7 +102,7 @@ def _shared(rows: Array) -> Shared | None:
 
 
 def split(shape: Shape, values: Array) -> tuple[Array, Array]:
-    """Return the parameters of inclusions and of layers, views of shapes (inclusions, BALL, n) and (layers, LAYER, n)."""
+    """Return views of the parameters of inclusions, shape (inclusions, 5, n), and of layers, shape (layers, 3, n)."""
     after = len(PROBE) + len(TISSUE)
     end = after + len(BALL) * len(shape.on_axis)
     bodies, layers = values[after:end], values[end:]
@@ -113,9 +113,9 @@ def forces(shape: Shape, values: Array) -> tuple[Floats, Floats]:
     """Evaluate many designs at once, about 25 000 a second on one core with one inclusion on the axis.
 
     Args:
-        shape: see ``Shape``; ``parameters`` makes it from a scene.
-        values: the parameters PROBE, TISSUE, then BALL for each inclusion and LAYER for each layer, SI, a column for each design;
-            shape (parameters, n).
+        shape: see ``Shape``; ``build_parameters`` makes it from a scene.
+        values: the parameters PROBE_PARAMETERS, TISSUE_PARAMETERS, then SPHERE_PARAMETERS for each inclusion and
+            LAYER_PARAMETERS for each layer, SI, a column for each design; shape (parameters, n).
 
     Returns:
         the forces F_ij on film i per unit displacement of base j, N/m, and their derivatives by the logarithm of the target's
@@ -127,9 +127,9 @@ def forces(shape: Shape, values: Array) -> tuple[Floats, Floats]:
 
 
 def answers(shape: Shape, values: Array, *, share: bool = False) -> Iterator[ContactSolution]:
-    """Yield what stands behind ``forces``, for some designs at a time.
+    """Yield the contact solutions of the designs, some designs at a time.
 
-    What designs of one probe on one tissue ``share`` is found once, and rounded otherwise than alone.
+    With ``share``, what designs with the same probe and tissue have in common is computed once; rounding then differs slightly.
     """
     values = np.asarray(values)
     chunk = CHUNK // 2 if shape.layers else CHUNK  # layers take more waves
@@ -143,7 +143,7 @@ def answers(shape: Shape, values: Array, *, share: bool = False) -> Iterator[Con
 
 
 def _alone(shape: Shape, column: Array) -> ContactSolution:
-    """One design's answer, NaN if its equations are singular."""
+    """Solve one design; NaN if its equations are singular."""
     try:
         return _answer(shape, column[:, None], share=False)
     except np.linalg.LinAlgError:
@@ -152,7 +152,7 @@ def _alone(shape: Shape, column: Array) -> ContactSolution:
 
 
 def gradients(shape: Shape, values: Floats, which: Sequence[int]) -> tuple[Floats, Floats]:
-    """Return ``forces`` of one design and their derivatives by some of its parameters, by complex steps: exact to rounding.
+    """Return forces of one design and their derivatives by some of its parameters, by complex steps: exact to rounding.
 
     Args:
         shape: see ``Shape``.
@@ -196,7 +196,7 @@ def parameters(scene: Scene, *, merged: bool = True) -> tuple[Shape, Floats]:
 
 
 def _nodes(scene: Scene, faces: list[float]) -> int:
-    """Nodes enough for the shallowest point of spheres' quadrature, their echo from other faces, and the waves' way across."""
+    """Return how many nodes resolve the shallowest sphere, its reflections in other faces, and the waves across the probe."""
     faces = faces if scene.tissue.shape == "half-space" else [*faces, scene.tissue.depth]
     reach = [REACH / (body.depth - 0.4 * (body.diameter or 0.0)) for body in scene.inclusion]
     for body in scene.inclusion:

@@ -1,10 +1,10 @@
-"""How far the closed form may be off.
+"""Bounds on the errors of the closed form.
 
     error <= sum of weight x feature,                                                             (CF.19)
 
 of ln(ratio), of the logarithms of both totals and, absolute, of the log-sensitivity, with the features of ``error_features``.
 The weights are an envelope of random scenes and of tests/reference, times a margin: ``python -m benchmarks.closed_form.error``
-writes them to ``error_weights.json``, audits them on other scenes, and writes there what it found.
+writes them to ``error_weights.json``, audits them on other scenes, and stores the result of the audit there.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from solver.closed_form.error_features import features
 from solver.results.detail_compliance import details
 from solver.results.film_forces import Bound
 
-LEAST_SENSITIVITY = 5e-6  # half of what no one asks to be told
+LEAST_SENSITIVITY = 5e-6  # absolute; half of the smallest log-sensitivity error that matters
 QUANTITIES = ("ratio", "inner", "outer", "sensitivity")  # ln(ratio), the logarithms of both totals, the log-sensitivity
 
 
 @cache
 def weights() -> dict[str, dict[str, float]]:
-    """Weights of eq. CF.19 by ``QUANTITIES`` and features; the file tells which scenes, margin and command they come from."""
+    """Read the weights of eq. CF.19 by quantity and feature; the file names the scenes, margin and command they come from."""
     text = resources.files("solver.closed_form").joinpath("error_weights.json").read_text(encoding="utf-8")
     found: dict[str, dict[str, float]] = json.loads(text)["weights"]
     return found
@@ -43,7 +43,7 @@ class StatedErrors:
     sensitivity: float
 
     def bound(self, totals: Floats) -> Bound:
-        """What totals may be too large by: as their logarithms are bounded, true ones are not zero."""
+        """Return by how much totals (2,), N/m, may be too large: their logarithms are bounded, so true totals are not zero."""
         return Bound(-np.expm1(-self.log_totals) * totals, self.log_ratio)
 
     @property
@@ -53,7 +53,7 @@ class StatedErrors:
 
 
 def errors(scene: Scene, forces: Floats, slopes: Floats) -> StatedErrors:
-    """Return eq. CF.19 for a scene, with all of groove, film and base; arguments as of ``error_features.features``."""
+    """Bound the errors for a scene (eq. CF.19) and add those of groove, film and base; see ``compute_features`` for arguments."""
     found = features(scene, forces, slopes)
     ratio, inner, outer, sensitivity = (
         sum(weights()[kind].get(name, 0.0) * float(values[place]) for name, values in found.items())

@@ -1,8 +1,8 @@
-"""What the closed form's errors are told from: ten numbers, each large where the formulas do one thing only roughly.
+"""Features from which the closed form's errors are estimated: ten numbers, each large where one approximation is rough.
 
-Most come from what the formulas themselves answer once something is changed: more functions, sides modelled or left out, a
+Most come from how the formulas' own results change once something is changed: more functions, sides modelled or left out, a
 block a little stiffer, no spheres. The others are powers of ratios of lengths. Of the logarithms of ratio and totals
-``FEATURES`` are
+``FEATURE_NAMES`` are
 
 - always: one;
 - finer: what both totals change with fifteen tractions for eleven, and with more functions in the blocks instead of eq. CF.10;
@@ -40,19 +40,19 @@ FEATURES = (
     "always", "finer", "sides", "near sides", "crowded spheres",
     "soft shell", "hairline gap", "cancelled", "thin tissue", "interfaces",
 )  # fmt: skip
-CHANGED = ("scene", "inner_modulus", "outer_modulus", "no inclusions")  # the variants that are other parameters
-EFFECTS = (*CHANGED, "sides", "finer")  # and those that are another formula: all that forces are asked for
-STEP = 1.05  # by which the variants' moduli are larger
-ROUNDED = 0.1  # of what sides change, where they are modelled
+CHANGED = ("scene", "inner_modulus", "outer_modulus", "no inclusions")  # the variants with other parameters
+EFFECTS = (*CHANGED, "sides", "finer")  # and those with another formula
+STEP = 1.05  # by which the moduli of the variants are multiplied
+ROUNDED = 0.1  # fraction of the sides' effect that counts where sides are modelled
 HAIRLINE = 0.005  # of a block's width: about that of the rings at its edges
 
 
 def features(scene: Scene, forces: Floats, slopes: Floats) -> dict[str, Floats]:
-    """Return each of ``FEATURES`` for ln(ratio), the logarithms of inner and outer total, and the log-sensitivity, shape (4,).
+    """Return each feature for ln(ratio), the logarithms of inner and outer total, and the log-sensitivity, shape (4,).
 
     Args:
-        scene: what is pressed on what.
-        forces: of the variants ``EFFECTS``; positive totals, shape (6, 2, 2).
+        scene: the scene.
+        forces: of the variants ``ALL_VARIANTS``; positive totals, N/m, shape (6, 2, 2).
         slopes: their derivatives by the logarithm of the target's modulus, shape (6, 2, 2).
     """
     changes = _Changes.of(forces, slopes)
@@ -77,7 +77,7 @@ def features(scene: Scene, forces: Floats, slopes: Floats) -> dict[str, Floats]:
 
 @dataclass(frozen=True)
 class _Changes:
-    """What variants change.
+    """Differences between the variants and the scene.
 
     Attributes:
         sides: of all quantities, by the sides, shape (4,).
@@ -102,7 +102,7 @@ class _Changes:
 
 
 def _modelled(scene: Scene) -> bool:
-    """Whether the tissue's sides are near, and of one material."""
+    """Return whether the tissue's sides are modelled: they are near, and the tissue is of one material."""
     tissue = scene.tissue
     if tissue.shape == "half-space" or tissue.layer:
         return False
@@ -110,7 +110,7 @@ def _modelled(scene: Scene) -> bool:
 
 
 def _felt(scene: Scene, forces: Floats, slopes: Floats) -> float:
-    """How much the target's modulus changes both totals, or would without what its contrast saturates."""
+    """Return how much the target's modulus changes both totals, with the part that saturates at high contrast added."""
     if scene.target is None:
         return 0.0
     body = scene.inclusion[scene.target]
@@ -120,14 +120,14 @@ def _felt(scene: Scene, forces: Floats, slopes: Floats) -> float:
 
 
 def _around(scene: Scene, body: Inclusion) -> float:
-    """Young's modulus of the tissue about a sphere, Pa."""
+    """Return Young's modulus of the tissue around a sphere, Pa."""
     tissue = scene.tissue
     layers = zip(tissue.interfaces, tissue.layer, strict=True)
     return next((layer.youngs_modulus for lower, layer in layers if body.depth < lower), tissue.youngs_modulus)
 
 
 def _crowding(scene: Scene, body: Inclusion) -> float:
-    """How near a sphere is to surface, interfaces, floor and sides."""
+    """Return a measure of how near a sphere is to surface, interfaces, floor and sides."""
     tissue, radius = scene.tissue, (body.diameter or 0.0) / 2
     ways = [abs(body.depth - depth) for depth in (0.0, *tissue.interfaces)]
     if tissue.shape != "half-space":
@@ -137,12 +137,12 @@ def _crowding(scene: Scene, body: Inclusion) -> float:
 
 
 def _edge(scene: Scene) -> float:
-    """Outer radius over the way from the probe's axis to the nearest side."""
+    """Return the outer radius over the distance from the probe's axis to the nearest side."""
     return scene.probe.tube_radius / max(_room(scene, scene.placement.x, scene.placement.y), 1e-9 * scene.probe.tube_radius)
 
 
 def _room(scene: Scene, x: float, y: float) -> float:
-    """Distance of a place to the tissue's nearest side."""
+    """Return the distance from (x, y) to the tissue's nearest side, m."""
     tissue = scene.tissue
     if tissue.shape == "half-space":
         return math.inf
@@ -152,28 +152,28 @@ def _room(scene: Scene, x: float, y: float) -> float:
 
 
 def _shell(scene: Scene) -> float:
-    """How far the outer block is a thin shell, and tall."""
+    """Return a measure of how thin and tall the shell of the outer block is."""
     probe = scene.probe
     wall = probe.tube_radius - probe.hole_radius
     return (probe.hole_radius / probe.tube_radius) ** 8 * math.log1p(probe.tube_height / wall)
 
 
 def _hairline(scene: Scene) -> float:
-    """How narrow the gap is beside the blocks' widths, times how small the inner block is beside the outer; 0 to 1."""
+    """Return how narrow the gap is relative to the blocks, times how small the inner block is relative to the outer; 0 to 1."""
     probe = scene.probe
     narrowest = HAIRLINE * min(probe.inner_radius, probe.tube_radius - probe.hole_radius)
     return (1 - probe.inner_radius / probe.tube_radius) ** 4 / (1 + probe.gap / narrowest)
 
 
 def _thin(scene: Scene) -> float:
-    """How thin the tissue is beside the outer radius: the third power of its share in a thick one, the share in a thin one."""
+    """Return x^3 / (1 + x^2) of x = outer radius / tissue depth; 0 on a half-space."""
     tissue = scene.tissue
     thin = 0.0 if tissue.shape == "half-space" else scene.probe.tube_radius / tissue.depth
     return thin**3 / (1 + thin**2)
 
 
 def _interfaces(scene: Scene) -> float:
-    """How many interfaces of layers there are, each the less the deeper it is and the more alike its sides are."""
+    """Return the sum of the interfaces' modulus contrasts, each weighted less the deeper it is."""
     tissue = scene.tissue
     moduli = [*(layer.youngs_modulus for layer in tissue.layer), tissue.youngs_modulus]
     sides = zip(tissue.interfaces, pairwise(moduli), strict=True)

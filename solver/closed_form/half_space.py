@@ -1,4 +1,4 @@
-"""Half-space under rings of pressure and radial shear: the displacements' work on each other, in closed form.
+"""Half-space under rings of pressure and radial shear: the work of each load on the displacements by each other, in closed form.
 
 A disc of radius a under unit pressure has the Hankel transform a J1(ka)/k, one under the shear r has a^2 J2(ka)/k. On an
 elastic half-space with shear modulus mu the surface answers a pressure p and a shear q (outwards) by
@@ -79,7 +79,7 @@ def _upper(size: int) -> tuple[Any, Any]:
 
 
 def _symmetric(values: Array, size: int) -> Array:
-    """Matrices from their upper triangles, shape (n, size, size)."""
+    """Build symmetric matrices from their upper triangles, shape (n, size, size)."""
     low, high = _upper(size)
     full = np.empty((size, size, values.shape[1]), dtype=values.dtype)
     full[low, high] = full[high, low] = values
@@ -87,7 +87,7 @@ def _symmetric(values: Array, size: int) -> Array:
 
 
 def _power_series(x: Array, coefficients: Any) -> Array:
-    """Values of several polynomials, rows of coefficients, at x; shape (polynomials, *x.shape)."""
+    """Evaluate several polynomials (rows of coefficients, lowest power first) at x; shape (polynomials, *x.shape)."""
     powers = np.empty((coefficients.shape[1], x.size), dtype=x.dtype)
     powers[0], powers[1] = 1, x.ravel()
     for k in range(2, len(powers)):

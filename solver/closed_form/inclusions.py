@@ -1,4 +1,4 @@
-"""What spheres in the tissue change of the films' forces: equivalent inclusions, their images and the blocks' answer.
+"""Changes of the film forces by spheres in the tissue: equivalent inclusions, their images and the blocks' response.
 
 By Betti and Eshelby a sphere of volume V with strengths k_v, k_d (eq. IN.2 of ``eshelby``) adds to the work of two tractions
 
@@ -48,17 +48,17 @@ class LoadedSpheres:
     """Spheres under the loads of a probe, m in all.
 
     Attributes:
-        sphere: where and what.
+        sphere: places, sizes and materials.
         points: of the quadrature.
-        near: the waves at the sphere.
-        beside: distances of the points from the probe's axis, shape (n, points); None on it.
+        sphere_waves: the waves at the sphere.
+        axis_distance: distances of the points from the probe's axis, m, shape (n, points); None for spheres on the axis.
         loads: the loads' transforms by those, times k dk / 2 mu, shapes (n, q, .).
         sides: strains at the points that near sides add under unit works, (n, 4 points, works), and these under each load,
             (n, works, m); None where sides are far.
         moments: under each load, shape (n, moments, m).
         image: G of eq. CF.15 less V S of eq. CF.18, shape (n, moments, moments).
         strength, strength_by_log: (k_v, k_d) of eq. CF.13 and their derivatives by ln E.
-        arriving: what of the loads arrives at the top of the sphere's layer, eq. LY.3, by which ``near`` is; None on half-spaces.
+        arriving: a of eq. LY.3 at the top of the sphere's layer, to which ``sphere_waves`` refers; None on half-spaces.
     """
 
     sphere: SphereArray
@@ -85,7 +85,7 @@ class LoadedSpheres:
 
     @cached_property
     def form_by_log(self) -> Array:
-        """Its derivative by ln E."""
+        """Derivative of V K by ln E of the sphere."""
         return self.volume * moment_form(*self.strength_by_log, self.moments.shape[1])
 
     @cached_property
@@ -96,16 +96,16 @@ class LoadedSpheres:
 
     @property
     def works(self) -> Array:
-        """By how much the sphere lets unit loads work on each other: M^T V K D^-1 M of eq. CF.14, shape (n, m, m)."""
+        """Work of unit loads on each other through the sphere: M^T V K D^-1 M of eq. CF.14, shape (n, m, m)."""
         return self.moments.swapaxes(1, 2) @ (self.form @ self.answered)
 
     def slope(self, tractions: Array) -> Array:
-        """The forces' derivative by ln E of eq. CF.14 under tractions t' (n, m, 2), shape (n, 2, 2)."""
+        """Return the forces' derivative by ln E (eq. CF.14) under tractions t' (n, m, 2), shape (n, 2, 2)."""
         y = self.answered @ tractions
         return y.swapaxes(1, 2) @ self.form_by_log @ y
 
     def rest(self, tractions: Array) -> tuple[Array, Array]:
-        """What eq. CF.13 has beyond the moments under tractions t (n, m, 2), with the derivative by ln E; both (n, 2, 2)."""
+        """Return the part of eq. CF.13 beyond the moments under tractions t (n, m, 2), its derivative by ln E; both (n, 2, 2)."""
         moments = self.moments @ tractions
         pressures = self.loads[0].shape[2]
         t = tractions.swapaxes(1, 2)
@@ -145,10 +145,10 @@ def polarised(
     sides: Sides | None = None,
     inside: Inside | None = None,
 ) -> LoadedSpheres:
-    """Put spheres into tissue of modulus E and Poisson's ratio nu, shapes (n,).
+    """Build spheres under a probe's loads, in tissue of modulus E and Poisson's ratio nu, shapes (n,).
 
     Args:
-        sphere: where and what.
+        sphere: places, sizes and materials.
         waves: of the tissue.
         loads: transforms of pressures and of shears, shapes (n, q, .).
         weights: k dk of the waves, shape (n, q).
@@ -186,7 +186,7 @@ def polarised(
 
 
 def _moments(strain: Array, across: Array, aside: Array) -> Array:
-    """All moments of strains (n, 4 points, l) at the points ``ASIDE``, which lie at (across, aside) from the probe's axis."""
+    """Return all moments of strains (n, 4 points, l) at ``OFF_AXIS_POINTS``, given their coordinates from the probe's axis."""
     parts = strain.reshape(len(strain), 4, across.shape[1], -1)
     r, x, y, z, w = np.sqrt(across**2 + aside**2), ASIDE.x, ASIDE.y, ASIDE.z, ASIDE.weight
     c, s = across / r, aside / r
@@ -199,7 +199,7 @@ def _moments(strain: Array, across: Array, aside: Array) -> Array:
 
 
 def moment_form(k_v: Array, k_d: Array, size: int) -> Array:
-    """K of eq. CF.15: eq. CF.13 on the moments, shape (n, size, size)."""
+    """Build the form K of eq. CF.15, that is eq. CF.13 on the moments, shape (n, size, size)."""
     K = np.zeros((len(k_d), size, size), dtype=k_d.dtype)
     both = k_v - k_d / 3
     for start, times in ((0, 1.0), (2, 0.2), (7, 0.2))[: 2 if size == MOMENTS else 3]:  # the mean of zeta^2 is R^2 / 5

@@ -1,4 +1,4 @@
-"""Free sides of the tissue: what a cylinder gives way more than the endless layer that it is cut from.
+"""Free sides of the tissue: how much more compliant a cylinder is than the endless layer that it is cut from.
 
 Cut a layer at r = R. Its loads' fields u leave tractions s on the cut; a field v of the cylinder, fixed to the floor, takes them
 off. By Betti's theorem, inside the cut and outside, the loads' works on each other grow by
@@ -27,7 +27,7 @@ from solver.closed_form.block_compliance import ElasticBlocks, radial, reduced
 from solver.closed_form.block_functions import AXIAL, RADIAL, Along, along_height, axial_integrals, radial_integrals
 from solver.closed_form.layer import Waves, fields
 
-BLUR = 0.35  # of the way from the probe to the cut
+BLUR = 0.35  # of the distance from the probe to the cut
 LEAST_BLUR = 0.08  # of the cut's radius
 REACH = 5.0  # wave numbers times blur
 NODES_PER_WAVE = 0.4  # times wave number and the cut's radius, beyond eight
@@ -35,19 +35,19 @@ NEAR, SLENDER = 4.0, 0.2  # sides farther than so many outer radii matter where 
 
 
 def side_radius(tissue: CylinderTissue | BlockTissue) -> float:
-    """Radius of the cylinder of equal cross-section, m."""
+    """Return the radius of the cylinder of equal cross-section, m."""
     return tissue.radius if tissue.shape == "cylinder" else math.sqrt(tissue.length * tissue.breadth / math.pi)
 
 
 def side_nodes(outer: float, depth: float, radius: float) -> int:
-    """Waves that serve, in steps so that few functions are built; none where sides change the totals by less than about 6 %."""
+    """Return how many waves to use, in steps of 4; 0 where sides change the totals by less than about 6 %."""
     if radius > NEAR * outer and depth * outer < SLENDER * radius**2:
         return 0
     return 4 * math.ceil((8 + NODES_PER_WAVE * REACH / max(BLUR * (1 - outer / radius), LEAST_BLUR)) / 4)
 
 
 def cut_waves(radius: Array, outer: Array, nodes: int) -> tuple[Array, Array]:
-    """Wave numbers and the weights k dk with the smoothing, shapes (n, nodes)."""
+    """Return wave numbers, 1/m, and the weights k dk with the smoothing, shapes (n, nodes)."""
     way, least = BLUR * (radius - outer), LEAST_BLUR * radius
     width = np.where(way.real > least.real, way, least)[:, None]
     share, weight = _shares(nodes)
@@ -58,20 +58,20 @@ def cut_waves(radius: Array, outer: Array, nodes: int) -> tuple[Array, Array]:
 
 @lru_cache(maxsize=16)
 def _shares(nodes: int) -> tuple[Any, Any]:
-    """Shares of the reach of wave numbers and their weights, the smoothing included."""
+    """Return wave numbers as fractions of their maximum, and their weights with the smoothing."""
     s, weight = legendre.leggauss(nodes)
     return (s + 1) / 2, weight / 2 * np.exp(-((REACH * (s + 1) / 4) ** 2))
 
 
 @dataclass(frozen=True)
 class Sides:
-    """What free sides add.
+    """Effect of the tissue's free sides.
 
     Attributes:
         work: to the works of the loads, eq. CF.11, shape (n, m, m).
-        tissue, along: the cylinder and its functions along the height.
+        tissue, axial_functions: the cylinder and its functions along the height.
         sink, widen: amounts of the P_i f_j and of the U_i g_j under unit works at the side, ``TissueColumn``.
-        taken: those works under each load, shape (n, works, m).
+        side_works: those works under each load, shape (n, works, m).
     """
 
     work: Array
@@ -82,12 +82,12 @@ class Sides:
     taken: Array
 
     def take(self, which: Any) -> Sides:
-        """Those of the designs at places ``which``."""
+        """Return the sides of the designs with indices ``which``."""
         tissue, along = self.tissue.take(which), self.along.take(which)
         return Sides(self.work[which], tissue, along, self.sink[which], self.widen[which], self.taken[which])
 
     def strain(self, r: Array, z: Array) -> Array:
-        """Strains rr + hoop, rr - hoop, zz, rz under unit works at places r (n, k), as many at each depth z; (n, 4 k, works)."""
+        """Return strains rr + hoop, rr - hoop, zz, rz under unit works at r (n, k), equally many per depth z; (n, 4 k, works)."""
         P, slope, over = radial(self.tissue.radius, r)
         each = r.shape[1] // z.shape[1]
         g, dg, f, df = (np.repeat(values, each, axis=2) for values in self.along.at(z / self.tissue.height[:, None]))
@@ -99,12 +99,12 @@ class Sides:
 
 
 def _products(across: Array, along: Array) -> Array:
-    """Products of all functions of the radius with all of the height, shape (n, k, functions)."""
+    """Return products of all functions of the radius with all functions of the height, shape (n, k, functions)."""
     return (across[:, :, None] * along[:, None]).reshape(len(across), -1, across.shape[2]).swapaxes(1, 2)
 
 
 def free_sides(field: Waves, loads: tuple[Array, Array], weights: Array, tissue: ElasticBlocks) -> Sides:
-    """Solve eq. CF.11.
+    """Compute the effect of free sides, eq. CF.11.
 
     Args:
         field: waves on the layer.
@@ -126,7 +126,7 @@ def free_sides(field: Waves, loads: tuple[Array, Array], weights: Array, tissue:
 
 @dataclass(frozen=True)
 class TissueColumn:
-    """What a cylinder of tissue does under unit works at its side, on the f_j and, divided by half the radius, on the g_j.
+    """Response of a cylinder of tissue to unit works at its side, on the f_j and, divided by half the radius, on the g_j.
 
     Every P_i is 1 at the side, and of the U_i the first alone is not 0.
 
@@ -164,7 +164,7 @@ def _column(tissue: ElasticBlocks) -> TissueColumn:
 
 
 def _at_cut(field: Waves, loads: tuple[Array, Array], weights: Array, tissue: ElasticBlocks, z: Array) -> Array:
-    """The stresses rr and rz and the displacements outwards and downwards at the cut, at depths z (n, p); shape (n, 4 p, m)."""
+    """Return stresses rr and rz, outward and downward displacements at the cut at depths z (n, p), shape (n, 4 p, m)."""
     nu, mu, R, k, weight = tissue.nu, tissue.E / (2 * (1 + tissue.nu)), tissue.radius, field.k.T.copy(), weights.T.copy()
     zero, one = bessel(k * R) * weight
     over = one / (k * R)

@@ -44,7 +44,7 @@ class Waves:
 
 
 def waves(k: Array, depth: Array | None, nu: Array) -> Waves:
-    """Solve eq. CF.7 for waves k (n, q) on layers of depth (n,) (None: half-spaces) with Poisson's ratios nu (n,)."""
+    """Solve eq. CF.7: coefficients of waves k (n, q) on layers of depth (n,) (None: half-spaces), Poisson's ratios nu (n,)."""
     nu = nu[:, None]
     near, even = 2 * (1 - nu), 1 - 2 * nu
     if depth is None:
@@ -65,7 +65,7 @@ def waves(k: Array, depth: Array | None, nu: Array) -> Waves:
 
 
 def floor_compliance(waves: Waves) -> tuple[Array, Array, Array]:
-    """What the floor changes of the surface's w by p, u by q and w by q, times 2 mu; shapes (n, q)."""
+    """Return the floor's change of the surface's w by p, u by q and w by q, times 2 mu; shapes (n, q)."""
     nu, k = waves.nu, waves.k
     m, fade = 3 - 4 * nu, np.exp(-2 * k * waves.depth)
     (a1, a2, a3, a4), (b1, b2, b3, b4) = waves.by_pressure, waves.by_shear
@@ -112,11 +112,13 @@ def fields(waves: Waves, z: Array, *, mirrored: bool = False) -> list[tuple[Arra
 
 
 def strain_amplitudes(load: Sequence[Array], down: Ways, up: Ways | None, even: Array) -> tuple[Array, Array, Array]:
-    """Return k U, dW/dz and (dU/dz - k W)/2, as in ``fields``, of anything linear in e^-t and t e^-t, ``down``, and in ``up``.
+    """Return k U, dW/dz and (dU/dz - k W)/2 of eq. CF.6, with averages of the exponentials in place of the exponentials.
 
-    ``up`` are e^(t-2x) and t e^(t-2x).
-
-    ``load`` are the coefficients of eq. CF.6, ``even`` is 2 nu - 1; arrays of any shapes that fit.
+    Args:
+        load: the coefficients c1 to c4 of eq. CF.6.
+        downward: (averages of) e^-t and t e^-t.
+        upward: (averages of) e^(t-2x) and t e^(t-2x); None on a half-space.
+        two_nu_minus_1: 2 nu - 1; all arrays broadcast.
     """
     b = load[1] * down[0]
     a = load[0] * down[0] + load[1] * down[1]
@@ -130,7 +132,7 @@ def strain_amplitudes(load: Sequence[Array], down: Ways, up: Ways | None, even: 
 
 
 def waves_inside(k: Array, layer: TissueLayer, echo: Echo) -> Waves:
-    """Return eq. CF.6 in a layer among others, z from its top on, by what runs down there: eq. LY.1's a.
+    """Build the waves (eq. CF.6) in a layer among others, z from its top, under unit downward waves a (eq. LY.1) at the top.
 
     ``by_pressure`` is by a = (1, 0) with its echo from below, ``by_shear`` by a = (0, 1).
     """

@@ -1,9 +1,9 @@
-"""A sphere in a layer, above a floor or others: what reaches it from the surface, and what all faces throw back of its field.
+"""A sphere in a layer, above a floor or others: the field that reaches it from the surface, and its own field as reflected.
 
 With m the moments of ``surface_images`` under a unit wave that runs down from the top of the sphere's layer, and m' under one
 that runs up from its bottom, both as on half-spaces, g = m + m' r e^-x F are those under a wave with its echo from below; under
 the surface's loads they are g a, a of eq. LY.3. The sphere's polarisation sends k' m^T up and k' m'^T down, with
-k' = 2 mu k / (4 (1-nu)). With R what the layer's top throws back, -1 if it is the surface, the image of eq. CF.15 becomes
+k' = 2 mu k / (4 (1-nu)). With R the reflection of the layer's top, -1 if it is the surface, the image of eq. CF.15 becomes
 
     G = V / (2 pi) Int k' (g [-(1 - R N)^-1 R] g^T - m' r m'^T) k dk                              (CF.21)
 
@@ -55,7 +55,7 @@ class Inside:
     """A sphere in its layer.
 
     Attributes:
-        near: strains and moments; strains under a unit wave a at the layer's top, moments under unit loads at the surface.
+        sphere_waves: strains under a unit wave a at the layer's top, moments under unit loads at the surface.
         arriving: a of eq. LY.3 by pressure and shear at the surface.
         image: G of eq. CF.21, shape (n, moments, moments).
     """
@@ -66,7 +66,7 @@ class Inside:
 
 
 def inside(sphere: SphereArray, k: Array, weights: Array, layers: Sequence[TissueLayer], rigid: bool) -> Inside:
-    """Return what layers do to a sphere in the one that ``sphere.layer`` says, for waves k with weights k dk, shapes (n, q)."""
+    """Build a sphere in the layer ``sphere.layer``, for waves k with weights k dk, shapes (n, q)."""
     layer, above = layers[sphere.layer], layers[: sphere.layer]
     below = echoes(k, layers, rigid)
     a, own = arriving(below, sphere.layer), below[sphere.layer]
@@ -86,7 +86,7 @@ def inside(sphere: SphereArray, k: Array, weights: Array, layers: Sequence[Tissu
 
 
 def _from_below(local: SphereArray, layer: TissueLayer, down: Nearby) -> tuple[tuple[Array, Array], Array | None]:
-    """Moments under unit waves that run up from the layer's bottom: those of the mirrored sphere under mirrored loads."""
+    """Return moments under unit waves that run up from the layer's bottom: those of the mirrored sphere under mirrored loads."""
     way = down.waves.k * (layer.thickness - local.depth)[:, None]
     (pressed, sheared), turned = half_space_moments(down.ball, way, layer.nu, local.on_axis)
     signs = MIRRORED[: pressed.shape[1], None]
@@ -94,7 +94,7 @@ def _from_below(local: SphereArray, layer: TissueLayer, down: Nearby) -> tuple[t
 
 
 def _thrown_back(k: Array, layers: Sequence[TissueLayer]) -> Symmetric:
-    """R of eq. CF.21 at the top of the last of the layers: eq. LY.2 in a mirror, from the free surface on."""
+    """Return R of eq. CF.21 at the top of the last of the layers: eq. LY.2 in a mirror, from the free surface on."""
     far = FREE
     for layer, below in pairwise(layers):
         far = reflected(below, layer, echo(k, layer, far).near)
@@ -102,13 +102,13 @@ def _thrown_back(k: Array, layers: Sequence[TissueLayer]) -> Symmetric:
 
 
 def _image(down: tuple[Array, Array], up: tuple[Array, Array] | None, own: Echo, top: Symmetric, scale: Array) -> Array:
-    """Eq. CF.21 for pressures and shears."""
+    """Return the image G of eq. CF.21 for pressures and shears."""
     G = _quadratic(down, _returning(own.near, top), scale)
     return G if up is None or own.far is None else G - _quadratic(up, own.far, scale)
 
 
 def _returning(near: Symmetric | None, top: Symmetric) -> Symmetric:
-    """-(1 - R N)^-1 R of eq. CF.21."""
+    """Return -(1 - R N)^-1 R of eq. CF.21: the waves that come back down from the layer's top."""
     if near is None:
         return -top[0], -top[1], -top[2]
     R = top[0], top[2], top[2], top[1]
@@ -118,7 +118,7 @@ def _returning(near: Symmetric | None, top: Symmetric) -> Symmetric:
 
 
 def _quadratic(moments: tuple[Array, Array], form: Symmetric, scale: Array) -> Array:
-    """Sum over waves of scale times m form m^T, moments that go with different angles apart; shape (n, moments, moments)."""
+    """Return the sum over waves of scale times m form m^T, moments m of different angles apart; shape (n, moments, moments)."""
     pp, qq, pq = (np.broadcast_to(scale * part, scale.shape)[:, None, :] for part in form)
     p, q = moments
     left = p * pp + q * pq, p * pq + q * qq
@@ -126,7 +126,7 @@ def _quadratic(moments: tuple[Array, Array], form: Symmetric, scale: Array) -> A
 
 
 def _apart(block: Callable[[slice], Array], like: Array) -> Array:
-    """Blocks of the moments about the axis, once, and of those as cos and as cos of twice the angle, twice."""
+    """Assemble blocks by angle: axisymmetric moments once, those as cos and as cos of twice the angle twice."""
     size = like.shape[1]
     if size == MOMENTS:
         return block(slice(0, MOMENTS))
@@ -138,7 +138,7 @@ def _apart(block: Callable[[slice], Array], like: Array) -> Array:
 
 
 def _turned_image(down: Array, up: Array | None, shear: ShearEchoes, scale: Array) -> Array:
-    """Eq. CF.21 for shear about the vertical."""
+    """Return the image G of eq. CF.21 for shear about the vertical."""
 
     def block(rows: slice) -> Array:
         image = (down[:, rows] * (scale * shear.returning)[:, None, :]) @ down[:, rows].swapaxes(1, 2)
@@ -150,7 +150,7 @@ def _turned_image(down: Array, up: Array | None, shear: ShearEchoes, scale: Arra
 
 
 def _crossed_waves(sphere: SphereArray, layer: TissueLayer, down: Nearby, scale: Array) -> Array:
-    """Eq. CF.16 as the sum over the waves, for the layer's material alone: what the sum is off by is no matter of layers."""
+    """Return eq. CF.16 as the sum over the waves, for the layer's material alone: layers do not change the sum's error."""
     nu = layer.nu[:, None]
     plain, times = (part[:, 0] for part in down.ball.down(down.waves.k * sphere.depth[:, None]))
     pressed, sheared = (times + (2 * nu - 1) * plain) / 2, ((2 - 2 * nu) * plain - times) / 2
@@ -158,6 +158,6 @@ def _crossed_waves(sphere: SphereArray, layer: TissueLayer, down: Nearby, scale:
 
 
 def _by_loads(moments: tuple[Array, Array], a: Matrix) -> tuple[Array, Array]:
-    """Moments under unit loads at the surface."""
+    """Convert moments under unit waves a into moments under unit loads at the surface."""
     pp, pq, qp, qq = (part if np.ndim(part) == 0 else part[:, None, :] for part in a)
     return moments[0] * pp + moments[1] * qp, moments[0] * pq + moments[1] * qq

@@ -1,4 +1,4 @@
-"""What layers of tissue do to the works of the loads on each other.
+"""Works of the loads on each other on layered tissue.
 
 The surface's compliance for waves k is C(k) / k, eq. LY.2. Its closed part is a half-space and a bed of springs that meet C at
 the shortest waves K which are summed, C = A + B k there,
@@ -37,11 +37,11 @@ if TYPE_CHECKING:
     from solver.closed_form.tractions import Pair
 
 NODES_PER_WAVE = 0.35  # times wave number and the outermost radius, beyond eight
-NEAR = 0.9  # waves as many times as long as the shortest tell the slope B
+NEAR = 0.9  # wave number, relative to the last, of the second point for the derivative B
 
 
 def layered_works(blocks: Pair, layers: tuple[TissueLayer, ...], depth: Array | None, nodes: int, bonded: bool) -> list[Array]:
-    """Return works of pressures, shears, pressures on shears, but for the floor of ``stiffest`` alone.
+    """Compute the works of pressures, shears and pressures on shears, without the floor of the stiffest layer alone.
 
     Args:
         blocks: inner and outer.
@@ -68,9 +68,9 @@ def layered_works(blocks: Pair, layers: tuple[TissueLayer, ...], depth: Array | 
 
 
 def _short_waves(C: Sequence[Array], K: Array, first: TissueLayer, cut: Array) -> tuple[list[Array], list[Array]]:
-    """A and B of eq. CF.20, shapes (n, 1), of pressures, shears and both, from C at waves that end with K and ``NEAR`` K.
+    """Return A and B of eq. CF.20, shapes (n, 1), from C at waves of which the last two are K and ``SLOPE_WAVE_RATIO`` K.
 
-    ``cut`` tells where K does not pass the first layer's waves, shape (n,).
+    ``cut`` is true where K does not pass the first layer's waves, shape (n,).
     """
     firm, springs = [], []
     for part, top, bed in zip(C, first.half_space, (True, True, False), strict=True):
@@ -83,19 +83,19 @@ def _short_waves(C: Sequence[Array], K: Array, first: TissueLayer, cut: Array) -
 
 
 def _last_wave(radius: Array, first: TissueLayer, nodes: int) -> Array:
-    """K of eq. CF.20, shape (n, 1): no more than the nodes resolve, which were counted for another design of a search."""
+    """Return K of eq. CF.20, shape (n, 1), limited to what the nodes resolve: they may have been counted for another design."""
     K, resolved = shortest(radius, first.thickness), (nodes - 8) / (NODES_PER_WAVE * radius)
     return np.where(K.real < resolved.real, K, resolved)[:, None]
 
 
 def layer_nodes(radius: float, thickness: float) -> int:
-    """Return how many nodes serve the integral of eq. CF.20."""
+    """Return how many nodes the integral of eq. CF.20 needs."""
     reach = min(PASSING / thickness * radius, SHORTEST)
     return 4 * math.ceil((8 + NODES_PER_WAVE * reach) / 4)
 
 
 def stiffest(layers: tuple[TissueLayer, ...]) -> TissueLayer:
-    """Return the stiffest of the layers, design by design; its thickness means nothing."""
+    """Return the stiffest of the layers for each design, without a thickness."""
 
     def stiffer(one: TissueLayer, other: TissueLayer) -> TissueLayer:
         first = one.E.real >= other.E.real
@@ -129,7 +129,7 @@ def disc_compliances(radius: Array, layers: tuple[TissueLayer, ...], nodes: int)
 
 
 def _surface(k: Array, layers: tuple[TissueLayer, ...], depth: Array | None) -> list[Array]:
-    """C of eq. CF.20, but for the stiffest layer's own floor."""
+    """Return C of eq. CF.20 for pressures, shears and both, without the floor of the stiffest layer alone; shapes (n, q)."""
     first, near = layers[0], echoes(k, layers, depth is not None)[0].near
     whole = [(a + b) / (2 * first.mu) for a, b in zip(first.half_space, _echoed(first, near), strict=True)]
     if depth is None:

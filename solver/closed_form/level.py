@@ -1,7 +1,7 @@
-"""Level 1 as an evaluator, for one scene or for many: those of one structure by one evaluation on arrays.
+"""The closed form as an evaluator, for one scene or for many: scenes of one structure share one evaluation on arrays.
 
-Each is answered bit for bit as on its own: what numpy and LAPACK do to one column of ``closed_form.forces`` does not depend on
-the columns beside it, as long as these come in fours, the variants of one scene;
+Each result is bit for bit that of the scene alone: what numpy and LAPACK do to one column of ``designs.compute_forces`` does
+not depend on the other columns, as long as these come in fours, the variants of one scene;
 ``tests/solver/closed_form/test_level.py`` holds that.
 """
 
@@ -30,7 +30,7 @@ from solver.results.film_forces import FilmForces, shortfalls
 from solver.results.kinds import needs_solid
 
 LEAST_COVER = 0.1  # of an inclusion, in its diameters
-LARGEST_ERROR = 2.9  # of ln(ratio): beyond it the formulas say nothing
+LARGEST_ERROR = 2.9  # of ln(ratio): scenes with a larger bound are refused
 LARGEST_RESIDUAL = 1e-10
 LEAST_DEPTH = 0.1  # of the tissue, in outer radii
 # Poisson's ratios up to which rounding, in differences of terms that go with 1 / (1 - 2 nu), stays below a seventh of the stated
@@ -58,7 +58,7 @@ class ClosedForm(FilmLevel):
     summary: str = "formulas; spheres anywhere, covered by a tenth of their diameter; 1 to 30 % in milliseconds"
 
     def refusal(self, scene: Scene) -> str | None:
-        """Say which kind of thing in the scene the formulas do not know, or None."""
+        """Return which evaluator to use instead, and why, for scenes that the formulas do not cover; else None."""
         if needs_solid(scene) is not None:
             return needs_solid(scene)
         if any(body.diameter is None for body in scene.inclusion):
@@ -70,11 +70,11 @@ class ClosedForm(FilmLevel):
         if scene.tissue.shape != "half-space" and scene.tissue.depth < LEAST_DEPTH * scene.probe.tube_radius:
             return f"axisymmetric for tissue thinner than {LEAST_DEPTH:g} outer radii"
         if squeezed(scene) > LARGEST_SQUEEZE:
-            return "axisymmetric for a layer so thin and soft beside its neighbours that blocks squeeze it"
+            return "axisymmetric for a layer that blocks squeeze because it is thin and softer than its neighbours"
         return nearly_incompressible(scene)
 
     def answer(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> Answer:
-        """Answer as well as the formulas can, with a warning where that is worse than ``accuracy``.
+        """Solve the scene with the formulas, with a warning where their error bound is above ``accuracy``.
 
         Raises:
             Refusal: the scene is of another kind, or the formulas break down.
@@ -91,7 +91,7 @@ class ClosedForm(FilmLevel):
 
     @in_own_workspace
     def answers(self, scenes: Sequence[Scene], accuracies: Sequence[float]) -> list[Answer | InputError]:
-        """Return what ``answer`` finds of each scene at its accuracy, or its refusal: those of one structure at once."""
+        """Solve each scene at its accuracy, or return its refusal; scenes of one structure are solved at once."""
         try:
             with limited(replace(limits(), seconds=len(scenes) * limits().seconds)), timed():
                 found = self.films(scenes)
@@ -102,7 +102,7 @@ class ClosedForm(FilmLevel):
 
     @in_own_workspace
     def films(self, scenes: Sequence[Scene]) -> list[ClosedFormForces | InputError]:
-        """Return for each scene what stands behind an answer, or the refusal."""
+        """Return the film forces of each scene with their error bounds, or its refusal."""
         every: dict[int, ClosedFormForces | InputError] = {}
         groups: dict[Shape, list[tuple[int, Floats]]] = defaultdict(list)
         for place, scene in enumerate(scenes):
@@ -119,7 +119,7 @@ class ClosedForm(FilmLevel):
         return [every[place] for place in range(len(scenes))]
 
     def _bounded(self, scene: Scene, forces: Floats, slopes: Floats, residuals: Floats) -> ClosedFormForces | InputError:
-        """What stands behind the answer of a scene, from its variants."""
+        """Return a scene's film forces with error bounds from its variants, or the refusal where the formulas break down."""
         if not (np.all(np.isfinite(forces)) and np.all(forces.sum(axis=2) > 0) and np.all(residuals < LARGEST_RESIDUAL)):
             return Refusal("evaluator", self.name, BROKEN)
         error = errors(scene, forces, slopes)
@@ -135,13 +135,13 @@ def _answer(forces: ClosedFormForces, accuracy: float) -> Answer:
 
 
 def _at_an_interface(body: Inclusion, scene: Scene) -> bool:
-    """Whether two layers of different materials meet in a sphere, or nearer to it than ``LEAST_COVER``."""
+    """Return whether two layers of different materials meet in a sphere, or nearer to it than ``MIN_COVER_DIAMETERS``."""
     faces = accumulate(layer[0] for layer in material_layers(scene.tissue))
     return any(abs(body.depth - face) < (0.5 + LEAST_COVER) * (body.diameter or 0.0) for face in faces)
 
 
 def nearly_incompressible(scene: Scene) -> str | None:
-    """Say which Poisson's ratio is too near to 0.5 for the formulas' rounding, or None."""
+    """Return which Poisson's ratio is too near to 0.5 for the formulas in double precision, and its limit; else None."""
     probe = scene.probe
     bodies: dict[str, tuple[str, Material]] = {
         "probe.inner": ("block", probe.inner),
@@ -156,7 +156,7 @@ def nearly_incompressible(scene: Scene) -> str | None:
 
 
 def _with_modulus(scene: Scene, modulus: float) -> Scene:
-    """The scene with another Young's modulus of its target, Pa."""
+    """Return the scene with another Young's modulus of its target, Pa."""
     bodies = list(scene.inclusion)
     target = scene.target or 0
     bodies[target] = bodies[target].model_copy(update={"youngs_modulus": modulus})
@@ -164,11 +164,11 @@ def _with_modulus(scene: Scene, modulus: float) -> Scene:
 
 
 def variants(shape: Shape, values: Sequence[Floats]) -> tuple[Floats, Floats, Floats]:
-    """Return forces, slopes and residuals of designs, and those that their errors are told from, in the order of ``EFFECTS``.
+    """Return forces, slopes and residuals of designs and of the variants for their error bounds, ordered as ``ALL_VARIANTS``.
 
     Args:
         shape: of all the designs.
-        values: the parameters of each, see ``closed_form.parameters``.
+        values: the parameters of each, see ``designs.build_parameters``.
 
     Returns:
         two arrays of shape (designs, variants, 2, 2), not finite or not positive where the formulas break down, and one of
@@ -185,7 +185,7 @@ def variants(shape: Shape, values: Sequence[Floats]) -> tuple[Floats, Floats, Fl
 
 
 def _asked(shape: Shape, columns: Floats) -> tuple[Floats, Floats, Floats]:
-    """Forces, slopes and residuals of the variants of designs that are other parameters."""
+    """Return forces, slopes and residuals of the variants of designs that have other parameters."""
     with np.errstate(all="ignore"):
         parts = [(one.forces, one.slope, one.residual) for one in answers(shape, columns)]
         forces, slopes, residuals = (np.concatenate(part) for part in zip(*parts, strict=True))
@@ -194,12 +194,12 @@ def _asked(shape: Shape, columns: Floats) -> tuple[Floats, Floats, Floats]:
 
 
 def other_sides(shape: Shape) -> Shape:
-    """The structure that models sides which ``shape`` leaves out, or leaves out those that it models."""
+    """Return the structure that models the sides which ``shape`` leaves out, or leaves out those that it models."""
     return replace(shape, side_nodes=0 if shape.side_nodes else FAR_SIDE_NODES)
 
 
 def _variants(shape: Shape, values: Floats) -> Floats:
-    """The parameters of the variants ``CHANGED``, columns."""
+    """Return the parameters of the variants ``PARAMETER_VARIANTS`` as columns."""
     own = values[len(PROBE) + len(TISSUE) - 2 : len(PROBE) + len(TISSUE)]
     columns = {"scene": values}
     for name in ("inner_modulus", "outer_modulus"):
@@ -214,5 +214,5 @@ def _variants(shape: Shape, values: Floats) -> Floats:
 
 
 def level(tell: Tell | None = None) -> ClosedForm:
-    """Return the level; it has nothing to tell."""
+    """Return the evaluator; it reports no progress."""
     return ClosedForm()

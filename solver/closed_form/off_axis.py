@@ -1,7 +1,7 @@
-"""Spheres beside the probe's axis: waves seen from there, and the blocks' tractions that are not symmetrical about the axis.
+"""Spheres off the probe's axis: waves about the sphere's own axis, and tractions that are not symmetrical about the probe's.
 
-Graf's addition theorem (DLMF 10.23.7) tells what a wave J_m(kr) cos(m phi) about the probe's axis is about the sphere's, at a
-distance d,
+Graf's addition theorem (DLMF 10.23.7) expands a wave J_m(kr) cos(m phi) about the probe's axis in waves about the sphere's axis
+at a distance d,
 
     J_m(kd) J_0 + [J_m-1 - J_m+1](kd) J_1 cos psi + [J_m-2 + J_m+2](kd) J_2 cos 2 psi + ...        (CF.17)
 
@@ -31,7 +31,7 @@ import numpy as np
 from solver.closed_form.bessel import Array, bessel, spherical
 from solver.closed_form.surface_images import ALL, MOMENTS, Nearby, SphereArray
 
-ORDERS, DEGREE = 6, 8  # the largest n and l: fewer by two change the log-sensitivity of a sphere under the rim by up to 8 %
+ORDERS, DEGREE = 6, 8  # maximum n and l: two less change the log-sensitivity of a sphere under the rim by up to 8 %
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Disc:
 
 
 def shifted_waves(k: Array, offset: Array) -> Array:
-    """By how much a wave Y_0 about the probe's axis is one of each moment of ``Nearby`` about the sphere's; (n, moments, q).
+    """Return the amount of each moment of ``SphereWaves`` in a wave J_0 about the probe's axis, shape (n, moments, q).
 
     Args:
         k: wave numbers, shape (n, q).
@@ -69,11 +69,11 @@ def off_axis_response(
     orders: int = ORDERS,
     degree: int = DEGREE,
 ) -> Array:
-    """Eq. CF.18: S, shape (n, moments, moments).
+    """Compute the response S of the blocks to an off-axis sphere, eq. CF.18, shape (n, moments, moments).
 
     Args:
-        sphere: beside the axis.
-        near: its moments under waves about its own axis.
+        sphere: off the probe's axis.
+        sphere_waves: its moments under waves about its own axis.
         k: wave numbers, shape (n, q).
         weights: k dk, shape (n, q).
         disc: the probe's end.
@@ -103,7 +103,7 @@ def off_axis_response(
 
 
 def _sheared(near: Nearby) -> tuple[Array, Array]:
-    """Moments under waves of shear in the plane less, and plus, those about the vertical."""
+    """Return moments under waves of shear in the plane minus, and plus, those under shear about the vertical."""
     turned = near.turned
     return near.moments[1] - turned, near.moments[1] + turned
 
@@ -115,7 +115,7 @@ class Pairs:
     Attributes:
         degrees: for each parity and m, the first l, and where its products are.
         pressed, sheared: l of each column of v, under pressure, and under shear with n + 1 before n - 1, shapes (columns,).
-        at: for each column, where J_n j_l is, J_n-1, J_n+1, J_n-2 and J_n+2, of whatever parity, shape (5, columns).
+        positions: for each column, where J_n j_l is, J_n-1, J_n+1, J_n-2 and J_n+2, of whatever parity, shape (5, columns).
         sign: of J_n-2, shape (columns,).
         added: of the columns of shear, those with n - 1, shape (columns,).
     """
@@ -128,7 +128,7 @@ class Pairs:
     added: Any
 
     def products(self, J: Array, j: Array, parity: int) -> Array:
-        """The products of one parity, shape (products, n, q)."""
+        """Return the products J_m j_l of one parity, shape (products, n, q)."""
         degrees = self.degrees[parity]
         table = np.empty((degrees[-1][1].stop, *J.shape[1:]), dtype=np.result_type(J, j))
         for wave, (first, place) in zip(J, degrees, strict=True):
@@ -162,7 +162,7 @@ def _pairs(orders: int, degree: int) -> Pairs:
 
 
 def _degrees(orders: int, degree: int, parity: int) -> Iterator[tuple[int, slice]]:
-    """For each m the first l of the parity that a column needs, and where its products stand."""
+    """Yield for each m the first l of the parity that a column needs, and the slice of its products."""
     start = 0
     for m in range(orders + 3):
         first = max(m - 3, 0)
@@ -173,7 +173,7 @@ def _degrees(orders: int, degree: int, parity: int) -> Iterator[tuple[int, slice
 
 
 def _answered(pairs: Pairs, even: Array, odd: Array) -> Array:
-    """Return v of eq. CF.18 from the integrals with the products of both parities, shape (n, moments, columns)."""
+    """Assemble v of eq. CF.18 from the integrals with the products of both parities, shape (n, moments, columns)."""
     count, minus = len(pairs.pressed), len(pairs.pressed) + int(np.sum(~pairs.added))
     p, s, sub, add = slice(0, count), slice(count, None), slice(count, minus), slice(minus, None)
     same, before, after, second, beyond = pairs.at
@@ -191,10 +191,10 @@ def _answered(pairs: Pairs, even: Array, odd: Array) -> Array:
 
 
 def _of_degree(compliance: Array, degrees: Any) -> Array:
-    """The compliance at degrees, or one for all, shape (n, degrees)."""
+    """Return the compliance at each of the degrees, shape (n, degrees); one value may serve all."""
     return np.repeat(compliance[:, None], len(degrees), axis=1) if compliance.ndim == 1 else compliance[:, degrees]
 
 
 def _rows(symmetrical: Array, once: Array, twice: Array) -> Array:
-    """One row for each moment: five are symmetrical about the sphere's axis, five go with the angle, one with twice the angle."""
+    """Return one row for each moment: five symmetrical about the sphere's axis, five as cos, one as cos of twice the angle."""
     return np.stack([symmetrical] * MOMENTS + [once] * MOMENTS + [twice], axis=1)

@@ -58,9 +58,9 @@ class BallQuadrature:
 
 
 def points(turns: Any) -> BallQuadrature:
-    """Gauss in the cube of the radius and the cosine of the polar angle, midpoints in the azimuth.
+    """Build a quadrature of the unit ball: Gauss in radius cubed and cosine of the polar angle, midpoints in the azimuth.
 
-    In order: above before below the centre, the pairs of ``ACROSS`` and ``RISE``, the azimuths.
+    The order is: above before below the centre, the pairs of ``PAIR_RADII`` and ``PAIR_HEIGHTS``, the azimuths ``turns`` (rad).
     """
     x, z, weight = (one[:, None] for one in (ACROSS, RISE, WEIGHT))
     sign, turn = np.array([1.0, -1.0])[:, None, None], np.asarray(turns)
@@ -69,7 +69,7 @@ def points(turns: Any) -> BallQuadrature:
 
 
 def _pairs() -> tuple[Any, Any, Any]:
-    """Distances from the vertical axis, heights above and below the centre, and weights of points in such pairs, shape (4,)."""
+    """Return distances from the vertical axis, heights above and below the centre, and weights of pairs of points (4,)."""
     cubes, cube_weights = np.polynomial.legendre.leggauss(2)
     cosines, cosine_weights = (part[2:] for part in np.polynomial.legendre.leggauss(4))
     rho, c = np.meshgrid(np.cbrt((cubes + 1) / 2), cosines, indexing="ij")
@@ -82,7 +82,7 @@ NEAR, ASIDE = points(np.zeros(1)), points((np.arange(TURNS) + 0.5) * np.pi / TUR
 
 
 def _moment_weights() -> Any:
-    """The matrix from strains on the sphere's own axis to the first five moments, shape (5, 4 points)."""
+    """Build the matrix from strains in a vertical half-plane to the five moments about the sphere's axis, shape (5, 4 points)."""
     w, none = NEAR.weight, 0 * NEAR.weight
     rows = [(w, 0), (w, 2), (5 * w * NEAR.z, 0), (5 * w * NEAR.z, 2), (2.5 * w * NEAR.x, 3)]
     return np.array([np.concatenate([weight if i == which else none for i in range(4)]) for weight, which in rows])
@@ -92,7 +92,7 @@ TO_MOMENTS = _moment_weights()
 
 
 def _average_weights() -> Any:
-    """The matrix from even and odd parts times J0, and times J1, at the pairs of points to ``BallWaves.even`` and ``odd``."""
+    """Build the matrix from even and odd parts times J0 and J1 at the pairs of points to the averages of ``BallWaves``."""
     w, x, z, none = WEIGHT, ACROSS, RISE, 0 * WEIGHT
     even = [(w, none, none, none), (none, 5 * w * z, none, none), (none, none, 2.5 * w * x, none)]
     odd = [(none, w * z, none, none), (5 * w * z * z, none, none, none), (none, none, none, 2.5 * w * x * z)]
@@ -107,10 +107,10 @@ class BallWaves:
     """Waves about the vertical axis of spheres, in whatever depth; with s = k R, all but J0 and J1 times e^-s.
 
     Attributes:
-        zero, one: J0 and J1 at ``ACROSS``, shape (n, 4, q).
-        raised, sunk: e^s z and e^-s z at the heights z of ``RISE``, shape (n, 4, q).
-        even: mean and vertical moment of J0 e^s z, and the radial one of J1 e^s z, shape (n, 3, q).
-        odd: the same of J0 and J1 times s z e^s z.
+        J0, J1: Bessel functions at ``PAIR_RADII``, shape (n, 4, q).
+        raised, sunk: e^(s z) and e^(-s z) at the heights z of ``PAIR_HEIGHTS``, shape (n, 4, q).
+        even_averages: mean and vertical moment of J0 e^(s z), and radial moment of J1 e^(s z), shape (n, 3, q).
+        odd_averages: the same of J0 and J1 times s z e^(s z).
         size: s, shape (n, q).
     """
 
@@ -123,13 +123,13 @@ class BallWaves:
     size: Array
 
     def down(self, way: Array) -> tuple[Array, Array]:
-        """The averages of e^-t and of t e^-t where t is ``way`` (n, q) at the centre and falls upwards; two (n, 3, q)."""
+        """Return averages of e^-t and t e^-t, where t is ``way`` (n, q) at the centre and decreases upwards; two (n, 3, q)."""
         fade, way = np.exp(self.size - way)[:, None], way[:, None]
         plain = fade * self.even
         return plain, way * plain - fade * self.odd
 
     def up(self, way: Array, across: Array) -> tuple[Array, Array]:
-        """Those of e^(t - 2x) and t e^(t - 2x), x the way ``across`` the layer, (n, q)."""
+        """Return averages of e^(t - 2x) and t e^(t - 2x), t as for downward waves, x = ``across`` = k times thickness (n, q)."""
         fade, way = MIRROR * np.exp(self.size + way - 2 * across)[:, None], way[:, None]
         plain = fade * self.even
         return plain, way * plain + fade * self.odd
@@ -139,7 +139,7 @@ MIRROR = np.array([1.0, -1.0, 1.0])[:, None]
 
 
 def ball_waves(sphere: SphereArray, k: Array) -> BallWaves:
-    """Return them for waves k (n, q)."""
+    """Compute the waves about the spheres for wave numbers k (n, q), 1/m."""
     s = k * sphere.radius[:, None]
     zero, one = bessel(s[:, None] * ACROSS[:, None])
     raised, sunk = np.exp(s[:, None] * (RISE - 1)[:, None]), np.exp(s[:, None] * (-RISE - 1)[:, None])
@@ -150,7 +150,7 @@ def ball_waves(sphere: SphereArray, k: Array) -> BallWaves:
 
 @dataclass(frozen=True)
 class Nearby:
-    """What waves do to a sphere: its moments under waves of pressure and of shear, times 2 mu.
+    """Moments of the strain about a sphere under waves of pressure and of shear, times 2 mu.
 
     Attributes:
         ball: the waves at the sphere.
@@ -170,7 +170,7 @@ class Nearby:
 
 
 def nearby(sphere: SphereArray, waves: Waves) -> Nearby:
-    """Return the moments of spheres under waves of the tissue."""
+    """Compute the moments about spheres under waves of the tissue."""
     k, ball = waves.k, ball_waves(sphere, waves.k)
     way = k * sphere.depth[:, None]
     down, up = ball.down(way), None if waves.depth is None else ball.up(way, k * waves.depth)
@@ -182,7 +182,7 @@ def nearby(sphere: SphereArray, waves: Waves) -> Nearby:
 
 
 def half_space_moments(ball: BallWaves, way: Array, nu: Array, on_axis: bool) -> tuple[tuple[Array, Array], Array | None]:
-    """Return the moments and what is ``turned`` of ``Nearby`` on half-spaces, ``way`` k times depth."""
+    """Compute ``moments`` and ``turned`` of ``SphereWaves`` on half-spaces; ``way`` is k times the depth, (n, q)."""
     down, even, one = ball.down(way), (1 - 2 * nu)[:, None, None], np.ones(1)
     loads = ((-even, one), (1 + even, -one))
     pressed, sheared = (_moments(strain_amplitudes(load, down, None, -even), on_axis) for load in loads)
@@ -190,7 +190,7 @@ def half_space_moments(ball: BallWaves, way: Array, nu: Array, on_axis: bool) ->
 
 
 def _moments(strain: tuple[Array, Array, Array], on_axis: bool) -> Array:
-    """Moments where the averages (n, 3, q) of rr + hoop, zz and rz are so many, shape (n, moments, q)."""
+    """Stack the moments from the averages (n, 3, q) of rr + hoop, zz and rz, shape (n, moments, q)."""
     a, zz, rz = strain
     rows = np.empty((len(a), MOMENTS if on_axis else ALL, a.shape[2]), dtype=a.dtype)
     rows[:, 0:4:2], rows[:, 1:4:2], rows[:, 4] = a[:, :2], zz[:, :2], rz[:, 2]
@@ -203,7 +203,7 @@ def _moments(strain: tuple[Array, Array, Array], on_axis: bool) -> Array:
 
 
 def _turned(plain: Array) -> Array:
-    """All moments under waves of shear about the vertical on a half-space, J1 sin and, the last, J2 sin 2, times 2 mu."""
+    """Compute all moments under waves of shear about the vertical on a half-space, as sin, the last as sin 2, times 2 mu."""
     rows = np.zeros((len(plain), ALL, plain.shape[2]), dtype=plain.dtype)
     rows[:, 5:7], rows[:, 9], rows[:, 10] = plain[:, :2] / 2, plain[:, 2] / 2, -plain[:, 0]
     return rows
@@ -215,9 +215,9 @@ def tissue_strain(near: Nearby, loads: tuple[Array, Array], beside: Array | None
     At a height z above the centre, in radii, a wave has (A + A' z) e^sz of what runs down and (R + R' z) e^-sz of what runs up.
 
     Args:
-        near: the waves.
+        sphere_waves: the waves.
         loads: so much of each wave, two arrays (n, l, q); in ``waves`` inside layers, of what runs down at the top of its layer.
-        beside: distances of the points ``ASIDE`` from the waves' axis, shape (n, points); None where that is the sphere's.
+        axis_distance: of ``OFF_AXIS_POINTS`` from the waves' axis, m, shape (n, points); None where that is the sphere's.
     """
     even = 2 * near.waves.nu[:, :, None] - 1
     (a, slope, b), up = _running(near, loads)
@@ -245,7 +245,7 @@ def tissue_strain(near: Nearby, loads: tuple[Array, Array], beside: Array | None
 
 
 def _running(near: Nearby, loads: tuple[Array, Array]) -> tuple[tuple[Array, ...], tuple[Array, ...] | None]:
-    """A, A' and, of c2 e^-t alone, B of the waves that run down, R, R' and those of c4 of what runs up, shapes (n, l, q)."""
+    """Return A, A' and the part of c2 e^-t alone of downward waves, and R, R' and the part of c4 of upward ones, (n, l, q)."""
     waves, size = near.waves, near.ball.size
     way = waves.k * near.depth[:, None]
     sums = [
@@ -263,7 +263,7 @@ def _running(near: Nearby, loads: tuple[Array, Array]) -> tuple[tuple[Array, ...
 
 
 def _circles(near: Nearby, beside: Array | None) -> Iterator[Array]:
-    """Yield J0, J0 - 2 J1/x and J1 at the points' distances from the waves' axis, times e^sz less e^s, shapes (n, points, q)."""
+    """Yield J0, J0 - 2 J1/x and J1 at the points' distances from the waves' axis, times e^(s z - s), shapes (n, points, q)."""
     ball = near.ball
     if beside is None:
         zero, one, x = ball.zero[:, :, None], ball.one[:, :, None], (ball.size[:, None] * ACROSS[:, None])[:, :, None]
@@ -279,7 +279,7 @@ def _circles(near: Nearby, beside: Array | None) -> Iterator[Array]:
 
 
 def image(sphere: SphereArray, waves: Waves, near: Nearby, weights: Array, *, mu: Array, nu: Array) -> Array:
-    """Eqs. CF.15, CF.16: G for spheres in half-spaces of shear modulus mu and Poisson's ratio nu (n,).
+    """Compute the image G (eqs. CF.15, CF.16) for spheres in half-spaces of shear modulus mu and Poisson's ratio nu (n,).
 
     Its shape is (n, moments, moments). ``weights`` are k dk of the waves, shape (n, q).
     """
@@ -298,7 +298,7 @@ def image(sphere: SphereArray, waves: Waves, near: Nearby, weights: Array, *, mu
 
 
 def crossed_image(sphere: SphereArray, mu: Array, nu: Array) -> Array:
-    """Eq. CF.16, shape (n,)."""
+    """Compute the image of the mean of xx-yy, eq. CF.16, shape (n,)."""
     share = (sphere.radius / sphere.depth) ** 2
     crossed = 0.75 - nu / 2 + nu**2 - 0.6 * (0.5 + nu) * share + 0.225 * share**2
     return share**1.5 / (12 * (1 - nu) * mu) * crossed

@@ -1,8 +1,8 @@
-"""What may press and shear under a block: a few smooth functions and the singularities of its edges, as sums of rings.
+"""Pressures and shears under a block: a few smooth functions and the singularities of its edges, as sums of rings.
 
 Every function is a value on each of several rings, narrow at the edges; y is the share of the width (0 at the axis or hole).
 With pressures 1, y^2 and (1-y^2)^(-1/2) under a disc, 1, y, y^(-1/2) and (1-y)^(-1/2) under a tube, and shears r times such, two
-blocks as stiff as one likes or as soft are served by eleven unknowns. The fifteen of ``FINE`` tell what more would change. Rings
+blocks of any stiffness need eleven unknowns. The fifteen of ``FINE_LOADS`` show the error of eleven. Rings
 are differences of discs, which closed formulas know; in integrals over long waves a load is its values at few radii, exact for
 polynomials.
 """
@@ -52,7 +52,7 @@ class Loads:
         return np.sqrt(x) if self.solid else x
 
     def concentrated(self, values: Any) -> Any:
-        """The matrix that takes a wave at ``radii`` to its integrals, dr r / width, with the functions; shape (radii, functions).
+        """Build the matrix from a wave at ``radii`` to its integrals r dr / width with the functions, shape (radii, functions).
 
         A disc's carry the factor r, a tube's leave it to the wave's values.
         """
@@ -64,12 +64,12 @@ class Loads:
 
 
 def batched_matmul(many: Any, one: Any) -> Any:
-    """Matrices (n, i, j) times one matrix (j, k), as a single product: faster than one for each."""
+    """Multiply matrices (n, i, j) by one matrix (j, k) as a single product, which is faster than n products."""
     return (many.reshape(-1, len(one)) @ one).reshape(*many.shape[:-1], -1)
 
 
 def _means(cuts: Any, function: Any) -> Any:
-    """Means over the rings, by a rule that integrates inverse square roots at both ends of (0, 1)."""
+    """Return means of a function over the rings, by a rule exact for inverse square roots at both ends of (0, 1)."""
     angle, weight = legendre.leggauss(8)
     low, high = (np.arccos(1 - 2 * c)[:, None] for c in (cuts[:-1], cuts[1:]))
     turn = (low + high) / 2 + (high - low) / 2 * angle
@@ -88,7 +88,7 @@ class PairLoads:
     Attributes:
         loads: of the disc and of the tube.
         discs: what makes pressures, and shears, of discs, shapes (circles, functions).
-        concentrated: what makes their transforms of values at the radii, shapes (radii, functions).
+        transform_weights: what makes their transforms of values at the radii, shapes (radii, functions).
     """
 
     loads: tuple[Loads, Loads]
@@ -97,7 +97,7 @@ class PairLoads:
 
 
 def _pair(rings: int, points: int, pressures: int, shears: int) -> PairLoads:
-    """As many rings and radii per block, and functions under the disc; a tube, which has two edges, takes one pressure more."""
+    """Build loads with so many rings and radii per block and functions under the disc; a tube has one pressure more."""
     step = np.arange(rings + 1) / rings
     disc, tube = 1 - (1 - step) ** 3, step**3 / (step**3 + (1 - step) ** 3)
     own = _loads(points, disc, _SOLID[:pressures], _SOLID[:shears], True)
@@ -126,12 +126,12 @@ def _concentrated(solid: Loads, tube: Loads) -> tuple[Any, Any]:
 
 
 def pair_loads(blocks: Pair) -> PairLoads:
-    """Return the functions that serve under two blocks."""
+    """Return the fine or the coarse load functions, as the blocks ask for."""
     return FINE if blocks[0].fine else COARSE
 
 
 def areas(blocks: Pair, like: Array) -> Array:
-    """Force of each load on each block, shape (n, loads, 2), as many as in the matrices ``like``."""
+    """Return the force of each unit load on each block, m^2, shape (n, loads, 2); ``like`` has n and the number of loads."""
     areas = np.zeros((len(like), like.shape[1], 2), dtype=like.dtype)
     row = 0
     for i, (block, loads) in enumerate(zip(blocks, pair_loads(blocks).loads, strict=True)):
@@ -143,14 +143,14 @@ def areas(blocks: Pair, like: Array) -> Array:
 
 
 def joined(works: Sequence[Array]) -> Array:
-    """One symmetric matrix of the works of pressures, shears and pressures on shears."""
+    """Join the works of pressures, shears and pressures on shears to one symmetric matrix."""
     pressure, shear, cross = works
     above = np.concatenate([pressure, cross], axis=2)
     return np.concatenate([above, np.concatenate([cross.swapaxes(1, 2), shear], axis=2)], axis=1)
 
 
 def diagonal(parts: tuple[Array, Array]) -> Array:
-    """Matrices (n, i, j) of both blocks as one, nothing between them."""
+    """Build block-diagonal matrices from two arrays of matrices (n, i, j)."""
     one, other = parts
     n, a, b = one.shape
     full = np.zeros((n, a + other.shape[1], b + other.shape[2]), dtype=one.dtype)
@@ -159,7 +159,7 @@ def diagonal(parts: tuple[Array, Array]) -> Array:
 
 
 def circles(blocks: Pair) -> tuple[Array, Array]:
-    """Radii of the discs whose differences the rings are, and of the block of each, shapes (n, discs)."""
+    """Return the radii of the discs whose differences are the rings, and the radius of each disc's block, shapes (n, discs)."""
     inner, outer = (block.radii(loads.cuts) for block, loads in zip(blocks, pair_loads(blocks).loads, strict=True))
     count = inner.shape[1] - 1
     radius = np.stack([block.radius for block in blocks], axis=1)[:, [0] * count + [1] * (count + 2 - 1)]
@@ -167,14 +167,14 @@ def circles(blocks: Pair) -> tuple[Array, Array]:
 
 
 def of_rings(blocks: Pair, works: Sequence[Array]) -> list[Array]:
-    """Works of the loads on each other from those of discs: of pressures, shears, pressures on shears."""
+    """Combine the works of discs to works of the loads: of pressures, shears, pressures on shears."""
     pressure, shear = pair_loads(blocks).discs
     sides = ((pressure, pressure), (shear, shear), (pressure, shear))
     return [_combined(work, left, right) for work, (left, right) in zip(works, sides, strict=True)]
 
 
 def _combined(work: Array, left: Any, right: Any) -> Array:
-    """left^T work right for matrices (n, i, j) whose n is last in memory."""
+    """Return left^T work right for matrices ``work`` (n, i, j) whose axis n is last in memory."""
     rows = work.transpose(1, 2, 0)
     halves = (left.T @ rows.reshape(len(left), -1)).reshape(-1, *rows.shape[1:])
     return (right.T @ halves).transpose(2, 0, 1).copy()
@@ -182,7 +182,7 @@ def _combined(work: Array, left: Any, right: Any) -> Array:
 
 @lru_cache(maxsize=64)
 def between_waves(nodes: int, powers: tuple[float, float, float] = (0.2, 0.8, 0.0)) -> tuple[Any, Any]:
-    """Shares of the reach of wave numbers, sums of powers of Gauss's nodes, denser among the long waves; and their weights."""
+    """Return wave numbers as fractions of their maximum, denser among long waves, and their weights, from Gauss's rule."""
     s, weight = legendre.leggauss(nodes)
     s = (s + 1) / 2
     one, two, three = powers
@@ -190,7 +190,7 @@ def between_waves(nodes: int, powers: tuple[float, float, float] = (0.2, 0.8, 0.
 
 
 def long_waves(blocks: Pair, k: Array, bonded: bool) -> tuple[Array, Array]:
-    """Hankel transforms of the pressures and of the shears, none unless bonded, at waves k (n, q); shapes (n, q, loads)."""
+    """Return Hankel transforms of pressures and shears (no shears unless bonded) at long waves k (n, q); shapes (n, q, loads)."""
     pair = pair_loads(blocks)
     radii = np.concatenate([block.radii(loads.radii) for block, loads in zip(blocks, pair.loads, strict=True)], axis=1)
     points = radii.shape[1] // 2
@@ -204,7 +204,7 @@ def long_waves(blocks: Pair, k: Array, bonded: bool) -> tuple[Array, Array]:
 
 
 def all_waves(blocks: Pair, k: Array, bonded: bool) -> tuple[Array, Array]:
-    """Return what ``long_waves`` does, for waves of any length: the transforms of the rings themselves."""
+    """Return Hankel transforms of pressures and shears at waves of any length: those of the rings themselves."""
     (c, radius), discs = circles(blocks), pair_loads(blocks).discs
     kinds = bessel(k[:, :, None] * c[:, None, :], 3 if bonded else 2, first=1)
     pressure = batched_matmul(kinds[0] * c[:, None, :] / k[:, :, None], discs[0])
@@ -214,7 +214,7 @@ def all_waves(blocks: Pair, k: Array, bonded: bool) -> tuple[Array, Array]:
 
 
 def own_products(blocks: Pair) -> tuple[Array, Array]:
-    """Integrals over the ends of products of two pressures, and of two shears; shapes (n, p, p) and (n, s, s), m^2."""
+    """Integrate products of two pressures, and of two shears, over the ends; shapes (n, p, p) and (n, s, s), m^2."""
     pressures: list[Array] = []
     shears: list[Array] = []
     for block, loads in zip(blocks, pair_loads(blocks).loads, strict=True):

@@ -1,4 +1,4 @@
-"""Ellipsoids: what they change to first order instead of the spheres of their volume that stand for them elsewhere."""
+"""Ellipsoids: first-order corrections from the spheres of equal volume that represent them in the rest of the evaluator."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ from solver.inclusions.eshelby import polarisation
 from solver.inclusions.strata import Strata
 from solver.inclusions.tumours import Tumours
 
-POINTS = (4, 7, 14)  # along radius, height and all the way round
-SHAPE = 2.0  # times the relative change from sphere to ellipsoid: by how much their reflections may differ, besides
-LEAST = 0.2  # of the reflections
-APART = 0.5  # of the effect, where a longest semi-axis reaches as far as the surface
-UNLIKE = 0.1  # of the slope by the modulus, which saturates otherwise in an ellipsoid than in a sphere
+POINTS = (4, 7, 14)  # along radius, height and the full azimuth
+SHAPE = 2.0  # times the relative change from sphere to ellipsoid: how much their reflections may differ
+LEAST = 0.2  # of the reflections: minimum of that difference
+APART = 0.5  # of the effect, where the longest semi-axis equals the distance to a face
+UNLIKE = 0.1  # of the derivative by the modulus, which saturates differently in an ellipsoid
 
 
 @dataclass(frozen=True)
 class ShapeCorrection:
-    """From the sphere of its volume to an ellipsoid, N/m, shapes (2, 2).
+    """Correction from the sphere of equal volume to an ellipsoid, N/m, shapes (2, 2).
 
     Attributes:
         forces: the change of the film forces' change.
         slope: its derivative by ln E of the body.
         sphere_slope: that derivative of the sphere.
         share: relative size of ``forces``.
-        own: what the ellipsoid changes to first order.
+        ellipsoid_forces: first-order change of the film forces by the ellipsoid.
     """
 
     forces: Floats
@@ -47,7 +47,7 @@ class ShapeCorrection:
 
 
 def check(scene: Scene) -> None:
-    """Refuse ellipsoids for which no sphere can stand.
+    """Refuse ellipsoids that no sphere of equal volume can represent.
 
     Raises:
         Refusal: the sphere of an ellipsoid's volume leaves the tissue or touches another body.
@@ -61,17 +61,17 @@ def check(scene: Scene) -> None:
     np.fill_diagonal(apart, np.inf)
     outside = np.any(of.cover <= 0) or np.any(of.depth[0] + radius >= depth) or np.any(Strata.of(scene.tissue).gap(of) <= 0)
     if outside or np.any(apart <= 0):
-        why = "ellipsoids for which the sphere of their volume can stand: inside the tissue and apart from others; or solid"
+        why = "ellipsoids whose spheres of equal volume lie inside the tissue and apart from other bodies; or solid"
         raise Refusal("diameters", Words("an ellipsoid near a surface or another body"), why)
 
 
 def with_ellipsoids(base: Undisturbed, scene: Scene, readings: Readings, bodies: Sequence[Inclusion]) -> Readings:
-    """Return one set's readings, found with spheres of the same volumes, for a scene's own bodies with given materials.
+    """Correct one set's readings, computed with spheres of equal volumes, for a scene's ellipsoids.
 
     To first order the difference is eq. IN.1 at each point of the ellipsoid less eq. EI.1; reflections are those of the spheres.
 
     Raises:
-        Refusal: see ``hill_tensor``.
+        Refusal: see ``compute_hill_tensor``.
     """
     target = scene.target or 0
     forces, bound, slope, slope_bound = (
@@ -98,7 +98,7 @@ def with_ellipsoids(base: Undisturbed, scene: Scene, readings: Readings, bodies:
 
 
 def _reflected_otherwise(base: Undisturbed, body: Inclusion, change: ShapeCorrection) -> Floats:
-    """Bound on how an ellipsoid's reflections differ from those of the sphere of its volume, each film's total, N/m, shape (2,).
+    """Bound how an ellipsoid's reflections differ from those of the sphere of equal volume, each film's total, N/m, shape (2,).
 
     A share of the effect that grows with the longest semi-axis against the distance of surface, floor or interface, and with
     the shape.
@@ -113,10 +113,10 @@ def _reflected_otherwise(base: Undisturbed, body: Inclusion, change: ShapeCorrec
 
 
 def difference(base: Undisturbed, scene: Scene, body: Inclusion) -> ShapeCorrection:
-    """Return what an ellipsoid changes beyond the sphere of its volume, to first order.
+    """Compute the first-order difference between an ellipsoid and the sphere of equal volume.
 
     Raises:
-        Refusal: the ellipsoid reaches beyond the modelled tissue; see also ``hill_tensor``.
+        Refusal: the ellipsoid reaches beyond the modelled tissue; see also ``compute_hill_tensor``.
     """
     at, axes = scene.placement, np.array(semi_axes(body))
     points, weights = whole_ball(*POINTS)
@@ -140,7 +140,7 @@ def difference(base: Undisturbed, scene: Scene, body: Inclusion) -> ShapeCorrect
 
 
 def _cartesian(base: Undisturbed, x: Floats, y: Floats, z: Floats) -> Floats:
-    """Strains xx, yy, zz, 2 yz, 2 xz, 2 xy of both base states at points, shape (q, 6, 2)."""
+    """Return strains xx, yy, zz, 2 yz, 2 xz, 2 xy of both base states at points, shape (q, 6, 2)."""
     r = np.hypot(x, y)
     strains = base.field.at(r, z)
     cos, sin = (np.divide(part, r, out=np.full_like(r, one), where=r > 0)[:, None] for part, one in ((x, 1.0), (y, 0.0)))

@@ -1,4 +1,4 @@
-"""What tumours change of the film forces to first order: integrals of the undisturbed strains over their volume.
+"""First-order changes of the film forces by tumours: integrals of the undisturbed strains over their volume.
 
 By reciprocity a sphere changes the film forces F_ij of the base states by
 
@@ -25,10 +25,10 @@ from solver.equivalent_inclusion.strain_products import Energies
 from solver.inclusions.eshelby import Hosts, strength
 from solver.inclusions.tumours import Tumours
 
-CHUNK = 1000  # tumours at once
-FEW = 20  # tumours for which a table of strain products is not worth making
-POINTS = (3, 5, 5)  # along radius, height and half the way round: exact for polynomials of degree 5 and more
-SURFACE = (8, 8)  # along height and half the way round
+CHUNK = 1000  # tumours at a time, to limit memory
+FEW = 20  # up to so many tumours a table of strain products does not pay
+POINTS = (3, 5, 5)  # along radius, height and half the azimuth: exact for polynomials of degree 5 and more
+SURFACE = (8, 8)  # along height and half the azimuth
 INDEX = np.array([[0, 1], [1, 2]])  # of a pair of states among the three products
 
 
@@ -53,13 +53,13 @@ class Effects:
 
 
 def effects(energies: Energies, hosts: Material | Hosts, tumours: Tumours, places: bool = False) -> Effects:
-    """Return the first-order effect of each of n spheres (arrays of shape (n,)).
+    """Compute the first-order effect of each of n spheres (arrays of shape (n,)).
 
     Args:
         energies: of the base states.
         hosts: the material about them, one for all or each its own.
         tumours: the spheres.
-        places: whether to find the derivatives by depth, offset and diameter too.
+        places: whether to compute the derivatives by depth, offset and diameter too.
 
     Raises:
         InputError: a sphere lies partly outside the tissue.
@@ -85,12 +85,12 @@ def effects(energies: Energies, hosts: Material | Hosts, tumours: Tumours, place
 
 
 def _matrices(products: Floats, volume: Floats, shear: Floats) -> Floats:
-    """k_v times the first plus k_d times the last three of six products, (n, 6), as symmetric matrices (n, 2, 2)."""
+    """Return k_v times the first three plus k_d times the last three of six products (n, 6) as symmetric matrices (n, 2, 2)."""
     return np.asarray((volume[:, None] * products[:, :3] + shear[:, None] * products[:, 3:])[:, INDEX])
 
 
 def _integrals(energies: Energies, tumours: Tumours, points: Floats, weights: Floats) -> list[Floats]:
-    """Weighted sums of the six products over points of the unit ball, (q, 3), with columns of weights, (q, w): w of (n, 6)."""
+    """Sum the six strain products over points (q, 3) of the unit ball with columns of weights (q, w); returns w arrays (n, 6)."""
     n = len(tumours.x)
     integrals = np.empty((weights.shape[1], n, 6))
     radius = tumours.diameter / 2
@@ -108,7 +108,7 @@ def _integrals(energies: Energies, tumours: Tumours, points: Floats, weights: Fl
 
 @lru_cache(maxsize=8)
 def half_ball(along: int, height: int, around: int) -> tuple[Floats, Floats]:
-    """Points in the half y > 0 of the unit ball, x away from the axis and z up, with weights that add up to 1, (q, 1)."""
+    """Build points in the half y > 0 of the unit ball, x away from the axis, z up, with weights that add up to 1, (q, 1)."""
     surface, share = _sphere(height, around)
     radius, weight = roots_jacobi(along, 0, 2)
     radius, weight = (1 + radius) / 2, weight / weight.sum()
@@ -116,14 +116,14 @@ def half_ball(along: int, height: int, around: int) -> tuple[Floats, Floats]:
 
 
 def whole_ball(along: int, height: int, around: int) -> tuple[Floats, Floats]:
-    """Points in the unit ball, (q, 3), with weights that add up to 1."""
+    """Build points in the unit ball, (q, 3), with weights that add up to 1."""
     points, weights = half_ball(along, height, around // 2)
     return np.concatenate([points, points * [1, -1, 1]]), np.tile(weights[:, 0] / 2, 2)
 
 
 @lru_cache(maxsize=8)
 def _sphere(height: int, around: int) -> tuple[Floats, Floats]:
-    """Points on the half y > 0 of the unit sphere with weights for the mean of a function, of it times z, and of it times x."""
+    """Build points on the half y > 0 of the unit sphere, with weights for the means of a function, of z and x times it."""
     z, weight = leggauss(height)
     angle = (np.arange(around) + 0.5) * np.pi / around
     across = np.sqrt(1 - z**2)

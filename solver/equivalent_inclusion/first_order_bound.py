@@ -1,4 +1,4 @@
-"""How far the first order may be off: it leaves out what surface, blocks, floor and other tumours reflect."""
+"""Bounds on the error of the first order, which leaves out reflections by surface, blocks, floor and other tumours."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from solver.inclusions.tumours import Tumours
 # rho of a sphere ten times as stiff as the tissue whose centre lies one radius deep is about 0.94 (PHYSICS section 4); random
 # scenes against ``axisymmetric`` (benchmarks/levels/equivalent_inclusion.py) need up to 1.1 for shallow and 1.7 for deep ones
 SURFACE = 1.5
-LEAST = 0.003  # of the effect
+LEAST = 0.003  # of the effect: minimum of the bound
 USUAL = 1.96  # the strength k_d / (2 mu) of that sphere
-MOST = 0.9  # rho
+MOST = 0.9  # of rho
 
 
 def first_order_share(base: Undisturbed, tumours: Tumours) -> Floats:
-    """Bound on the relative error of each tumour's effect, shape (n, t): rho / (1 - rho) for what it reflects (EI.3)."""
+    """Bound the relative error of each tumour's effect, shape (n, t): rho / (1 - rho) for what it reflects (EI.3)."""
     rho = np.minimum(reflection(base, tumours), MOST)
     return np.asarray(rho / (1 - rho) + base.field_error(tumours) + LEAST)
 
 
 def first_order_error(share: Floats, changes: Floats) -> Floats:
-    """Return bounds on the errors of what tumours change of each film's total, (n, 2), from shares (n, t), changes (n, t, 2, 2).
+    """Bound the errors of tumours' changes of each film's total, (n, 2), from shares (n, t) and changes (n, t, 2, 2), N/m.
 
     By Cauchy and Schwarz what comes back changes film i's total by at most the share of sqrt(dF_ii dF_UU), with U the sum of both
     states. The bounds of all tumours add up.
@@ -36,7 +36,7 @@ def first_order_error(share: Floats, changes: Floats) -> Floats:
 
 
 def reflection(base: Undisturbed, tumours: Tumours) -> Floats:
-    """Share of each tumour's field that comes back to it, from surface, floor, side and other tumours, shape (n, t)."""
+    """Estimate the fraction rho of each tumour's field that surface, floor, side and other tumours reflect to it, (n, t)."""
     hosts = base.strata.hosts(tumours.depth)
     of = strength(hosts, tumours.youngs_modulus, tumours.poisson_ratio)
     mu, nu = hosts.youngs_modulus / (2 * (1 + hosts.poisson_ratio)), hosts.poisson_ratio
@@ -50,14 +50,14 @@ def reflection(base: Undisturbed, tumours: Tumours) -> Floats:
 
 
 def _of_interfaces(strata: Strata, tumours: Tumours, radius: Floats) -> Floats:
-    """The share from interfaces of layers: each reflects at most what a surface does, the less the more alike both sides are."""
+    """Sum the reflections of interfaces between layers: each is that of a surface times the contrast of both sides."""
     pairs = zip(strata.interfaces, strata.contrasts, strict=True)
     shares = [unlike * (radius / np.maximum(np.abs(tumours.depth - depth), radius)) ** 3 for depth, unlike in pairs]
     return np.asarray(sum(shares, np.zeros(tumours.shape)))
 
 
 def _of_others(tumours: Tumours, radius: Floats) -> Floats:
-    """The share from other tumours, one tumour after the other beside all: of many, every pair at once would be too much."""
+    """Sum the reflections of other tumours, one tumour against all at a time to limit memory."""
     place, n, t = np.stack([tumours.x, tumours.y, tumours.depth]), *tumours.shape
     near = np.zeros((n, t))
     for i in range(t if t > 1 else 0):

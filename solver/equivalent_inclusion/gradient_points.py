@@ -1,4 +1,4 @@
-"""First-order effects of tumours as forms of the elements' own values: what their exact derivatives are made of.
+"""First-order effects of tumours as quadratic forms of the elements' own values, for exact derivatives.
 
 At the points of the tumours' quadratures strain and dilation are linear in the elements' own values; all of it is an analytic
 function of the elements' corners and of the points' places, so that complex steps differentiate it.
@@ -48,7 +48,7 @@ class QuadraturePoints:
 
     @classmethod
     def of(cls, states: BaseStates, tumours: Tumours) -> QuadraturePoints:
-        """Place the quadratures of t spheres, arrays of shape (t,)."""
+        """Build the quadrature points of t spheres, arrays of shape (t,)."""
         ball, share = half_ball(*POINTS)
         radius = tumours.diameter[:, None] / 2
         x, y, up = (radius * ball[:, k] for k in range(3))
@@ -80,11 +80,11 @@ class QuadraturePoints:
         return np.searchsorted(self.elements, self.element)
 
     def corners(self, section: Any) -> Any:
-        """Corners of ``elements`` in a section, perhaps with complex lengths of shape (), shape (e, 4, 2)."""
+        """Return corners of ``elements`` in a section, perhaps with complex lengths of shape (), shape (e, 4, 2)."""
         return nodes(section, self.states.model.mesh, SQUARE, self.elements)
 
     def forms(self, corners: Any, moved: Any = 0.0) -> tuple[Any, Any]:
-        """Strains rr, zz, hoop and rz, (q, 4, 2, s), and dilation, (q, 2, s), per own value of each point's element.
+        """Return strains rr, zz, hoop and rz, (q, 4, 2, s), and dilation, (q, 2, s), per own value of each point's element.
 
         Args:
             corners: of ``elements``, (e, 4, 2).
@@ -105,7 +105,7 @@ class QuadraturePoints:
 
 
 def _geometry(shapes: Any, corners: Any) -> Geometry:
-    """Geometry of straight-sided elements, perhaps with complex corners."""
+    """Build the geometry of straight-sided elements, perhaps with complex corners."""
     points = bilinear(shapes.points) @ corners
     along = np.stack([jacobian(corners, np.broadcast_to(point, (len(corners), 2))) for point in shapes.points], axis=1)
     area = along[..., 0, 0] * along[..., 1, 1] - along[..., 0, 1] * along[..., 1, 0]

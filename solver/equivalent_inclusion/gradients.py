@@ -1,4 +1,4 @@
-"""Exact derivatives of the first-order level by every number of a scene: forces, ratio, log-sensitivity with tumours anywhere.
+"""Exact derivatives of first-order forces, ratio and log-sensitivity by every number of a scene, with tumours anywhere.
 
 With u the base states, K their matrix and G the form of eq. EI.1, F = u^T K u + u^T G u. The states minimise the first term but
 not the second, so that one more solve with their polarisation as load, K l = G u, takes their change into account,
@@ -58,13 +58,13 @@ class FirstOrder:
     strata: Strata
 
     def share(self, body: Body) -> Any:
-        """1 for the tumours that lie in a body of the tissue, 0 for the others, shape (t,)."""
+        """Return 1 for the tumours that lie in a body of the tissue, 0 for the others, shape (t,)."""
         layers = len(self.strata.interfaces)
         number = layers if body == Body.TISSUE else LAYERS.index(body) if body in LAYERS[:layers] else -1
         return 1.0 * (self.strata.number(self.tumours.depth) == number)
 
     def form(self, strengths: Strengths, corners: Any = None, moved: Any = 0.0) -> Any:
-        """u^T G u, shape (2, 2), with given strengths, perhaps complex corners and moved points."""
+        """Return u^T G u (eq. EI.4), shape (2, 2), with given strengths, perhaps complex corners and moved points."""
         strain, dilation = self._at_points(*self.points.forms(self._corners if corners is None else corners, moved))
         volume, shear = (np.asarray(k)[self.points.tumour] * self.points.weight for k in strengths)
         sums = strain[:, :3].sum(axis=1)
@@ -72,7 +72,7 @@ class FirstOrder:
         return whole + np.einsum("q,a,qai,qaj->ij", shear, METRIC, strain, strain)
 
     def adjoint(self, strengths: Strengths) -> Floats:
-        """All values of l of eq. EI.4 in the elements, shape (n, 2 s, 2)."""
+        """Solve for l of eq. EI.4; return its values in all elements, shape (n, 2 s, 2)."""
         m, points = self.states.model, self.points
         strain_form, dilation_form = points.forms(self._corners)
         strain, dilation = self._at_points(strain_form, dilation_form)
@@ -107,12 +107,12 @@ class FirstOrder:
         return whole, (volume * mine, shear * mine)
 
     def forms(self, corners: Any = None, moved: Any = 0.0, **changed: Any) -> Any:
-        """u^T G u and u^T G' u, shape (2, 2, 2), with perhaps complex corners, points or moduli."""
+        """Return u^T G u and u^T G' u (eq. EI.4), shape (2, 2, 2), perhaps with complex corners, points or moduli."""
         return np.array([self.form(k, corners, moved) for k in self.strengths(**changed)])
 
 
 def _solved(m: MeridianModel, elements: Any, loads: Floats) -> Floats:
-    """Displacements under loads on all values of some elements, (e, 2, s, k), held where base states are; (n, 2 s, k)."""
+    """Solve for displacements under loads (e, 2, s, k) on some elements, supported as the base states are; (n, 2 s, k)."""
     e, _, s, k = loads.shape
     edge = m.shapes.skeleton
     inside = loads[:, :, edge:].reshape(e, -1, k)
@@ -163,7 +163,7 @@ def tumour_gradients(scene: Scene, solution: FirstOrder, names: tuple[str, ...])
 
 
 def _by_section(solution: FirstOrder) -> Floats:
-    """Derivatives of the films' totals and of their slopes by the section's variables, eq. EI.4, shape (v, 2, 2)."""
+    """Return derivatives of the films' totals and of their slopes by the section's variables, eq. EI.4, shape (v, 2, 2)."""
     m, own = solution.states.model, solution.states.own
     whole = np.concatenate([own, *(solution.adjoint(k) for k in solution.strengths())], axis=-1)
     every = np.eye(6).reshape(3, 2, 6).transpose(0, 2, 1)  # the states, and two pairs of adjoint ones
@@ -177,7 +177,7 @@ def _by_section(solution: FirstOrder) -> Floats:
 
 
 def _explicit(solution: FirstOrder, name: str) -> Floats:
-    """u^T dG u and u^T dG' u by one of the section's variables with the states' own values held, shape (2, 2, 2)."""
+    """Return u^T dG u and u^T dG' u by one of the section's variables with the states' own values fixed, shape (2, 2, 2)."""
     section, hosts = solution.states.model.section, solution.strata.hosts(solution.tumours.depth)
     for body in TISSUES:
         if name == f"{body.name.lower()}_youngs_modulus":
@@ -191,7 +191,7 @@ def _explicit(solution: FirstOrder, name: str) -> Floats:
 
 
 def _by_tumour(solution: FirstOrder, quantity: str) -> Floats:
-    """The same by a number of the one tumour."""
+    """Return derivatives of u^T G u and u^T G' u by a quantity of the only tumour, shape (2, 2, 2)."""
     points, t = solution.points, solution.tumours
     if quantity == "youngs_modulus":
         return np.asarray(_imaginary(solution.forms(youngs_modulus=t.youngs_modulus * (1 + 1j * STEP))) / t.youngs_modulus[0])
@@ -210,7 +210,7 @@ def _imaginary(values: Any) -> Floats:
 def _outputs(
     scene: Scene, solution: FirstOrder, names: tuple[str, ...], *, now: Floats, changes: Floats, chain: Floats
 ) -> Gradients:
-    """From forces and slopes, (2, 2, 2), and their totals' derivatives, (n, 2, 2), to the outputs and theirs."""
+    """Convert forces and slopes (2, 2, 2) and their totals' derivatives (n, 2, 2) to the outputs and their derivatives."""
     totals, slopes = now.sum(axis=2)
     logs, stiffness = changes[:, 0] / totals, changes[:, 0].sum(axis=1) / totals.sum()
     stress = logs - chain @ areas(scene, solution.states.model)

@@ -1,4 +1,4 @@
-"""Level 2: base states without tumours once, then tumours anywhere by what they scatter (PHYSICS section 4)."""
+"""The evaluator ``equivalent-inclusion``: base states without tumours, then tumours by scattering (PHYSICS section 4)."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ class EquivalentInclusion(FilmLevel):
     summary: str = "spheres and ellipsoids anywhere; 1e-3 to 1e-2 in 0.5 s for the probe and 0.05 to 100 ms for each tumour"
 
     def refusal(self, scene: Scene) -> str | None:
-        """Say which kind of thing in the scene this level does not know, or None."""
+        """Return which evaluator to use instead, and why, for scenes that this one does not model; else None."""
         return crossed(scene) or needs_solid(scene)
 
     def answer(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> Answer:
-        """Answer to first order where that is good enough, else with reflections.
+        """Solve the scene to first order where that is accurate enough, else with reflections.
 
         Raises:
             Refusal: the scene is of another kind, or so extreme that its equations cannot be solved in double precision; a curve
@@ -55,20 +55,20 @@ class EquivalentInclusion(FilmLevel):
 
     @in_own_workspace
     def prepared(self, scene: Scene, accuracy: float) -> Undisturbed:
-        """Return the scene's probe on its tissue without tumours, solved.
+        """Solve the scene's probe on its tissue without tumours.
 
         Raises:
-            Refusal: see ``answer``.
+            Refusal: see ``solve``.
         """
         self.check(scene)
         return undisturbed(scene, accuracy)
 
     @in_own_workspace
     def alone(self, scene: Scene, accuracy: float) -> ProbeAlone:
-        """Return the film forces without tumours only, of which many weigh little.
+        """Compute only the film forces without tumours; many of these need little memory.
 
         Raises:
-            Refusal: see ``answer``.
+            Refusal: see ``solve``.
         """
         self.check(scene)
         return alone(scene, accuracy)
@@ -82,7 +82,7 @@ class EquivalentInclusion(FilmLevel):
 
 
 def film_forces(read: Readings, k: int, target: bool) -> FilmForces:
-    """Return one set's film forces with their errors."""
+    """Build one set's film forces with their error bounds."""
     bound = Bound(read.bound[k], float(read.log_ratio_bound[k]))
     if not target:
         return FilmForces(read.forces[k], bound)
@@ -90,7 +90,7 @@ def film_forces(read: Readings, k: int, target: bool) -> FilmForces:
 
 
 def _decisions(base: Undisturbed, read: Readings, k: int) -> list[Decision]:
-    """What tumours reflect, in words."""
+    """Return the decision on reflections of the tumours' fields."""
     if not read.by:
         return []
     feature = "what surface, blocks and floor send back of the tumours' fields"
@@ -102,5 +102,5 @@ def _decisions(base: Undisturbed, read: Readings, k: int) -> list[Decision]:
 
 
 def level(tell: Tell | None = None) -> EquivalentInclusion:
-    """Return the level; it has nothing to tell."""
+    """Return the evaluator; it reports no progress."""
     return EquivalentInclusion()

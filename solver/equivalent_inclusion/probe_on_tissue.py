@@ -35,13 +35,13 @@ FIELDS = (
     MeridianFineness(2, 3, 6),
 )  # meshes of the strains; tests hold their errors below FIELD_ERRORS
 FIELD_ERRORS = 5e-4, 3e-5  # of the effect of a tumour one outer radius from the probe, rising with the square of the distance
-FINE = 0.0015  # accuracy below which the finer of them is used
-CELLS = 2.0  # of both meshes in layers, whose own rows may be few and tall
+FINE = 0.0015  # accuracy below which the finer mesh is used
+CELLS = 2.0  # cells per length in layers, whose own rows may be few and tall
 SHALLOW = 0.2  # outer radii: the depth of a centre above which the coarser mesh is too coarse
-REFLECTIONS = MeridianFineness(1, 1, 4)  # mesh of what comes back to ordinary tumours
-REFLECTION_ERROR = 3e-4  # of the effect of an ordinary tumour: what that mesh changes; 1e-4 in a sweep over finer ones
+REFLECTIONS = MeridianFineness(1, 1, 4)  # mesh for reflections to ordinary tumours
+REFLECTION_ERROR = 3e-4  # of an ordinary tumour's effect, from that mesh; a sweep over finer ones gave 1e-4
 FAR = 300.0  # outer radii: where a half-space ends for strains, which this changes by its square
-SHARE = 0.2  # of the accuracy asked for that film forces without tumours may take
+SHARE = 0.2  # fraction of the requested accuracy for film forces without tumours
 
 
 @dataclass(frozen=True)
@@ -50,13 +50,13 @@ class ProbeAlone:
 
     Attributes:
         scene: without inclusions, at no load.
-        accuracy: what was asked for with tumours.
+        accuracy: requested with tumours.
         films: film forces without tumours.
         plan: what is left out or modelled beyond blocks and tissue.
         notes: what is left out and matters.
-        stopped: what limits of memory and time forbade.
+        stopped: notes on limits of memory and time that stopped refinement.
         section, materials: what is modelled.
-        residual: relative, of the linear solutions behind it, the larger.
+        residual: the largest relative residual of the linear solutions.
     """
 
     scene: Scene
@@ -71,7 +71,7 @@ class ProbeAlone:
 
     @classmethod
     def of(cls, scene: Scene, accuracy: float, converged: Converged) -> ProbeAlone:
-        """Take what is asked for of film forces, whose mesh would be most of what is held."""
+        """Build from converged film forces, without their mesh, which would take most of the memory."""
         states, notes, stopped = converged.sample.states, *(of_kind(converged.notes, kind) for kind in ("left_out", "limit"))
         plan, of = tuple(replace(decision, tolerance=accuracy) for decision in converged.plan), states.model
         return cls(scene, accuracy, converged.films[0], plan, notes, stopped, of.section, of.materials, states.residual)
@@ -103,7 +103,7 @@ class Undisturbed(ProbeAlone):
 
     @classmethod
     def on(cls, films: ProbeAlone, states: BaseStates, nearest_error: float) -> Undisturbed:
-        """Add the base states."""
+        """Add base states to a probe's film forces."""
         fields = vars(films) | {"residual": max(films.residual, states.residual)}
         return cls(**fields, energies=Energies(TissueField(states)), nearest_error=nearest_error)
 
@@ -118,19 +118,19 @@ class Undisturbed(ProbeAlone):
         return self.energies.field
 
     def field_error(self, tumours: Tumours) -> Floats:
-        """Bound on what the mesh changes of each tumour's effect, relative: cells grow with the distance from the probe."""
+        """Bound the relative error of each tumour's effect by the mesh; cells grow with the distance from the probe."""
         far = (tumours.offset**2 + tumours.depth**2) / self.field.states.model.section.tube_radius**2
         return np.asarray(self.nearest_error * (1 + far))
 
     def reflection_error(self, tumours: Tumours) -> Floats:
-        """Bound on what the mesh changes of each tumour's reflection, as a share of its effect: cells take no notice of it."""
+        """Bound the error of each tumour's reflection by the mesh, as a fraction of its effect: the mesh is not refined at it."""
         depth = tumours.depth / self.field.states.model.section.tube_radius
         share = self.nearest_error / 50 / depth**3  # 1e-5 on the coarser mesh, from a sweep against ``axisymmetric``
         own = np.minimum(0.1, share) * (tumours.diameter / 2 / tumours.depth) ** 3
         return np.asarray(own + REFLECTION_ERROR * self._ordinary(tumours))
 
     def reflector(self, tumours: Tumours) -> Reflector:
-        """What sends fields scattered by one set of tumours back: a coarse mesh does where none is near to anything."""
+        """Return the model that reflects fields scattered by one set of tumours; coarse where no tumour is near to a boundary."""
         return self._coarse_reflector if self._ordinary(tumours) else self._fine_reflector
 
     def _ordinary(self, tumours: Tumours) -> bool:
@@ -177,7 +177,7 @@ class Undisturbed(ProbeAlone):
 
 
 def undisturbed(scene: Scene, accuracy: float) -> Undisturbed:
-    """Solve the base states of a scene's probe on its tissue; those asked for last are kept, see ``solver.linalg.workspace``.
+    """Solve the base states of a scene's probe on its tissue; the latest are cached, see ``solver.linalg.workspace``.
 
     The finer of two meshes is used for fine accuracies, and where one of the scene's own tumours is shallow for the probe.
 
@@ -190,10 +190,10 @@ def undisturbed(scene: Scene, accuracy: float) -> Undisturbed:
 
 
 def alone(scene: Scene, accuracy: float) -> ProbeAlone:
-    """Solve the film forces of a scene's probe on its tissue only; they are kept too.
+    """Solve only the film forces of a scene's probe on its tissue; they are cached too.
 
     Raises:
-        Refusal: see ``undisturbed``.
+        Refusal: see ``solve_undisturbed``.
     """
     current().begin()
     return _alone(_bare(scene), accuracy)
@@ -214,7 +214,7 @@ def in_other_tissue(base: Undisturbed, scene: Scene) -> Undisturbed:
         scene: with the other tissue, of the same number of layers.
 
     Raises:
-        Refusal: see ``undisturbed``.
+        Refusal: see ``solve_undisturbed``.
     """
     before, layers = base.field.states.model, dict(zip(LAYERS, scene.tissue.layer, strict=False))
     section = replace(before.section, **{body.name.lower(): layer.thickness for body, layer in layers.items()})
@@ -246,7 +246,7 @@ def _alone(scene: Scene, accuracy: float) -> ProbeAlone:
 
 @contextmanager
 def _solving() -> Iterator[None]:
-    """Solve with one thread, and refuse what cannot be solved."""
+    """Run with one thread, and turn a ``SolveError`` into a ``Refusal``."""
     with threadpool_limits(1, user_api="blas"):
         try:
             yield
@@ -260,7 +260,7 @@ def _in_layers(fineness: MeridianFineness, section: Section) -> MeridianFineness
 
 
 def _nearer(scene: Scene, section: Section) -> Section:
-    """The section in which strains are found: a half-space ends nearer, where its end shifts the tissue but strains it little."""
+    """Return the section for strains: a half-space is truncated where its end shifts the tissue but strains it little."""
     if scene.tissue.shape != "half-space":
         return section
     far = max(FAR * section.tube_radius, 2 * max(section.interfaces, default=0.0))

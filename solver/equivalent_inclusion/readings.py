@@ -1,4 +1,4 @@
-"""What a probe reads over many sets of tumours at once: forces, ratio, stiffness, their derivatives, with error bounds."""
+"""Readings of a probe over many sets of tumours at once: forces, ratio, stiffness, their derivatives and error bounds."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from solver.linalg.threads import one_thread
 from solver.multiple_scattering.lockstep import alone, together
 from solver.multiple_scattering.solve import Scattered, scattering_steps
 
-TOLERANCE = 0.1  # of the accuracy: what of a tumour's effect reflections may leave out
-SAFETY = 3.0  # on the estimate of that
-LAYERED = 2.0  # times that in layers: close under a stiff film the series hides up to 2.2 times its estimate
-SENSITIVE = 5.0  # times more than the effect do slopes feel the mesh
-TOGETHER = 8  # sets with reflections side by side
-FEW = 400  # such sets up to which, without PARDISO, the matrix of each azimuthal order does not pay; in layers it never does
-LEAST_REFLECTED, LEAST_LAYERED = 5e-4, 4e-3  # of a tumour's effect: in one material, in layers of tissue
+TOLERANCE = 0.1  # of the accuracy: truncation error of reflections, relative to a tumour's effect
+SAFETY = 3.0  # on the estimate of the truncation error
+LAYERED = 2.0  # further factor in layers: close under a stiff film errors reach 2.2 times the estimate
+SENSITIVE = 5.0  # mesh error of derivatives, relative to that of the effect
+TOGETHER = 8  # sets whose reflections are solved together
+FEW = 400  # up to so many sets the matrix of each azimuthal order does not pay without PARDISO; in layers never
+LEAST_REFLECTED, LEAST_LAYERED = 5e-4, 4e-3  # minimum error, of a tumour's effect: in one material, in layers
 
 
 @dataclass(frozen=True)
@@ -36,11 +36,11 @@ class Readings:
         forces: F_ij, force on film i per unit displacement of base j, N/m, shape (n, 2, 2).
         bound: on the error of each film's total, N/m, shape (n, 2).
         log_ratio_bound: on the error of ln(ratio), shape (n,); inf where a total is below its own error.
-        slope_bound: on the error of each total of ``by["youngs_modulus"]``, N/m, shape (n, 2).
+        slope_bound: on the error of each total of ``derivatives["youngs_modulus"]``, N/m, shape (n, 2).
         reflected: whether reflections were computed, shape (n,).
         first_share: bound on what leaving them out changes of ln(ratio), shape (n,).
         first_totals: of the forces to first order, N/m, shape (n, 2).
-        by: derivatives of ``forces`` by quantities of the target, shapes (n, 2, 2): by the logarithm of youngs_modulus, diameter
+        derivatives: of ``forces`` by quantities of the target, shapes (n, 2, 2): by the logarithm of youngs_modulus, diameter
             and depth, by poisson_ratio, per m by offset from the probe's axis; all but the first only where asked for.
     """
 
@@ -55,7 +55,7 @@ class Readings:
     by: dict[str, Floats] = field(default_factory=dict)
 
     def with_bounds_of(self, base: Undisturbed) -> Readings:
-        """Return readings whose bounds, those of what tumours change, have got those without tumours added."""
+        """Add the error bounds without tumours to those of the tumours' effects."""
         bound, log_ratio = base.with_bounds(self.bound, self.forces)
         return replace(self, bound=bound, log_ratio_bound=log_ratio)
 
@@ -93,13 +93,13 @@ class Readings:
         return np.asarray(np.maximum(self.error_estimate, stresses))
 
     def log_ratio_by(self, key: str) -> Floats:
-        """Derivative of ln(ratio) by a quantity of the target, see ``by``, shape (n,); 0 where ``resolved`` is false."""
+        """Return the derivative of ln(ratio) by a quantity of the target, see ``derivatives``; (n,), 0 where not ``resolved``."""
         changes = self.by[key].sum(axis=2)
         shares = np.divide(changes, self.totals, out=np.zeros_like(changes), where=self.resolved[:, None])
         return np.asarray(shares[:, 0] - shares[:, 1])
 
     def log_stiffness_by(self, key: str) -> Floats:
-        """Derivative of ln(stiffness) by a quantity of the target, see ``by``, shape (n,)."""
+        """Return the derivative of ln(stiffness) by a quantity of the target (see ``derivatives``), shape (n,)."""
         return np.asarray(self.by[key].sum(axis=(1, 2)) / self.stiffness)
 
     @property
@@ -126,19 +126,19 @@ def readings(
     reflect: bool | None = None,
     sensitive: bool = False,
 ) -> Readings:
-    """Return what the probe reads over n sets of t tumours each, arrays of shape (n, t).
+    """Compute a probe's readings over n sets of t tumours each, arrays of shape (n, t).
 
-    All are answered to first order, some 20 000 tumours a second (a few 1000 within 0.15 outer radii of the surface); then those
+    All are computed to first order, some 20 000 tumours a second (a few 1000 within 0.15 outer radii of the surface); then those
     whose error bound is above ``base.accuracy`` once more with reflections, some 5 to 100 ms each.
 
     Args:
         base: the probe on the tissue without tumours.
         tumours: spheres, relative to the probe's axis.
         target: which of the t tumours the derivatives refer to.
-        places: whether to find the derivatives by depth, offset, diameter and Poisson's ratio too.
-        progress: called with the sets answered with reflections and their number.
+        places: whether to compute the derivatives by depth, offset, diameter and Poisson's ratio too.
+        progress: called with how many sets are done with reflections, and of how many.
         reflect: whether to use reflections for all sets (True) or none (False).
-        sensitive: whether to use them also where the log-sensitivity is not good to 5 times the accuracy, or to 1e-5.
+        sensitive: whether to use them also where the log-sensitivity's error is above 5 times the accuracy and above 1e-5.
 
     Raises:
         InputError: a sphere lies partly outside the tissue.
@@ -174,7 +174,7 @@ def _check_layers(base: Undisturbed, tumours: Tumours, counted: Bools) -> None:
 
 
 def _first_order(base: Undisturbed, tumours: Tumours, left_out: Bools, target: int, places: bool) -> Readings:
-    """Readings whose ``bound`` is that of the tumours alone; those left out count twice in it, and not in the forces."""
+    """Compute first-order readings; ``bound`` is for tumours alone: those left out count twice in it, not in the forces."""
     n, t = tumours.shape
     single = effects(base.energies, base.strata.hosts(tumours.flat().depth), tumours.flat(), places)
     changes = single.forces.reshape(n, t, 2, 2)
@@ -202,7 +202,7 @@ def _first_order(base: Undisturbed, tumours: Tumours, left_out: Bools, target: i
 
 
 def _derivatives(single: Effects, tumours: Tumours, left_out: Bools, target: int) -> dict[str, Floats]:
-    """What stands in ``Readings.by``."""
+    """Collect the derivatives by quantities of the target, see ``Readings.derivatives``."""
 
     def of_target(values: Floats) -> Floats:
         mine = values.reshape(*tumours.shape, 2, 2)[:, target]
@@ -226,7 +226,7 @@ def _reflect(
     sensitive: bool,
     often: bool,
 ) -> None:
-    """Put some sets' answers with reflections in the place of those of first order."""
+    """Replace some sets' first-order readings by those with reflections."""
     mine = [tumours.of_index(number).of_index(np.flatnonzero(~left_out[number])) for number in numbers]
     tolerance, places = TOLERANCE * base.accuracy, "depth" in into.by
     try:
@@ -253,7 +253,7 @@ def _put(
     number: int,
     target: int,
 ) -> None:
-    """Put one set's answer where it belongs."""
+    """Store one set's readings with reflections."""
     into.forces[number] = base.films.forces + scattering.forces
     least, safety = (LEAST_LAYERED, SAFETY * LAYERED) if base.strata.interfaces else (LEAST_REFLECTED, SAFETY)
     share = float((base.field_error(mine) + base.reflection_error(mine)).max()) + least

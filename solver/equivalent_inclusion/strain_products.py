@@ -1,4 +1,4 @@
-"""What the base states store where: products of their strains, direct from the elements or from a table made once.
+"""Products of the base states' strains as functions of position, from the elements or from a table.
 
 A sphere's effect on the film forces needs two scalars of each pair of states, tr(eps_i) tr(eps_j) and e_i:e_j with e the
 deviator. Both are the same all round the probe's axis, so that they are functions of r and z alone wherever the sphere lies.
@@ -15,12 +15,12 @@ from geometry.common.arrays import Bools, Floats
 from solver.axisymmetric.tissue_field import TissueField
 
 PAIRS = ((0, 0), (0, 1), (1, 1))  # of base states: inner and inner, inner and outer, outer and outer
-STEP = 0.035  # of the table in asinh(length / scale)
+STEP = 0.035  # step of the table in asinh(length / scale)
 SCALE = 0.3  # outer radii
-NEAREST = 0.15  # to the surface, outer radii: above it the blocks' corners are felt and elements are asked
+NEAREST = 0.15  # outer radii: above this depth the blocks' corners matter and elements are evaluated
 FARTHEST = 12.0  # outer radii
 ORDER = 3  # of the splines
-SPARE = 4  # lines above the nearest, where the splines' end conditions are felt
+SPARE = 4  # lines above the minimum depth, which keep the splines' end conditions away
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Energies:
     field: TissueField
 
     def at(self, r: Floats, z: Floats) -> Floats:
-        """Return tr tr and e:e of the pairs inner-inner, inner-outer, outer-outer, shape (6, m), at points of shape (m,).
+        """Return tr tr and e:e of the pairs inner-inner, inner-outer, outer-outer, 1/m^2, shape (6, m), at points (m,).
 
         Raises:
             InputError: a point lies outside the tissue.
@@ -46,7 +46,7 @@ class Energies:
         return np.array([*dilation, *deviator])
 
     def quick(self, r: Floats, z: Floats) -> Floats:
-        """Return what ``at`` does from the table: within about 1e-3 of itself, where ``covers`` says so."""
+        """Interpolate the products of ``evaluate`` from the table: within about 1e-3, relative, where ``covers`` is true."""
         from scipy.ndimage import map_coordinates  # takes longer to import than a scene on the axis to answer
 
         scale, _, depth, _ = self._range
@@ -58,7 +58,7 @@ class Energies:
         return out
 
     def covers(self, reach: Floats, highest: Floats, lowest: Floats) -> Bools:
-        """Whether the table holds everything up to a radius, from a highest to a lowest z; nothing of layers: strains jump."""
+        """Return whether the table covers radii up to ``reach`` and z from highest to lowest; never in layers: strains jump."""
         if self.field.states.model.section.interfaces:
             return np.zeros(np.shape(reach), dtype=bool)
         _, widest, low, high = self._range
@@ -66,14 +66,14 @@ class Energies:
 
     @property
     def _range(self) -> tuple[float, float, float, float]:
-        """The scale, the largest radius, the least and the largest depth of the table, m."""
+        """The scale, the maximum radius, the minimum and the maximum depth of the table, m."""
         s = self.field.states.model.section
         scale, far = SCALE * s.tube_radius, FARTHEST * s.tube_radius
         return scale, min(s.tissue_radius, far), NEAREST * s.tube_radius, min(s.tissue_depth, far)
 
     @cached_property
     def _table(self) -> list[Floats]:
-        """Spline coefficients of the six products on lines of r, even about the axis, and of depth."""
+        """Spline coefficients of the six products on a grid of r (even about the axis) and depth."""
         scale, widest, low, high = self._range
         s = self.field.states.model.section
         across = int(np.ceil(np.arcsinh(widest / scale) / STEP)) + 1

@@ -1,4 +1,4 @@
-"""How strongly an inclusion answers a strain: its polarisation per strain of the tissue at its place.
+"""Strength of an inclusion: its polarisation per strain that the tissue would have at its place.
 
 An ellipsoid of another material in a uniform strain is itself strained uniformly (Eshelby, Proc. R. Soc. A 241 (1957) 376).
 With dC = C_object - C_tissue and Hill's tensor P of its shape the work that it adds per volume to two strains is
@@ -23,7 +23,7 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal
 from geometry.scenes.probe import Material
 
-LARGEST_ASPECT = 20.0  # of an ellipsoid's diameters: beyond it eq. IN.3 would need too many points
+LARGEST_ASPECT = 20.0  # ratio of an ellipsoid's diameters; above it eq. IN.3 would need too many points
 VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 
 
@@ -111,7 +111,7 @@ def hill_tensor(matrix: Material, axes: Floats) -> Floats:
     (Mura, Micromechanics of Defects in Solids, 1987, section 11; after the substitution xi = A^T k the weight is uniform).
 
     Raises:
-        Refusal: see ``polarisation``.
+        Refusal: see ``compute_polarisation``.
     """
     lengths = np.linalg.svd(axes, compute_uv=False)
     aspect = float(lengths[0] / lengths[-1])
@@ -138,7 +138,7 @@ def _bulk_and_shear(youngs_modulus: Any, poisson_ratio: Any) -> tuple[Any, Any]:
 
 
 def _sphere_points(order: int) -> tuple[Floats, Floats]:
-    """Points on the unit sphere, (q, 3), with weights that add up to 1."""
+    """Build points on the unit sphere, (q, 3), with weights that add up to 1."""
     height, weight = leggauss(order)
     angle = (np.arange(2 * order) + 0.5) * np.pi / order
     across = np.sqrt(1 - height**2)

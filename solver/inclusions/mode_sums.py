@@ -23,7 +23,7 @@ from solver.inclusions.solid_harmonics import Side, SolidHarmonics
 Values = NDArray[Any]  # real, or complex for derivatives by complex steps
 FACTORS = 5  # p_j of eq. IN.11
 ONE, X, Y, SQUARE, Z = range(FACTORS)
-KEPT = 4_000_000  # values of harmonics that a sampler keeps: 32 MB
+KEPT = 4_000_000  # values of harmonics that a table caches: 32 MB
 BLOCK = 2048  # points at a time: a table of harmonics that stays in the cache
 
 
@@ -47,12 +47,12 @@ class Stack:
         return int(self.matrix.shape[0] // (2 * FACTORS * self.harmonics.count))
 
     def sums(self, coefficients: Values) -> Values:
-        """Coefficients of the harmonics in h_aj of sums of modes with coefficients (modes, k), shape (a, FACTORS, 2 count, k)."""
+        """Return the harmonics' coefficients of h_aj for mode coefficients (modes, k), shape (a, FACTOR_COUNT, 2 count, k)."""
         found: Values = (self.matrix @ coefficients).reshape(self.components, FACTORS, -1, coefficients.shape[1])
         return found
 
     def adjoint(self, sums: Floats) -> Floats:
-        """The transpose of ``sums``: shape (modes, k)."""
+        """Apply the transpose of ``sums``; shape (modes, k)."""
         return np.asarray(self._transposed @ sums.reshape(self.matrix.shape[0], -1))
 
     @cached_property
@@ -61,7 +61,7 @@ class Stack:
         return self.matrix.T.tocsr()
 
     def rows(self, flat: bool, k: int) -> tuple[Ints, Ints]:
-        """Rows (a, j, k) that have harmonics of the cosines' and of the sines' family, with or without p = z."""
+        """Return the rows (a, j, k) with harmonics of the cosines' and of the sines' family; ``flat`` merges p = z into p = 1."""
         if (flat, k) not in self._rows:
             filled = np.diff(self.matrix.indptr).reshape(self.components, FACTORS, 2, -1).any(axis=-1)
             if flat:
@@ -72,14 +72,14 @@ class Stack:
 
 
 def kept_bytes(harmonics: SolidHarmonics, count: int) -> int:
-    """Return what a table with ``count`` points and its samplers keep once they are used: places, factors, values unless many."""
+    """Return how many bytes a table with ``count`` points and its samplers cache: places, factors, values unless too many."""
     values = 2 * harmonics.count * count
     return 8 * ((3 + FACTORS) * count + (values if values <= KEPT else 0))
 
 
 @dataclass(frozen=True)
 class Table:
-    """Values of harmonics at points, kept unless there are many.
+    """Values of harmonics at points, cached unless there are many.
 
     Attributes:
         harmonics, side: which.
@@ -91,7 +91,7 @@ class Table:
     points: Floats
 
     def of(self, part: slice) -> Floats:
-        """Values at some of the points, shape (2 count, points)."""
+        """Return the values at some of the points, shape (2 count, points)."""
         if 2 * self.harmonics.count * len(self.points) > KEPT:
             return self.harmonics.table(self.points[part], self.side)
         return self._all[:, part]
@@ -118,11 +118,11 @@ class Sampler:
     flat: bool = False
 
     def values(self, coefficients: Values) -> Values:
-        """Components of sums of modes with coefficients (modes, k), shape (a, k, n)."""
+        """Return the components of sums of modes with coefficients (modes, k), shape (a, k, n)."""
         return self.of(self.stack.sums(coefficients))
 
     def of(self, sums: Values) -> Values:
-        """Components of sums of modes that ``Stack.sums`` tells, shape (a, k, n)."""
+        """Return the components of sums of modes given by ``Stack.sums``, shape (a, k, n)."""
         a, _, size, k = sums.shape
         if self.flat:
             sums = np.concatenate([sums[:, :1] + self._level * sums[:, Z:], sums[:, 1:Z]], axis=1)
@@ -136,11 +136,11 @@ class Sampler:
         return out
 
     def adjoint(self, weights: Floats) -> Floats:
-        """The transpose of ``values``: sums over components and points, shape (modes, k), of weights (a, k, n)."""
+        """Apply the transpose of ``values`` to weights (a, k, n), shape (modes, k)."""
         return self.stack.adjoint(self.adjoint_of(weights))
 
     def adjoint_of(self, weights: Floats) -> Floats:
-        """The transpose of ``of``, shape (a, FACTORS, 2 count, k)."""
+        """Apply the transpose of ``evaluate_sums`` to weights (a, k, n), shape (a, FACTOR_COUNT, 2 count, k)."""
         a, k, _ = weights.shape
         size = 2 * self.stack.harmonics.count
         narrow = np.zeros((a * self._used * k, size))
@@ -165,7 +165,7 @@ class Sampler:
         return int(self.part.stop - self.part.start)
 
     def _families(self, k: int) -> list[tuple[Any, slice]]:
-        """Rows (a, j, k) that have harmonics of a family, and these: where fields mirror, every sum has those of one alone."""
+        """Return pairs of rows (a, j, k) and the slice of their family of harmonics; mirrored fields have one family per sum."""
         half = self.stack.harmonics.count
         families = zip(self.stack.rows(self.flat, k), (slice(0, half), slice(half, None)), strict=True)
         return [(rows, family) for rows, family in families if len(rows)]

@@ -11,12 +11,12 @@ from solver.inclusions.mode_sums import Values
 from solver.inclusions.vector_modes import Modes
 
 OVERSAMPLE = 6
-BATCH = 128  # points at once: what makes a matrix is ten times as large as its part
+BATCH = 128  # points at a time: work arrays are ten times as large as the result
 
 
 @dataclass(frozen=True)
 class Projection:
-    """Points on the unit sphere, and what makes coefficients of displacements there.
+    """Points on the unit sphere, and the matrix from displacements there to coefficients of modes.
 
     Attributes:
         points: shape (q, 3): the whole sphere for parity "both", its half y > 0 for "even", one meridian (y = 0, x > 0) for
@@ -30,14 +30,14 @@ class Projection:
     matrix: Values
 
     def coefficients(self, displacement: Values) -> Values:
-        """Coefficients (modes, k) from displacement (q, 3, k) in the sphere's axes: what ``Modes.regular`` takes."""
+        """Return coefficients (modes, k) for ``Modes.regular`` from displacements (q, 3, k) in the sphere's axes."""
         rows = self.matrix.reshape(len(self.matrix), -1)
         out: Values = rows @ displacement.reshape(rows.shape[1], -1)
         return out
 
 
 def projection(modes: Modes, oversample: int = OVERSAMPLE) -> Projection:
-    """Quadrature that projects fields of degree up to ``modes.degree + oversample`` exactly.
+    """Build the projection that is exact for fields of degree up to ``modes.degree + oversample``.
 
     What a field has beyond that comes back as lower modes, in latitude and in azimuth alike: oversample more where fields
     vary strongly over the sphere. The displacement alone is needed, not the traction.
@@ -52,13 +52,13 @@ def projection(modes: Modes, oversample: int = OVERSAMPLE) -> Projection:
 
 
 def held_bytes(modes: Modes) -> int:
-    """Return what their projection will hold."""
+    """Return how many bytes the projection of these modes takes."""
     latitudes, longitudes = _numbers(modes, OVERSAMPLE)
     return 8 * 3 * len(modes) * latitudes * longitudes
 
 
 def quadrature(modes: Modes, oversample: int) -> tuple[Floats, Floats]:
-    """Points and weights: Gauss's in cos theta, uniform in phi, between the mirror plane's ends where there is one."""
+    """Return points (q, 3) and weights (q,) on the unit sphere: Gauss in cos theta, uniform in phi, half where fields mirror."""
     latitudes, longitudes = _numbers(modes, oversample)
     x, w = np.polynomial.legendre.leggauss(latitudes)
     if modes.parity == "both":
@@ -71,14 +71,14 @@ def quadrature(modes: Modes, oversample: int) -> tuple[Floats, Floats]:
 
 
 def _numbers(modes: Modes, oversample: int) -> tuple[int, int]:
-    """Of latitudes and longitudes: cos m phi sums to nothing on 2 half points unless m is their multiple."""
+    """Return the numbers of latitudes and longitudes; cos m phi sums to 0 on 2 n points of the circle unless 2 n divides m."""
     high = modes.degree + oversample
     longitudes = modes.order + high + 1 if modes.parity == "both" else (modes.order + high) // 2 + 1 if modes.order else 1
     return (modes.degree + high) // 2 + 1, longitudes
 
 
 def _orthonormal(modes: Modes, points: Floats) -> Values:
-    """Vector harmonics at the points, shape (q, 3, modes).
+    """Evaluate orthonormal vector harmonics at the points, shape (q, 3, modes).
 
     Gradients of regular and of irregular solid harmonics of one l and m are orthogonal on the unit sphere: with (a, b) =
     (l, 1) and (-l-1, 1) the integral a a' + l(l+1) b b' is zero. Modes of kind 0 are the former, outgoing ones of
@@ -90,7 +90,7 @@ def _orthonormal(modes: Modes, points: Floats) -> Values:
 
 
 def _regular(modes: Modes, fields: Values) -> Values:
-    """From components along the orthonormal harmonics, shape (..., modes), to those along the regular modes.
+    """Convert components along the orthonormal harmonics, shape (..., modes), to those along the regular modes.
 
     A regular mode of kind 1 has (sqrt(l(l+1)) / 2, (3l+1 - 2 nu (2l+1)) / (2l+3)) / ((2l+1) (1-nu)) along the
     harmonics of kinds 0 and 1 (IN.10); the other modes are multiples of one.

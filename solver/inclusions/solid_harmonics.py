@@ -1,7 +1,7 @@
 """Real solid harmonics, regular and irregular, at many points, and their derivatives as sparse matrices.
 
 With orthonormal real spherical harmonics Y (cos m phi and sin m phi families, no Condon-Shortley sign) the regular ones are
-rho^l Y and the irregular ones rho^(-l-1) Y. A sum of them is told by coefficients of shape (2 count, ...), the cosines
+rho^l Y and the irregular ones rho^(-l-1) Y. A sum of them is given by coefficients of shape (2 count, ...), the cosines
 first; row (l, m) of a family is ``index(l, m)``. The rows of sin 0 are there, and zero, so that both families are numbered alike.
 """
 
@@ -38,12 +38,12 @@ class SolidHarmonics:
         return self.index(self.degree + 1, 0)
 
     def index(self, ell: int, m: int) -> int:
-        """Row of (l, m) within a family: by rising l, then m."""
+        """Return the row of (l, m) within a family: by rising l, then m."""
         full = min(ell, self.order + 1)  # degrees below l that have all their orders
         return full * (full + 1) // 2 + (ell - full) * (self.order + 1) + m
 
     def table(self, points: Floats, side: Side) -> Floats:
-        """Values of all harmonics at points (n, 3), shape (2 count, n).
+        """Return the values of all harmonics at points (n, 3), shape (2 count, n).
 
         Irregular harmonics are Kelvin's images of the regular ones: h(x) = g(x / rho^2) / rho.
         """
@@ -55,7 +55,7 @@ class SolidHarmonics:
         return self._table(x * inverse, y * inverse, z * inverse, inverse, np.sqrt(inverse))
 
     def _table(self, x: Floats, y: Floats, z: Floats, square: Floats, factor: Floats) -> Floats:
-        """Products of Pi_l^m(z, rho^2) and of the real and imaginary parts of (x + i y)^m, times a factor.
+        """Return products of Pi_l^m(z, rho^2) and the real and imaginary parts of (x + i y)^m, times a factor.
 
         DLMF 14.10.3 for orthonormal harmonics: Pi_l = a z Pi_(l-1) - b rho^2 Pi_(l-2),
         a^2 = (4 l^2 - 1) / (l^2 - m^2), b^2 = (2l+1) / (2l-3) ((l-1)^2 - m^2) / (l^2 - m^2) (IN.4).
@@ -84,7 +84,7 @@ class SolidHarmonics:
 
 @lru_cache(maxsize=64)
 def _recursion(degree: int, order: int) -> list[tuple[Floats, Floats, float]]:
-    """For each degree: factors a and b of eq. IN.4, (m, 1), and Pi_l^l: Y_l^l without (x + i y)^l."""
+    """Return for each degree the factors a and b of eq. IN.4, (m, 1), and Pi_l^l, that is Y_l^l without (x + i y)^l."""
     terms = []
     steps = [sqrt(1 / (4 * np.pi)), *(sqrt((2 * m + 1) / (2 * m) * (2 if m == 1 else 1)) for m in range(1, degree + 1))]
     tops = np.cumprod(steps)  # the mean of cos^2 m phi is 1 for m = 0 and 1/2 above
@@ -98,7 +98,7 @@ def _recursion(degree: int, order: int) -> list[tuple[Floats, Floats, float]]:
 
 @lru_cache(maxsize=16)
 def derivatives(harmonics: SolidHarmonics, side: Side) -> tuple[Any, Any, Any]:
-    """Sparse matrices D_x, D_y, D_z, each (2 count, 2 count): coefficients of a sum's derivatives from its own.
+    """Build sparse matrices D_x, D_y, D_z (2 count, 2 count) from coefficients of a sum to those of its derivatives.
 
     Exact for sums of degree below the largest and, across the axis, of order below the largest; higher harmonics are dropped.
 
@@ -121,7 +121,7 @@ def derivatives(harmonics: SolidHarmonics, side: Side) -> tuple[Any, Any, Any]:
 
 
 def _terms(m: int, e: int) -> list[tuple[int, bool, int, float]]:
-    """Eq. IN.5 in real and imaginary parts: axis, family (sine?), order of the derivative, its factor."""
+    """Return the terms of eq. IN.5 in real form: axis, family (sine?), order of the derivative, its factor."""
     if m == 0:
         return [(2, False, 0, 1), (0, False, 1, e), (1, False, 1, e)]
     out: list[tuple[int, bool, int, float]] = []
@@ -136,7 +136,7 @@ def _terms(m: int, e: int) -> list[tuple[int, bool, int, float]]:
 
 
 def _scale(ell: int, m: int, side: Side) -> float:
-    """Orthonormal harmonic per J_l^m or R_l^m."""
+    """Return the orthonormal harmonic per J_l^m or R_l^m."""
     norm = (2 * ell + 1) * (1 if m == 0 else 2) / (4 * np.pi)
     both = factorial(ell - m) * factorial(ell + m)
     return (-1) ** ell * sqrt(norm / both) if side == "outgoing" else sqrt(norm * both)

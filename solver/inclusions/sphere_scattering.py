@@ -1,4 +1,4 @@
-"""What a sphere of another material, bonded into an unbounded matrix, makes of the fields that reach it.
+"""Scattering of elastic fields by a sphere of another material, bonded into an unbounded matrix.
 
 Incident field: regular modes with coefficients c. Outside the sphere the outgoing modes S c come on top; inside there
 are the regular modes of the sphere's own material with coefficients ``inside`` c. T is the work: two loadings whose incident
@@ -60,7 +60,7 @@ def scattering(modes: Modes, E: complex, sphere_E: complex, sphere_nu: complex, 
 
 @kept_table
 def _matched_modes(modes: Modes, sphere_nu: complex, ratio: complex) -> tuple[Any, Any, Any, Any, Any]:
-    """S, T, inside, dS and dT: spheres of one material differ in the unit of T alone, here 2 mu R."""
+    """Return S, T, inside, dS and dT, with T in units of 2 mu R, so that spheres of one material share them."""
     pairs, singles = _spheroidal(modes.degree, modes.nu, sphere_nu, ratio), _toroidal(modes.degree, ratio)
     S, inside, slope = (_spread(modes, pair, single) for pair, single in zip(pairs, singles, strict=True))
     work = sp.diags_array(-modes.work)
@@ -68,7 +68,7 @@ def _matched_modes(modes: Modes, sphere_nu: complex, ratio: complex) -> tuple[An
 
 
 def _spread(modes: Modes, pair: Values, single: Values) -> Any:
-    """A sparse matrix from blocks by degree: spheroidal (degree + 1, 2, 2) and toroidal (degree + 1,)."""
+    """Assemble a sparse matrix from blocks by degree: spheroidal (degree + 1, 2, 2) and toroidal (degree + 1,)."""
     kind, ell, own = modes.kind, modes.ell, np.arange(len(modes))
     diagonal = np.where(kind == 2, single[ell], pair[ell, kind % 2, kind % 2])
     (two,) = np.nonzero(modes.partner != own)
@@ -78,7 +78,7 @@ def _spread(modes: Modes, pair: Values, single: Values) -> Any:
 
 
 def _spheroidal(degree: int, nu: complex, inner_nu: complex, ratio: complex) -> tuple[Values, Values, Values]:
-    """S, inside and dS of kinds 0 and 1, each (degree + 1, 2, 2)."""
+    """Return S, inside and dS of kinds 0 and 1, each (degree + 1, 2, 2)."""
     out: Values = np.zeros((3, degree + 1, 2, 2), np.result_type(nu, inner_nu, ratio, float))
     out[:, 0, 1, 1] = _single(_dilation(nu), (1, -2), _dilation(inner_nu), ratio)
     if degree:
@@ -90,13 +90,15 @@ def _spheroidal(degree: int, nu: complex, inner_nu: complex, ratio: complex) -> 
 
 
 def _toroidal(degree: int, ratio: complex) -> tuple[Values, Values, Values]:
-    """S, inside and dS of kind 2, each (degree + 1,): tractions are mu (q - 1), q = l and -l - 1; l = 1 is a rotation."""
+    """Return S, inside and dS of kind 2, each (degree + 1,): tractions are mu (q - 1), q = l and -l - 1; l = 1 is a rotation."""
     ell = np.arange(degree + 1)
     return _single((1, (ell - 1) / 2), (1, -(ell + 2) / 2), (1, (ell - 1) / 2), ratio)
 
 
 def surface(ell: Ints, nu: complex, side: Side) -> Values:
-    """Displacement and traction of modes l > 0 at rho = 1, rows a, b, tau_r, tau_t / (2 mu), columns kinds 0 and 1, (l, 4, 2).
+    """Return displacement and traction of modes l > 0 at rho = 1, shape (l, 4, 2), columns kinds 0 and 1.
+
+    Rows are a, b, tau_r and tau_t / (2 mu).
 
     u = a Y e_r + b grad_s Y and traction likewise, with n = l for regular and -l - 1 for outgoing modes
 
@@ -112,7 +114,7 @@ def surface(ell: Ints, nu: complex, side: Side) -> Values:
 
 
 def _matched(regular: Values, outgoing: Values, inner: Values, ratio: complex) -> tuple[Values, Values, Values]:
-    """S, inside and dS of pairs of kinds, from ``surface`` values.
+    """Return S, inside and dS of pairs of kinds, from their surface values.
 
     With U displacement, t traction / (2 mu) and D = t_out U_out^-1, all of order one,
     (D U_in - ratio t_in) inside = D U_reg - t_reg (IN.13). Both terms on the left have one sign as forms: no contrast makes
@@ -127,7 +129,7 @@ def _matched(regular: Values, outgoing: Values, inner: Values, ratio: complex) -
 
 
 def _single(regular: Any, outgoing: Any, inner: Any, ratio: complex) -> tuple[Values, Values, Values]:
-    """Eq. IN.13 for one mode a side, each told by displacement and traction / (2 mu)."""
+    """Solve eq. IN.13 for one mode on each side, each given by displacement and traction / (2 mu)."""
     (U, t), (V, s), (W, r) = regular, outgoing, inner
     left = s * W - ratio * r * V
     inside = (s * U - t * V) / left
@@ -135,12 +137,12 @@ def _single(regular: Any, outgoing: Any, inner: Any, ratio: complex) -> tuple[Va
 
 
 def _dilation(nu: complex) -> tuple[complex, complex]:
-    """Radial displacement and traction / (2 mu) of u = x."""
+    """Return radial displacement and traction / (2 mu) of u = x."""
     return 1, (1 + nu) / (1 - 2 * nu)
 
 
 def _first(nu: complex, inner_nu: complex, ratio: complex) -> Values:
-    """S, inside and dS for l = 1, shape (3, 2, 2).
+    """Return S, inside and dS for l = 1, shape (3, 2, 2).
 
     A translation goes through unchanged, and no net force acts on the sphere: there is no outgoing kind 0. Left are kind 1
     on both sides and a translation inside: displacement is matched but for it (a - b), traction by tau_t = -tau_r / 2.

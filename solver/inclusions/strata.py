@@ -1,4 +1,4 @@
-"""The tissue's layers as what surrounds spheres: each lies wholly inside one of them, whose material is its matrix."""
+"""The tissue's layers around spheres: each sphere lies wholly inside one layer, whose material is its matrix."""
 
 from __future__ import annotations
 
@@ -30,26 +30,26 @@ class Strata:
 
     @classmethod
     def of(cls, tissue: Tissue) -> Strata:
-        """Take them of a scene's tissue."""
+        """Build the strata of a scene's tissue."""
         return cls(tissue.interfaces, (*tissue.layer, tissue))
 
     def number(self, depth: Any) -> Ints:
-        """Number of the material at depths of any shape; an interface belongs to what is below it."""
+        """Return the index of the material at depths, m, of any shape; an interface belongs to the material below it."""
         return np.asarray(np.searchsorted(self.interfaces, depth, side="right"))
 
     def hosts(self, depth: Any) -> Hosts:
-        """Materials at depths of any shape."""
+        """Return the materials at depths, m, of any shape."""
         moduli = np.array([(one.youngs_modulus, one.poisson_ratio) for one in self.materials])
         return Hosts(*moduli[self.number(depth)].transpose(-1, *range(np.ndim(depth))))
 
     def gap(self, tumours: Tumours) -> Floats:
-        """Between each sphere and the interface nearest to it, m: infinite without any, negative where one crosses it."""
+        """Return the distance from each sphere to the nearest interface, m: inf without any, negative where one crosses it."""
         gaps = [np.abs(tumours.depth - depth) - tumours.diameter / 2 for depth in self.interfaces]
         return np.asarray(np.min(gaps, axis=0) if gaps else np.full(tumours.shape, np.inf))
 
     @cached_property
     def contrasts(self) -> Floats:
-        """How unlike the materials on both sides of each interface are: 0 for the same, up to 1, shape (k,).
+        """Contrast of the materials on both sides of each interface: 0 for the same, up to 1, shape (k,).
 
         The larger of |a - b| / (a + b) for shear moduli and for moduli of compression across, lambda + 2 mu: how much of a plane
         wave that hits the interface at right angles would come back if both had one density.
@@ -58,12 +58,12 @@ class Strata:
 
 
 def unlike(one: Material, other: Material) -> float:
-    """Return how unlike two materials are, see ``Strata.contrasts``."""
+    """Return the contrast of two materials, see ``Strata.contrasts``."""
     pairs = zip(_moduli(one), _moduli(other), strict=True)
     return max(abs(a - b) / (a + b) for a, b in pairs)
 
 
 def _moduli(material: Material) -> tuple[float, float]:
-    """The shear modulus and lambda + 2 mu, Pa."""
+    """Return the shear modulus and lambda + 2 mu, Pa."""
     shear, nu = material.youngs_modulus / (2 * (1 + material.poisson_ratio)), material.poisson_ratio
     return shear, 2 * shear * (1 - nu) / (1 - 2 * nu)

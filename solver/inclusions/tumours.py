@@ -84,11 +84,11 @@ class Tumours:
         return self._each(np.ravel)
 
     def of_index(self, chosen: object) -> Self:
-        """Return some of the tumours."""
+        """Return the tumours with the given indices."""
         return self._each(lambda values: values[chosen])
 
     def _each(self, change: Callable[[Any], Any]) -> Self:
-        """Change the arrays' shapes alone: there is nothing to check."""
+        """Apply a function to all arrays without checking values: only shapes change."""
         out = object.__new__(type(self))
         for name, values in vars(self).items():
             object.__setattr__(out, name, np.asarray(change(values)))
@@ -96,5 +96,5 @@ class Tumours:
 
 
 def _diameter(body: Inclusion) -> float:
-    """Of a sphere, or of that of an ellipsoid's volume."""
+    """Return the diameter of a sphere, or of the sphere of an ellipsoid's volume, m."""
     return body.diameter or float(np.cbrt(np.prod(body.diameters or (np.nan,))))

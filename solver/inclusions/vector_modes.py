@@ -67,7 +67,7 @@ class Modes:
         return np.array(modes).T
 
     def _kinds(self, ell: int, m: int, sine: int) -> list[int]:
-        """Kinds that a scalar harmonic makes; x cross grad turns an even function into an odd field and the reverse."""
+        """Return the kinds of modes of a scalar harmonic; x cross grad turns even functions into odd fields and the reverse."""
         allowed = range(3) if self.parity == "both" else [2] if sine else [0, 1]
         return [kind for kind in allowed if (m > 0 or not sine) and (ell > 0 or kind == 1)]
 
@@ -91,7 +91,7 @@ class Modes:
 
     @property
     def partner(self) -> Ints:
-        """Place of the other spheroidal mode of the same l, m and parity; a mode's own place where there is none."""
+        """Index of the other spheroidal mode of the same l, m and parity; a mode's own index where there is none."""
         out: Ints = np.arange(len(self)) + (self.ell > 0) * np.array([1, -1, 0])[self.kind]
         return out
 
@@ -104,11 +104,11 @@ class Modes:
         return len(self.kind)
 
     def regular(self, points: Floats, coefficients: Values) -> tuple[Values, Values]:
-        """Displacement and stress of sums of regular modes: as ``outgoing``, the centre allowed."""
+        """Return displacement and stress of sums of regular modes, as ``outgoing`` does; the centre is allowed."""
         return self._both(points, coefficients, "regular")
 
     def outgoing(self, points: Floats, coefficients: Values) -> tuple[Values, Values]:
-        """Displacement and stress of sums of outgoing modes.
+        """Return displacement and stress of sums of outgoing modes.
 
         Args:
             points: in units of R from the centre, shape (n, 3); not the centre.
@@ -125,7 +125,7 @@ class Modes:
         return np.ascontiguousarray(out[:, :3]), np.ascontiguousarray(out[:, 3:])
 
     def displacement(self, points: Floats, coefficients: Values, side: Side) -> Values:
-        """Displacement alone, shape (n, 3, k), three times as fast."""
+        """Return the displacement alone, shape (n, 3, k), three times as fast as with stress."""
         return self._at(points, coefficients, side, DISPLACEMENT)
 
     def _at(self, points: Floats, coefficients: Values, side: Side, components: tuple[int, ...]) -> Values:
@@ -133,7 +133,7 @@ class Modes:
         return np.moveaxis(sampler.values(coefficients), -1, 0)
 
     def shapes(self, points: Floats, side: Side) -> Values:
-        """Displacement of every mode by itself, shape (n, 3, modes)."""
+        """Return the displacement of each single mode, shape (n, 3, modes)."""
         table, (x, y, z) = self.harmonics.table(points, side), points.T
         terms = stack(self, side, DISPLACEMENT)
         blocks = [terms.matrix[low : low + len(table)].T @ table for low in range(0, terms.matrix.shape[0], len(table))]
@@ -149,7 +149,7 @@ class Modes:
 
 @kept_table
 def stack(modes: Modes, side: Side, components: tuple[int, ...]) -> Stack:
-    """Displacement (components 0 to 2) and stress / (2 mu) (3 to 8: xx, yy, zz, yz, xz, xy) as sums of eq. IN.11."""
+    """Build the sums of eq. IN.11 for displacement (components 0 to 2) and stress / (2 mu) (3 to 8: xx, yy, zz, yz, xz, xy)."""
     sums = [row for component in components for row in _sums(modes, side)[component]]
     matrix = sp.vstack(sums, format="csr")
     matrix.eliminate_zeros()
@@ -158,7 +158,7 @@ def stack(modes: Modes, side: Side, components: tuple[int, ...]) -> Stack:
 
 @kept_table
 def _sums(modes: Modes, side: Side) -> list[list[Any]]:
-    """Sparse (harmonics, modes) matrices h_aj of eq. IN.11, for each component a a list over j.
+    """Build sparse (harmonics, modes) matrices h_aj of eq. IN.11: for each component a, a list over j.
 
     From scalar sums P, V, W, Z and H = nu / (1-2nu) div u, indices being derivatives, and G = V + W / 2:
 
@@ -191,14 +191,14 @@ def _add_cross(row: list[Any], D: Sequence[Any], scalar: Any, i: int) -> None:
 
 
 def _spread(modes: Modes, factors: Values) -> Any:
-    """The sparse matrix from modes to coefficients of their scalar harmonics."""
+    """Build the sparse matrix from modes to coefficients of their scalar harmonics, with given factors (modes,)."""
     h, (_, ell, m, sine) = modes.harmonics, modes.labels
     rows = [h.index(int(a), int(b)) + int(s) * h.count for a, b, s in zip(ell, m, sine, strict=True)]
     return sp.csr_array((factors, (rows, np.arange(len(modes)))), shape=(2 * h.count, len(modes)))
 
 
 def _potentials(modes: Modes, side: Side) -> Values:
-    """Factors of each mode in P, V, W, Z of ``_displacement`` and in H = nu / (1-2nu) div u, shape (5, modes)."""
+    """Return factors of each mode in P, V, W, Z of eq. IN.9 and in H = nu / (1-2nu) div u, shape (5, modes)."""
     (kind, ell, _, _), nu = modes.labels, modes.nu
     rows: Values = np.zeros((5, len(modes)), np.result_type(nu, float))
     lone, pair, curl = (np.where(kind == k, scales(ell, nu, side)[k], 0) for k in range(3))
@@ -211,7 +211,7 @@ def _potentials(modes: Modes, side: Side) -> Values:
 
 
 def scales(ell: Ints, nu: complex, side: Side) -> tuple[Values, Values, Values]:
-    """Factors of the fields of eqs. IN.6, IN.7 and IN.8 in the modes of degrees l > 0 (for l = 0 they mean nothing).
+    """Return factors of the fields of eqs. IN.6, IN.7 and IN.8 in the modes of degrees l > 0 (meaningless for l = 0).
 
     Gradients have unit mean square times 4 pi at rho = 1; the other factors then make ``work`` 1.
     """

@@ -1,1 +1,1 @@
-"""Waves on layers of tissue bonded to each other: what each reflects, what the surface gives way. Knows no probe."""
+"""Waves in layers of tissue bonded to each other: reflections and the surface's compliance, independent of the probe."""

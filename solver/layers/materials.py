@@ -6,7 +6,7 @@ from geometry.scenes.scene import Tissue
 
 
 def material_layers(tissue: Tissue, merged: bool = True) -> list[list[float]]:
-    """Return thickness, modulus and Poisson's ratio of the layers above the tissue's own material; those of one are one."""
+    """Return thickness, modulus and Poisson's ratio of layers above the tissue's own material; equal neighbours are merged."""
     own, found = [tissue.youngs_modulus, tissue.poisson_ratio], list[list[float]]()
     for layer in tissue.layer:
         material = [layer.youngs_modulus, layer.poisson_ratio]

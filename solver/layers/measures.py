@@ -1,4 +1,4 @@
-"""How hard layers of tissue are on formulas that know few pressures, no sides of a skin and smooth fields in spheres."""
+"""A measure of how much blocks squeeze a soft layer, which formulas with few pressures cannot resolve."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from geometry.scenes.scene import Scene
 from solver.layers.materials import material_layers
 from solver.layers.stack import TissueLayer, change, echoes, shortest
 
-WAVES = 12  # at which the surface's compliance is asked
+WAVES = 12  # wave numbers at which the surface's compliance is computed
 
 
 def squeezed(scene: Scene) -> float:
-    """Return by what share shorter waves sink more than those of k = 2 / outer radius, of pressure or of shear; 0 or more.
+    """Return the relative increase of k times compliance from waves k = 2 / outer radius to shorter ones; 0 or more.
 
     It is large under a block that squeezes a thin soft film: pressures there have all details, and small ones matter.
     """

@@ -1,4 +1,4 @@
-"""Layers bonded to each other, wave by wave: what each reflects, what the surface gives way, and what arrives in a layer.
+"""Layers bonded to each other, wave by wave: reflections, the surface's compliance, and waves that arrive in a layer.
 
 In one layer, tractions (p, q) on a plane across a wave k, of what runs down (a) and of what runs up (b), go with displacements
 (w, u) = (H a - H' b) / (2 mu k), with H = [2 (1-nu), 2 nu - 1; 2 nu - 1, 2 (1-nu)] and, as in a mirror, the mixed
@@ -31,7 +31,7 @@ import numpy as np
 Array = Any  # numpy array of floats, or of complex numbers on the way to a derivative
 Symmetric = tuple[Array, Array, Array]  # the elements pp, qq and pq of matrices, arrays that fit (n, q)
 Matrix = tuple[Array, Array, Array, Array]  # pp, pq, qp, qq
-PASSING, SHORTEST = 6.0, 80.0  # wave numbers times the first layer's thickness, times the probe's radius
+PASSING, SHORTEST = 6.0, 80.0  # maximum wave number times the first layer's thickness, times the probe's radius
 FREE: Symmetric = (-1.0, -1.0, 0.0)  # r of a free surface
 
 
@@ -57,9 +57,9 @@ class TissueLayer:
 
 @dataclass(frozen=True)
 class Echo:
-    """What is beyond a layer's far face, seen in the layer: r and N of eq. LY.2, each None without any echo.
+    """Echo in a layer from what is beyond its far face: r at that face and N at the near face (eq. LY.2), None without echo.
 
-    ``way`` is x, shape (n, q); it says nothing in a half-space.
+    ``path`` is x, shape (n, q); it says nothing in a half-space.
     """
 
     far: Symmetric | None
@@ -83,13 +83,13 @@ def echoes(k: Array, layers: Sequence[TissueLayer], rigid: bool) -> list[Echo]:
 
 
 def echo(k: Array, layer: TissueLayer, far: Symmetric) -> Echo:
-    """Return the echo in a layer from what reflects r = ``far`` at its other face."""
+    """Compute the echo in a layer whose other face reflects r = ``far``."""
     x = k * layer.thickness[:, None]
     return Echo(far, _returned(far, x), x)
 
 
 def reflected(layer: TissueLayer, beyond: TissueLayer, near: Symmetric | None) -> Symmetric:
-    """Eq. LY.2: r in a layer before another one, whose own echo is N = ``near``.
+    """Compute the reflection r (eq. LY.2) in a layer before another one, whose own echo is N = ``near_echo``.
 
     With C = V W^-1, W = 1 + N and V = H - H' N, it is taken of W (V + H' W)^-1: W vanishes for long waves on free plates.
     """
@@ -115,7 +115,7 @@ def _less_one(size: Array, inverse: Symmetric) -> Symmetric:
 
 
 def _rigid(layer: TissueLayer) -> Symmetric:
-    """The floor's r."""
+    """Return the reflection r of a rigid floor."""
     pp, _, pq = layer.half_space
     return _less_one(2 * pp, _inverse((pp, pp, -pq)))
 
@@ -142,7 +142,7 @@ def product(a: Matrix, b: Matrix) -> Matrix:
 
 
 def _returned(r: Symmetric, x: Array) -> Symmetric:
-    """N of eq. LY.2."""
+    """Return the echo N of eq. LY.2 at the near face, from r at the far face and x = k h."""
     rp, rq = (r[0] * (1 + x) + r[2] * x, r[2] * (1 + x) + r[1] * x), (r[2] * (1 - x) - r[0] * x, r[1] * (1 - x) - r[2] * x)
     fade = np.exp(-2 * x)
     return (
@@ -171,7 +171,7 @@ def arriving(echo: Sequence[Echo], place: int) -> Matrix:
 
 
 def _taken(near: Symmetric | None) -> Matrix:
-    """(1 + N)^-1."""
+    """Return (1 + N)^-1: downward waves per load at the near face; N None counts as 0."""
     if near is None:
         return 1.0, 0.0, 0.0, 1.0
     pp, qq, pq = _inverse((1 + near[0], 1 + near[1], near[2]))
@@ -179,7 +179,7 @@ def _taken(near: Symmetric | None) -> Matrix:
 
 
 def faded(x: Array) -> Matrix:
-    """e^-x F."""
+    """Return e^-x F of eq. LY.1: how downward waves change over x = k h."""
     fade = np.exp(-x)
     return fade * (1 + x), -fade * x, fade * x, fade * (1 - x)
 
@@ -187,7 +187,7 @@ def faded(x: Array) -> Matrix:
 def shortest(radius: Array, thickness: Array) -> Array:
     """Return the wave number up to which waves are summed under probes of a radius, above first layers, shapes (n,).
 
-    Shorter waves than a thick first layer's do not know of the others; beyond ``SHORTEST`` few are in any load.
+    Waves much shorter than the first layer do not reach the others; loads contain few waves beyond ``PROBE_WAVE_REACH``.
     """
     passing, most = PASSING / thickness, SHORTEST / radius
     return np.where(passing.real < most.real, passing, most)

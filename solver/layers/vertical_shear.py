@@ -1,4 +1,4 @@
-"""Waves of shear about the vertical in layers: what each face throws back, by numbers where ``stack`` has matrices."""
+"""Waves of shear about the vertical in layers: reflections of each face, numbers where ``stack`` has matrices."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class ShearEchoes:
 
 
 def shear_echoes(k: Array, layers: Sequence[TissueLayer], place: int, rigid: bool) -> ShearEchoes:
-    """Return them in the layer ``place``; arguments as of ``stack.echoes``."""
+    """Compute the echoes in the layer with index ``place``; arguments as of ``stack.compute_echoes``."""
     fades = [np.exp(-k * layer.thickness[:, None]) for layer in layers[:-1]]
     fades.append(np.exp(-k * layers[-1].thickness[:, None]) if rigid else 0 * k)
     far = _chain(layers[::-1], fades[::-1], 1.0 + 0 * k if rigid else 0 * k)[::-1]
@@ -40,7 +40,7 @@ def shear_surface(k: Array, layers: Sequence[TissueLayer]) -> Array:
 
 
 def _chain(layers: Sequence[TissueLayer], fades: Iterable[Array], first: Array) -> list[Array]:
-    """Return r in each layer from what reflects ``first`` beyond the first of them on."""
+    """Return r in each layer, where ``first`` is the reflection beyond the first of them."""
     found = [first]
     for layer, after, fade in zip(layers, layers[1:], fades, strict=False):
         near = found[-1] * fade**2

@@ -1,4 +1,4 @@
-"""What the coarsest mesh of a probe on tissue without tumours says of a scene: enough to plan with.
+"""The coarsest finite-element model of a probe on tissue without tumours, for planning.
 
 One factorisation and no refinement: some 20 ms, film forces within a few per cent.
 """
@@ -27,8 +27,8 @@ from solver.results.film_forces import Bound, FilmForces
 from solver.results.result import Effect
 
 OFF = 0.05  # relative error that film forces and strains of the coarsest mesh may have
-PLACES = 40  # on each block's end where the contact's pressure is looked at
-BELOW = 1e-3  # outer radii under the surface, where it is
+PLACES = 40  # points on each block's end where the contact pressure is evaluated
+BELOW = 1e-3  # depth of these points under the surface, in outer radii
 
 
 @dataclass(frozen=True)
@@ -47,11 +47,11 @@ class CoarseModel:
 
     @classmethod
     def of(cls, scene: Scene, details: bool = True) -> CoarseModel:
-        """Solve it.
+        """Solve the coarse model of a scene.
 
         Args:
-            scene: whatever stands on the tissue.
-            details: whether ``changes`` are asked for.
+            scene: the scene.
+            details: whether to compute ``changes``.
 
         Raises:
             Refusal: so extreme that its equations cannot be solved in double precision.
@@ -72,14 +72,14 @@ class CoarseModel:
 
     @cached_property
     def undisturbed(self) -> Undisturbed:
-        """The same as base states of tumours."""
+        """The solution as base states for first-order effects of tumours."""
         films = FilmForces(self.forces, Bound.independent(OFF * np.abs(self.forces.sum(axis=1)), self.forces))
         alone = ProbeAlone.of(self.scene, 1.0, Converged((films,), self.sample, (), ()))
         return Undisturbed.on(alone, self.sample.states, OFF)
 
     @cached_property
     def edges(self) -> Effect | None:
-        """What the tissue's sides and floor change against a half-space; None where it is one, or cannot be solved."""
+        """Effect of the tissue's sides and floor against a half-space; None on a half-space or where that cannot be solved."""
         tissue = self.scene.tissue
         if tissue.shape == "half-space":
             return None
@@ -97,12 +97,12 @@ class CoarseModel:
 
     @cached_property
     def gap(self) -> GapProfile:
-        """The walls that face each other."""
+        """Approach of the walls along the gap."""
         return GapProfile.of(self.sample.states)
 
     @property
     def approach(self) -> float:
-        """By how much the walls near each other per unit indentation.
+        """Maximum approach of the walls per unit indentation.
 
         Where what nears them cancels, inclusions and finite strain leave more of it than there is without; so it counts as
 
@@ -112,20 +112,20 @@ class CoarseModel:
 
     @property
     def closure(self) -> float:
-        """Force that closes the gap in linear elasticity, N, several times what really closes it."""
+        """Force that closes the gap in linear elasticity, N; several times the true one."""
         return float(self.forces.sum()) * self.scene.probe.gap / self.approach
 
     def rule(self, scene: Scene) -> LoadRule:
         """Return the rule for loads on a scene with this probe and tissue, whatever tumours it has.
 
         Raises:
-            InputError, Refusal: see ``TumourEffects.of``.
+            InputError, Refusal: see ``TumourEffects.from_scene``.
         """
         return with_tumours(LoadRule.of(scene, self.forces.sum(axis=1), self.closure), scene, lambda: self.undisturbed)
 
     @cached_property
     def pulled(self) -> float:
-        """Share of the contact's forces that pull, were both surfaces tied to each other: what would open."""
+        """Fraction of the contact forces that pull while both surfaces are tied to each other: this part would open."""
         section, tissue = self.sample.states.model.section, (*self.scene.tissue.layer, self.scene.tissue)[0]
         steps = (np.arange(PLACES) + 0.5) / PLACES
         spans = ((0.0, section.inner_radius), (section.hole_radius, section.tube_radius))

@@ -1,4 +1,4 @@
-"""By how much the walls at the gap near each other along their heights, both blocks pressed by the same indentation.
+"""Approach of the two walls at the gap along their heights, both blocks pressed by the same indentation.
 
 Walls bulge between the elements' corners, by a third more than at any of them, so that the finite elements' polynomials are
 followed all along. Between the ends of either wall's sides the gap is one polynomial: it is looked at in even places, and at the
@@ -18,7 +18,7 @@ from solver.axisymmetric.base_states import BaseStates
 from solver.elements.shape_functions import edge_functions, polynomials
 from solver.linalg.workspace import kept
 
-PLACES = 65  # in each polynomial: the largest by parabolas is within 1e-5 of that of 1025
+PLACES = 65  # per polynomial: the maximum by parabolas is within 1e-5 of that with 1025 points
 _walls = kept(GapWalls.of)
 
 
@@ -36,7 +36,7 @@ class GapProfile:
 
     @classmethod
     def of(cls, states: BaseStates, places: int = PLACES) -> GapProfile:
-        """Follow both walls, from the tissue up to where the lower block ends."""
+        """Compute the approach of both walls, from the tissue up to where the lower block ends."""
         model, walls = states.model, _walls(states.model.mesh)
         section, sides = model.section, walls.ends(model.section, model.mesh)
         moved = states.edge[walls.elements].reshape(len(sides), 2, -1, 2)[:, 0].sum(axis=-1)
@@ -48,7 +48,7 @@ class GapProfile:
 
     @cached_property
     def most(self) -> float:
-        """The most that the walls near each other per unit indentation; 0 where they do so nowhere."""
+        """Maximum approach of the walls per unit indentation; 0 where they approach nowhere."""
         below, here, above = (self.nearing[:, k : k - 2 or None] for k in range(3))
         bend, lean = 2 * here - below - above, above - below
         top = (bend > 0) & (np.abs(lean) <= bend)
@@ -57,7 +57,7 @@ class GapProfile:
 
 
 def _outwards(ends: Floats, moved: Floats, heights: Floats) -> Floats:
-    """How far a wall moves at heights on it, likewise shaped, by its sides' ends, (m, 2), and functions' shares, (m, p + 1)."""
+    """Return how far a wall moves outwards at ``heights``, from its sides' ends (m, 2) and shape functions' values (m, p + 1)."""
     on = np.searchsorted(ends.max(axis=1), heights.mean(axis=1))
     start, end = ends[on].T[..., None]
     along = (heights - start) / (end - start)

@@ -1,4 +1,4 @@
-"""What layers of tissue change: those that a scene has, and the skin that living tissue would have."""
+"""Effects of layers of tissue: those of the scene, and the skin that living tissue would have."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SOFT = 20e3  # Pa: softer tissue without layers may be living tissue whose skin 
 
 
 def layer_decisions(rough: CoarseModel, accuracy: float) -> Iterator[Decision]:
-    """Yield what each layer changes against the material below it in its place; all are modelled, which costs next to nothing."""
+    """Yield each layer's effect against the material below it in its place; all layers are modelled, at almost no cost."""
     layers = rough.scene.tissue.layer
     for k, layer in enumerate(layers):
         below = layers[k + 1] if k + 1 < len(layers) else rough.scene.tissue
@@ -28,7 +28,7 @@ def layer_decisions(rough: CoarseModel, accuracy: float) -> Iterator[Decision]:
 
 
 def forgotten_skin(scene: Scene, rough: CoarseModel) -> Iterator[Note]:
-    """Say of soft tissue without layers what a skin would change."""
+    """Warn how much a skin would change the result on soft tissue without layers."""
     tissue = scene.tissue
     deep = tissue.shape == "half-space" or tissue.depth > 2 * SKIN.thickness
     if tissue.layer or tissue.youngs_modulus >= SOFT or not deep:
@@ -44,7 +44,7 @@ def with_layers(scene: Scene, layers: tuple[Layer, ...]) -> Scene:
 
 
 def _effect(before: CoarseModel, after: CoarseModel) -> Effect:
-    """Relative changes of ratio, stresses and stiffness at one indentation."""
+    """Return relative changes of ratio, stresses and stiffness between two models at one indentation."""
     one, other = (model.forces.sum(axis=1) for model in (before, after))
     logs = np.log(np.abs(other / one))
     return Effect(

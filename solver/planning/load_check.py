@@ -1,4 +1,4 @@
-"""Whether linear elasticity may answer at a scene's load, and what the load adds to an answer's error."""
+"""Whether linear elasticity holds at a scene's load, and what the load adds to a result's error."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ FORMULAS_MARGIN = 0.9  # of the stiffness by formulas, which is off by some per 
 WHY = {
     "ratio": "beyond it finite strain may change ratio and stresses by more than {accuracy:.2g}",
     "log_sensitivity": "beyond it finite strain may change log_sensitivity by more than {promise:.2g} of itself",
-    "strain limit": "nothing is known of larger strains",
-    "gap closure": "nothing is known of larger loads: the gap may close",
+    "strain limit": "the effect of larger strains is unknown",
+    "gap closure": "at larger loads the gap may close",
 }
 REMEDY = "or --linear (linear=True)"
 
 
 def check_load(scene: Scene, rule: LoadRule, accuracy: float, promise: bool) -> None:
-    """Raise ``Refusal`` where linear elasticity may not answer at the scene's load.
+    """Raise ``Refusal`` where linear elasticity is not accurate enough at the scene's load.
 
     Args:
         scene: for its load.
         rule: with the stiffness that turns force into indentation.
-        accuracy: see ``largest``.
+        accuracy: see ``find_largest_load``.
         promise: likewise.
     """
     limit = largest(rule, accuracy, promise)
@@ -49,7 +49,7 @@ def check_load(scene: Scene, rule: LoadRule, accuracy: float, promise: bool) -> 
 
 
 def check_known(scene: Scene, rule: LoadRule) -> None:
-    """Raise ``Refusal`` where nothing is known of what the scene's load changes, so that nothing can be said of any answer.
+    """Raise ``Refusal`` where the effect of the scene's load is unknown, so that no error of a linear result can be given.
 
     Args:
         scene: for its load.
@@ -57,17 +57,17 @@ def check_known(scene: Scene, rule: LoadRule) -> None:
     """
     if rule.knows(rule.force(scene)):
         return
-    text = f"up to {_most(scene, rule.largest_open)}, of larger loads nothing is known, with --linear (linear=True) either"
+    text = f"up to {_most(scene, rule.largest_open)}; larger loads have unknown effects, also with --linear"
     raise Refusal(*_load(scene), text)
 
 
 def why(limit: LargestLoad, accuracy: float) -> str:
-    """Say what sets a limit."""
+    """Return in words what sets a limit."""
     return WHY[limit.by].format(accuracy=LOAD_SHARE * accuracy, promise=5 * LOAD_SHARE * accuracy)
 
 
 def budget(rule: LoadRule, force: float, accuracy: float, promise: bool) -> float:
-    """Return what a force, N, leaves of the accuracy for the evaluator; all of it where the load is refused anyway."""
+    """Return the accuracy that a force, N, leaves for the evaluator; all of it where the load is refused anyway."""
     if force > largest(rule, accuracy, promise).force:
         return accuracy
     change = max(rule.ratio_change(force), accuracy * rule.promise_taken(force, accuracy) if promise else 0.0)
@@ -80,13 +80,13 @@ def with_error(error: float | None, change: float) -> float | None:
 
 
 def with_load(result: Result, scene: Scene, rule: LoadRule, accuracy: float, promise: bool) -> Result:
-    """Return a linear answer, the load's effect counted in its error.
+    """Return a linear result with the load's effect added to its error.
 
     Args:
-        result: an answer to the scene.
+        result: of the scene.
         scene: for its load.
         rule: of the scene.
-        accuracy: see ``largest``.
+        accuracy: see ``find_largest_load``.
         promise: likewise.
     """
     error = with_error(result.error_estimate, rule.ratio_change(rule.force(scene)))
@@ -95,21 +95,21 @@ def with_load(result: Result, scene: Scene, rule: LoadRule, accuracy: float, pro
 
 
 def load_notes(scene: Scene, rule: LoadRule, accuracy: float, promise: bool) -> tuple[Note, ...]:
-    """Return what has to be said of an answer that counts the load's effect: nothing at a load that needs no ``linear``."""
+    """Return the note on a result beyond the linear limit; none within the limit."""
     force, limit = rule.force(scene), largest(rule, accuracy, promise)
     if _within(force, limit):
         return ()
     null = "" if rule.knows(force) else "; error_estimate is null"
-    return (Note("linear", f"answered linearly beyond {_most(scene, limit)}: {effect(rule, force, promise)}{null}"),)
+    return (Note("linear", f"linear elasticity used beyond {_most(scene, limit)}: {effect(rule, force, promise)}{null}"),)
 
 
 def with_warning(result: Result, scene: Scene, accuracy: float, rule: LoadRule | None = None, known: Known = "bound") -> Result:
-    """Return the answer of an evaluator that was named: its error refers to linear elasticity; beyond the limit it warns.
+    """Return the result of a named evaluator with load limits, and a warning beyond the linear limit: its error is linear only.
 
     Args:
-        result: the answer.
-        scene: what it answers.
-        accuracy: see ``largest``.
+        result: of the evaluator.
+        scene: of the result.
+        accuracy: see ``find_largest_load``.
         rule: of the scene, where it is known.
         known: how the rule's numbers are.
     """
@@ -132,11 +132,11 @@ def with_warning(result: Result, scene: Scene, accuracy: float, rule: LoadRule |
 
 @dataclass(frozen=True)
 class LoadChanges:
-    """What one load changes of n answers.
+    """Effect of one load on n results.
 
     Attributes:
         ratio, log_sensitivity: bounds, relative, shape (n,); infinite where nothing is known.
-        weakest: the rule for the answer that changes most.
+        weakest: the rule for the result that changes most.
     """
 
     ratio: Floats
@@ -145,7 +145,7 @@ class LoadChanges:
 
     @classmethod
     def of(cls, scene: Scene, rule: LoadRule, stiffness: Floats) -> LoadChanges:
-        """Return the changes where the stiffness is that, N/m, shape (n,).
+        """Compute the changes at given stiffnesses, N/m, shape (n,).
 
         Raises:
             Refusal: the load drives the probe deeper than the tissue.
@@ -163,7 +163,7 @@ class LoadChanges:
 
     @property
     def known(self) -> Bools:
-        """Where anything is known, shape (n,)."""
+        """Whether the changes are known, shape (n,)."""
         return np.isfinite(self.ratio)
 
     def with_errors(self, errors: Floats) -> Floats:
@@ -172,14 +172,14 @@ class LoadChanges:
 
 
 def rule_by_formulas(scene: Scene, result: Result) -> LoadRule:
-    """Return the rule without a mesh, from an answer of formulas: the gap's closure by its bound."""
+    """Build the load rule from a result of formulas, without a mesh; the gap's closure is bounded."""
     inner, outer = (result.ratio or 0.0) * scene.probe.inner_area, scene.probe.outer_area
     totals = (result.stiffness or 0.0) * np.array([inner, outer]) / (inner + outer)
     return adjusted(LoadRule.of(scene, totals, least_closure(scene, totals)), FORMULAS_MARGIN, _slopes(result))
 
 
 def rule_of_answer(rule: LoadRule, result: Result) -> LoadRule:
-    """Return the rule without tumours as one with those that an answer knows."""
+    """Build the load rule with tumours from the one without them and a result with them."""
     times = 1.0 if result.stiffness is None else result.stiffness / rule.stiffness
     return adjusted(rule, times, _slopes(result))
 
@@ -189,15 +189,15 @@ def _slopes(result: Result) -> Floats | None:
 
 
 def effect(rule: LoadRule, force: float, promise: bool) -> str:
-    """Say what a force, N, changes beyond linear elasticity."""
+    """Describe in words what a force, N, changes beyond linear elasticity."""
     if not rule.knows(force):
-        return "nothing is known of what finite strain and the gap's walls do at this load"
+        return "the effects of finite strain and of contact in the gap are unknown at this load"
     text = f"finite strain may change ratio, stresses and stiffness by {rule.ratio_change(force):.2g}"
     return f"{text}, log_sensitivity by {rule.log_sensitivity_change(force):.2g} of itself" if promise else text
 
 
 def _within(force: float, limit: LargestLoad) -> bool:
-    """Whether a force, N, is at most the limit, but for rounding; no force is, however tilted the probe."""
+    """Return whether a force, N, is at most the limit, up to rounding; zero force always is, even with a tilt."""
     return force == 0 or force <= limit.force * (1 + 1e-12)
 
 
@@ -206,13 +206,13 @@ def _noted(result: Result, notes: tuple[Note, ...]) -> Result:
 
 
 def _load(scene: Scene) -> tuple[str, Words]:
-    """The load's key and value."""
+    """Return the load's key and value for a message."""
     if scene.load.indentation is not None:
         return "load.indentation", mm(scene.load.indentation)
     return "load.force", Words(f"{scene.load.force:g} N")
 
 
 def _most(scene: Scene, limit: LargestLoad) -> str:
-    """A limit in the unit of the scene's load, rounded down so that it is allowed itself."""
+    """Return a limit in the unit of the scene's load, rounded down so that the printed value itself is allowed."""
     value, unit = (limit.force, "N") if scene.load.indentation is None else (1e3 * limit.indentation, "mm")
     return f"{most(value, 3)} {unit}"

@@ -1,7 +1,7 @@
-"""Up to which load linear elasticity holds on a scene: the one place that every command asks.
+"""The largest load at which linear elasticity holds on a scene; all commands use these functions.
 
-A rule (``loads.py``) bounds what a load changes; it is taken from the coarsest mesh of the probe on its tissue and from what the
-scene's tumours change there, so that it is the same whatever evaluator answers. Level ``contact`` computes the loads themselves.
+A rule (``loads.py``) bounds what a load changes. It follows from the coarsest mesh of the probe on its tissue and from what the
+scene's tumours change there, so it does not depend on the evaluator. The evaluator ``contact`` computes the loads themselves.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ if TYPE_CHECKING:
     from solver.contact.load_curve import Ends
     from solver.planning.coarse_model import CoarseModel
 
-LOAD_SHARE = 0.8  # of the accuracy that the load may take; the rest is the evaluator's
+LOAD_SHARE = 0.8  # fraction of the accuracy for the load's effect; the rest is for the evaluator's error
 
 
 def load_rule(scene: Scene) -> LoadRule:
-    """Return the rule for loads on a scene, from the coarsest mesh and its tumours' first-order effects.
+    """Build the rule for loads on a scene from the coarsest mesh and its tumours' first-order effects.
 
     Raises:
         InputError: a surface file that cannot be used.
@@ -46,7 +46,7 @@ def rule_numbers(scene: Scene) -> tuple[Floats, float]:
     """Return film forces per indentation without tumours, N/m, shape (2,), and the force that closes the gap, N.
 
     Raises:
-        Refusal: see ``load_rule``.
+        Refusal: see ``build_load_rule``.
     """
     from solver.planning.coarse_model import without_tumours
 
@@ -55,7 +55,7 @@ def rule_numbers(scene: Scene) -> tuple[Floats, float]:
 
 @kept
 def _coarse(scene: Scene) -> CoarseModel:
-    """The coarse model of a scene without tumours: kept, as many tumours may follow."""
+    """Solve the coarse model of a scene without tumours; it is cached, as many tumours may follow."""
     from solver.planning.coarse_model import CoarseModel
 
     return CoarseModel.of(scene, details=False)
@@ -63,30 +63,30 @@ def _coarse(scene: Scene) -> CoarseModel:
 
 @kept_table
 def _alone(scene: Scene) -> tuple[Floats, float]:
-    """Film forces per indentation, N/m, shape (2,), and the force that closes the gap, N: kept for more scenes than models."""
+    """Return film forces per indentation, N/m, shape (2,), and the closing force, N; cached for more scenes than models are."""
     coarse = _coarse(scene)
     return coarse.forces.sum(axis=1), coarse.closure
 
 
 def load_limits(scene: Scene, accuracy: float) -> LoadLimits:
-    """Return up to which load linear elasticity holds on a scene, by the rule; the one place that every command asks.
+    """Return the loads up to which linear elasticity holds on a scene, by the rule.
 
     Args:
         scene: its own load does not matter.
         accuracy: relative, on ratio, stresses and stiffness; the log-sensitivity of a target has five times that.
 
     Raises:
-        InputError, Refusal: see ``load_rule``.
+        InputError, Refusal: see ``build_load_rule``.
     """
     return limits_of(load_rule(scene), accuracy, scene.target is not None)
 
 
 def limits_of(rule: LoadRule, accuracy: float, promise: bool, known: Known = "bound") -> LoadLimits:
-    """Return the limits that a rule sets.
+    """Build the load limits that a rule sets.
 
     Args:
         rule: of the scene.
-        accuracy: see ``load_limits``.
+        accuracy: see ``compute_load_limits``.
         promise: whether the log-sensitivity is promised too.
         known: how the rule's numbers are.
     """
@@ -100,12 +100,12 @@ def limits_of(rule: LoadRule, accuracy: float, promise: bool, known: Known = "bo
 
 
 def computed_limits(ends: Ends, bounds: LoadLimits, accuracy: float) -> LoadLimits:
-    """Return the limits that ``contact`` computed; what ``auto`` answers linearly goes by the rule all the same.
+    """Return the limits that ``contact`` computed; the linear limit of ``auto`` still follows from the rule.
 
     Args:
-        ends: that it found.
+        ends: of the load curve that ``contact`` computed.
         bounds: by the rule.
-        accuracy: see ``load_limits``.
+        accuracy: see ``compute_load_limits``.
     """
 
     def told(end: LargestLoad | None, question: str) -> LargestLoad | None:
@@ -120,7 +120,7 @@ def computed_limits(ends: Ends, bounds: LoadLimits, accuracy: float) -> LoadLimi
 
 
 def largest(rule: LoadRule, accuracy: float, promise: bool) -> LargestLoad:
-    """Return the largest load that ``auto`` answers linearly: finite strain may take ``LOAD_SHARE`` of the accuracy.
+    """Return the largest load at which ``auto`` uses linear elasticity: finite strain may take ``LOAD_SHARE`` of the accuracy.
 
     Args:
         rule: of the scene.

@@ -1,4 +1,4 @@
-"""How large a load linear elasticity may answer: the rule that stands in for finite strain and contact until a level models them.
+"""Rule for the largest load of linear elasticity: bounds on the effects of finite strain and of contact in the gap.
 
 With x the indentation over the outer radius, finite strain changes ratio, stresses and stiffness by at most 0.1 x and the
 log-sensitivity by at most exp(0.8 x) - 1, relative (PL.2). The rule is read off solutions with finite strain and contact, which
@@ -33,7 +33,7 @@ from solver.results.load_limits import LargestLoad
 
 SENSITIVITY_GROWTH = 0.8  # of ln(log-sensitivity) per x
 LARGEST_X = 0.3
-CLOSING = 1 / 20  # of the linear closure force
+CLOSING = 1 / 20  # fraction of the linear closing force up to which the gap is known to stay open
 CANCELLING_WALLS = 1 / 12  # of eq. PL.9
 CANCELLING = 0.2  # of eq. PL.8: the worst of 240 scenes needs 0.065
 LEAST_SENSITIVITY = 1e-5  # absolute, that a log-sensitivity is promised to
@@ -42,17 +42,17 @@ Cause = Literal["ratio", "log_sensitivity", "strain limit", "gap closure"]
 
 
 def ratio_change(x: float, covered: float = 1.0) -> float:
-    """Bound on what finite strain changes of ratio, stresses and stiffness, relative: eq. PL.2, times eq. PL.7."""
+    """Bound the relative change of ratio, stresses and stiffness by finite strain: eq. PL.2 times eq. PL.7."""
     return RATIO_CHANGE * covered * x
 
 
 def log_sensitivity_change(x: float) -> float:
-    """Bound on what it changes of the log-sensitivity, relative: eq. PL.2; infinite beyond all floating-point numbers."""
+    """Bound the relative change of the log-sensitivity by finite strain, eq. PL.2; infinite where it would overflow."""
     return math.expm1(SENSITIVITY_GROWTH * x) if x < 800 else math.inf
 
 
 def sensitivity_size(films: tuple[float, float]) -> float:
-    """Return what the log-sensitivity S = S_inner - S_outer counts as where finite strain changes it by a share of itself.
+    """Return the size of the log-sensitivity S = S_inner - S_outer to which relative changes by finite strain refer.
 
     Where the films' own nearly cancel, each still changes, so that S counts as
 
@@ -66,7 +66,7 @@ def sensitivity_size(films: tuple[float, float]) -> float:
 
 
 def largest_x(accuracy: float, promise: float | None, covered: float = 1.0) -> tuple[float, Cause]:
-    """Return the largest x at which the rule keeps an accuracy, and what sets it.
+    """Return the largest x (indentation over outer radius) at which the rule keeps an accuracy, and what limits it.
 
     Args:
         accuracy: relative, on ratio, stresses and stiffness.
@@ -81,7 +81,7 @@ def largest_x(accuracy: float, promise: float | None, covered: float = 1.0) -> t
 
 
 def least_closure(scene: Scene, totals: Floats) -> float:
-    """Bound from below on the force that closes the gap in linear elasticity, N, for levels that do not know the blocks' walls.
+    """Return a lower bound on the force that closes the gap in linear elasticity, N, from formulas that do not model the walls.
 
     Args:
         scene: its load does not matter.
@@ -91,7 +91,7 @@ def least_closure(scene: Scene, totals: Floats) -> float:
 
 
 def nearing_at_most(scene: Scene, totals: Floats) -> float:
-    """Return by how much a scene's walls near each other per indentation at most, eq. PL.4; arguments as above."""
+    """Return an upper bound on the walls' approach per indentation, eq. PL.4; arguments as of the closing force's bound."""
     probe = scene.probe
     areas, moduli = (probe.inner_area, probe.outer_area), (probe.inner.youngs_modulus, probe.outer.youngs_modulus)
     inner, outer = np.abs(totals) / areas / moduli
@@ -106,10 +106,10 @@ class LoadRule:
     Attributes:
         strain: x per indentation, 1/m: ``tissue_strain`` and what the blocks' own strain adds.
         stiffness: linear, force per indentation, N/m.
-        closure: force that closes the gap in linear elasticity, N; see ``CoarseModel.closure``.
+        closure: force that closes the gap in linear elasticity, N; see ``CoarseModel.closure_force``.
         tilted: by how much a tilt lowers one side of the probe, m, which counts as indentation.
         covered: eqs. PL.7 and PL.11, times eq. PL.10.
-        films: log-sensitivities of both film forces, where an answer has told them, see ``sensitivity_size``.
+        films: log-sensitivities of both film forces, where a result has them, see ``compute_sensitivity_size``.
     """
 
     strain: float
@@ -121,7 +121,7 @@ class LoadRule:
 
     @classmethod
     def of(cls, scene: Scene, totals: Floats, closure: float) -> LoadRule:
-        """Return the rule of a scene from its linear answer.
+        """Build the rule of a scene from its linear film forces.
 
         A block of height h whose mean strain is e per indentation d changes the stiffness by about e times its share e h / d of
         the indentation: it adds e^2 h / 0.1 to x per indentation; the tissue drags a tube along as well, the thinner the more,
@@ -130,7 +130,7 @@ class LoadRule:
         Args:
             scene: its load does not matter.
             totals: force on each film, inner and outer, per indentation, N/m, shape (2,).
-            closure: ``CoarseModel.closure``.
+            closure: ``CoarseModel.closure_force``.
         """
         probe = scene.probe
         inner = block_strain(probe.core_height, totals[0] / probe.inner_area / probe.inner.youngs_modulus)
@@ -174,43 +174,43 @@ class LoadRule:
 
     @property
     def largest_open(self) -> LargestLoad:
-        """The largest load of which the rule says anything: the gap stays open up to it."""
+        """The largest load that the rule covers: the gap stays open up to it."""
         deepest = self._up_to(LARGEST_X, "strain limit")
         if deepest.force < CLOSING * self.closure:
             return deepest
         return LargestLoad(CLOSING * self.closure, CLOSING * self.closure / self.stiffness, "gap closure")
 
     def _up_to(self, x: float, by: Cause) -> LargestLoad:
-        """The load under which x is that."""
+        """Return the load under which x has a given value."""
         force = max(0.0, x / self.strain - self.tilted) * self.stiffness
         return LargestLoad(force, force / self.stiffness, by)
 
     def _promised(self, accuracy: float) -> float:
-        """How good the log-sensitivity has to be, relative to its size; it is promised to five times the accuracy."""
+        """Return the tolerance on the log-sensitivity, relative to its size: five times the accuracy, relative to itself."""
         if self.films is None or not any(self.films):
             return 5 * accuracy
         own = abs(self.films[0] - self.films[1])
         return max(5 * accuracy * own, LEAST_SENSITIVITY) / sensitivity_size(self.films)
 
     def promise_taken(self, force: float, accuracy: float) -> float:
-        """Return which fraction of what the log-sensitivity may be off a force, N, takes at most; infinite where not known."""
+        """Return the fraction of the log-sensitivity's tolerance that a force, N, may use up; infinite where it is unknown."""
         return log_sensitivity_change(self.x(force)) / self._promised(accuracy) if self.knows(force) else math.inf
 
     @property
     def known(self) -> float:
-        """The largest force of which the rule says anything, N."""
+        """The largest force that the rule covers, N."""
         return self.largest_open.force
 
     def knows(self, force: float) -> bool:
-        """Whether the rule says anything of a force, N."""
+        """Return whether the rule covers a force, N."""
         return self.x(force) <= LARGEST_X and force <= CLOSING * self.closure
 
     def ratio_change(self, force: float) -> float:
-        """Bound on what a force, N, changes of ratio, stresses and stiffness; infinite where nothing is known."""
+        """Bound the relative change of ratio, stresses and stiffness by a force, N; infinite where it is unknown."""
         return ratio_change(self.x(force), self.covered) if self.knows(force) else math.inf
 
     def log_sensitivity_change(self, force: float) -> float:
-        """Bound on what a force, N, changes of the log-sensitivity, relative; infinite where nothing is known or it is 0."""
+        """Bound the relative change of the log-sensitivity by a force, N; infinite where unknown or for a sensitivity of 0."""
         if not self.knows(force):
             return math.inf
         if self.films is None or not any(self.films):

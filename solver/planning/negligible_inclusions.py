@@ -1,4 +1,4 @@
-"""Which inclusions of a scene do not matter, by what each changes to first order on the coarsest mesh."""
+"""Inclusions of a scene that can be left out, by the first-order effect of each on the coarsest mesh."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from solver.planning.coarse_model import CoarseModel
 from solver.planning.tumour_effects import TumourEffects
 from solver.results.result import Decision, Effect
 
-SHARE = 0.1  # of the accuracy that all inclusions left out may take together
-DOUBT = 2.0  # times the bound on a first-order effect: neighbours feel it too
+SHARE = 0.1  # fraction of the accuracy for all inclusions left out together
+DOUBT = 2.0  # on the bound of a first-order effect: neighbours change it too
 
 
 @dataclass(frozen=True)
 class Reduced:
-    """A scene without the inclusions that do not matter.
+    """A scene without its negligible inclusions.
 
     Attributes:
         scene: with a marked target, if the whole had one.
@@ -35,7 +35,7 @@ class Reduced:
 
 @dataclass(frozen=True)
 class _InclusionEffects:
-    """Of each of t inclusions: estimates and bounds of what it changes, and a bound on its share in the target's slope."""
+    """Estimated effects of each of t inclusions, bounds on their errors, and bounds on the change of the target's sensitivity."""
 
     ratio: Floats
     stresses: Floats
@@ -49,7 +49,7 @@ class _InclusionEffects:
 
 
 def reduced(scene: Scene, rough: CoarseModel, accuracy: float) -> Reduced:
-    """Leave out the inclusions that change least, as long as all of them together change less than SHARE of the accuracy.
+    """Leave out the inclusions with the smallest effects, while all of them together change less than a tenth of the accuracy.
 
     The target stays, as do a body from a surface file, whose size is not known well enough, and all in layers of tissue: the
     bounds know one material about them.
@@ -99,7 +99,7 @@ def _effects(scene: Scene, rough: CoarseModel) -> _InclusionEffects:
 
 
 def _on_target(tumours: Tumours, changes: Floats, slopes: Floats, target: int) -> Floats:
-    """Bound on what each inclusion changes of the target's slope by its own field there, relative.
+    """Bound the relative change of the target's sensitivity by each inclusion's field at the target.
 
     Fields of spheres fall off with the cube of the distance; the work of one on the other is bounded by both effects:
     4 sqrt(dF_k / dF_t) (r_k r_t)^(3/2) / d^3 (PL.1).

@@ -1,4 +1,4 @@
-"""What is not linear at the scene's load: finite strain, walls that meet, surfaces that part."""
+"""Nonlinear effects at the scene's load: finite strain, contact in the gap, lift-off of surfaces."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from solver.planning.loads import LARGEST_X, LoadRule, log_sensitivity_change, r
 from solver.results.result import Decision, Effect
 
 NOBODY = "no linear evaluator"
-ALIKE = 1.1  # times the indentation over the outer radius: what strains no more than that needs no words
+ALIKE = 1.1  # times the indentation over the outer radius: smaller strains are not mentioned
 
 
 def unmodelled(scene: Scene, rough: CoarseModel, accuracy: float, contact: bool) -> Iterator[Decision]:
-    """Yield what may change at the scene's load, by the rule of ``loads.py``; level ``contact`` models the first two."""
+    """Yield decisions on nonlinear effects at the scene's load, by the rule of ``loads.py``; ``contact`` models the first two."""
     rule = rough.rule(scene)
     force = rule.force(scene)
     if contact:
@@ -36,32 +36,32 @@ def _strained(scene: Scene, rule: LoadRule, force: float, accuracy: float) -> It
 
 
 def _indented(scene: Scene, rule: LoadRule, force: float) -> str:
-    """Say how deep the probe is pressed, and what that counts as where blocks, layers, shallow tissue or a tilt make it worse."""
+    """Describe how deep the probe is pressed, and the equivalent indentation under stiff blocks on deep tissue."""
     depth, x = force / rule.stiffness, rule.x(force)
     share = depth / scene.probe.tube_radius
     at = f"{NOBODY}: indented by {1e3 * depth:.2g} mm, {share:.2g} of the outer radius"
-    return at if x < ALIKE * share else f"{at}, which strains as {x:.2g} of it would under stiff blocks on deep tissue"
+    return at if x < ALIKE * share else f"{at}, equivalent to {x:.2g} of it under stiff blocks on deep tissue"
 
 
 def _finite_strain(at: str, x: float, covered: float, accuracy: float) -> Decision:
-    """What an indentation may change that strains as x outer radii would."""
+    """Decide on finite strain at an indentation equivalent to x outer radii."""
     if x > LARGEST_X:
-        return _decision("finite strain", math.inf, accuracy, f"{at}; beyond {LARGEST_X:g} nothing is known")
+        return _decision("finite strain", math.inf, accuracy, f"{at}; beyond {LARGEST_X:g} the effect is unknown")
     change, slope = ratio_change(x, covered), log_sensitivity_change(x)
     changes = f"ratio, stresses and stiffness by at most {change:.2g}, log_sensitivity by {slope:.2g}"
     return _decision("finite strain", change, accuracy, f"{at}, which changes {changes}")
 
 
 def _gap_contact(force: float, rule: LoadRule, accuracy: float) -> Decision:
-    """The gap of every reference is open up to 1/14 of the force that closes it in linear elasticity, or to x = 0.3."""
+    """Decide on contact in the gap: in all references it is open up to 1/14 of the linear closing force, or to x = 0.3."""
     known = f"{NOBODY}: the gap stays open up to {most(rule.largest_open.force, 3)} N at least"
     if rule.knows(force):
         return _decision("gap contact", 0.0, accuracy, known)
-    return _decision("gap contact", math.inf, accuracy, f"{known}; at {force:.2g} N nothing is known")
+    return _decision("gap contact", math.inf, accuracy, f"{known}; at {force:.2g} N it may close")
 
 
 def _lift_off(scene: Scene, rough: CoarseModel, indentation: float, accuracy: float) -> Decision:
-    """The share of forces that pull, and what a tilt raises in shares of the indentation."""
+    """Decide on lift-off: the fraction of contact forces that pull, and how far a tilt raises one side."""
     tilted = math.tan(abs(scene.placement.tilt)) * scene.probe.tube_radius
     raised = max(0.0, 1 - indentation / tilted) if tilted > 0 else 0.0
     pulled = rough.pulled

@@ -1,4 +1,4 @@
-"""The cheapest model of a scene that meets an accuracy: what is modelled, what is left out, and what that may change.
+"""The cheapest model of a scene that meets an accuracy: what is modelled, what is left out, and the effect of each.
 
 Every estimate comes from one coarse solution of the probe on its tissue (``coarse_model.py``); what is left out is bounded, what
 is modelled or beyond every evaluator is estimated.
@@ -36,23 +36,23 @@ from solver.solid.domain import domain, reach
 from solver.solid.level import BEST, SolidLevel
 
 AXISYMMETRIC, HARMONICS, SOLID, CONTACT = "axisymmetric", "equivalent-inclusion", "solid", "contact"
-MESHED = "inclusion", "groove", "sides"  # features of which meshes of tetrahedra get a share wrong
-MESH_SHARE = 0.015  # of what these change: up to which ``solid`` surely knows it
+MESHED = "inclusion", "groove", "sides"  # features whose effects have a relative error on meshes of tetrahedra
+MESH_SHARE = 0.015  # that relative error of ``solid``, at most
 
 
 @dataclass(frozen=True)
 class Plan(Notebook):
-    """How a scene is best answered.
+    """The evaluator for a scene, with what it models and leaves out.
 
     Attributes:
-        evaluator: the level that ``auto`` begins with; None where none built yet takes the scene.
+        evaluator: with which ``auto`` begins; None where no evaluator takes the scene.
         dimension: of the model, in words.
-        scene: what that level is given: without inclusions that do not matter.
-        accuracy: what that level is asked for.
-        allowed: what it may be off: what load and left-out inclusions leave of the accuracy; ``accuracy`` is as much or less.
+        scene: the scene for that evaluator: without negligible inclusions.
+        accuracy: requested of that evaluator.
+        allowed: its largest allowed error: what load and left-out inclusions leave of the accuracy; at least ``accuracy``.
         left_out: bound on what the inclusions left out change together of ln(ratio) or of a stress or the stiffness.
         decisions: one for each feature that could be left out.
-        rule: for loads, see ``CoarseModel.rule``.
+        rule: for loads, see ``CoarseModel.build_rule``.
         load_limits: up to which load linear elasticity holds, by the rule or, where loads are asked for, by ``contact``.
         warnings: one line each.
         refusal: why ``auto`` refuses the scene; None where an evaluator is named.
@@ -72,17 +72,17 @@ class Plan(Notebook):
 
     @property
     def linear_limit_load(self) -> LargestLoad | None:
-        """Up to which linear elasticity holds at the accuracy that was asked for."""
+        """The largest load at which linear elasticity meets the requested accuracy."""
         return self.load_limits.linear
 
     @property
     def gap_closure_load(self) -> LargestLoad | None:
-        """Up to which the gap stays open; None at any load."""
+        """The largest load at which the gap stays open; None if it does at any load."""
         return self.load_limits.gap_closure
 
     @property
     def curve_evaluator(self) -> str | None:
-        """The level that answers a curve: those cheaper than ``solid`` know curves of spheres only."""
+        """The evaluator for a curve: those cheaper than ``solid`` compute curves of spheres only."""
         return SOLID if any(body.diameter is None for body in self.scene.inclusion) else self.evaluator
 
     def as_dict(self) -> dict[str, Any]:
@@ -101,21 +101,21 @@ class Plan(Notebook):
         return replace(self, evaluator=None, dimension=_model(self.scene, None), refusal=fault)
 
     def sure(self) -> bool:
-        """Whether the evaluator surely answers within what is allowed: ``solid``, which takes tens of seconds to ask."""
+        """Return whether the evaluator is ``solid``, which takes tens of seconds, and surely meets the allowed error."""
         changed = (max(one.effect, one.effect_on_stresses or 0.0) for one in self.decisions if one.feature.startswith(MESHED))
         return self.evaluator == SOLID and self.allowed >= BEST + MESH_SHARE * sum(changed)
 
     def reached(self, error: float, accuracy: float) -> float:
-        """Return the error of an answer to the whole scene, where the level's own is ``error``."""
+        """Return the error of a result for the whole scene, given the evaluator's own error."""
         return (1 + error) * (1 + accuracy) / (1 + self.allowed) - 1
 
     def check_load(self, scene: Scene, accuracy: float) -> None:
-        """Raise ``Refusal`` where the load is beyond what ``auto`` answers linearly."""
+        """Raise ``Refusal`` where the load is above the linear limit of ``auto``."""
         if self.evaluator != CONTACT:
             check_load(scene, self.rule, accuracy, scene.target is not None)
 
     def completed(self, result: Result, scene: Scene, accuracy: float, linear: bool) -> Result:
-        """Return a level's answer to the reduced scene as one to the whole, what load and left-out bodies change in its error.
+        """Complete a result for the reduced scene to one for the whole: load and left-out inclusions add to its error.
 
         Raises:
             Refusal: the error is above the accuracy, unless ``linear``.
@@ -137,7 +137,7 @@ class Plan(Notebook):
         return result
 
     def completed_curve(self, curve: Curve, scene: Scene, accuracy: float, linear: bool) -> Curve:
-        """Return a level's curve of the reduced scene as one of the whole; see ``completed``."""
+        """Complete an evaluator's curve of the reduced scene to one of the whole; see ``complete_result``."""
         left = float(np.expm1(self.left_out))
         if self.evaluator == CONTACT:
             errors = tuple(with_error(one, left) for one in curve.error_estimate)
@@ -152,7 +152,7 @@ class Plan(Notebook):
         return replace(told, warnings=(*curve.warnings, *notes))
 
     def _with(self, decisions: tuple[Decision, ...]) -> tuple[Decision, ...]:
-        """The level's own decisions in the place of what was planned of the same features."""
+        """Replace planned decisions by the evaluator's own on the same features."""
         own = {one.feature for one in decisions}
         return (*(one for one in self.decisions if one.feature not in own), *decisions)
 
@@ -166,14 +166,14 @@ def plan(
     *,
     rough: CoarseModel | None = None,
 ) -> Plan:
-    """Plan how to answer a scene; see ``solver.answers.plan``.
+    """Plan how to solve a scene; see ``solver.answers.plan``.
 
     Args:
         scene: as there.
         accuracy: as there.
-        level: the evaluator to plan for; None for the cheapest that may do.
-        skin: whether to say what a skin would change of soft tissue without layers.
-        linear: whether to answer linearly at any load.
+        evaluator: the evaluator to plan for; None for the cheapest that may do.
+        skin: whether to warn about the effect of a skin on soft tissue without layers.
+        linear: whether to use linear elasticity at any load.
         rough: the scene's coarse model, where it is known: scenes without their tumours and loads may share it.
 
     Raises:
@@ -220,15 +220,15 @@ def plan(
 def following(
     planned: Plan, tried: Collection[str], fault: Refusal, scene: Scene, *, accuracy: float, linear: bool
 ) -> str | None:
-    """Return the next evaluator that may answer where those tried refuse, else None.
+    """Return the next evaluator that may solve the scene where those tried refuse, else None.
 
     Args:
-        planned: with what the last of them was asked.
+        planned: for the last of them.
         tried: their names.
         fault: the last one's refusal.
         scene: whole.
         accuracy: of the whole.
-        linear: whether to answer linearly at any load.
+        linear: whether to use linear elasticity at any load.
     """
     fewer = planned.scene
     if fault.key.startswith("load."):
@@ -245,7 +245,7 @@ def following(
 
 
 def _level(scene: Scene, rough: CoarseModel, accuracy: float) -> str | None:
-    """The cheapest level that takes a scene and leaves out of it no more than the accuracy allows."""
+    """Return the cheapest evaluator that takes a scene and leaves out no more than the accuracy allows."""
     if unsupported(scene) is not None:
         return None
     if needs_solid(scene) is not None:
@@ -270,7 +270,7 @@ def _model(scene: Scene, level: str | None) -> str:
 
 
 def _dimension(scene: Scene, rough: CoarseModel, level: str | None, accuracy: float) -> Decision:
-    """What the third dimension holds beyond tumours, which harmonics carry."""
+    """Decide on the third dimension: features other than tumours that are not axisymmetric."""
     flat = [change.decision(accuracy) for change in rough.changes if change.feature not in (*IN_PLANE, BEYOND)]
     effect = Effect(
         sum((one.effect for one in flat), 0.0),
@@ -280,26 +280,26 @@ def _dimension(scene: Scene, rough: CoarseModel, level: str | None, accuracy: fl
     why = (
         needs_solid(scene)
         or ", ".join(one.feature for one in flat)
-        or "the scene is round about the probe's axis but for tumours"
+        or "the scene is axisymmetric except for tumours"
     )
     return Decision.of("third dimension", level == SOLID, effect, accuracy, f"{_model(scene, level)}: {why}")
 
 
 def _edges(rough: CoarseModel, accuracy: float) -> Iterator[Decision]:
-    """What the tissue's sides and floor change against tissue without an end."""
+    """Yield the decision on the tissue's sides and floor, against an unbounded tissue."""
     effect = rough.edges
     if effect is not None:
         yield Decision.of("far edges", True, effect, accuracy, f"modelled: they change the ratio by about {effect.ratio:.2g}")
 
 
 def _detail(change: Change, level: str | None, accuracy: float) -> Decision:
-    """Groove, sides that are not round, films and base."""
+    """Decide on a detail: groove, sides that are not round, films or base."""
     in_plane = change.feature in IN_PLANE
     modelled = change.effect > NEGLIGIBLE * accuracy if in_plane else level == SOLID and change.feature != BEYOND
     return replace(change, modelled=modelled).decision(accuracy)
 
 
 def _untargeted(result: Result) -> Result:
-    """Without a target there is no log_sensitivity, however many inclusions are left."""
+    """Remove the log-sensitivity of a result whose whole scene has no target."""
     others = tuple(note for note in result.warnings if note.kind != "sensitivity")
     return replace(result, log_sensitivity=None, warnings=(null_sensitivity(2), *others))

@@ -1,4 +1,4 @@
-"""What is strained: by how much tissue, layers, blocks and what covers an inclusion raise what the rule for loads counts with.
+"""Strain measures of the load rule: effects of tissue depth, layers, blocks and the cover of inclusions.
 
 Per indentation, against a probe with stiff blocks on deep tissue; see ``solver.planning.loads``.
 """
@@ -29,7 +29,7 @@ SLIM = 0.15  # of eq. PL.3: the worst of 360 scenes needs 0.9 of what it says th
 
 
 def cover_factor(bodies: Iterable[Inclusion]) -> float:
-    """Return by how many times inclusions near the surface raise what finite strain changes of ratio, stresses and stiffness.
+    """Return the factor by which inclusions near the surface increase the effect of finite strain on ratio and stresses.
 
     What covers them is strained the more the thinner it is, and counts the more the wider they are: with diameter D and cover t
     at most by
@@ -48,7 +48,7 @@ def cover_factor(bodies: Iterable[Inclusion]) -> float:
 def both_strains(
     tube_radius: Any, tissue: Tissue, interface: Interface, added: Any = 0.0, covered: float = 1.0
 ) -> tuple[Any, Any]:
-    """Return x per indentation, and what ratio, stresses and stiffness count with in its place, 1/m.
+    """Return x per indentation, 1/m, for the log-sensitivity, and its counterpart for ratio, stresses and stiffness.
 
     Layers change these more than the log-sensitivity, stiff ones these alone, and what covers inclusions adds to that: with b, f
     and m of eq. PL.6 and k of eq. PL.7
@@ -164,13 +164,13 @@ def _near(size: Any, top: float, bottom: float) -> Any:
 
 
 def _greater(a: Any, b: Any) -> Any:
-    """Return the greater of two floats, arrays or casadi expressions, of complex numbers by their real parts."""
+    """Return the greater of two floats, arrays or casadi expressions; complex numbers compare by their real parts."""
     first = a.real >= b.real if hasattr(a, "real") else a >= b
     return a * first + b * (1 - first)
 
 
 def cancelling_factor(totals: Any, areas: tuple[float, float]) -> float:
-    """Return by how many times a film's relative change is larger as its pressures nearly cancel.
+    """Return the factor by which a film's relative change grows where its pressures nearly cancel.
 
     Where a stiff layer carries the load to one block, the other's film is pushed here and pulled there. With the films' stresses
 
@@ -186,17 +186,17 @@ def cancelling_factor(totals: Any, areas: tuple[float, float]) -> float:
 
 
 def block_strain(height: Any, strain: Any) -> Any:
-    """What a block of a height, m, and a mean strain per indentation, 1/m, adds to x per indentation, 1/m: eq. PL.3."""
+    """Return what a block of given height, m, and mean strain per indentation, 1/m, adds to x per indentation, 1/m: eq. PL.3."""
     return height * strain**2 / RATIO_CHANGE
 
 
 def slimness(radius: Any, wall: Any) -> Any:
-    """How many times as much a tube of an outer radius and a wall, m, adds: eq. PL.3."""
+    """Return the factor of eq. PL.3 for a tube of given outer radius and wall, m."""
     return 1 + SLIM * radius / wall
 
 
 def _with_layers(tube_radius: Any, tissue: Tissue, value: Callable[[Material], float]) -> Any:
-    """Return the largest value of tissue and layers, as far as these are thick; see ``most_nearing``."""
+    """Return the maximum of a value over tissue and layers, thin layers counted in part; see ``bound_nearing``."""
     own = most = value(tissue)
     for one in tissue.layer:
         if value(one) > own:
@@ -206,7 +206,7 @@ def _with_layers(tube_radius: Any, tissue: Tissue, value: Callable[[Material], f
 
 
 def most_nearing(tissue: Tissue, radii: tuple[Any, Any, Any], strains: tuple[Any, Any], modulus: Any) -> Any:
-    """By how much the walls at the gap near each other per indentation at most.
+    """Return an upper bound on the approach of the walls at the gap per indentation.
 
     Per indentation that is
 

@@ -1,4 +1,4 @@
-"""What a scene's tumours change of the film forces, to first order on the coarsest mesh, and so of the rule for loads."""
+"""First-order effects of a scene's tumours on the film forces on the coarsest mesh, and so on the rule for loads."""
 
 from __future__ import annotations
 
@@ -14,21 +14,20 @@ from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.inclusions.tumours import Tumours
 from solver.planning.loads import LoadRule
 
-BURIED = 0.98  # of its depth: the largest radius of the ball that stands for a body of another shape
+BURIED = 0.98  # of its depth: the maximum radius of the ball that stands for a body of another shape
 STIFFNESS_MARGIN = 0.99  # of the coarsest mesh's stiffness, which is at most 0.4 % above the true one in 40 drawn scenes
-SENSITIVITY_MARGIN = (
-    0.05  # of the larger film log-sensitivity: by so much less their difference counts (docs/explanation/plan.md)
-)
-LEAST_STIFFNESS = 0.1  # of that without tumours: the first order overrates what large soft ones change
+# of the larger film log-sensitivity: by so much less their difference counts (docs/explanation/plan.md)
+SENSITIVITY_MARGIN = 0.05
+LEAST_STIFFNESS = 0.1  # of that without tumours: the first order overestimates the effect of large soft ones
 
 
 @dataclass(frozen=True)
 class TumourEffects:
-    """Effects of each tumour of a scene, every one a ball.
+    """Effects of each tumour of a scene, each taken as a ball.
 
     Attributes:
         tumours: inside the tissue that is modelled.
-        each: of every tumour alone.
+        single_effects: of each tumour alone.
     """
 
     tumours: Tumours
@@ -36,7 +35,7 @@ class TumourEffects:
 
     @classmethod
     def of(cls, scene: Scene, base: Undisturbed) -> TumourEffects:
-        """Return those of a scene with tumours.
+        """Compute the effects of a scene's tumours.
 
         Raises:
             InputError: a surface file that cannot be used.
@@ -48,7 +47,7 @@ class TumourEffects:
 
 
 def with_tumours(rule: LoadRule, scene: Scene, base: Callable[[], Undisturbed]) -> LoadRule:
-    """Return the rule of a scene without tumours as one with them.
+    """Adapt the load rule without tumours to a scene's tumours.
 
     Args:
         rule: with the stiffness without tumours, of the coarsest mesh.
@@ -56,7 +55,7 @@ def with_tumours(rule: LoadRule, scene: Scene, base: Callable[[], Undisturbed]) 
         base: makes the base states on the coarsest mesh, where there are tumours.
 
     Raises:
-        InputError, Refusal: see ``TumourEffects.of``.
+        InputError, Refusal: see ``TumourEffects.from_scene``.
     """
     if not scene.inclusion:
         return adjusted(rule, 1.0, None)
@@ -69,7 +68,7 @@ def with_tumours(rule: LoadRule, scene: Scene, base: Callable[[], Undisturbed]) 
 
 
 def adjusted(rule: LoadRule, times: float, slopes: Floats | None) -> LoadRule:
-    """Return the rule for tumours that change the stiffness, so that it holds whatever evaluator answers.
+    """Adapt the load rule to tumours that change the stiffness, so that it holds for any evaluator.
 
     Softer tumours let a force press deeper; how much the film log-sensitivities cancel decides how well the log-sensitivity has
     to be known. Stiffer ones count as none: the force that closes the gap hardly depends on them.
@@ -84,7 +83,7 @@ def adjusted(rule: LoadRule, times: float, slopes: Floats | None) -> LoadRule:
 
 
 def _cautious(slopes: Floats | None) -> tuple[float, float] | None:
-    """Film log-sensitivities whose difference is the smallest that it may be; None where they are not known."""
+    """Return film log-sensitivities with the smallest difference that their errors allow; None where they are unknown."""
     if slopes is None or not np.isfinite(slopes).all():
         return None
     larger = int(np.argmax(np.abs(slopes)))
@@ -95,7 +94,7 @@ def _cautious(slopes: Floats | None) -> tuple[float, float] | None:
 
 
 def _ball(k: int, body: Inclusion) -> Inclusion:
-    """The ball around an inclusion: a stiffer body changes more if it is larger, a softer one too (Rayleigh)."""
+    """Return the ball that encloses an inclusion; it changes more than the body, stiff or soft (Rayleigh)."""
     if body.diameter is not None:
         return body
     if body.diameters is not None:

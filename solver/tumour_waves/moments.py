@@ -1,4 +1,4 @@
-"""What waves of traction under a probe do to spheres, before any probe is known.
+"""Strain moments about spheres under waves of traction, independent of the probe.
 
 The strain's moments about a sphere (``closed_form.surface_images``) are, under loads whose Hankel transforms at the wave numbers
 k are p and q, sums over k of numbers that depend on tissue, sphere and its distance from the probe's axis alone: they are
@@ -23,14 +23,14 @@ from solver.closed_form.tractions import between_waves
 from solver.inclusions.eshelby import strengths
 from solver.tumour_waves.population import TumourDraws, stack
 
-MOST = 160  # wave numbers
-LEAST_WAY = 0.2  # of a sphere's radius: nearer to a face its waves are cut
-ON_AXIS = 1e-6  # m: moments beside the axis pass over into those on it
+MOST = 160  # maximum number of wave numbers
+LEAST_WAY = 0.2  # of a sphere's radius: minimum distance to a face for the choice of wave numbers
+ON_AXIS = 1e-6  # m: smaller offsets count as this one; off-axis moments tend to those on the axis
 
 
 @dataclass(frozen=True)
 class Moments:
-    """Of m spheres seen from P positions.
+    """Moments about m spheres for P positions of the probe.
 
     Attributes:
         k: wave numbers, shape (q,).
@@ -46,7 +46,7 @@ class Moments:
 
 
 def moments(draws: TumourDraws, positions: Floats, widest: float) -> Moments:
-    """Return what the waves under a probe do to spheres.
+    """Compute the moments about spheres under the waves of a probe.
 
     Args:
         draws: the spheres.
@@ -70,7 +70,7 @@ def moments(draws: TumourDraws, positions: Floats, widest: float) -> Moments:
 
 
 def _wave_numbers(draws: TumourDraws, across: float) -> tuple[Floats, Floats]:
-    """Wave numbers and the weights k dk, for the shallowest sphere as far as so many nodes resolve them."""
+    """Choose wave numbers, 1/m, and weights k dk for the shallowest sphere, within what the nodes resolve."""
     way = np.maximum(draws.depth - 0.8 * draws.radius, LEAST_WAY * draws.radius)
     reach = min(REACH / float(way.min()), (MOST - 8) / (NODES_PER_WAVE * across))
     share, weight = between_waves(min(MOST, 2 * int(np.ceil((8 + NODES_PER_WAVE * reach * across) / 2))))
@@ -79,7 +79,7 @@ def _wave_numbers(draws: TumourDraws, across: float) -> tuple[Floats, Floats]:
 
 
 def _of_layer(draws: TumourDraws, layer: int, k: Floats, weight: Floats) -> Floats:
-    """Moments about the spheres' own axes times k dk / 2 mu, of all that one layer holds, shape (2, m, moments, q)."""
+    """Compute moments about the axes of the spheres in one layer, times k dk / 2 mu, shape (2, m, moments, q)."""
     sphere = SphereArray(
         draws.radius, draws.depth, draws.depth, draws.youngs_modulus, draws.poisson_ratio, on_axis=False, layer=layer
     )

@@ -65,7 +65,7 @@ class TumourDraws:
 
 
 def stack(tissue: Floats, bounded: bool) -> list[TissueLayer]:
-    """Return the layers of n tissues (layers + 1, 3, n)."""
+    """Build the layers of n tissues given as an array (layers + 1, 3, n)."""
     *above, (depth, modulus, poisson) = tissue
     thicknesses = sum((layer[0] for layer in above), start=0 * depth)
     return [TissueLayer(*layer) for layer in above] + [TissueLayer(depth - thicknesses if bounded else None, modulus, poisson)]

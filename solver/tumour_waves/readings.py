@@ -1,12 +1,12 @@
 """Film forces of many probes over a population, to first order in the tumours.
 
 With t the tractions under a probe whose blocks move together and t_i those under block i alone, eq. CF.12, and M the moments of
-the strain about a sphere, linear in the tractions, film i feels
+the strain about a sphere, linear in the tractions, the force on film i and its change by the sphere are
 
     F_i = A_i . t,     dF_i = M(t_i) . V K M(t)                                                       (TW.1)
 
 eq. CF.13 on moments without the image in surface and blocks, which nearly cancel each other. That leaves out 1 % of the ratio
-for spheres whose cover is half their diameter and more, 13 % at a tenth: enough to lead a search, not to judge what it finds. The
+for spheres whose cover is half their diameter and more, 13 % at a tenth: enough for a search, not to verify its result. The
 slope by ln E of the sphere has dK / d ln E in K's place. All is analytic in the probe's sizes and moduli: complex steps
 differentiate it.
 """
@@ -28,7 +28,7 @@ from solver.tumour_waves.moments import Moments, moments
 from solver.tumour_waves.population import TumourDraws
 
 FLOOR_NODES = 16
-MOST_PAIRS = 4096  # of probes and tissues solved at once
+MOST_PAIRS = 4096  # pairs of probe and tissue solved at once
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Films:
 
 @dataclass(frozen=True)
 class ManyTumours:
-    """A population seen from positions, for any probe up to an outer radius.
+    """A population of tumours read at several positions, for any probe up to a maximum outer radius.
 
     Attributes:
         draws: the tumours.
@@ -74,16 +74,16 @@ class ManyTumours:
     def of(
         cls, draws: TumourDraws, positions: Floats, widest: float, *, bonded: bool, side: tuple[float, int], layer_nodes: int
     ) -> ManyTumours:
-        """Find what depends on no probe."""
+        """Compute what does not depend on the probe."""
         tissues, which = draws.tissues
         found = moments(draws, positions, widest)
         return cls(draws, found, tissues, which, draws.bounded, bonded, side, layer_nodes)
 
     def films(self, probes: Array) -> Films:
-        """Return the film forces of n probes, eq. TW.1.
+        """Compute the film forces of n probes, eq. TW.1.
 
         Args:
-            probes: the parameters ``closed_form.designs.PROBE``, a column for each, floats or complex, shape (9, n).
+            probes: the parameters ``closed_form.designs.PROBE_PARAMETERS``, a column for each, floats or complex, shape (9, n).
         """
         parts = [self._films(probes[:, k : k + self._chunk]) for k in range(0, probes.shape[1], self._chunk)]
         return Films(*(np.concatenate([getattr(part, key) for part in parts]) for key in ("without", "change", "by_log")))
@@ -109,7 +109,7 @@ class ManyTumours:
         return Films(without, change, by_log)
 
     def _alone(self, probes: Array, tissues: Floats) -> ContactSolution:
-        """Eq. CF.12 of probes on tissues, a pair in each column."""
+        """Solve eq. CF.12 for pairs of probe and tissue without tumours, a pair in each column."""
         *above, (depth, modulus, poisson) = tissues
         layers = tuple(TissueLayer(*layer) for layer in above)
         side = np.full(probes.shape[1], self.side[0])
@@ -118,7 +118,7 @@ class ManyTumours:
         return solve_contact(_blocks(probes), tissue, (), target=None, bonded=self.bonded, **settings)
 
     def _arrived(self, pressed: Array, sheared: Array) -> Array:
-        """Moments about every sphere under each block, of waves (n, u, q, 2); shape (m, P, moments, n, 2)."""
+        """Compute moments about each sphere under each block from waves (n, u, q, 2), shape (m, P, moments, n, 2)."""
         n = len(pressed)
         m, rows, _ = self.moments.pressed.shape
         found: Any = 0.0
@@ -134,13 +134,13 @@ def _blocks(probes: Array) -> tuple[ElasticBlocks, ElasticBlocks]:
 
 
 def _times(form: Floats, vectors: Array) -> Array:
-    """Matrices (m, i, j) times vectors (m, P, j, n, 1)."""
+    """Multiply matrices (m, i, j) by vectors (m, P, j, n, 1)."""
     m, P, size, n, _ = vectors.shape
     return _real_times(form[:, None], vectors.reshape(m, P, size, n), None).reshape(m, P, size, n, 1)
 
 
 def _real_times(real: Floats, columns: Array, which: Ints | None) -> Array:
-    """Real matrices times columns, which may be complex, as one product of reals; ``which`` columns belong to each matrix."""
+    """Multiply real matrices by columns, perhaps complex, as one real product; ``which`` selects the columns of each matrix."""
     parts = columns.view(float) if np.iscomplexobj(columns) else columns
     if which is not None and len(parts) == 1:
         product = (real.reshape(-1, real.shape[-1]) @ parts[0]).reshape(*real.shape[:-1], -1)

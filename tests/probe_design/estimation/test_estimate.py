@@ -359,4 +359,4 @@ class TestLoads:
         found = estimate(self.scene(1.0), self.READ, linear=True)
         assert not found.identifiable
         assert found.interval == (None, None)
-        assert any("nothing is known" in line for line in found.warnings)
+        assert any("are unknown at this load" in line for line in found.warnings)

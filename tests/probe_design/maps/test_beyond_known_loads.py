@@ -27,7 +27,7 @@ def test_nothing_is_computed_where_nothing_can_be_said(monkeypatch: pytest.Monke
     """The sentence names the load up to which something is known, and that load is answered."""
     with monkeypatch.context() as patch:
         patch.setattr(module, "readings", lambda *_, **__: pytest.fail("spheres were computed"))
-        with pytest.raises(Refusal, match=r"= 0\.3 N: allowed: up to .* N, of larger loads nothing") as refused:
+        with pytest.raises(Refusal, match=r"= 0\.3 N: allowed: up to .* N; larger loads have unknown effects") as refused:
             under(0.3)
     named = re.search(r"up to ([\d.]+) N", str(refused.value))
     assert named is not None
