@@ -79,7 +79,7 @@ class ContactLevel(FilmLevel):
         films = tuple(one.films for one in answers)
         worst = max(films, key=lambda one: one.error_under(scene))
         change = float(np.exp(np.abs(_log_ratio(worst) - _log_ratio(on.linear.films[0]))) - 1)
-        decision = Decision(FEATURE, True, change, accuracy, "what they change of the ratio at this load")
+        decision = Decision(FEATURE, True, change, accuracy, "their change of the ratio at this load")
         stopped = (*of_kind(on.linear.notes, "limit"), *limits)
         notes = shortfalls(worst, worst.error_under(scene), accuracy, stopped)
         residual = max(on.linear.sample.states.residual, *(one.point.residual for one in answers))

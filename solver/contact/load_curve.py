@@ -159,7 +159,7 @@ def _curve(scene: Scene, points: list[Loaded], *, stopped: str | None, accuracy:
     warnings = [] if scene.target is not None else [null_sensitivity(len(scene.inclusion))]
     worst = max(one.films.ratio_error for one in points)
     if worst > accuracy:
-        warnings.append(Note("accuracy", f"error bounds of up to {worst:.2g} reached, accuracy {accuracy:g} asked for"))
+        warnings.append(Note("accuracy", f"error bounds reach {worst:.2g}, above the requested accuracy of {accuracy:g}"))
     if stopped is not None:
         warnings.append(Note("limit", f"the curve ends early: {stopped}"))
 

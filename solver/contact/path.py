@@ -128,7 +128,7 @@ class Path:
         """Take one step towards an indentation, halved until it converges."""
         start, most = self.last.indentation, DEEPEST * self.radius
         if start >= most * (1 - 1e-9):
-            raise StoppedError(self.last, "it is as deep as the probe is wide, and nobody has compared deeper solutions")
+            raise StoppedError(self.last, "it is as deep as the probe is wide, and deeper solutions were never verified")
         step = min(indentation, most) - start
         while True:
             try:

@@ -3,8 +3,9 @@
     u_r = U cos m theta,  u_theta = V sin m theta,  u_z = W cos m theta                            (MS.1)
 
 with amplitudes U, V, W in the meridian plane; and the same rotated by a quarter of a wave, (sin, -cos, sin). For m > 0
-the components are U + V, U - V and W: near the axis they behave as r^(m+1), r^(m-1) and r^m, so that each either vanishes there or is free. Elements are those of the base
-states, volumetric strain projected alike (``solver/elements/quadrilateral.py``).
+the components are U + V, U - V and W: near the axis they behave as r^(m+1), r^(m-1) and r^m, so that each
+either vanishes there or is free. Elements are those of the base states, with
+the volumetric strain projected likewise (``solver/elements/quadrilateral.py``).
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ from geometry.common.arrays import Floats, Ints
 from solver.multiple_scattering.azimuthal_systems import Harmonic
 from solver.multiple_scattering.boundary_edges import Boundary, Edges
 
-FORCES, LIFTED = ("surface", "side", "above", "below"), ("ends", "floor", "above", "below")  # edges with forces; with displacements
+FORCES, LIFTED = ("surface", "side", "above", "below"), ("ends", "floor", "above", "below")  # by kind of data
 
 
 @dataclass(frozen=True)

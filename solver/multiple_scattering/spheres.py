@@ -56,8 +56,8 @@ class ScatteringSphere:
         """Compute regular coefficients (modes, k) of a field from displacement (q, 3, k), m, and dilation (q, k) at q points.
 
         The mode of degree 0, u = c x / R with radius R, is taken from the dilation if that is given: in equilibrium the dilation
-        is harmonic, so that its mean over the surface equals that over the ball, 3 c / R. In nearly incompressible tissue an error
-        of the displacement's flux would be multiplied by the bulk modulus.
+        is harmonic, so that its mean over the surface equals that over the ball, 3 c / R. In nearly incompressible tissue an
+        error of the displacement's flux would be multiplied by the bulk modulus.
         """
         out = self.projection.coefficients(displacement)
         if dilation is not None:

@@ -174,6 +174,6 @@ def _decisions(symmetric: SymmetricPart, difference: SceneDifference, accuracy: 
     if symmetric.domain.shortened:
         left = EDGES * symmetric.edges * effect
         reason = f"left out but for its compliance: changes the ratio by at most about {left:.2g}, counted in error_estimate"
-        yield Decision("far tissue's effect on what inclusions change", False, left, accuracy, reason)
+        yield Decision("far tissue's effect on the change by inclusions", False, left, accuracy, reason)
     if symmetric.domain.half:
         yield Decision("the other half of a mirror-symmetric scene", False, 0.0, accuracy, "left out: exactly the same")

@@ -153,7 +153,7 @@ def _tilt_notes(scene: Scene, films: FilmForces) -> list[Note]:
     if raised <= indentation:
         return []
     sides = f"the tilt raises one side by {1e3 * raised:.3g} mm, the load lowers the probe by {1e3 * indentation:.3g} mm"
-    return [Note("linear", f"{sides}: there the contact is taken to pull, where a real one opens")]
+    return [Note("linear", f"{sides}: the model lets this side pull the tissue, but real contact opens there")]
 
 
 def level(tell: Tell | None = None) -> SolidLevel:

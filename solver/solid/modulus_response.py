@@ -69,7 +69,7 @@ def solid_response(states: FactorisedStates, bodies: tuple[int, ...], low: float
         if not grown or np.all(change[:, :2] < TOLERANCE):
             return curve
         before = after
-    raise SolveError(f"the curve from {low:g} to {high:g} times the modulus was not found to {TOLERANCE:.0e}")
+    raise SolveError(f"the curve from {low:g} to {high:g} times the modulus did not converge to {TOLERANCE:.0e}")
 
 
 class _BodyForces:
