@@ -1,6 +1,7 @@
-"""One pattern for all tangents of a model: elements, and pairs of lines as if every point of one could touch all of the other.
+"""Assemble tangent matrices of elements and contact with one sparsity pattern.
 
-PARDISO then analyses once, and a tangent takes one factorisation; lines have few unknowns, so that the pattern grows little.
+The pattern holds every entry that contact may ever need: each point of a line may touch the whole of the other line.
+PARDISO therefore analyses the pattern once. Lines have few unknowns, so the pattern grows little.
 """
 
 from __future__ import annotations
@@ -19,13 +20,13 @@ from solver.linalg.cholesky import Pattern
 
 @dataclass(frozen=True)
 class Assembly:
-    """Adds up elements and contact.
+    """Assembles elements and contact into one sparse matrix.
 
     Attributes:
-        numbering: of the unknowns.
-        keys: column times unknowns plus row of all entries, rising.
-        places: of the elements' entries among them.
-        pattern: what is known of it.
+        numbering: numbering of the unknowns.
+        keys: column times number of unknowns plus row, for all entries, in rising order.
+        places: indices of the elements' entries in ``keys``.
+        pattern: the solver's analysis of the sparsity pattern.
     """
 
     numbering: Numbering
@@ -35,7 +36,7 @@ class Assembly:
 
     @classmethod
     def of(cls, numbering: Numbering, pairs: Sequence[Pair]) -> Assembly:
-        """Find the entries."""
+        """Find the matrix entries that the elements and these pairs of lines may need."""
         n = numbering.unknowns
         own = np.repeat(np.arange(n), np.diff(numbering.starts)) * n + numbering.rows
         keys = [own]
@@ -46,7 +47,7 @@ class Assembly:
         return cls(numbering, every, np.searchsorted(every, own), Pattern())
 
     def tangent(self, stiffness: Floats, contact: sp.csr_array | None) -> sp.csc_array:
-        """Return the matrix of elements, (n, 8 p, 8 p), and contact on the elements' own values."""
+        """Return the sparse sum of the elements' stiffness, (n, 8 p, 8 p), and the contact stiffness on the elements' values."""
         n, data = self.numbering.unknowns, np.zeros(len(self.keys))
         data[self.places] = self.numbering.assemble(stiffness).data
         if contact is not None:
@@ -59,7 +60,7 @@ class Assembly:
 
 
 def _unknowns(numbering: Numbering, pair: Pair) -> Ints:
-    """Those that move a pair's lines."""
+    """Return the unknowns that move the two lines of a pair."""
     width = numbering.signs.shape[1]
     own = np.concatenate([(line.element[:, None, None] * width + line.values).ravel() for line in (pair.slave, pair.master)])
     return np.unique(numbering.gather[np.unique(own)].indices).astype(np.int64)

@@ -14,18 +14,18 @@ from geometry.meridian.section import TISSUES, Body
 from solver.elements.shape_functions import edge_functions, polynomials
 from solver.linalg.workspace import kept_table
 
-PASSES, CLOSE = 30, 1e-13  # of Newton's search for a place on a line, in lengths of its edge
+PASSES, CLOSE = 30, 1e-13  # of Newton's search for a point on an edge; the tolerance is relative to the edge's rise
 
 
 @dataclass(frozen=True, eq=False)
 class BoundaryLine:
-    """Edges of elements that follow each other along a line, from its end at a block's lower corner.
+    """A line of the mesh as consecutive edges of elements, from its end at a block's lower corner.
 
     Attributes:
-        element: of each edge, shape (k,).
-        values: the element's own values of the edge's functions, u_r and u_z, shape (k, 2, p + 1).
+        element: element of each edge, shape (k,).
+        values: indices of the element's values (u_r, u_z) that belong to the edge's functions, shape (k, 2, p + 1).
         signs: -1 where an odd function runs against the line, shape (k, p + 1).
-        place: of the functions in the undeformed section, m: ends of the edge, then zeros; shape (k, 2, p + 1).
+        place: coefficients of the undeformed edge, m: its two ends, then zeros; shape (k, 2, p + 1).
     """
 
     element: Ints
@@ -34,7 +34,7 @@ class BoundaryLine:
     place: Floats
 
     def reversed(self) -> BoundaryLine:
-        """The same line from its other end."""
+        """Return the same line, started at its other end."""
         swap = [1, 0, *range(2, self.order + 1)]
         odd = np.where((np.arange(self.order + 1) > 2) & (np.arange(self.order + 1) % 2 == 1), -1.0, 1.0)
         return BoundaryLine(
@@ -42,12 +42,12 @@ class BoundaryLine:
         )
 
     def part(self, start: int, end: int | None = None) -> BoundaryLine:
-        """Some of the edges."""
+        """Return the line of the edges ``start`` to ``end``."""
         some = slice(start, end)
         return BoundaryLine(self.element[some], self.values[some], self.signs[some], self.place[some])
 
     def followed_by(self, other: BoundaryLine) -> BoundaryLine:
-        """This line and one that begins where it ends."""
+        """Return this line continued by one that begins where it ends."""
         return BoundaryLine(
             np.concatenate([self.element, other.element]),
             np.concatenate([self.values, other.values]),
@@ -62,25 +62,26 @@ class BoundaryLine:
 
     @property
     def lengths(self) -> Floats:
-        """Of the undeformed edges, m, shape (k,)."""
+        """Lengths of the undeformed edges, m, shape (k,)."""
         return np.asarray(np.linalg.norm(self.place[:, :, 1] - self.place[:, :, 0], axis=1))
 
     def positions(self, own: Floats) -> Floats:
-        """Coefficients of the deformed edges, shape (k, 2, p + 1), from the elements' displacements, (n, 8 p)."""
+        """Return the coefficients of the deformed edges, m, shape (k, 2, p + 1), from the elements' displacements, (n, 8 p)."""
         return np.asarray(self.place + self.signs[:, None] * own[self.element[:, None, None], self.values])
 
 
 def lines_of(mesh: Topology, corners: Floats, order: int) -> dict[str, BoundaryLine]:
-    """Return the lines by name: "inner wall", "hole wall", "tube wall" upwards, those along the surface outwards.
+    """Return the lines that may touch, by name: walls run upwards, lines along the surface run outwards.
 
-    On the surface these are "inner face" and "tube face" of the blocks, and "under inner", "strip", "under tube", "top" of
-    the tissue. Where edges are round, "inner lip", "hole lip" and "tube lip" are the ends of the faces, "open strip" and "open
-    top" what of the tissue no face touches at rest; elsewhere the last two are "strip" and "top".
+    Walls are "inner wall", "hole wall" and "tube wall". On the surface, the blocks have "inner face" and "tube face"; the tissue
+    has "under inner", "strip", "under tube" and "top". Where edges are round, "inner lip", "hole lip" and "tube lip" are the ends
+    of the faces, and "open strip" and "open top" are the tissue that no face touches at rest. With sharp edges these two equal
+    "strip" and "top".
 
     Args:
         mesh: the elements.
-        corners: of the elements in the undeformed section, m, shape (n, 4, 2).
-        order: of the elements.
+        corners: corners of the elements in the undeformed section, m, shape (n, 4, 2).
+        order: polynomial order of the elements.
     """
     at = labels(mesh)
     column = {name: line_label(number) for name, number in mesh.layout.column.items()}
@@ -119,7 +120,7 @@ def lines_of(mesh: Topology, corners: Floats, order: int) -> dict[str, BoundaryL
 def _curve(
     at: Floats, corners: Floats, chosen: Bools, order: int, *, axis: int, line: float, start: float, end: float
 ) -> BoundaryLine:
-    """Edges of chosen elements on a line of the mesh, by the labels of their corners, in rising order along it."""
+    """Return the edges of selected elements on one line of the mesh, in rising order along it."""
     element, values, signs, place, along = [], [], [], [], []
     m = 4 * order
     for n in np.flatnonzero(chosen & (np.sum(at[..., axis] == line, axis=1) > 1)):
@@ -131,7 +132,7 @@ def _curve(
             functions = np.array([a, b, *range(4 + (order - 1) * k, 4 + (order - 1) * (k + 1))])
             coefficients, sign = np.zeros((2, order + 1)), np.ones(order + 1)
             coefficients[:, :2] = corners[n, [a, b]].T
-            if ends[0, 1 - axis] > ends[1, 1 - axis]:  # told against the line's direction
+            if ends[0, 1 - axis] > ends[1, 1 - axis]:  # the edge runs against the line's direction
                 functions[[0, 1]], coefficients[:, [0, 1]] = functions[[1, 0]], coefficients[:, [1, 0]]
                 sign[3::2] = -1.0
             element.append(n)
@@ -145,14 +146,17 @@ def _curve(
 
 @kept_table
 def gauss(order: int) -> tuple[Floats, Floats]:
-    """Weights (g,) and functions (g, p + 1) of an edge at p + 1 Gauss points; more would constrain it more than it can move."""
+    """Return weights (g,) and functions (g, p + 1) of an edge at its p + 1 Gauss points.
+
+    More points would constrain the edge more than it can move.
+    """
     x, w = legendre.leggauss(order + 1)
     x, w = np.asarray((x + 1) / 2), np.asarray(w / 2)
     return w, functions(x, order)[0]
 
 
 def functions(x: Floats, order: int) -> tuple[Floats, Floats, Floats]:
-    """Functions of an edge, their first and second derivatives at x in 0 to 1, shape (..., p + 1) each."""
+    """Return an edge's functions and their first and second derivatives at x, from 0 to 1; shape (..., p + 1) each."""
     value, slope, bend = _powers(order)
     powers = np.vander(x, order + 1, increasing=True)
     return powers @ value, powers @ slope, powers @ bend
@@ -160,7 +164,10 @@ def functions(x: Floats, order: int) -> tuple[Floats, Floats, Floats]:
 
 @kept_table
 def _powers(order: int) -> tuple[Floats, Floats, Floats]:
-    """Functions of an edge and their first and second derivatives by powers of x, (p + 1, p + 1) each, powers first."""
+    """Return the coefficients, in powers of x, of an edge's functions and of their first and second derivatives.
+
+    Three arrays of shape (p + 1, p + 1), powers first.
+    """
     at = np.linspace(0, 1, order + 1)
     told = edge_functions(at, polynomials(at, order))[0]
     value = np.asarray(np.linalg.solve(np.vander(at, order + 1, increasing=True), told), dtype=float)
@@ -170,7 +177,7 @@ def _powers(order: int) -> tuple[Floats, Floats, Floats]:
 
 @dataclass(frozen=True)
 class Found:
-    """Where a line has given heights t: edge (j,), its functions and their derivatives there, (j, p + 1) each."""
+    """Points of a line at given heights t: the edge, (j,), its functions and their derivatives there, (j, p + 1) each."""
 
     edge: Ints
     value: Floats
@@ -179,15 +186,15 @@ class Found:
 
 
 def find(heights: Floats, wanted: Floats) -> tuple[Found, Bools]:
-    """Find the places of a line at which its height t, (k, p + 1) by functions, is what is ``wanted``, (j,).
+    """Find the points of a line at the heights ``wanted``, (j,); the line's height t is given by coefficients, (k, p + 1).
 
-    Returns those that the line reaches, and which of the wanted these are.
+    Returns the points for the heights that the line reaches, and a mask of these heights.
 
     Raises:
         SolveError: the line turns back, so that it has a height twice.
     """
     order, knots = heights.shape[-1] - 1, np.append(heights[:, 0], heights[-1, 1])
-    highest = np.maximum.accumulate(knots)  # where a line sags, the first place counts that reaches a height
+    highest = np.maximum.accumulate(knots)  # where a line sags, the first point that reaches a height counts
     inside = (wanted >= knots[0]) & (wanted < highest[-1])
     t = wanted[inside]
     edge = highest.searchsorted(t, side="right") - 1
@@ -201,7 +208,7 @@ def find(heights: Floats, wanted: Floats) -> tuple[Found, Bools]:
 
 
 def _reached(coefficients: Floats, wanted: Floats, x: Floats, close: Floats) -> Floats:
-    """Where polynomials with coefficients of rising powers, (p + 1, j), are what is ``wanted``, by Newton's method from x."""
+    """Return where polynomials (coefficients of rising powers, (p + 1, j)) equal ``wanted``, by Newton's method from x."""
     low, high = np.zeros_like(x), np.ones_like(x)
     for _ in range(PASSES):
         off, rise = coefficients[-1], np.zeros_like(x)

@@ -1,4 +1,4 @@
-"""Elements at finite strain: forces and tangents of all of them, pressure and inside eliminated.
+"""Compute forces and tangents of all elements at finite strain, with pressures and interior values eliminated.
 
 The pair is that of ``solver/elements/quadrilateral.py``, Qp displacements and P(p-1) pressures, the pressure an unknown of
 Newton's method: eliminated from the linear system element by element, never from the equations (mean dilatation, which does that,
@@ -29,12 +29,13 @@ class ElementValues:
 
 @dataclass(frozen=True)
 class Elimination:
-    """What a tangent's pressures and inside do as corners and edges move; near that state it balances them, too.
+    """Elimination of pressures and interior values from the tangent of one state; it also serves for states near it.
 
     Attributes:
-        inner_by_edge: change of the inside with unit change of corners and edges, (n, i, 8 p).
-        pressure_by_u: likewise of the pressures, by all displacements, (n, m, 2 s).
-        inner_by_force, pressure_by_gap: with unit force on the inside and unit gap of volume, (n, i, i) and (n, m, m).
+        inner_by_edge: derivative of interior values with respect to values on corners and edges, (n, i, 8 p).
+        pressure_by_u: derivative of the pressures with respect to all displacements, (n, m, 2 s).
+        inner_by_force: derivative of interior values with respect to forces on them, (n, i, i).
+        pressure_by_gap: derivative of the pressures with respect to the volume residual, (n, m, m).
     """
 
     inner_by_edge: Floats
@@ -45,12 +46,12 @@ class Elimination:
 
 @dataclass(frozen=True)
 class Balance:
-    """Forces of all elements in a state, pressure and inside eliminated.
+    """Forces of all elements in a state, with pressures and interior values eliminated.
 
     Attributes:
-        forces: on the values on corners and edges, shape (n, 8 p).
-        internal: forces before the elimination, as which a state out of balance shows, shape (n, 2 s).
-        inner, pressure: what balances inside and pressures while corners and edges stay, (n, i) and (n, m).
+        forces: forces on the values on corners and edges, shape (n, 8 p).
+        internal: forces before the elimination, shape (n, 2 s).
+        inner, pressure: Newton corrections of interior values and pressures with corners and edges fixed, (n, i) and (n, m).
     """
 
     forces: Floats
@@ -61,12 +62,12 @@ class Balance:
 
 @dataclass(frozen=True)
 class Elements:
-    """What does not change as the elements deform.
+    """The elements of a mesh: all that does not change as they deform.
 
     Attributes:
-        shapes: their functions.
-        material: theirs.
-        square: the elements seen from the unit square.
+        shapes: shape functions.
+        material: material of each element.
+        square: geometry of the elements, mapped from the unit square.
     """
 
     shapes: Shapes
@@ -75,32 +76,32 @@ class Elements:
 
     @classmethod
     def of(cls, at: Geometry, functions: Shapes, material: Hyperelastic) -> Elements:
-        """Tabulate what does not change."""
+        """Build the elements from their geometry, shape functions and materials."""
         return cls(functions, material, UnitSquare.of(at, functions))
 
     def at_rest(self) -> ElementValues:
-        """Nothing deformed."""
+        """Return the values of the undeformed elements: zeros."""
         n = len(self.square.weight)
         return ElementValues(np.zeros((n, 2 * len(self.shapes.degrees))), np.zeros((n, self.shapes.pressure.shape[1])))
 
     def least_volume(self, u: Floats) -> float:
-        """The smallest J of all Gauss points."""
+        """Return the minimum volume ratio J = det F of all Gauss points."""
         return 1 + float(change_of_volume(self.square.gradients(u)).min())
 
     def largest_stretch(self, u: Floats) -> float:
-        """The largest |lambda - 1| of the principal stretches lambda at all Gauss points."""
+        """Return the maximum |lambda - 1| of the principal stretches lambda at all Gauss points."""
         h = self.square.gradients(u)
         a, b, c, d = (h[k] + one for k, one in enumerate((1.0, 0.0, 0.0, 1.0)))
         plus, minus = np.hypot(a + d, b - c) / 2, np.hypot(a - d, b + c) / 2  # singular values: plus + minus, plus - minus
         return float(max(np.abs(plus + minus - 1).max(), np.abs(plus - minus - 1).max(), np.abs(h[TT]).max()))
 
     def energy(self, state: ElementValues) -> float:
-        """Stored energy, J."""
+        """Return the stored energy, J."""
         stored = self.material.stored(self.square.gradients(state.u), state.p @ self.shapes.pressure.T)
         return float((self.square.weight * stored).sum())
 
     def tangent(self, state: ElementValues) -> tuple[Balance, Floats, Elimination]:
-        """Linearise about a state: forces, their stiffness on corners and edges, (n, 8 p, 8 p), and what is eliminated."""
+        """Linearise about a state: return forces, stiffness on corners and edges, (n, 8 p, 8 p), and elimination."""
         stress, p = self.material.stress(self.square.gradients(state.u)), state.p @ self.shapes.pressure.T
         dilation, compliance = self.material.dilation(p)
         N, w, m = self.shapes.pressure, self.square.weight, self.shapes.pressure.shape[1]
@@ -117,17 +118,17 @@ class Elements:
         return balance, ee + ei @ by_edge, out
 
     def balance(self, state: ElementValues, near: Elimination) -> Balance:
-        """Forces alone, in a state near that of an elimination."""
+        """Return the forces in a state, with the elimination of a state near it."""
         stress, p = self.material.stress(self.square.gradients(state.u)), state.p @ self.shapes.pressure.T
         gap = (self.square.weight * (stress.change - self.material.dilation(p)[0])) @ self.shapes.pressure
         return self._condensed(self._forces(stress, p), gap, near)
 
     def by_modulus(self, state: ElementValues, near: Elimination, target: Floats) -> Floats:
-        """The forces' derivative by ln E of the target, on corners and edges, (n, 8 p).
+        """Return the derivative of the forces on corners and edges, (n, 8 p), with respect to ln E of the target.
 
         ``target`` is its share of each element, shape (n, 1), or of each Gauss point's circle about the axis, (n, q).
 
-        At one strain and one pressure
+        At fixed strain and fixed pressure p, with J, U and its conjugate U* of eq. CT.2,
 
             d stress / d ln E = stress without the pressure's share,   d (dU*/dp) / d ln E = -p d2U*/dp2     (CT.3)
         """
@@ -140,7 +141,10 @@ class Elements:
     def moved(
         self, state: ElementValues, by: Elimination, edge: Floats, at: Balance | None = None, share: float = 1.0
     ) -> ElementValues:
-        """Return a state whose corners and edges change by ``edge``, (n, 8 p), with ``at`` by a share of Newton's step."""
+        """Return the values after corners and edges change by ``edge``, (n, 8 p).
+
+        With a balance given, interior values and pressures also take their Newton corrections; ``share`` scales the step.
+        """
         inner = (by.inner_by_edge @ edge[..., None])[..., 0]
         if at is not None:
             inner += at.inner
@@ -153,16 +157,16 @@ class Elements:
 
     @cached_property
     def _pressures(self) -> Floats:
-        """Products of the pressures' functions, shape (q, m m)."""
+        """Products of the pressure functions at the Gauss points, shape (q, m m)."""
         N = self.shapes.pressure
         return np.asarray((N[:, :, None] * N[:, None]).reshape(len(N), -1))
 
     def _forces(self, stress: Stress, p: Floats) -> Floats:
-        """On all displacements, (n, 2 s)."""
+        """Return the forces on all displacements, (n, 2 s), of stresses and pressures p."""
         return self.square.forces(self.square.turned(self.square.weight * (stress.first_piola + p * stress.cofactor)))
 
     def _turned_tangent(self, stress: Stress, p: Floats) -> Floats:
-        """The stresses' derivative, p held, weights included, as ``UnitSquare.stiffness`` takes it."""
+        """Return the derivative of the stresses at fixed pressure p, weights included, as ``UnitSquare.stiffness`` takes it."""
         square, w = self.square, self.square.weight
         c, h = square.turned(stress.cofactor), square.turned(w * stress.half)
         D = np.empty((5, *c.shape))
@@ -181,7 +185,7 @@ class Elements:
         D[1, 1] += unit[2]
         D[3, 3] += unit[2]
         D[4, 4] += unit[3]
-        # d2J/dh2: of r's and z's slopes the hoop's stretch, of these with the hoop's what the cofactor is per stretch
+        # d2J/dh2: the hoop stretch couples in-plane gradients; their cofactors over it couple them to the hoop
         volume = w * (stress.volume + p)
         flat = volume * stress.F[TT] * (square.xr * square.yz - square.xz * square.yr)
         D[0, 3] += flat
@@ -191,7 +195,7 @@ class Elements:
         return D
 
     def _blocks(self, K: Floats) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
-        """Blocks of corners and edges, e, and of the inside, i."""
+        """Split a stiffness into its blocks of corners and edges, e, and of interior values, i."""
         n, m = len(K), self.shapes.skeleton
         parts = K.reshape(n, 2, K.shape[1] // 2, 2, -1)
         e, i = slice(0, m), slice(m, None)
@@ -203,7 +207,7 @@ class Elements:
         return (block(e, e), block(e, i)), (block(i, e), block(i, i))
 
     def _condensed(self, internal: Floats, gap: Floats, near: Elimination) -> Balance:
-        """Eliminate pressures and inside from forces, (n, 2 s), and gaps of volume, (n, m)."""
+        """Eliminate pressures and interior values from forces, (n, 2 s), and volume residuals, (n, m)."""
         n, m = len(gap), self.shapes.skeleton
         pressure = (near.pressure_by_gap @ gap[..., None])[..., 0]
         parts = (internal + (gap[:, None] @ near.pressure_by_u)[:, 0]).reshape(n, 2, -1)

@@ -1,4 +1,4 @@
-"""Where points of one line meet the other, and how that changes as both deform."""
+"""Find where points of one line meet the other line, and the derivatives as both lines deform."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from solver.contact.pairs import Pair
 
 @dataclass(frozen=True)
 class Feet:
-    """All points of a pair's slave.
+    """Gaps of all points of a pair's slave line.
 
     Attributes:
         gap: g of eq. CT.4, m, infinite where the master does not reach, shape (points,).
-        place: where on the undeformed master they are, m from its start; not a number where it does not reach.
+        place: position on the undeformed master line, m from its start; not a number where the master does not reach.
     """
 
     pair: Pair
@@ -30,7 +30,7 @@ class Feet:
 
     @classmethod
     def of(cls, pair: Pair, own: Floats) -> Feet:
-        """Find them for displacements of the elements, m, shape (n, 8 p).
+        """Compute the gaps for displacements of the elements, m, shape (n, 8 p).
 
         Raises:
             SolveError: a line folds over.
@@ -48,7 +48,7 @@ class Feet:
         return cls(pair, own, gap, place, found, inside)
 
     def chosen(self, active: Bools) -> Footpoints:
-        """Some of the points, all inside, (points,), with derivatives."""
+        """Return selected points with their derivatives; ``active``, (points,), selects among those that the master reaches."""
         pair, here = self.pair, active[self.inside]
         at = self.found.edge[here]
         value, slope, bend = (x[here] for x in (self.found.value, self.found.slope, self.found.bend))
@@ -65,12 +65,13 @@ class Feet:
 
 @dataclass(frozen=True)
 class Footpoints:
-    """Points in contact; x, from 0 to 1, is the place on the master's edge and k = ds/dt its slope there.
+    """Points in contact; x, from 0 to 1, is the position on the master's edge and k = ds/dt the slope of the master there.
 
     Attributes:
-        edge, at: of slave and master, shape (j,) each.
-        on_slave, on_master, slope: functions on both and their slopes on the master, shape (j, p + 1) each.
-        k, run, curl: ds/dt, dt/dx and dk/dx where the lines stay as they are, shape (j,) each.
+        slave_edges, master_edges: edge of each point on either line, shape (j,) each.
+        on_slave, on_master: edge functions of both lines at the points, shape (j, p + 1) each.
+        slope: derivatives of the master's edge functions with respect to x, shape (j, p + 1).
+        k, run, curl: ds/dt, dt/dx and dk/dx of the fixed master line, shape (j,) each.
     """
 
     pair: Pair
@@ -85,7 +86,7 @@ class Footpoints:
 
     @property
     def stretch(self) -> Floats:
-        """Length of the line per t."""
+        """Length of the master line per unit t, shape (j,)."""
         return np.sqrt(1 + self.k**2)
 
     @property
@@ -96,42 +97,42 @@ class Footpoints:
 
     @property
     def across(self) -> Floats:
-        """What moves the gap open on the master, shape (j, 2): normal to it."""
+        """Direction, normal to the master, in which it moves to open the gap, shape (j, 2)."""
         T, S = self.pair.axes
         return np.asarray(S - self.k[:, None] * T)
 
     def apart(self, direction: Floats) -> Floats:
-        """How far the slave moves ahead of the master along directions (j, 2), by both lines' values, (j, 4 (p + 1))."""
+        """Return the slave's motion relative to the master along directions (j, 2), by both lines' values, (j, 4 (p + 1))."""
         return _joined(direction[:, :, None] * self.on_slave[:, None], -direction[:, :, None] * self.on_master[:, None])
 
     def turned(self, direction: Floats) -> Floats:
-        """How much the master's tangent by x moves along directions, likewise."""
+        """Return the change of the master's x derivative along directions (j, 2), by both lines' values."""
         moved = direction[:, :, None] * self.slope[:, None]
         return _joined(np.zeros_like(moved), moved)
 
     @property
     def opening(self) -> Floats:
-        """dg, likewise."""
+        """Derivative of the gap g with respect to both lines' values, (j, 4 (p + 1))."""
         return -self.pair.sign * self.apart(self.across)
 
     @property
     def along(self) -> Floats:
-        """dx, likewise."""
+        """Derivative of the position x with respect to both lines' values, (j, 4 (p + 1))."""
         return np.asarray(self.apart(np.broadcast_to(self.pair.axes[0], self.across.shape)) / self.run[:, None])
 
     @property
     def tilt(self) -> Floats:
-        """dk, likewise."""
+        """Derivative of the slope k with respect to both lines' values, (j, 4 (p + 1))."""
         return np.asarray(self.turned(self.across) / self.run[:, None] + self.curl[:, None] * self.along)
 
     def opening_twice(self) -> Floats:
-        """d2g, shape (j, 4 (p + 1), 4 (p + 1))."""
+        """Return the second derivative of the gap with respect to both lines' values, (j, 4 (p + 1), 4 (p + 1))."""
         along, turn = self.along, self.turned(self.across)
         bend = (self.run * self.curl)[:, None, None] * outer(along, along)
         return np.asarray(self.pair.sign * (outer(along, turn) + outer(turn, along) + bend))
 
     def assembled(self, forces: Floats, stiffness: Floats, width: int, size: int) -> tuple[Floats, sp.csr_array]:
-        """Forces and stiffness by both lines' values as those by all elements' own, ``width`` for each, ``size`` in all."""
+        """Assemble both lines' forces and stiffness into those of all elements' values, ``width`` for each, ``size`` in all."""
         index, signs = self._numbers(width)
         pulls = np.asarray(np.bincount(index.ravel(), weights=(signs * forces).ravel(), minlength=size), dtype=float)
         rows, columns = np.broadcast_arrays(index[:, :, None], index[:, None, :])
@@ -139,7 +140,7 @@ class Footpoints:
         return pulls, sp.csr_array(sp.coo_array((values, (rows.ravel(), columns.ravel())), shape=(size, size)))
 
     def _numbers(self, width: int) -> tuple[Ints, Floats]:
-        """Places of both lines' values among all elements' own, and their signs, shape (j, 4 (p + 1)) each."""
+        """Return the indices of both lines' values among all elements' values, and their signs, shape (j, 4 (p + 1)) each."""
         parts = ((self.pair.slave, self.edge), (self.pair.master, self.at))
         places = [line.element[k, None, None] * width + line.values[k] for line, k in parts]
         signs = [np.broadcast_to(line.signs[k][:, None], place.shape) for (line, k), place in zip(parts, places, strict=True)]
@@ -148,10 +149,10 @@ class Footpoints:
 
 
 def outer(a: Floats, b: Floats) -> Floats:
-    """Products of vectors, (j, n) and (j, m) to (j, n, m)."""
+    """Return the outer products of vectors: (j, n) and (j, m) give (j, n, m)."""
     return np.asarray(a[:, :, None] * b[:, None, :])
 
 
 def _joined(slave: Floats, master: Floats) -> Floats:
-    """One vector of both lines' values, (j, 4 (p + 1))."""
+    """Join rows over the slave's and the master's values to one row, (j, 4 (p + 1))."""
     return np.concatenate([slave.reshape(len(slave), -1), master.reshape(len(master), -1)], axis=1)

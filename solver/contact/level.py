@@ -1,4 +1,4 @@
-"""Level 4: the probe pressed as deep as its load says, at finite strain and with contact, on two meshes."""
+"""The contact evaluator: press the probe to the scene's load at finite strain and with contact, on two meshes."""
 
 from __future__ import annotations
 
@@ -28,46 +28,46 @@ FEATURE = "finite strain and contact"
 
 @dataclass(frozen=True)
 class ContactLevel(FilmLevel):
-    """Finite strain and contact in the meridian plane: faces bonded, sliding or opening, one sphere on the axis at most."""
+    """Evaluate with finite strain and contact in the meridian plane: any kind of faces, at most one sphere on the axis."""
 
     name: str = "contact"
     summary: str = "2D, finite strain, walls in contact; tumour on the probe's axis; 5e-3 to 2e-2 in 2 to 20 s"
 
     def refusal(self, scene: Scene) -> str | None:
-        """Say which kind of thing in the scene this level does not know, or None."""
+        """Return the feature of the scene that this evaluator does not model, or None."""
         if scene.contact.interface != "bonded" and scene.tissue.shape == "half-space":
             return f"tissue of finite size for contact.interface = '{scene.contact.interface}' at finite strain"
         return Axisymmetric().refusal(scene.model_copy(update={"contact": Contact()}))
 
     def answer(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> Answer:
-        """Press on meshes as fine as ``accuracy`` needs, of the three there are; see ``Evaluator``.
+        """Evaluate a scene on two of three meshes, as fine as ``accuracy`` needs; see ``Evaluator``.
 
-        The log-sensitivity is that at the scene's force, or at the force that its indentation takes.
+        The log-sensitivity is taken at the scene's force, or at the force of its indentation.
 
         Raises:
-            Refusal: the scene is of another kind, too extreme, or pressed further than any step converges.
+            Refusal: the scene is not supported or too extreme, or no step converges at its load.
         """
         return self.pressed_answer(scene, accuracy, moduli)[0]
 
     def pressed_answer(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> tuple[Answer, LoadedScene]:
-        """Return the same with the pressed scene, which knows the way there: see ``answer``."""
+        """Return the result and the pressed scene, which holds all states on the load path; see ``answer``."""
         with threadpool_limits(1, user_api="blas"), self._refusing(scene):
             found, on, notes = refined(self.pressed(scene, accuracy), lambda films: _good(films, scene, accuracy))
             answers = [found] if moduli is None else curve(on, np.asarray(moduli))
         return self._answer(scene, accuracy, on, answers, notes), on
 
     def loaded(self, scene: Scene, accuracy: float) -> LoadedScene:
-        """Return a scene pressed to its load, for others beside it; as ``answer``, but its log-sensitivity need not be exact."""
+        """Return a scene pressed to its load, to start similar scenes from; its log-sensitivity may miss the accuracy."""
         with threadpool_limits(1, user_api="blas"), self._refusing(scene):
             return refined(self.pressed(scene, accuracy), lambda films: films.error_under(scene) <= accuracy)[1]
 
     def answer_of(self, scene: Scene, accuracy: float, on: LoadedScene, found: Loaded) -> Answer:
-        """Return what was found of a pressed scene as an answer, its warnings beside it."""
+        """Build the answer of one result of a pressed scene, with its warnings."""
         return self._answer(scene, accuracy, on, [found], ())
 
     @contextmanager
     def _refusing(self, scene: Scene) -> Iterator[None]:
-        """Say which load of a scene is too large, or that it is too extreme."""
+        """Convert solver errors to refusals: the load is too large, or the scene is too extreme."""
         try:
             yield
         except StoppedError as fault:
@@ -79,14 +79,14 @@ class ContactLevel(FilmLevel):
         films = tuple(one.films for one in answers)
         worst = max(films, key=lambda one: one.error_under(scene))
         change = float(np.exp(np.abs(_log_ratio(worst) - _log_ratio(on.linear.films[0]))) - 1)
-        decision = Decision(FEATURE, True, change, accuracy, "what they change of the ratio at this load")
+        decision = Decision(FEATURE, True, change, accuracy, "their change of the ratio at this load")
         stopped = (*of_kind(on.linear.notes, "limit"), *limits)
         notes = shortfalls(worst, worst.error_under(scene), accuracy, stopped)
         residual = max(on.linear.sample.states.residual, *(one.point.residual for one in answers))
         return Answer(films, residual, (*on.linear.plan, decision), tuple(notes))
 
     def stopped(self, asked: tuple[str, object], fault: StoppedError) -> Refusal:
-        """Say how far a scene can be pressed, of which a key and its value ask more."""
+        """Build the refusal of a load, given as its key and value, that is larger than the solver reached."""
         key, value = asked
         if fault.last.indentation == 0:
             return Refusal(key, value, f"no load but 0 for {self.name}: {fault.why}")
@@ -98,10 +98,10 @@ class ContactLevel(FilmLevel):
 
     @in_own_workspace
     def pressed(self, scene: Scene, accuracy: float = 0.01) -> LoadedScene:
-        """Return a scene at rest on two meshes, ready to be pressed.
+        """Prepare a scene at rest on two meshes, ready to be pressed.
 
         Raises:
-            Refusal: the scene is of another kind, or too extreme.
+            Refusal: the scene is not supported, or too extreme.
         """
         why = self.refusal(scene)
         if why is not None:
@@ -113,13 +113,14 @@ class ContactLevel(FilmLevel):
 
 
 def _key(scene: Scene) -> tuple[str, object]:
-    """The load's key and value."""
+    """Return the key and the value of the scene's load."""
     if scene.load.indentation is not None:
         return "load.indentation", mm(scene.load.indentation)
     return "load.force", Words(f"{scene.load.force:g} N")
 
 
 def _good(films: FilmForces, scene: Scene, accuracy: float) -> bool:
+    """Return whether stresses, ratio and log-sensitivity are within their tolerances."""
     sensitive = films.sensitivity_error <= max(5 * accuracy * abs(films.log_sensitivity or 0.0), 1e-5)
     return films.error_under(scene) <= accuracy and sensitive
 
@@ -129,14 +130,14 @@ def _log_ratio(films: FilmForces) -> float:
 
 
 def refined(on: LoadedScene, good: Callable[[FilmForces], bool]) -> tuple[Loaded, LoadedScene, tuple[Note, ...]]:
-    """Press a scene as its load says, on meshes as fine as is needed; also says which limit forbade a finer one.
+    """Press a scene to its load, on finer meshes until the result is accurate enough; a note names a limit that stopped this.
 
     Args:
-        on: the scene at rest.
-        good: whether an answer is exact enough.
+        loaded: the scene at rest.
+        is_accurate: whether film forces are accurate enough.
 
     Raises:
-        Refusal, StoppedError, LimitReached: see ``LoadedScene.at_force``; on the first two meshes.
+        Refusal, StoppedError, LimitReached: see ``LoadedScene.press_to_force``; on the first two meshes.
     """
     found = on.at_scene_s_load()
     while not good(found.films):
@@ -155,5 +156,5 @@ def refined(on: LoadedScene, good: Callable[[FilmForces], bool]) -> tuple[Loaded
 
 
 def level(tell: Tell | None = None) -> ContactLevel:
-    """Return the level; it has nothing to tell."""
+    """Return the evaluator; it does not report progress."""
     return ContactLevel()

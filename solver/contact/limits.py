@@ -1,4 +1,4 @@
-"""Loads at which something ends: the gap closes, linear elasticity no longer holds."""
+"""Find the loads at which the gap closes or linear elasticity no longer holds."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from solver.contact.path import DEEPEST, Path
 from solver.contact.pressed import Pressed
 from solver.results.load_limits import LargestLoad
 
-NEAR = 0.01  # relative width of the bracket that a limit is told by
+NEAR = 0.01  # width of the final bracket of a limit, relative to its indentation
 TRIES = 8
-TOUCHED = 2e-3  # of the gap: closer walls touch, as pressures are rounded over that
+TOUCHED = 2e-3  # of the gap: closer walls count as touching, because contact pressures are rounded over this distance
 
 
 def gap_closure_load(path: Path) -> LargestLoad | None:
-    """Return the load at which the gap's walls touch; None where they do not before ``DEEPEST``.
+    """Find the load at which the gap's walls touch; None if they do not touch up to ``MAX_DEPTH_RELATIVE``.
 
-    Walls near each other ever faster, so that nothing but the path itself tells: it is followed until they touch, and the bracket
-    is narrowed where the last gaps lead to none.
+    Walls approach each other faster and faster, so that the load cannot be extrapolated: the path is followed until they touch,
+    and the bracket is then narrowed by extrapolating the last gaps to zero.
 
     Raises:
         StoppedError: no further step converges, and the gap is still open.
-        LimitReached: the time is over.
+        LimitReached: the time limit is reached.
     """
     if not closed(path):
         for _ in path.steps(DEEPEST * path.radius):
@@ -35,25 +35,26 @@ def gap_closure_load(path: Path) -> LargestLoad | None:
 
 
 def closed(path: Path) -> bool:
-    """Whether the gap's walls touch anywhere on a path."""
+    """Return whether the gap's walls touch at any point of a path."""
     return any(_touching(path, point) for point in path.points)
 
 
 def _touching(path: Path, point: Pressed) -> bool:
+    """Return whether the gap's walls touch at a point of a path."""
     return point.walls <= TOUCHED * path.points[0].walls
 
 
 def change_load(path: Path, value: Callable[[Pressed], float], allowed: float, by: str) -> LargestLoad | None:
-    """Return the load at which a value is off the one at rest by as much as is allowed, relative.
+    """Find the load at which a value has changed from its value at rest by the allowed relative amount.
 
     Args:
-        path: pressed as far as is wanted.
-        value: of a point; the load does not matter where it is 0 at rest.
-        allowed: above 0.
-        by: what is said to set the load.
+        path: a path, pressed as far as is wanted.
+        value: function that gives the value at a point; a value of 0 at rest sets no limit.
+        allowed: relative change, above 0.
+        quantity: name of the value, for the result.
 
     Returns:
-        None where that does not happen on the path.
+        The load, or None if the path does not reach that change.
 
     Raises:
         StoppedError, LimitReached: see ``gap_closure_load``.
@@ -69,7 +70,7 @@ def change_load(path: Path, value: Callable[[Pressed], float], allowed: float, b
 
 
 def _first(path: Path, ended: Callable[[Pressed], bool], left: Callable[[Pressed], float], by: str) -> LargestLoad | None:
-    """Narrow down the first point of a path that has ``ended``; ``left`` falls to zero there."""
+    """Narrow down the first point of a path where ``has_ended`` is true; ``compute_margin`` falls to zero there."""
     if not any(map(ended, path.points)):
         return None
     for _ in range(TRIES):
@@ -83,10 +84,13 @@ def _first(path: Path, ended: Callable[[Pressed], bool], left: Callable[[Pressed
 
 
 def _share(open_points: list[Pressed], after: Pressed, left: Callable[[Pressed], float]) -> float:
-    """Where between the last point and the one after it nothing is left, by a parabola through the last; well inside."""
+    """Return where the margin vanishes between the last open point and the one after it, as a fraction from 0.1 to 0.9.
+
+    A parabola through the last open points is extrapolated.
+    """
     last, width = open_points[-1], after.indentation - open_points[-1].indentation
     places = [(point.indentation - last.indentation) / width for point in open_points]
-    if len(set(places)) < 3:  # where the force jumps a search for one leaves points at one place
+    if len(set(places)) < 3:  # a search for a force that jumps leaves several points at one indentation
         return 0.5
     a, b, c = np.polyfit(places, [left(point) for point in open_points], 2)
     root = b * b - 4 * a * c

@@ -1,4 +1,4 @@
-"""Ratio, log-sensitivity and all that moves against load."""
+"""Compute the film forces' ratio, log-sensitivity and other results against load."""
 
 from __future__ import annotations
 
@@ -27,23 +27,23 @@ from solver.results.load_curve import LoadCurve, LoadRange
 from solver.results.load_limits import LargestLoad
 from solver.results.warnings import Note, null_sensitivity
 
-LEAST_SENSITIVITY = 1e-5  # absolute, that a log-sensitivity is promised to
-BEYOND = 1.2  # times where the coarser mesh says that linear elasticity ends: the finer one says so before
+LEAST_SENSITIVITY = 1e-5  # absolute tolerance of every log-sensitivity
+BEYOND = 1.2  # the finer mesh is pressed this much further than the limit on the coarser one, so that its own limit lies within
 
 
 def load_curve(scene: Scene, loads: Floats, accuracy: float, *, by_force: bool, tell: Tell = silent) -> LoadCurve:
-    """Press a scene to each of several loads; see ``solver.answers.load``.
+    """Press a scene to each of several loads and return the curve; see ``solver.answers.load``.
 
     Args:
-        scene: that level ``contact`` takes; its own load does not matter.
-        loads: rising, N or m, shape (k,).
-        accuracy: relative.
+        scene: a scene that evaluator ``contact`` supports; its own load does not matter.
+        loads: loads in rising order, N or m, shape (k,).
+        accuracy: relative accuracy.
         by_force: whether loads are forces.
-        tell: called with a line before each.
+        tell: called with a line of text before each load.
 
     Raises:
-        Refusal: the scene is of another kind, too extreme, or not even the first load converges.
-        LimitReached: not even the first load is within the limits.
+        Refusal: the scene is not supported or too extreme, or the first load does not converge.
+        LimitReached: the first load exceeds the limits of memory or time.
     """
     start = perf_counter()
     level, points, stopped = ContactLevel(), [], None
@@ -65,7 +65,7 @@ def load_curve(scene: Scene, loads: Floats, accuracy: float, *, by_force: bool, 
 
 @dataclass(frozen=True)
 class Ends:
-    """Loads at which something ends, see ``LoadLimits``, and why one is not known."""
+    """Limits of the load, see ``LoadLimits``, with notes on those that are not known."""
 
     ratio: LargestLoad | None
     log_sensitivity: LargestLoad | None
@@ -74,9 +74,9 @@ class Ends:
 
 
 def ends_of(scene: Scene, accuracy: float) -> Ends:
-    """Return the loads of a scene that level ``contact`` takes, whatever its own load is.
+    """Find the load limits of a scene that evaluator ``contact`` supports, whatever its own load is.
 
-    They are looked for on the coarser of two meshes; that at which linear elasticity ends first, on the finer one too.
+    They are computed on the coarser of two meshes; the lowest limit of linear elasticity is computed on the finer one too.
 
     Raises:
         Refusal: see ``load_curve``.
@@ -97,20 +97,21 @@ def ends_of(scene: Scene, accuracy: float) -> Ends:
 
 @dataclass(frozen=True)
 class _LimitChange:
-    """What a load may change by so much, relative."""
+    """A value that the load may change by a relative amount before linear elasticity counts as exceeded."""
 
     by: str
     value: Callable[[Path, Pressed], float]
     allowed: float
 
     def on(self, path: Path) -> LargestLoad | None:
-        """The load on a path at which it has changed by that; None where that does not happen or cannot be narrowed down."""
+        """Find the load on a path at which the value has changed by that; None if there is none or it cannot be narrowed down."""
         with suppress(SolveError, LimitReached):
             return change_load(path, partial(self.value, path), self.allowed, self.by)
         return None
 
 
 def _changes(on: LoadedScene, scene: Scene, accuracy: float) -> Iterator[_LimitChange]:
+    """Yield the values that limit linear elasticity: the ratio, and the log-sensitivity of a scene with a target."""
     yield _LimitChange("ratio", _ratio, accuracy)
     fine = on.paths[1]
     at_rest = abs(on.sensitivity(fine, fine.points[0])) if scene.target is not None else 0.0
@@ -119,7 +120,7 @@ def _changes(on: LoadedScene, scene: Scene, accuracy: float) -> Iterator[_LimitC
 
 
 def _on_finer(on: LoadedScene, change: _LimitChange, coarse: LargestLoad | None) -> LargestLoad | None:
-    """The same load on the finer mesh, pressed somewhat further; that of the coarser one where it shows none."""
+    """Find a limit again on the finer mesh, pressed somewhat further; return the coarser mesh's limit if it shows none."""
     if coarse is None:
         return None
     with suppress(SolveError, LimitReached):
@@ -128,6 +129,7 @@ def _on_finer(on: LoadedScene, change: _LimitChange, coarse: LargestLoad | None)
 
 
 def _closure(on: LoadedScene) -> tuple[LargestLoad | None, list[Note]]:
+    """Find the load that closes the gap, or explain in a note why none is known."""
     path = on.paths[0]
     why = "as deep as the probe is wide"
     try:
@@ -141,6 +143,7 @@ def _closure(on: LoadedScene) -> tuple[LargestLoad | None, list[Note]]:
 
 
 def _ratio(path: Path, point: Pressed) -> float:
+    """Return the ratio of the film forces at a point; at rest, that of their derivatives."""
     films = point.films if point.indentation > 0 else point.tangent
     return float(films[0] / films[1])
 
@@ -156,7 +159,7 @@ def _curve(scene: Scene, points: list[Loaded], *, stopped: str | None, accuracy:
     warnings = [] if scene.target is not None else [null_sensitivity(len(scene.inclusion))]
     worst = max(one.films.ratio_error for one in points)
     if worst > accuracy:
-        warnings.append(Note("accuracy", f"error bounds of up to {worst:.2g} reached, accuracy {accuracy:g} asked for"))
+        warnings.append(Note("accuracy", f"error bounds reach {worst:.2g}, above the requested accuracy of {accuracy:g}"))
     if stopped is not None:
         warnings.append(Note("limit", f"the curve ends early: {stopped}"))
 
@@ -186,7 +189,7 @@ def _curve(scene: Scene, points: list[Loaded], *, stopped: str | None, accuracy:
 
 
 def _constant(force: Floats, ratio: Floats, share: float) -> LoadRange | None:
-    """The widest range between two of the forces in which the ratio stays within ``share``."""
+    """Find the widest range between two of the forces in which the ratio stays within ``share``, relative."""
     best: LoadRange | None = None
     for low in range(len(force)):
         some = ratio[low:]

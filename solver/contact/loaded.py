@@ -1,4 +1,4 @@
-"""A scene under load: the linear level's film forces, changed as two meshes say that the load changes them, with bounds."""
+"""Compute film forces under load: the linear result, corrected by the changes that two meshes show, with error bounds."""
 
 from __future__ import annotations
 
@@ -22,29 +22,30 @@ from solver.contact.pressed import NONE, Differences, Loaded, Pressed, StoppedEr
 from solver.results.film_forces import Bound, FilmForces
 
 MESHES = tuple(MeridianFineness(1, 0, order) for order in (2, 3, 4))
-SPRINGS = {2: 0.25, 3: 0.5, 4: 1.0}  # of friction's: what they give way goes with one over them, and meshes differ by it
-LINEAR_SHARE = 0.2  # of the accuracy, for the linear level
-SAFETY = 2.0  # times the largest difference of two meshes on the way
-SMALL = 1e-5  # indentations, in units of a path, that change nothing but by less than ...
-LIGHT = 1e-3  # likewise, at which faces have opened as they do at any smaller load
-UNSEEN = 1e-4  # ... this share, which the least error bound is
-FAR_TOO_DEEP = 3.0  # outer radii, by the linear stiffness
-FAR = 300.0  # sizes of probe and inclusion: where a half-space ends, for rounding grows with it
-UNCUT = 0.05  # of ratio and log-sensitivity, times (edge radius / least size of a block)^2: round edges are cut off contact alone
-PASSING = (0.005, 0.05)  # of ratio and log-sensitivity: what points do that pass an edge one by one, where faces open
-ALIKE = 0.2  # a mesh's log-sensitivity at rest nearer to the linear level's than this is off by a factor, else by a difference
+SPRINGS = {2: 0.25, 3: 0.5, 4: 1.0}  # friction springs' stiffness by mesh order, so that meshes show the springs' error
+LINEAR_SHARE = 0.2  # of the accuracy, for the linear solution
+SAFETY = 2.0  # times the maximum difference of two meshes on the load path
+SMALL = 1e-5  # indentation, in units of a path, below which the linear result holds within ...
+LIGHT = 1e-3  # likewise where faces may open: the contact area no longer changes below it
+UNSEEN = 1e-4  # ... this relative amount, the minimum error bound
+FAR_TOO_DEEP = 3.0  # outer radii, estimated by the linear stiffness
+FAR = 300.0  # sizes of probe and inclusion: where a half-space is cut, because rounding errors grow with its size
+UNCUT = 0.05  # relative, times (edge radius / minimum block size)^2: round edges change the contact lines alone, not the blocks
+PASSING = (0.005, 0.05)  # relative errors of ratio and log-sensitivity where faces open: points pass an edge one by one
+ALIKE = 0.2  # relative: meshes nearer to the linear log-sensitivity are corrected by a factor
 
 
 @dataclass(frozen=True)
 class LoadedScene:
-    """A scene that is pressed on two meshes.
+    """A scene on two meshes, with the load paths computed so far.
 
     Attributes:
-        scene: one sphere on the axis at most.
-        accuracy: that is wanted in all, relative.
-        linear: its film forces at rest; of faces that may open, those of frictionless ones, which cannot, for scale only.
-        paths: on two meshes, the finer last.
-        known: what meshes differ by on the way that a path did not go itself, as it began at another modulus' loaded state.
+        scene: a scene with at most one sphere, on the axis.
+        accuracy: relative accuracy of the result.
+        linear: linear film forces; where faces may open, those of frictionless faces, for scale only.
+        paths: load paths on two meshes, the finer last.
+        known: mesh differences on the part of the load path that was not computed because the path began at a loaded state of
+            another modulus.
     """
 
     scene: Scene
@@ -55,11 +56,11 @@ class LoadedScene:
 
     @classmethod
     def of(cls, scene: Scene, accuracy: float) -> LoadedScene:
-        """Solve a scene at rest.
+        """Solve a scene at rest, linearly and on two meshes.
 
         Raises:
-            SolveError: its equations cannot be solved in double precision.
-            LimitReached: not within the limits of memory and time.
+            SolveError: the equations cannot be solved in double precision.
+            LimitReached: a limit of memory or time is exceeded.
         """
         linear = converged_forces(_tied(scene), LINEAR_SHARE * accuracy)
         first, second = (_path(scene, linear, fineness) for fineness in MESHES[:2])
@@ -67,18 +68,18 @@ class LoadedScene:
 
     @property
     def opening(self) -> bool:
-        """Whether faces may open: their limit of no load is no linear answer, nor does another modulus' way lead to theirs."""
+        """Whether faces may open: the linear result is then not their limit, nor another modulus' state a start."""
         return self.scene.contact.interface == "unilateral"
 
     def finer(self) -> LoadedScene | None:
-        """The same on the finer mesh and the next; None where there is none."""
+        """Return the scene on the finer mesh and the next finer one; None if there is none."""
         following = MESHES.index(self.paths[1].model.mesh.layout.fineness) + 1
         if following == len(MESHES):
             return None
         return replace(self, paths=(self.paths[1], _path(self.scene, self.linear, MESHES[following])))
 
     def with_modulus(self, modulus: float, linear: Converged) -> LoadedScene:
-        """The same at rest with another Young's modulus of the target, Pa, and what the linear level says of that."""
+        """Return the scene at rest with another Young's modulus of the target, Pa, and its linear film forces."""
         body = self.scene.inclusion[0].model_copy(update={"youngs_modulus": modulus})
         scene = self.scene.model_copy(update={"inclusion": (body,)})
         known = None if self.opening else linear.films[0].totals
@@ -86,11 +87,11 @@ class LoadedScene:
         return LoadedScene(scene, self.accuracy, linear, (first, second))
 
     def at_scene_s_load(self) -> Loaded:
-        """Press as the scene's load says.
+        """Press the probe to the scene's load.
 
         Raises:
             StoppedError: no further step converges.
-            LimitReached: the time is over.
+            LimitReached: the time limit is reached.
         """
         load = self.scene.load
         if load.indentation is not None:
@@ -98,10 +99,10 @@ class LoadedScene:
         return self.at_force(load.force or 0.0)
 
     def at_force(self, force: float, key: str = "load.force") -> Loaded:
-        """Press to a force, N; see ``at_scene_s_load``.
+        """Press to a force, N; see ``press_to_scene_load``.
 
         Raises:
-            Refusal: of the ``key``, where it is far more than any path comes to.
+            Refusal: the force, named by ``key``, is far above what any path reaches.
         """
         about, radius = force / self._stiffness, self.paths[1].radius
         if about > FAR_TOO_DEEP * radius:
@@ -115,9 +116,9 @@ class LoadedScene:
 
     @property
     def unseen(self) -> tuple[float, float]:
-        """The least bounds of film forces and log-sensitivity, relative: what no two meshes differ by.
+        """Minimum error bounds of film forces and log-sensitivity, relative: errors that no two meshes show.
 
-        Where edges are round the material beyond their arcs is left to the blocks; where faces open points pass an edge.
+        Where edges are round, blocks keep the material beyond the arcs. Where faces open, points pass an edge one by one.
         """
         s = self.paths[1].model.section
         sizes = (s.inner_radius, s.tube_radius - s.hole_radius, s.inner_height, s.outer_height)
@@ -126,11 +127,11 @@ class LoadedScene:
         return least + films, least + slopes
 
     def at_indentation(self, indentation: float) -> Loaded:
-        """Press to an indentation, m; see ``at_scene_s_load``."""
+        """Press to an indentation, m; see ``press_to_scene_load``."""
         return self._at(indentation, lambda path: path.at_indentation(indentation))
 
     def _at(self, about: float, press: Callable[[Path], Pressed]) -> Loaded:
-        """Press both meshes, or neither where the indentation is ``about`` nothing."""
+        """Press both meshes, or scale the light-load result if the estimated indentation is negligible."""
         unit = self.paths[1].unit
         if self.opening and about < LIGHT * unit:
             light = self.at_indentation(LIGHT * unit)
@@ -144,7 +145,7 @@ class LoadedScene:
         return Loaded(fine, self._films(fine))
 
     def _films(self, point: Pressed) -> FilmForces:
-        """Film forces per indentation with bounds: those of the linear level and what two meshes differ by on the way."""
+        """Return film forces per indentation, bounded by the linear errors and the differences of the two meshes."""
         rest, off = self.linear.films[0], self.differences(point.indentation)
         totals = point.films / point.indentation
         least, least_slope = self.unseen
@@ -156,12 +157,12 @@ class LoadedScene:
         grown = abs(value / rest.log_sensitivity) if rest.log_sensitivity else 1.0
         own = (SAFETY * off.sensitivity + least_slope) * self._size(point.indentation)
         error = rest.sensitivity_error * max(1.0, grown) + own
-        # at one force the films' changes add up to nothing
+        # at constant force the changes of the two film forces cancel
         shares = np.array([totals[1], -totals[0]]) / totals.sum() * value
         return FilmForces(np.diag(totals), bound, np.diag(totals * shares), error)
 
     def sensitivity(self, path: Path, point: Pressed) -> float:
-        """The log-sensitivity at a point of a path, what its mesh is off at rest taken off where that is known."""
+        """Return the log-sensitivity at a point of a path, corrected for the mesh's error at rest if that is known."""
         if self.opening:
             return point.log_sensitivity
         exact, own = self.linear.films[0].log_sensitivity or 0.0, path.points[0].log_sensitivity
@@ -170,7 +171,7 @@ class LoadedScene:
         return point.log_sensitivity + exact - own
 
     def differences(self, until: float) -> Differences:
-        """The largest of both meshes up to an indentation, m."""
+        """Return the maximum differences of both meshes up to an indentation, m."""
         places = np.unique([until, *(point.indentation for path in self.paths for point in path.points)])
         places = places[(places > 0) & (places <= until)]
         (films, first), (others, second) = (self._told(path, places) for path in self.paths)
@@ -179,12 +180,12 @@ class LoadedScene:
         return Differences(np.abs(off).max(axis=1), float(np.abs(off[0] - off[1]).max()), sensitivity) | self.known
 
     def _size(self, until: float) -> float:
-        """The largest log-sensitivity up to an indentation, m, by magnitude."""
+        """Return the maximum magnitude of the log-sensitivity up to an indentation, m."""
         path = self.paths[1]
         return max(abs(self.sensitivity(path, point)) for point in path.points if point.indentation <= until)
 
     def _told(self, path: Path, places: Floats) -> tuple[Floats, Floats]:
-        """Film forces, shape (2, k), and log-sensitivities, (k,), between the points of a path."""
+        """Interpolate film forces, shape (2, k), and log-sensitivities, (k,), between the points of a path."""
         points = path.points
         at = np.array([point.indentation for point in points])
         films = CubicHermiteSpline(at, [point.films for point in points], [point.tangent for point in points])
@@ -193,14 +194,14 @@ class LoadedScene:
 
 
 def curve(on: LoadedScene, moduli: Floats) -> list[Loaded]:
-    """Return a scene's answers at its load for other moduli of its target, each from its neighbour's loaded state.
+    """Return film forces at a scene's load for other moduli of the target, each started from its neighbour's state.
 
     Args:
-        on: the scene, pressed to its load.
-        moduli: Pa, shape (k,).
+        loaded: the scene, pressed to its load.
+        moduli: Young's moduli, Pa, shape (k,).
 
     Raises:
-        SolveError, LimitReached: see ``LoadedScene.of`` and ``at_scene_s_load``.
+        SolveError, LimitReached: see ``LoadedScene.from_scene`` and ``LoadedScene.press_to_scene_load``.
     """
     every = converged_forces(_tied(on.scene), LINEAR_SHARE * on.accuracy, moduli)
     far = np.log(moduli / on.scene.inclusion[0].youngs_modulus)
@@ -213,13 +214,13 @@ def curve(on: LoadedScene, moduli: Floats) -> list[Loaded]:
 
 
 def beside(near: LoadedScene, modulus: float) -> tuple[Loaded, LoadedScene]:
-    """Return one such answer, and the scene that it is of, pressed, for more of them; see ``curve``."""
+    """Return the film forces for one other modulus, and the pressed scene as a start for more; see ``compute_modulus_curve``."""
     linear = converged_forces(_tied(near.scene), LINEAR_SHARE * near.accuracy, np.array([modulus]))
     return _beside(near, modulus, linear)
 
 
 def _beside(near: LoadedScene, modulus: float, linear: Converged) -> tuple[Loaded, LoadedScene]:
-    """The answer for another modulus, begun at the neighbour's state, or from rest where that does not converge."""
+    """Solve for another modulus from the neighbour's state, or from rest if that does not converge."""
     at_rest = near.with_modulus(modulus, linear)
     last = near.paths[1].last.indentation
     if near.opening or last <= SMALL * near.paths[1].unit:
@@ -235,7 +236,7 @@ def _beside(near: LoadedScene, modulus: float, linear: Converged) -> tuple[Loade
 
 
 def _path(scene: Scene, linear: Converged, fineness: MeridianFineness) -> Path:
-    """A path on one mesh of what the linear level solved."""
+    """Build the load path, on one mesh, of the section that the linear solution used."""
     at_rest, materials = linear.sample.states.model, {}
     if scene.inclusion:
         body = scene.inclusion[0]
@@ -247,7 +248,7 @@ def _path(scene: Scene, linear: Converged, fineness: MeridianFineness) -> Path:
 
 
 def _tied(scene: Scene) -> Scene:
-    """The scene as linear elements know it."""
+    """Return the scene for linear elements: faces that may open become frictionless."""
     faces = scene.contact
     if faces.interface != "unilateral":
         return scene
@@ -255,13 +256,13 @@ def _tied(scene: Scene) -> Scene:
 
 
 def _nearer(section: Section) -> Section:
-    """A half-space's section with an end where nothing is strained finitely: what it changes at rest is taken off."""
+    """Cut a half-space's section where strains are negligible; the linear correction at rest removes the effect of the cut."""
     share = FAR / HALF_SPACE
     return replace(section, tissue_radius=share * section.tissue_radius, tissue_depth=share * section.tissue_depth)
 
 
 def _widened(films: FilmForces, share: float) -> FilmForces:
-    """Film forces with wider bounds."""
+    """Return film forces with bounds widened by a relative amount."""
     bound = Bound(films.bound.totals + share * np.abs(films.totals), films.bound.log_ratio + 2 * share)
     error = films.sensitivity_error + share * abs(films.log_sensitivity or 0.0)
     return replace(films, bound=bound, sensitivity_error=error)

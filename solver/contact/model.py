@@ -1,4 +1,4 @@
-"""A section that deforms: elements, lines that may touch, and the equations of both."""
+"""Set up the equations of a deforming section: its elements and the lines that may touch."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ from solver.elements.shape_functions import shapes
 from solver.linalg.cholesky import factorise, factorise_any
 from solver.linalg.workspace import kept
 
-OPENING, ROUND = 0.02, 0.1  # of faces that may open: contact length in indentations; how much of the others' rounding they take
+OPENING, ROUND = 0.02, 0.1  # where faces may open: contact length per indentation; share of the usual rounding
 LARGEST_RESIDUAL = 1e-6  # of the tangent's solutions, relative to the forces that drive them
-BELOW_BASE, BESIDE = 0.05, 1.02  # of the outer block's height and radius: tissue that is nearer to the base touches it next
+BELOW_BASE, BESIDE = 0.05, 1.02  # of the outer block's height and radius: nearer tissue reaches the base
 _mesh = kept(topology)
 
 
@@ -38,11 +38,11 @@ class ContactModel:
     """A section with its materials on one mesh, ready to be deformed.
 
     Attributes:
-        section, materials: what is modelled.
-        mesh, elements, numbering: how.
-        assembly: of elements and contact.
-        pairs: lines that may touch.
-        lift: the elements' own values per indentation, the blocks' rigid shift included, for what touches, (n, 8 p, 2).
+        section, materials: the modelled section and its materials.
+        mesh, elements, numbering: the discretisation.
+        assembly: assembler of elements and contact.
+        pairs: pairs of lines that may touch.
+        lift: displacements of the elements' values per indentation of either block, rigid shift included, (n, 8 p, 2).
     """
 
     section: Section
@@ -65,9 +65,9 @@ class ContactModel:
         *,
         spring: float = 1.0,
     ) -> ContactModel:
-        """Mesh a section whose faces are bonded, slide and cannot open (frictionless), or open and slide against ``friction``.
+        """Mesh a section whose faces are bonded, or slide without opening (frictionless), or open and slide against ``friction``.
 
-        Friction holds by springs, of which ``spring`` is a share.
+        Friction acts through springs; ``spring`` scales their stiffness.
 
         Raises:
             SolveError: the mesh has a cell without area.
@@ -84,13 +84,13 @@ class ContactModel:
         return cls(section, materials, mesh, elements, numbers, Assembly.of(numbers, pairs), pairs, lift)
 
     def at_rest(self) -> State:
-        """The undeformed state."""
+        """Return the undeformed state."""
         none, own = tuple(np.zeros(pair.points) for pair in self.pairs), np.zeros(self.lift.shape[:2])
         grips = tuple(touch(pair, own, zero).grip if pair.friction else None for pair, zero in zip(self.pairs, none, strict=True))
         return State(0.0, np.zeros(self.numbering.unknowns), self.elements.at_rest(), none, grips)
 
     def with_modulus(self, youngs_modulus: float) -> ContactModel:
-        """The same with another Young's modulus of the sphere, Pa: mesh, pattern and what may touch stay."""
+        """Return the model with another Young's modulus of the sphere, Pa, on the same mesh, pattern and pairs."""
         sphere = Material(youngs_modulus=youngs_modulus, poisson_ratio=self.materials[Body.INCLUSION].poisson_ratio)
         materials = {**self.materials, Body.INCLUSION: sphere}
         return replace(self, materials=materials, elements=replace(self.elements, material=_laws(materials, self.mesh)))
@@ -106,24 +106,25 @@ class ContactModel:
         return any(pair.friction > 0 for pair in self.pairs)
 
     def contact_lengths(self, indentation: float) -> list[float]:
-        """What penetration and rounding of each pair are told in, m: the gap, or a share of the probe, or less under small loads.
+        """Return the length, m, to which each pair's penetration and rounding are relative.
 
-        Faces open, and round edges close, at any load: what is exact enough for them goes to zero with it.
+        It is the gap or a fraction of the probe's radius. Faces open, and round edges close, at any load: their length goes to
+        zero with the indentation.
         """
         length = contact_length(self.section)
         return [min(length, OPENING * indentation) if pair.smooth else length for pair in self.pairs]
 
     @property
     def target(self) -> Floats:
-        """The sphere's share of each element, 0 or 1, shape (n, 1)."""
+        """Mask of the sphere's elements, 0 or 1, shape (n, 1)."""
         return np.asarray(self.mesh.body == Body.INCLUSION, dtype=float)[:, None]
 
     def displaced(self, v: Floats, indentation: float) -> Floats:
-        """The elements' own values, the blocks' shift included, m, shape (n, 8 p)."""
+        """Return the displacements of the elements' values, m, shape (n, 8 p), the blocks' rigid shift included."""
         return np.asarray((self.numbering.gather @ v).reshape(self.lift.shape[:2]) + indentation * self.lift.sum(axis=-1))
 
     def touches(self, state: State) -> tuple[Touch, ...]:
-        """All pairs in a state.
+        """Compute gaps, forces and tangent of all pairs in a state.
 
         Raises:
             SolveError: a line folds over.
@@ -135,7 +136,7 @@ class ContactModel:
         return tuple(touch(pair, own, m, state.share, blur, grip=grip) for pair, m, blur, grip in each)
 
     def linearised(self, state: State, known: Linearised | None = None) -> Linearised:
-        """Linearise about a state, of which what elements do is ``known`` where only contact is another.
+        """Linearise about a state; ``known`` gives the elements' part if only contact has changed.
 
         Raises:
             SolveError: a line folds over.
@@ -151,12 +152,12 @@ class ContactModel:
         return Linearised(**forces, elimination=elimination, stiffness=stiffness, contact_stiffness=contact)
 
     def balanced(self, state: State, near: Linearised) -> Linearised:
-        """Forces alone in a state, with the tangent of one next to it; see ``linearised``."""
+        """Compute the forces in a state but keep the tangent of a state next to it; see ``linearise``."""
         balance, touches = self.elements.balance(state.elements, near.elimination), self.touches(state)
         return replace(near, **vars(self._forces(state, balance, touches)))
 
     def _forces(self, state: State, balance: Balance, touches: tuple[Touch, ...]) -> WorkingForces:
-        """Elements and contact together."""
+        """Add the forces of elements and contact."""
         gather, m = self.numbering.gather, self.elements.shapes.skeleton
         contact = sum((one.forces for one in touches), np.zeros(gather.shape[0]))
         internal = np.abs(balance.internal).reshape(len(balance.internal), 2, -1)[:, :, :m].reshape(-1)
@@ -167,39 +168,39 @@ class ContactModel:
         return WorkingForces(balance, touches, contact, residual, scale, deepest)
 
     def factored(self, at: Linearised) -> Linearised:
-        """The same with its tangent factorised."""
+        """Return the equations with their tangent factorised."""
         if at.factor is not None:
             return at
         matrix = self.assembly.tangent(at.stiffness, at.contact_stiffness)
         return replace(at, factor=factorise_any(matrix) if self.sticky else factorise(matrix, self.assembly.pattern))
 
     def moved(self, state: State, at: Linearised, step: Floats, share: float = 1.0) -> State:
-        """Return a state after a share of Newton's step, whose part on the unknowns is given."""
+        """Return the state after a share of a Newton step, given by its part on the unknowns."""
         edge = (self.numbering.gather @ step).reshape(self.lift.shape[:2])
         elements = self.elements.moved(state.elements, at.elimination, edge, at.balance, share)
         return replace(state, v=state.v + share * step, elements=elements)
 
     def shifted(self, state: State, at: Linearised, change: Floats, indentation: float) -> State:
-        """Return a state with its unknowns changed and another indentation, insides and pressures following."""
+        """Return a state with changed unknowns and another indentation; interior values and pressures follow linearly."""
         deeper = indentation - state.indentation
         own = self.numbering.gather @ change + deeper * self.numbering.lift.sum(axis=-1).ravel()
         elements = self.elements.moved(state.elements, at.elimination, own.reshape(self.lift.shape[:2]))
         return replace(state, indentation=indentation, v=state.v + change, elements=elements)
 
     def rates(self, state: State, at: Linearised, change: Floats) -> State:
-        """What a state changes by per indentation, as its unknowns change by ``change``."""
+        """Return the derivative of a state with respect to indentation; ``change`` is that of its unknowns."""
         none = replace(state, indentation=0.0, v=np.zeros_like(state.v), elements=self.elements.at_rest())
         return self.shifted(none, at, change, 1.0)
 
     def contact_radius(self, at: Linearised, state: State) -> float:
-        """Outer radius of what touches the tissue, m, deformed."""
+        """Return the outer radius of the contact with the tissue in the deformed state, m."""
         own, pair = self.displaced(state.v, state.indentation), self.pairs[-1]
         edge = float(pair.slave.positions(own)[0, 0, 0])
         touching = at.touches[-1].pressure > 0
         return float(np.max(pair.places(own)[touching, 0], initial=edge))
 
     def check_base(self, state: State) -> None:
-        """Raise ``SolveError`` where the tissue's top comes to the base, or its flange, whose contact is not modelled."""
+        """Raise ``SolveError`` if the tissue's top reaches the base or its flange, whose contact is not modelled."""
         own, section = self.displaced(state.v, state.indentation), self.section
         pair = self.pairs[-1]
         top = pair.slave if self.mesh.body[pair.slave.element[0]] in TISSUES else pair.master
@@ -211,14 +212,16 @@ class ContactModel:
             raise SolveError("the tissue reaches the base")
 
     def film_forces(self, at: Linearised) -> Floats:
-        """Forces on the films, N, shape (2,): what the energy rises by per indentation of each block's base (CT.6)."""
+        """Return the forces on the films, N, (2,): what the energy rises by per indentation of each block's base (CT.6)."""
         return np.asarray(self.lift.reshape(-1, 2).T @ (at.balance.forces.ravel() + at.contact))
 
     def responses(self, state: State, at: Linearised, target: Floats | None = None) -> tuple[Floats, Floats]:
-        """How unknowns, (unknowns, k), and film forces, (2, k), change with indentation and, if asked for, ln E of the target.
+        """Return derivatives of unknowns and film forces with respect to indentation and, for a target, to ln E.
+
+        Their shapes are (unknowns, k) and (2, k).
 
         Raises:
-            SolveError: the residual of the solution is too large to be trusted.
+            SolveError: the residual of the solution is too large.
         """
         gather, flat = self.numbering.gather, self.lift.reshape(-1, 2)
         driven = self._times(at, flat.sum(axis=1, keepdims=True))
@@ -235,26 +238,26 @@ class ContactModel:
         return changes, np.asarray(flat.T @ whole)
 
     def _times(self, at: Linearised, own: Floats) -> Floats:
-        """The tangent's forces on the elements' own values for changes of these, (n (8 p), k) both."""
+        """Return the tangent times changes of the elements' values, (n (8 p), k) both."""
         n, width, _ = self.lift.shape
         out = (at.stiffness @ own.reshape(n, width, -1)).reshape(n * width, -1)
         return out if at.contact_stiffness is None else out + at.contact_stiffness @ own
 
 
 def _laws(materials: Materials, mesh: Topology) -> Hyperelastic:
-    """The elements' materials."""
+    """Return the hyperelastic materials of all elements."""
     moduli = [[materials[Body(body)].youngs_modulus, materials[Body(body)].poisson_ratio] for body in mesh.body]
     return Hyperelastic.of(*np.array(moduli).T)
 
 
 def _blocks(section: Section, mesh: Topology) -> tuple[Bools, Bools]:
-    """Which elements are carried by the inner and by the outer block, films and base with them."""
+    """Return masks of the elements that move with the inner and with the outer block, films and base included."""
     probe = ~np.isin(mesh.body, (*TISSUES, Body.INCLUSION))
     inside = nodes(section, mesh, SQUARE)[..., 0].mean(axis=1) < section.inner_radius
     return probe & inside, probe & ~inside
 
 
 def check_volume(elements: Elements, state: ElementValues) -> None:
-    """Raise ``SolveError`` where an element is turned inside out."""
+    """Raise ``SolveError`` if an element is turned inside out."""
     if not elements.least_volume(state.u) > 0:
         raise SolveError("an element folds over")

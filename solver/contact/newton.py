@@ -1,7 +1,8 @@
-"""Equilibrium at one indentation: Newton's method within rounds of multipliers (augmented Lagrangians).
+"""Find equilibrium at one indentation: Newton's method within rounds of multipliers (augmented Lagrangians).
 
-A stiff penalty throws Newton's method off until it is near: the first round is soft and its kink is rounded widely, so that
-points that are about to touch are felt before they do; the multipliers it leaves make the last round's penalty hard to notice.
+Far from equilibrium a stiff penalty makes Newton's method diverge. The first round is therefore soft, and its kink is rounded
+widely, so that points exert pressure before they touch. Its multipliers carry the contact pressure in the last round, where the
+penalty then has little effect.
 """
 
 from __future__ import annotations
@@ -17,29 +18,29 @@ from geometry.common.resources import check_time
 from solver.contact.model import ContactModel, check_volume
 from solver.contact.states import Linearised, State
 
-BALANCED = 1e-9  # residual over forces of a state in equilibrium
+BALANCED = 1e-9  # residual over forces, in equilibrium
 NEARLY = (
     1e-6  # likewise: the tangent there is that of equilibrium, one step with it leads there, and forces alone tell that it did
 )
-ROUNDED = 1e-7  # likewise, where rounding keeps it from falling further
-ROUNDED_LIGHT = 1e-11  # likewise, over the indentation in outer radii: of light loads distances are rounded to a larger share
-GUESSED = 1e-5  # likewise, of a round whose multipliers are the next one's guess
+ROUNDED = 1e-7  # likewise, where rounding errors prevent a further decrease
+ROUNDED_LIGHT = 1e-11  # likewise, divided by the indentation in outer radii
+GUESSED = 1e-5  # likewise, of a round that only gives the next one's multipliers
 MOST_STEPS, HALVINGS = 14, 6
-MORE_STEPS = 40  # where faces may open: which points touch and slide is found by trying
-ROUNDS = ((0.1, 0.02), *((1.0, 0.002),) * 8)  # shares of the penalty; rounding, in contact lengths
+MORE_STEPS = 40  # where faces may open: the sets of touching and sliding points change between steps
+ROUNDS = ((0.1, 0.02), *((1.0, 0.002),) * 8)  # share of the penalty, and rounding in contact lengths
 SHARP_ROUNDS = ROUNDS[1:]  # likewise, where multipliers are known from the loads before
 SLOW_ROUNDS = ((0.05, 0.04), (0.2, 0.01), (0.5, 0.002), *((1.0, 0.002),) * 8)  # likewise where faces may open, or those fail
-PENETRATION = 1e-3  # contact lengths: deeper ones ask for another round
+PENETRATION = 1e-3  # contact lengths: deeper penetration requires another round
 
 
 @dataclass(frozen=True)
 class Equilibrium:
-    """A state in balance.
+    """A state in equilibrium.
 
     Attributes:
-        state: it.
-        at: the equations about it; its tangent may be that of a state within ``NEARLY`` of it.
-        residuals: after each step of Newton's method, relative; rounds one after the other.
+        state: the state.
+        equations: the equations about it; their tangent may be that of a state within ``LAST_STEP_RESIDUAL`` of it.
+        residuals: relative residual after each Newton step, of all rounds in order.
     """
 
     state: State
@@ -51,13 +52,13 @@ def solve(model: ContactModel, start: State, *, known: bool = False) -> Equilibr
     """Find equilibrium at the indentation of a state.
 
     Args:
-        model: of the section.
-        start: what is near it.
-        known: whether its multipliers are a guess of those there, as they follow from the loads before.
+        model: model of the section.
+        start: a state near equilibrium, at the wanted indentation.
+        known: whether its multipliers are extrapolated from earlier loads.
 
     Raises:
-        SolveError: none was found: Newton's method does not converge, or an element folds over.
-        LimitReached: the time is over.
+        SolveError: Newton's method does not converge, or an element folds over.
+        LimitReached: the time limit is reached.
     """
     tries = [*([SHARP_ROUNDS] if known else []), *([] if model.loose else [ROUNDS]), SLOW_ROUNDS]
     for rounds in tries[:-1]:
@@ -69,7 +70,7 @@ def solve(model: ContactModel, start: State, *, known: bool = False) -> Equilibr
 
 
 def _solved(model: ContactModel, start: State, rounds: Sequence[tuple[float, float]]) -> Equilibrium:
-    """Equilibrium by some rounds."""
+    """Find equilibrium by the given rounds."""
     state, at, residuals = start, None, list[float]()
     for share, blur in rounds:
         enough = GUESSED if share < 1 and not model.loose else BALANCED
@@ -85,13 +86,13 @@ def _solved(model: ContactModel, start: State, rounds: Sequence[tuple[float, flo
 
 
 def _remembered(state: State, at: Linearised) -> State:
-    """A state in balance as the one that further loads begin at."""
+    """Return an equilibrium state with its friction history updated, as the start of further loads."""
     both = zip(state.grips, at.touches, strict=True)
     return replace(state, grips=tuple(None if grip is None else touch.grip for grip, touch in both))
 
 
 def _slid(state: State, at: Linearised) -> State:
-    """A state that knows which of its points slide."""
+    """Return a state that records which of its points slide."""
     both = zip(state.grips, at.touches, strict=True)
     return replace(
         state, grips=tuple(None if grip is None else replace(grip, sliding=touch.grip.sliding) for grip, touch in both)
@@ -101,7 +102,7 @@ def _slid(state: State, at: Linearised) -> State:
 def _balanced(
     model: ContactModel, state: State, known: Linearised | None, enough: float = BALANCED
 ) -> tuple[State, Linearised, list[float]]:
-    """Newton's method with the multipliers held, from a state of which what elements do may be ``known``."""
+    """Iterate Newton's method with fixed multipliers; ``known`` may give the elements' part of the first linearisation."""
     check_volume(model.elements, state.elements)
     at = model.linearised(state, known)
     residuals: list[float] = []
@@ -127,12 +128,12 @@ def _balanced(
 
 
 def _stands_still(residuals: Sequence[float], rounded: float) -> bool:
-    """Whether only rounding is left, which may be that much."""
+    """Return whether the residuals no longer fall and are at most ``rounded``, the level of rounding errors."""
     return len(residuals) > 1 and residuals[-1] <= rounded and residuals[-1] > residuals[-2] / 2
 
 
 def _moved(model: ContactModel, state: State, at: Linearised, step: Floats) -> tuple[State, Linearised]:
-    """The state after a step, halved until no element folds over and forces are nearer to balance, or halving helps no more."""
+    """Take a Newton step, halved until no element folds over and the residual falls, or halving stops helping."""
     best: tuple[State, Linearised] | None = None
     for share in 0.5 ** np.arange(HALVINGS):
         moved = model.moved(state, at, step, share)
@@ -142,7 +143,7 @@ def _moved(model: ContactModel, state: State, at: Linearised, step: Floats) -> t
         if best is not None and tried[1].unbalanced >= best[1].unbalanced:
             break
         best = tried
-        if best[1].torn or best[1].unbalanced <= at.unbalanced:  # forces of points that are held at last are no measure
+        if best[1].torn or best[1].unbalanced <= at.unbalanced:  # residuals of points that stop sliding cannot be compared
             break
     if best is None:
         raise SolveError("an element folds over")

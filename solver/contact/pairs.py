@@ -1,4 +1,4 @@
-r"""Contact of two lines of the section: points of one against the other.
+r"""Describe pairs of lines that may touch: points of the softer line against the harder line.
 
 Both lines are graphs over one coordinate t, and the gap at a point of the softer is the distance along the other coordinate s to
 the harder line at the same t. Between the walls of the gap t is z. Where a wall stands on the tissue both lines start at the
@@ -28,18 +28,18 @@ RISING, FALLING = ((ROOT, ROOT), (-ROOT, ROOT)), ((-ROOT, ROOT), (ROOT, ROOT))  
 
 @dataclass(frozen=True)
 class RoundEdge:
-    """A block's lower edge, rounded: what is taken off its line, along s.
+    """A block's rounded lower edge: the height that it removes from the block's line, along s.
 
     Attributes:
-        place: of the corner on the undeformed line, m from its start; infinite where there is none.
-        radius: m.
+        place: position of the corner on the undeformed line, m from its start; infinite if there is none.
+        radius: edge radius, m.
     """
 
     place: float = np.inf
     radius: float = 0.0
 
     def taken(self, place: Floats) -> tuple[Floats, Floats, Floats]:
-        """What is taken off at places on the line, m, and its first and second derivative along it: an arc less a right angle."""
+        """Return the removed height, m, at positions on the line, and its first and second derivatives along it."""
         if not self.radius:
             return (np.zeros_like(place),) * 3
         t = np.clip((place - self.place) * ROOT, -ROOT * self.radius, ROOT * self.radius)
@@ -57,15 +57,15 @@ class Pair:
 
     Attributes:
         name: for messages.
-        slave, master: the softer line, whose points are watched, and the harder.
+        slave, master: the softer line, whose points are checked, and the harder line.
         axes: unit vectors of t and s, as (r, z), shape (2, 2).
-        sign: 1 where the gap is s of the master less that of the slave, else -1.
-        penalty: e, Pa/m.
+        sign: 1 if the gap is s of the master minus s of the slave, else -1.
+        penalty: penalty e of eq. CT.5, Pa/m.
         loose: whether lines lie on each other from the start, faces that may open.
         friction: Coulomb's coefficient.
         spring: f of eq. CT.8, in penalties.
         slave_edge, master_edge: of the block on either line.
-        tied: which of the slave's points cannot leave the master, shape (points,); none where it is empty.
+        tied: mask of the slave's points that cannot leave the master, shape (points,); empty if there are none.
     """
 
     name: str
@@ -83,7 +83,7 @@ class Pair:
 
     @property
     def smooth(self) -> bool:
-        """Whether the lines lie on each other at rest, or part smoothly: what penetrates is seen at any load."""
+        """Whether the lines touch at rest or separate smoothly, so that penetration matters at any load."""
         return self.loose or self.slave_edge.radius > 0 or self.master_edge.radius > 0
 
     @property
@@ -92,19 +92,19 @@ class Pair:
         return int(self.slave.place.shape[0]) * len(gauss(self.slave.order)[0])
 
     def places(self, own: Floats) -> Floats:
-        """The slave's points, deformed, (r, z), m, shape (points, 2)."""
+        """Return the deformed positions (r, z) of the slave's points, m, shape (points, 2)."""
         return np.asarray(np.einsum("kcp,gp->kgc", self.slave.positions(own), gauss(self.slave.order)[1]).reshape(-1, 2))
 
     @cached_property
     def along(self) -> Floats:
-        """The slave's points on the undeformed line, m from its start, shape (points,)."""
+        """Positions of the slave's points on the undeformed line, m from its start, shape (points,)."""
         lengths = self.slave.lengths[:, None]
         starts = np.cumsum(lengths)[:, None] - lengths
         return np.asarray((starts + lengths * gauss(self.slave.order)[1][:, 1]).ravel())
 
     @cached_property
     def weights(self) -> Floats:
-        """2 pi r dL of the undeformed slave at its points, shape (points,)."""
+        """Areas 2 pi r dL of the undeformed slave at its points, m^2, shape (points,)."""
         w, value = gauss(self.slave.order)
         radius = self.slave.place[:, 0] @ value.T
         return np.asarray((2 * np.pi * radius * w * self.slave.lengths[:, None]).ravel())

@@ -1,4 +1,4 @@
-"""A probe pressed step by step: states extrapolated, steps as long as Newton's method likes them, what did converge kept."""
+"""Press a probe step by step: extrapolate states, adapt the steps to Newton's method, store all that converged."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ from solver.contact.newton import Equilibrium, solve
 from solver.contact.pressed import Pressed, StoppedError
 from solver.contact.states import State, hermite, lagrange, weighted
 
-FIRST, LEAST, LONGEST = 0.02, 1e-3, 0.08  # steps: in units, the longest in outer radii
-TINY = 1e-6  # likewise: an indentation at which all is linear
-LIGHT = 1e-4  # likewise where faces may open: gaps have to be told from rounding
-GROWTH, EASY = 1.8, 12  # by which steps grow after one that took so many of Newton's steps or fewer
-EASY_FACES, LONGEST_FACES = 30, 0.02  # likewise where faces may open, whose points pass an edge one by one
-DEEPEST = 1.0  # outer radii: nothing is known of how exact deeper states are
-NEARLY = 1e-4  # relative, of a force that is asked for: the rest is linear
+FIRST, LEAST, LONGEST = 0.02, 1e-3, 0.08  # steps: first and minimum in units of the path, maximum in outer radii
+TINY = 1e-6  # in units: an indentation at which all is linear
+LIGHT = 1e-4  # likewise where faces may open: gaps must exceed rounding errors
+GROWTH, EASY = 1.8, 12  # steps grow by this factor after one that took this many Newton steps or fewer
+EASY_FACES, LONGEST_FACES = 30, 0.02  # likewise, and maximum step in outer radii, where faces may open
+DEEPEST = 1.0  # outer radii: the accuracy of deeper states was never checked
+NEARLY = 1e-4  # of a requested force: the rest is extrapolated linearly
 TRIES = 12
-CLOSE = 0.1  # of their distance from what is extrapolated: points that are nearer to each other say little more than one
+CLOSE = 0.1  # of the distance to extrapolate over: nearer points add little
 
 
 @dataclass
 class Path:
-    """A section that is pressed further and further.
+    """A load path: the states of a section under rising indentation.
 
     Attributes:
-        model: of the section.
-        sensitive: whether derivatives by the target's modulus are wanted.
-        linear: film forces per indentation at rest, N/m, shape (2,), where they are known better than by this mesh: what it
-            is off there is taken off everywhere, as a factor for each film.
-        points: at rest, then all that converged, by rising indentation.
-        length: of the next step, m.
+        model: model of the section.
+        sensitive: whether derivatives with respect to the target's modulus are computed.
+        linear: more accurate film forces per indentation at rest, N/m, shape (2,), or None. Their ratio to this mesh's corrects
+            all forces on the path, by one factor for each film.
+        points: the point at rest, then all that converged, by rising indentation.
+        length: length of the next step, m.
     """
 
     model: ContactModel
@@ -47,7 +47,7 @@ class Path:
     _scale: Floats = field(default_factory=lambda: np.ones(2))
 
     def __post_init__(self) -> None:
-        """Begin at rest."""
+        """Compute the first points: at rest, and under a very light load."""
         self.length = FIRST * self.unit
         rest = self.model.at_rest()
         small = self._light(rest)
@@ -59,7 +59,7 @@ class Path:
         self.points.append(replace(linear, indentation=0.0, films=none, walls=gap, strain=0.0, residual=0.0, equilibrium=still))
 
     def seed(self, state: State) -> Pressed:
-        """Begin at a state of the same mesh under other moduli; see ``steps``."""
+        """Start the path at a state of the same mesh with other moduli; see ``iterate_steps``."""
         try:
             point = self._pressed(solve(self.model, state))
         except SolveError as fault:
@@ -69,40 +69,40 @@ class Path:
 
     @property
     def radius(self) -> float:
-        """Of the probe, m."""
+        """Outer radius of the probe, m."""
         return float(self.model.section.tube_radius)
 
     @property
     def unit(self) -> float:
-        """What steps are told in, m: the probe's radius, or less where blocks or tissue are flat."""
+        """Unit of the steps, m: the probe's radius, or less if blocks or tissue are flat."""
         section = self.model.section
         return float(min(section.tube_radius, section.tissue_depth, section.inner_height, section.outer_height))
 
     @property
     def last(self) -> Pressed:
-        """The point reached."""
+        """The deepest point computed."""
         return self.points[-1]
 
     def steps(self, until: float) -> Iterator[Pressed]:
-        """Press as far as ``until``, m, and yield each point on the way.
+        """Press to the indentation ``until``, m, and yield each point on the way.
 
         Raises:
             StoppedError: no further step converges.
-            LimitReached: the time is over.
+            LimitReached: the time limit is reached.
         """
         while self.last.indentation < until * (1 - 1e-12):
             beyond = self.last.indentation + self.length
             yield self._step(until if beyond > until - 0.3 * self.length else beyond)
 
     def at_indentation(self, indentation: float) -> Pressed:
-        """Press to an indentation, m; see ``steps``."""
+        """Return the point at an indentation, m; see ``iterate_steps``."""
         for _ in self.steps(indentation):
             pass
         near = min(self.points, key=lambda point: abs(point.indentation - indentation))
         return near if abs(near.indentation - indentation) <= 1e-12 * indentation else self.insert(indentation)
 
     def at_force(self, force: float) -> Pressed:
-        """Press to a force, N; see ``steps``."""
+        """Return the point at a force, N; see ``iterate_steps``."""
         while self.last.force < force * (1 - NEARLY):
             self._step(self.last.indentation + min(self.length, self._further(force)))
         for _ in range(TRIES):
@@ -114,7 +114,7 @@ class Path:
         raise StoppedError(self.last, "no indentation gives the force")
 
     def _further(self, force: float) -> float:
-        """How much further than at the nearest point a force presses, m, by the stiffness there and at the next nearest."""
+        """Estimate the indentation of a force beyond the nearest point, m, from the stiffness at the two nearest points."""
         near, *others = sorted(self.points, key=lambda point: abs(point.force - force))[:2]
         missing, stiffness = force - near.force, float(near.tangent.sum())
         if not others:
@@ -125,10 +125,10 @@ class Path:
         return 2 * missing / (stiffness + within**0.5) if within > 0 else missing / stiffness
 
     def _step(self, indentation: float) -> Pressed:
-        """One converged step to an indentation, or less far: halved until it converges, however short it was asked to be."""
+        """Take one step towards an indentation, halved until it converges."""
         start, most = self.last.indentation, DEEPEST * self.radius
         if start >= most * (1 - 1e-9):
-            raise StoppedError(self.last, "it is as deep as the probe is wide, and nobody has compared deeper solutions")
+            raise StoppedError(self.last, "it is as deep as the probe is wide, and deeper solutions were never verified")
         step = min(indentation, most) - start
         while True:
             try:
@@ -146,11 +146,11 @@ class Path:
         return point
 
     def insert(self, indentation: float) -> Pressed:
-        """Return a point between others, which the path then has.
+        """Compute a point between others and add it to the path.
 
         Raises:
             SolveError: see ``solver.contact.newton.solve``.
-            LimitReached: the time is over.
+            LimitReached: the time limit is reached.
         """
         point = self._solved(indentation)
         self.points.append(point)
@@ -163,7 +163,7 @@ class Path:
         except SolveError:
             if not self.model.loose:
                 raise
-        # neighbours may differ in what touches and slides: one of them alone is sometimes the better guess
+        # neighbours may differ in what touches and slides: one alone is sometimes the better start
         return self._pressed(solve(self.model, self._following(self._before(indentation), indentation)))
 
     @property
@@ -171,7 +171,7 @@ class Path:
         return self.model.target if self.sensitive else None
 
     def _near(self, indentation: float) -> list[Pressed]:
-        """The nearest three points that lie apart: through neighbours far off, rounding would be extrapolated."""
+        """Find the three nearest points that are not too close to each other, so that extrapolation amplifies no rounding."""
         near: list[Pressed] = []
         for point in sorted(self.points, key=lambda point: abs(point.indentation - indentation)):
             apart = CLOSE * abs(point.indentation - indentation)
@@ -180,7 +180,7 @@ class Path:
         return near
 
     def _ahead(self, indentation: float) -> State:
-        """The state at an indentation extrapolated, or interpolated, from the nearest."""
+        """Extrapolate or interpolate the state at an indentation from the nearest points."""
         near = self._near(indentation)
         states = [point.equilibrium.state for point in near]
         if len(states) < 2:
@@ -188,25 +188,25 @@ class Path:
         places = [state.indentation for state in states]
         guess = weighted(lagrange(places, indentation), states)
         if not self.model.loose and not any(state.touching.any() for state in states):
-            # with slopes only where nothing touches: where something does they lead to other equilibria of a corner that folds
+            # use rates only without contact: with contact they lead to another equilibrium of a folding corner
             guess = weighted(hermite(places[:2], indentation), [*states[:2], *(point.rates for point in near[:2])])
         if self.model.elements.least_volume(guess.elements.u) <= 0:
             return self._following(states[0], indentation)
         return replace(guess, indentation=indentation, grips=self._before(indentation).grips)
 
     def _known(self, indentation: float) -> bool:
-        """Whether the same points touch in the states nearest to an indentation, so that multipliers are extrapolated well."""
+        """Return whether the same points touch in all nearest states, so that multipliers can be extrapolated."""
         touching = [point.equilibrium.state.touching for point in self._near(indentation)]
         alike = all(np.array_equal(touching[0], other) for other in touching[1:])
         return not self.model.loose and len(touching) > 2 and bool(touching[0].any()) and alike
 
     def _before(self, indentation: float) -> State:
-        """The last state on the way to an indentation: what friction remembers."""
+        """Return the last state below an indentation; friction depends on it."""
         on_the_way = [point.equilibrium.state for point in self.points if point.indentation <= indentation]
         return on_the_way[-1]
 
     def _light(self, rest: State) -> Equilibrium:
-        """Under next to no load; what opens does so at any load."""
+        """Solve for a very light load, under which faces that may open are open."""
         state = self._following(rest, (LIGHT if self.model.loose else TINY) * self.unit)
         if not self.model.loose:
             return Equilibrium(state, self.model.linearised(state), ())
@@ -214,7 +214,7 @@ class Path:
         return solve(self.model, replace(state, multipliers=closed))
 
     def _proportional(self, indentation: float) -> State:
-        """The state at a small indentation: all is proportional to it, what touches does not change."""
+        """Scale the light-load state to a small indentation, where all is proportional and the contact does not change."""
         state = self._begun.state
         factor = indentation / state.indentation
         grips = tuple(None if grip is None else replace(grip, shear=factor * grip.shear) for grip in state.grips)
@@ -222,13 +222,16 @@ class Path:
         return self._following(grown, indentation)
 
     def _following(self, state: State, indentation: float) -> State:
-        """The state at an indentation along the tangent of one."""
+        """Return the state at an indentation on the tangent of another state."""
         at = self.model.linearised(state)
         changes, _ = self.model.responses(state, at)
         return self.model.shifted(state, at, (indentation - state.indentation) * changes[:, 0], indentation)
 
     def _pressed(self, found: Equilibrium) -> Pressed:
-        """What is told of a state: the base follows a stiffer target by -(dF/d ln E) / (dF/d indentation) (CT.7)."""
+        """Compute the results at a state.
+
+        At constant force F the base follows a stiffer target, of Young's modulus E, by -(dF/d ln E) / (dF/d indentation) (CT.7).
+        """
         model, at, state = self.model, found.at, found.state
         model.check_base(state)
         changes, slopes = model.responses(state, at, self._target)

@@ -1,4 +1,4 @@
-"""One point of a path of loads, and the end of a path."""
+"""Define the results at one point of a load path, and the error that ends a path."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from solver.results.film_forces import FilmForces
 
 @dataclass(frozen=True)
 class Pressed:
-    """One point of a path.
+    """Results at one point of a load path.
 
     Attributes:
-        indentation: of the base, m.
+        indentation: indentation of the base, m.
         films: forces on both films, N, shape (2,).
-        tangent: their derivatives by indentation, N/m, shape (2,).
-        log_sensitivity: of the films' ratio by E of the target, at the same force; 0 without a target.
-        walls: least distance of the gap's walls, m; 0 where they touch.
-        contact_radius: outer radius of what touches the tissue, m: the block's, or where its wall lies on the tissue.
-        strain: the largest stretch or shortening of any line element, |lambda - 1|.
-        residual: relative.
-        equilibrium: behind it.
-        rates: what its state changes by per indentation.
+        tangent: derivatives of the film forces with respect to indentation, N/m, shape (2,).
+        log_sensitivity: d ln(ratio of film forces) / d ln E of the target, at constant force; 0 without a target.
+        walls: minimum distance of the gap's walls, m; 0 where they touch.
+        contact_radius: outer radius of the contact with the tissue, m.
+        strain: maximum |lambda - 1| of the principal stretches lambda.
+        residual: relative residual of the equilibrium.
+        equilibrium: the state and its equations.
+        rates: derivative of the state with respect to indentation.
     """
 
     indentation: float
@@ -43,7 +43,7 @@ class Pressed:
 
     @property
     def force(self) -> float:
-        """Of the base, N."""
+        """Force on the base, N."""
         return float(self.films.sum())
 
 
@@ -52,8 +52,8 @@ class Loaded:
     """Film forces under one load.
 
     Attributes:
-        point: of the finest path.
-        films: per indentation, with bounds; their slopes at the same force.
+        point: point of the load path on the finest mesh.
+        films: film forces per indentation with bounds; their derivatives are taken at constant force.
     """
 
     point: Pressed
@@ -62,14 +62,14 @@ class Loaded:
 
 @dataclass(frozen=True)
 class Differences:
-    """By how much two meshes differ: in ln films, shape (2,), ln ratio, and log-sensitivity relative to its own size."""
+    """Differences of two meshes: in ln of the film forces, shape (2,), in ln of their ratio, and in log-sensitivity, relative."""
 
     films: Floats
     log_ratio: float
     sensitivity: float
 
     def __or__(self, other: Differences) -> Differences:
-        """The larger of each."""
+        """Return the larger of each difference."""
         films = np.maximum(self.films, other.films)
         return Differences(films, max(self.log_ratio, other.log_ratio), max(self.sensitivity, other.sensitivity))
 
@@ -81,8 +81,8 @@ class StoppedError(SolveError):
     """No further step converges.
 
     Attributes:
-        last: the point reached.
-        why: what stands in the way.
+        last: the deepest point computed.
+        reason: why no further step converges.
     """
 
     def __init__(self, last: Pressed, why: str) -> None:

@@ -1,4 +1,4 @@
-"""A deformed section, and the equations about it."""
+"""Define the state of a deformed section and the equations about it."""
 
 from __future__ import annotations
 
@@ -19,12 +19,13 @@ class State:
     """A deformed section.
 
     Attributes:
-        indentation: of the base, m.
+        indentation: indentation of the base, m.
         v: unknowns on corners and edges, shape (unknowns,).
-        elements: all values.
-        multipliers: of each pair's points, Pa.
-        grips: what these remember of the load before, where there is friction.
-        share, blur: of the pairs' penalties that is used, and rounding of the contact's kink, in contact lengths.
+        elements: values of all elements.
+        multipliers: contact multipliers at each pair's points, Pa.
+        grips: friction history of each pair since the load before; None without friction.
+        share: share of the pairs' penalties that is used.
+        blur: rounding of the contact's kink, in contact lengths.
     """
 
     indentation: float
@@ -37,21 +38,21 @@ class State:
 
     @property
     def touching(self) -> Bools:
-        """Which points of all pairs touch, as multipliers say."""
+        """Mask of the points of all pairs that touch: their multipliers are positive."""
         return np.concatenate([multiplier > 0 for multiplier in self.multipliers])
 
 
 @dataclass(frozen=True)
 class WorkingForces:
-    """What works in a state.
+    """Forces in a state.
 
     Attributes:
-        balance: of the elements.
-        touches: of the pairs.
-        contact: forces of all pairs on the elements' own values, N, shape (n (8 p),).
+        balance: forces of the elements.
+        touches: forces of the pairs.
+        contact: forces of all pairs on the elements' values, N, shape (n (8 p),).
         residual: forces out of balance, N, shape (unknowns,).
-        scale: of the forces that balance, N.
-        deepest: by how much lines penetrate each other at most, or part where they are tied, in contact lengths.
+        scale: norm of the forces that balance, N.
+        deepest: maximum penetration of lines, or separation where they are tied, in contact lengths.
     """
 
     balance: Balance
@@ -63,17 +64,17 @@ class WorkingForces:
 
     @property
     def touched(self) -> bool:
-        """Whether there is contact anywhere."""
+        """Whether any points touch."""
         return any(np.any(one.pressure > 0) for one in self.touches)
 
     @property
     def torn(self) -> bool:
-        """Whether friction is not yet what it will be, see ``Touch``."""
+        """Whether any sliding point has reversed its direction, so that friction has not settled; see ``Touch``."""
         return any(one.torn for one in self.touches)
 
     @property
     def unbalanced(self) -> float:
-        """Residual relative to the forces."""
+        """Norm of the residual relative to that of the forces."""
         return float(np.linalg.norm(self.residual)) / self.scale if self.scale > 0 else 0.0
 
 
@@ -82,9 +83,9 @@ class Linearised(WorkingForces):
     """The equations about a state.
 
     Attributes:
-        elimination, stiffness: the elements' tangent, of this state or of one next to it, from which a last step led here.
-        contact_stiffness: likewise of the pairs, sparse; None where nothing touches.
-        factor: of the tangent, where it is known.
+        elimination, stiffness: the elements' tangent, at this state or at the one before the last step.
+        contact_stiffness: the pairs' tangent, sparse; None where nothing touches.
+        factor: factorisation of the tangent, or None.
     """
 
     elimination: Elimination
@@ -94,7 +95,7 @@ class Linearised(WorkingForces):
 
 
 def weighted(weights: Sequence[float], states: Sequence[State]) -> State:
-    """Weighted sum of states, or of states and what they change by; all else is the first's."""
+    """Return the weighted sum of states, or of states and rates; everything else is copied from the first."""
     both = list(zip(weights, states, strict=True))
     u, p = (np.asarray(sum(w * getattr(state.elements, key) for w, state in both)) for key in ("u", "p"))
     each = zip(*(state.multipliers for state in states), strict=True)
@@ -104,12 +105,12 @@ def weighted(weights: Sequence[float], states: Sequence[State]) -> State:
 
 
 def lagrange(places: Sequence[float], wanted: float) -> list[float]:
-    """Weights of values at places in the polynomial through them."""
+    """Return the weights of values at places for the interpolating polynomial at ``wanted`` (Lagrange)."""
     return [float(np.prod([(wanted - other) / (one - other) for other in places if other != one])) for one in places]
 
 
 def hermite(places: Sequence[float], wanted: float) -> list[float]:
-    """Weights of values at places, then of slopes there, in the polynomial through both."""
+    """Return the weights of values, then of derivatives, for the interpolating polynomial at ``wanted`` (Hermite)."""
     squared = [w**2 for w in lagrange(places, wanted)]
     rises = [sum(1 / (one - other) for other in places if other != one) for one in places]
     values = [w * (1 - 2 * rise * (wanted - one)) for one, w, rise in zip(places, squared, rises, strict=True)]

@@ -1,4 +1,4 @@
-r"""Forces of two lines that touch, by augmented Lagrangians: pressure, and friction where there is any.
+r"""Compute the forces between two lines that touch, by augmented Lagrangians: pressure, and friction if there is any.
 
 The constraint g >= 0 is that of the normal distance; its multiplier, per undeformed area, works along dg, which is normal to the
 line. With the multiplier l of the last round and a penalty e the energy of a point is (max(0, l - e g)^2 - l^2) / (2 e) (CT.5).
@@ -9,8 +9,8 @@ Coulomb's law: with the shear m of that load and the slip d since then
     shear = m + f d,  within +- friction x pressure                                                     (CT.8)
 
 both per undeformed area, along and normal to the deformed line (J. C. Simo & T. A. Laursen, Computers & Structures 42, 1992, 97).
-The spring f, a share of the full penalty, is no multiplier: more points are watched than the lines can follow, and multipliers
-that hold all of them would not be unique and slide by chance.
+Here friction is Coulomb's coefficient. The spring f, a share of the full penalty, is no multiplier: there are more contact points
+than the lines have degrees of freedom, so that multipliers that hold all points would not be unique.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ from geometry.common.errors import SolveError
 from solver.contact.footpoints import Feet, Footpoints, outer
 from solver.contact.pairs import Pair
 
-SPRING = 0.01  # of the penalty: with stiffer ones Newton's method tries the same sets of sliding points again and again
-AT_REST = 1e-12  # m: lines that are nearer touch before there is any load
+SPRING = 0.01  # of the penalty: with stiffer springs Newton's method cycles between sets of sliding points
+AT_REST = 1e-12  # lines nearer than this touch before there is any load
 
 
 @dataclass(frozen=True)
 class Grip:
-    """What a pair's points remember of the loads before.
+    """Friction history of a pair's points.
 
     Attributes:
-        place: where on the undeformed master they stood, m from its start, shape (points,).
+        place: positions on the undeformed master, m from its start, shape (points,).
         shear: m of eq. CT.8, Pa, shape (points,).
-        sliding: 1 or -1 where points slid when they were last looked at, ahead or back along the master, 0 where they were held.
+        sliding: 1 or -1 where points last slid forward or backward along the master, 0 where they did not slide.
     """
 
     place: Floats
@@ -46,17 +46,17 @@ class Grip:
 
 @dataclass(frozen=True)
 class Touch:
-    """A pair in a deformed state.
+    """Gaps and forces of a pair in a deformed state.
 
     Attributes:
-        gap: at the slave's points, m, infinite where the master does not reach, shape (points,).
-        pressure: of eq. CT.5 there, Pa, per undeformed area and along g, shape (points,).
-        forces: on the elements' own values, shape (n (8 p),).
-        stiffness: of these, sparse; not symmetric with friction; None where nothing touches.
-        grip: what the points will remember of this state.
+        gap: gap at the slave's points, m, infinite where the master does not reach, shape (points,).
+        pressure: pressure of eq. CT.5, Pa, per undeformed area and along g, shape (points,).
+        forces: forces on the elements' values, shape (n (8 p),).
+        stiffness: tangent of the forces, sparse; not symmetric with friction; None where nothing touches.
+        grip: friction history after this state.
         normal: pressure normal to the master, Pa, per undeformed area, shape (points,).
-        off: by how much lines penetrate each other at most, or part where they are tied, m.
-        torn: whether a point slides ahead after it slid back, or the reverse: it is held, and the shear too large.
+        max_violation: maximum penetration of the lines, or separation where they are tied, m.
+        sliding_reversed: whether a point reversed its sliding direction: it is held, and its shear is too large.
     """
 
     gap: Floats
@@ -70,22 +70,22 @@ class Touch:
 
     @property
     def closest(self) -> float:
-        """The least gap, m."""
+        """Minimum gap, m."""
         return float(np.min(self.gap, initial=np.inf))
 
 
 def touch(
     pair: Pair, own: Floats, multiplier: Floats, share: float = 1.0, blur: float = 0.0, *, grip: Grip | None = None
 ) -> Touch:
-    """Return gaps, forces and tangent of a pair.
+    """Compute gaps, forces and tangent of a pair.
 
     Args:
         pair: the two lines.
-        own: displacements of the elements, m, shape (n, 8 p).
-        multiplier: of the last round, Pa, shape (points,).
-        share: of the penalty that is used.
+        displacements: displacements of the elements, m, shape (n, 8 p).
+        multiplier: multipliers of the last round, Pa, shape (points,).
+        share: share of the penalty that is used.
         blur: gap, m, over which the kink of eq. CT.5 is rounded; 0 at rest, where all that touches is closed.
-        grip: of the last load; None where there is no friction.
+        grip: friction history of the last load; None without friction.
 
     Raises:
         SolveError: a line folds over.
@@ -112,7 +112,7 @@ def touch(
         spring = pair.spring * pair.penalty
         trial, bound = grip.shear[active] + spring * slip, pair.friction * normal[active]
         side = np.where(np.abs(trial) <= bound, 0, np.sign(trial)).astype(int)
-        # a stiff spring throws points that slide to the other side and back: they are held first
+        # a stiff spring makes sliding points oscillate between both directions: hold them first
         back = side * grip.sliding[active] < 0
         side[back], torn = 0, bool(np.any(back))
         sliding[active] = side
@@ -124,17 +124,20 @@ def touch(
 
 
 def _check_edge(pair: Pair, feet: Feet) -> None:
-    """What holds a face's points beyond its edge nobody has told."""
+    """Raise ``SolveError`` if tied points lie beyond the edge of the face: such contact is not defined."""
     if np.any(pair.tied & ~(feet.place <= pair.master_edge.place)):
         raise SolveError("tissue slides past the edge of a face that it cannot leave")
 
 
 def _friction(at: Footpoints, held: Floats, shear: Floats, spring: float, pressing: Floats) -> tuple[Floats, Floats]:
-    """Forces by both lines' values, (j, 4 (p + 1)), and their derivatives, with that of the pressure ``pressing``, likewise."""
+    """Compute friction forces by both lines' values, (j, 4 (p + 1)), and their derivatives.
+
+    ``pressing`` is the derivative of the pressure, (j, 4 (p + 1)).
+    """
     tangent, tilt, along, stretch = at.tangent, at.tilt, at.along, at.stretch[:, None]
     forward = at.apart(tangent)
     lengths = at.pair.master.lengths[at.at][:, None]
-    # of the bound: friction x stretch x pressure, where shear = +- the bound
+    # derivative of the bound, friction x stretch x pressure: shear equals plus or minus the bound
     pressed = at.pair.friction * stretch * pressing * np.sign(shear)[:, None]
     sliding = pressed + (shear * at.k)[:, None] / stretch**2 * tilt
     change = np.where(held[:, None], spring * lengths * along, sliding)
@@ -143,7 +146,10 @@ def _friction(at: Footpoints, held: Floats, shear: Floats, spring: float, pressi
 
 
 def _pressed(trial: Floats, blur: float, least: float) -> tuple[Floats, Floats]:
-    """max(0, trial) with its kink rounded between -blur and blur, or at -least without a blur, and its slope."""
+    """Return max(0, trial) with its kink rounded from -blur to blur, and its derivative.
+
+    Without blur the derivative is 1 above ``-rest_threshold``.
+    """
     if blur == 0:
         return np.maximum(trial, 0.0), np.where(trial > -least, 1.0, 0.0)
     low, high = trial <= -blur, trial >= blur

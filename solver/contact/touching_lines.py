@@ -1,4 +1,4 @@
-r"""Which lines of a section may touch which.
+r"""Find the pairs of lines of a section that may touch.
 
 Bonded faces leave the walls: each with the tissue beside it, from the block's corner, or from where the face ends at a round
 edge. Faces that may open or slide are one line with their walls, which is a graph over the diagonal like the wall alone: points
@@ -24,16 +24,16 @@ from solver.axisymmetric.base_states import Materials
 from solver.contact.curves import BoundaryLine, lines_of
 from solver.contact.pairs import FALLING, LEVEL, RISING, Axes, Pair, RoundEdge
 
-NARROW = 0.02  # of the outer radius: a wider gap says nothing of how exact contact has to be
-SHARP = 0.06  # radius of a sharp edge, in elements: points pass it bit by bit, and at rest lie beside it
-STIFF = 1000.0  # penalty: moduli of the softer body per length of its elements at the line
+NARROW = 0.02  # of the outer radius: the contact length does not grow with wider gaps
+SHARP = 0.06  # radius that stands for a sharp edge, in elements: points pass it smoothly
+STIFF = 1000.0  # penalty in moduli of the softer body per length of its elements at the line
 
 
 @dataclass(frozen=True)
 class Side:
-    """A line that may touch another: its points where it is watched, and all that points of the other may meet.
+    """A line that may touch another: the part with contact points, and the part that the other line's points may meet.
 
-    ``corners``: where on both a block's face ends and its wall begins, m.
+    ``corners``: positions on both parts where a block's face ends and its wall begins, m.
     """
 
     watched: BoundaryLine
@@ -42,16 +42,16 @@ class Side:
 
 
 def contact_length(section: Section) -> float:
-    """What penetration and rounding are told in, m: the gap, or a share of the probe."""
+    """Return the length, m, to which penetration and rounding are relative: the gap, or a share of the probe's radius."""
     return min(float(section.hole_radius - section.inner_radius), NARROW * float(section.tube_radius))
 
 
 def pairs_of(
     section: Section, materials: Materials, mesh: Topology, order: int, *, faces: Interface = "bonded", friction: float = 0.0
 ) -> tuple[Pair, ...]:
-    """Return the walls of the gap, first, and each wall with the tissue beside it, the outermost last.
+    """Return the pairs: first the walls of the gap, then each wall with the tissue next to it, the outermost last.
 
-    Faces that are not bonded go with their walls, with ``friction``.
+    Faces that are not bonded belong to the line of their wall and have ``friction``.
     """
     lines = lines_of(mesh, nodes(section, mesh, SQUARE), order)
     plan = _beside_walls(lines) if faces == "bonded" else _with_faces(lines)
@@ -64,7 +64,7 @@ def pairs_of(
 
 
 def _beside_walls(lines: dict[str, BoundaryLine]) -> tuple[tuple[str, Side, Side, Axes], ...]:
-    """What may touch beside bonded faces: names, lines below and above, directions."""
+    """List the pairs next to bonded faces: names, lower and upper lines, directions."""
     strip, top = lines["open strip"], lines["open top"]
 
     def wall(block: str) -> Side:
@@ -82,7 +82,7 @@ def _beside_walls(lines: dict[str, BoundaryLine]) -> tuple[tuple[str, Side, Side
 
 
 def _with_faces(lines: dict[str, BoundaryLine]) -> tuple[tuple[str, Side, Side, Axes], ...]:
-    """What may touch where faces slide or open; see ``_beside_walls``."""
+    """List the pairs of faces that slide or open, with their walls; see ``_list_wall_sides``."""
     under, face, strip = lines["under tube"], lines["tube face"], lines["strip"]
     middle = len(face.element) // 2
 
@@ -103,7 +103,7 @@ def _with_faces(lines: dict[str, BoundaryLine]) -> tuple[tuple[str, Side, Side, 
 
 
 def _pair(name: str, below: Side, above: Side, axes: Axes, *, materials: Materials, mesh: Topology) -> Pair:
-    """The softer line is watched; the gap is s of the line above less that of the one below."""
+    """Build a pair: the softer line is the slave; the gap is s of the upper line minus s of the lower line."""
     soft, hard = (materials[Body(mesh.body[side.watched.element[0]])].youngs_modulus for side in (below, above))
     swapped = hard < soft
     slave, master = (above, below) if swapped else (below, above)
@@ -112,7 +112,7 @@ def _pair(name: str, below: Side, above: Side, axes: Axes, *, materials: Materia
 
 
 def _rounded(pair: Pair, block: Side, radius: float) -> Pair:
-    """Two lines of which the block's turns round an edge."""
+    """Return a pair whose block has a round edge."""
     watched, met = (RoundEdge(place, radius) for place in block.corners)
     if pair.slave is block.watched:
         return replace(pair, slave_edge=watched)
@@ -120,7 +120,7 @@ def _rounded(pair: Pair, block: Side, radius: float) -> Pair:
 
 
 def _loose(pair: Pair, tissue: Side, block: Side, radius: float, *, faces: Interface, friction: float) -> Pair:
-    """Faces that may open or slide; a sharp edge is a little round."""
+    """Return a pair of faces that may open or slide; a sharp edge gets a small radius."""
     sharp = SHARP * float(min(pair.slave.lengths.min(), pair.master.lengths.min()))
     face = (block if pair.slave is block.watched else tissue).corners[0]
     tied = pair.along < face - radius if faces == "frictionless" else pair.tied  # what rises to a round edge is free

@@ -1,1 +1,1 @@
-"""Tumours and boundary answering each other: modes out, finite elements back, summed as a Galerkin series."""
+"""Multiple scattering between tumours and the tissue's boundary: modes out, finite elements back, a Galerkin series."""

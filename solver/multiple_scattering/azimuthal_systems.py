@@ -1,10 +1,11 @@
-"""Elasticity of the meridian plane for fields that vary as cos m theta round the axis: one system for each order m.
+"""Solve elasticity in the meridian plane for fields that vary as cos m theta about the axis: one system for each order m.
 
     u_r = U cos m theta,  u_theta = V sin m theta,  u_z = W cos m theta                            (MS.1)
 
-and the same turned by a quarter of a wave, (sin, -cos, sin). For m > 0 the components are U + V, U - V and W: near the
-axis they behave as r^(m+1), r^(m-1) and r^m, so that each either vanishes there or is free. Elements are those of the base
-states, volumetric strain projected alike (``solver/elements/quadrilateral.py``).
+with amplitudes U, V, W in the meridian plane; and the same rotated by a quarter of a wave, (sin, -cos, sin). For m > 0
+the components are U + V, U - V and W: near the axis they behave as r^(m+1), r^(m-1) and r^m, so that each
+either vanishes there or is free. Elements are those of the base states, with
+the volumetric strain projected likewise (``solver/elements/quadrilateral.py``).
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from solver.elements.quadrilateral import Blocks, Geometry
 from solver.elements.shape_functions import Shapes
 from solver.linalg.cholesky import Factor, factorise
 
-BATCH = 64  # elements at once, which bounds the memory of their strains
+BATCH = 64  # elements at once, which limits the memory of their strains
 # U, V and W from the components, for m = 0 and m > 0
 COMPONENTS = {
     0: np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]]),
@@ -34,16 +35,16 @@ COMPONENTS = {
 
 @dataclass(frozen=True)
 class Harmonic:
-    """The system of one azimuthal order.
+    """The linear system of one azimuthal order.
 
     Attributes:
         m: the order.
         model: the base states' model, whose mesh and materials it shares.
         boundary: elements with an edge on the tissue's boundary, shape (e,).
-        stiffness: theirs, on corners and edges, shape (e, 4 c p, 4 c p), c components.
-        numbering: of the components on corners and edges.
-        matrix: of the whole system, shape (unknowns, unknowns).
-        known: a factor of it that is there already.
+        stiffness: stiffness of these elements on corners and edges, shape (e, 4 c p, 4 c p), c components.
+        numbering: numbering of the components on corners and edges.
+        matrix: matrix of the system, shape (unknowns, unknowns).
+        known: an existing factor of the matrix, or None.
     """
 
     m: int
@@ -56,24 +57,24 @@ class Harmonic:
 
     @cached_property
     def factor(self) -> Factor:
-        """Of the matrix, made where it is asked for."""
+        """Factor of the matrix, computed on first use."""
         return self.known or factorise(self.matrix, None)
 
     @property
     def amplitudes(self) -> Floats:
-        """U, V and W (rows) from the c components, shape (3, c)."""
+        """Matrix from the c components to U, V and W (rows), shape (3, c)."""
         return COMPONENTS[min(self.m, 1)]
 
     def solve(self, forces: Floats) -> Floats:
-        """Return the unknowns under forces on them, shape (unknowns, k) both.
+        """Solve for the unknowns under forces, shape (unknowns, k) both.
 
         Raises:
             SolveError: the residual is too large.
         """
         v = self.factor.solve(forces)
         mix = np.cos(np.arange(1, forces.shape[1] + 1)) / np.maximum(np.linalg.norm(forces, axis=0), 1e-300)
-        one, force = v @ mix, forces @ mix  # a sum of all: one column is multiplied five times faster than two
-        left = np.linalg.norm(force - self.matrix.T @ one)  # symmetric; by rows it is read faster
+        one, force = v @ mix, forces @ mix  # check one combination: a single column is five times faster than two
+        left = np.linalg.norm(force - self.matrix.T @ one)  # the matrix is symmetric; its transpose is read faster
         scale = np.linalg.norm(self._magnitude * np.abs(one) + np.abs(force))
         residual = float(left / scale) if scale > 0 else 0.0
         if not residual <= LARGEST_RESIDUAL:
@@ -82,20 +83,20 @@ class Harmonic:
 
     @cached_property
     def _magnitude(self) -> Floats:
-        """The matrix's diagonal, which is its largest entry in every row and column."""
+        """Diagonal of the matrix, the largest entry of every row and column."""
         return np.asarray(self.matrix.diagonal())
 
     def gathered(self, elements: Ints) -> Any:
-        """Rows of ``numbering.gather``: from unknowns to the elements' own values, sparse (4 c p elements, unknowns)."""
+        """Return the rows of ``numbering.gather`` for some elements, sparse (4 c p elements, unknowns)."""
         size = self.stiffness.shape[1]
         return self.numbering.gather[(elements[:, None] * size + np.arange(size)).ravel()]
 
     def whole(self, edge: Floats, recovery: Floats) -> Floats:
-        """All values of some elements as U, V, W, (e, 3, s, k).
+        """Return all values U, V, W of some elements, (e, 3, s, k).
 
         Args:
             edge: the components on corners and edges, shape (e, 4 c p, k).
-            recovery: of the elements, see ``AzimuthalSystems.recovery``.
+            recovery: recovery of the elements, see ``AzimuthalSystems.compute_recovery``.
         """
         e, k, c = len(edge), edge.shape[-1], self.amplitudes.shape[1]
         inside = recovery @ edge
@@ -105,9 +106,9 @@ class Harmonic:
 
 @dataclass(frozen=True)
 class AzimuthalSystems:
-    """What the systems of all orders are made of.
+    """Assembles the systems of all azimuthal orders.
 
-    Element matrices are quadratic in m, eq. MS.3: those of m = 1, 2 and 3 tell all others (MS.2).
+    Element matrices are quadratic in m, eq. MS.3: those of m = 1, 2 and 3 determine all others (MS.2).
 
     Attributes:
         model: the base states'.
@@ -121,11 +122,11 @@ class AzimuthalSystems:
 
     @property
     def needed(self) -> float:
-        """Bytes that an order takes: all elements' matrices of three, which are kept, and as much as one of these besides."""
+        """Bytes for one order: the cached element matrices of three orders, and as much again as one of them."""
         return 4.0 * 8 * len(self.model.two_mu) * (3 * len(self.model.shapes.degrees)) ** 2
 
     def of_order(self, m: int) -> Harmonic:
-        """Combine, condense and assemble for one order; order 0 (no torsion) is the base states' own system."""
+        """Assemble the system of one order; order 0 (no torsion) is the base states' system."""
         model, own, boundary = self.model, self.model.system, self.boundary
         if m == 0:
             return Harmonic(0, model, boundary, own.stiffness[boundary], own.numbering, own.matrix, own.factor)
@@ -136,13 +137,13 @@ class AzimuthalSystems:
         return Harmonic(m, model, boundary, edges[boundary], numbered, numbered.assemble(edges))
 
     def recovery(self, m: int, elements: Ints) -> Floats:
-        """Return what gives the values inside some elements from those on corners and edges, (e, c (p-1)^2, 4 c p)."""
+        """Compute the matrix from values on corners and edges to values inside some elements, (e, c (p-1)^2, 4 c p)."""
         if m == 0:
             return self.model.condensed.recovery(elements)
         return Blocks.of(self._combined(m, elements), self.model.shapes.skeleton).condensed().recovery()
 
     def _combined(self, m: int, part: slice | Ints) -> Floats:
-        """Eq. MS.2 for some elements."""
+        """Combine the element matrices of order m from those of orders 1, 2 and 3 (eq. MS.2)."""
         first, second, third = (sample[part] for sample in self._samples)
         shares = (m - 2) * (m - 3) / 2, -(m - 1) * (m - 3), (m - 1) * (m - 2) / 2
         return np.asarray(shares[0] * first + shares[1] * second + shares[2] * third)
@@ -161,7 +162,7 @@ class AzimuthalSystems:
 
 
 def _stiffness(at: Geometry, shapes: Shapes, two_mu: Floats, lam: Floats, m: int) -> Floats:
-    """Element matrices of order m > 0, shape (n, 3, s, 3, s); the mean of cos^2 and of sin^2 round the axis is 1/2."""
+    """Compute element matrices of order m > 0, shape (n, 3, s, 3, s); the mean of cos^2 and sin^2 about the axis is 1/2."""
     n = len(at.radius)
     strain, dilation = _strains(at, shapes, m)
     weight = at.weight / 2
@@ -177,7 +178,7 @@ def _stiffness(at: Geometry, shapes: Shapes, two_mu: Floats, lam: Floats, m: int
 
 
 def _strains(at: Geometry, shapes: Shapes, m: int) -> tuple[Floats, Floats]:
-    """Strains (shears times the root of 1/2, so that their squares add up to eps:eps), (n, q, 6, 3 s), and dilation, (n, q, 3 s).
+    """Compute strains (n, q, 6, 3 s) and dilation (n, q, 3 s); shears times sqrt(1/2), so that squares add up to eps:eps.
 
     rr = U,r;  zz = W,z;  hoop = (U + m V) / r;  rz = U,z + W,r;  r theta = V,r - (V + m U) / r;  theta z = V,z - m W / r   (MS.3)
     """

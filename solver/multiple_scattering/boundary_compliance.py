@@ -1,6 +1,6 @@
-"""What finite elements answer to a field given on the tissue's boundary, as one symmetric matrix for each azimuthal order.
+"""Compute the finite elements' response to a field on the tissue's boundary: one symmetric matrix per azimuthal order.
 
-A field u_s that balances in the tissue leaves forces on its boundary. What must come on top of it (its reflection w) solves the
+A field u_s in equilibrium in the tissue leaves forces on its boundary. Its reflection w, which must be added, solves the
 base problem: in the tissue the unknown is w, in the blocks the whole, which on the ends is w + u_s:
 
     forces -Int t_s . v on the tissue's surface and side; the blocks strained by u_s on their ends; w = -u_s on the floor (MS.4)
@@ -9,7 +9,8 @@ With Y lifting u_s of the ends into the blocks and -u_s of the floor into the ti
 
     w = v + Y_floor u_s,   K v = -F (t_s, u_s),   F = t_s + K Y u_s                                       (MS.5)
 
-Of w only its work on other fields u_1 from the same sphere or others is asked for, by Betti an integral over the boundary:
+Here K is the stiffness and v the unknowns; F collects the forces. Of w only the work on other fields u_1 from spheres is needed,
+by Betti an integral over the boundary:
 
     Int t_1 . w_2 - t(w_2) . u_1 = -F_1^T K^-1 F_2 + (Y u_1)^T K Y u_2 + t_1^T Y_floor u_2
                                    + Int_surface,side u_1 . t_2 - Int_floor t_1 . u_2                     (MS.6)
@@ -19,8 +20,8 @@ jump there by u_s and t_s. With v the whole displacement, such an interface is l
 on it, and minus u_s is lifted into the layer's own elements. Y_floor stands for both, and the last line has neither. A sphere
 in another layer is met by v alone, of which -F_1^T K^-1 F_2 is all that is left of the work.
 
-It is symmetric. All data go through the elements' functions on the boundary, so that all terms leave out alike what these
-cannot follow.
+It is symmetric. All data are interpolated by the elements' functions on the boundary, so that all terms omit the same part of
+them.
 """
 
 from __future__ import annotations
@@ -46,15 +47,15 @@ from solver.multiple_scattering.panels import PanelLine, Panels
 
 @dataclass(frozen=True)
 class BoundaryData:
-    """How data at the panels' points tell the elements on the boundary, for orders that share their components.
+    """Matrices from data at the panels' points to elements on the boundary, for orders with the same components.
 
     Data are the amplitudes t_r, t_theta, t_z, u_r, u_theta, u_z (tractions by the outward normal) of all n points, one below the
     other: 6 n rows. Those of several layers stand one below the other.
 
     Attributes:
-        forces: on the own values of the e elements with an edge on the boundary, by the tractions on surface, side and
+        forces: forces on the values of the e elements with an edge on the boundary, by the tractions on surface, side and
             interfaces, sparse (4 c p e, 6 n), c components.
-        values: the own values lifted: displacements of the blocks' ends, and minus those of floor and interfaces.
+        values: lifted values of the elements: displacements of the blocks' ends, and minus those of floor and interfaces.
         direct: the last line of eq. MS.6, sparse (6 n, 6 n), symmetric.
     """
 
@@ -66,7 +67,7 @@ class BoundaryData:
     def of(
         cls, model: MeridianModel, boundary: Boundary, elements: Ints, panels: Panels, *, interface: Interface, m: int
     ) -> BoundaryData:
-        """Find those of one layer for order 0 or, the same for all, above; ``elements`` are those of all layers' boundaries."""
+        """Build the data matrices of one layer, for order 0 or for all orders above; ``elements`` are those of all boundaries."""
         amplitudes, around = COMPONENTS[min(m, 1)], 2 * np.pi if m == 0 else np.pi
         inverse, b = np.linalg.pinv(amplitudes), boundary
         tied = np.diag([0.0, 0.0, 1.0]) if interface == "frictionless" else np.eye(3)
@@ -74,7 +75,7 @@ class BoundaryData:
         surface, side, floor = panels.parts
 
         def couplings(edges: Edges, at: Floats, line: PanelLine, part: slice) -> tuple[Any, Any]:
-            """Forces by tractions on a line's edges, and the edges' values of displacements."""
+            """Return the matrices of forces by tractions and of values by displacements on a line's edges."""
             to = line.to(at)
             loads = np.einsum("eq,qs,eqn->esn", around * edges.weight, edges.values, to)
             values = np.einsum("sq,eqn->esn", edges.coefficients, to)
@@ -100,7 +101,7 @@ class BoundaryData:
 
     @classmethod
     def stacked(cls, parts: Sequence[BoundaryData]) -> BoundaryData:
-        """Those of several layers."""
+        """Stack the data matrices of several layers."""
         if len(parts) == 1:
             return parts[0]
         forces, values = (sp.hstack([getattr(part, name) for part in parts], format="csr") for name in ("forces", "values"))
@@ -109,7 +110,7 @@ class BoundaryData:
 
 @dataclass(frozen=True)
 class _BoundaryPlace:
-    """Where own values of the boundary's elements and data of the panels' points stand."""
+    """Numbering of the rows (values of the boundary's elements) and columns (data at the panels' points)."""
 
     elements: Ints
     functions: int
@@ -117,7 +118,10 @@ class _BoundaryPlace:
     points: int
 
     def sparse(self, edges: Edges, table: Floats, turn: Floats, first: int, start: int) -> Any:
-        """From points of one line to functions of its edges, table (e, s, n), and from x, y, z to components, turn (c, 3)."""
+        """Build a sparse matrix from points of a line to functions of its edges.
+
+        ``table``, (e, s, n), maps points to functions; ``turn``, (c, 3), maps r, theta, z to components.
+        """
         row = np.searchsorted(self.elements, edges.element)[:, None] * self.components
         triplets = []
         for c, component in enumerate(turn):
@@ -133,12 +137,12 @@ class _BoundaryPlace:
 
 @dataclass(frozen=True)
 class BoundaryResponse:
-    """What one azimuthal order answers to data on the boundary: the symmetric matrix of eq. MS.6.
+    """Response of one azimuthal order to data on the boundary: the symmetric matrix of eq. MS.6.
 
     Attributes:
-        assembled: makes the order's system.
-        boundary: what data do to it.
-        complements: what finds the matrix as fast as a factor, if PARDISO is there.
+        assemble: assembles the order's system.
+        boundary: matrices from data to the elements.
+        complements: computes the matrix at the cost of a factor, if PARDISO is installed.
     """
 
     assembled: Callable[[], Harmonic]
@@ -146,7 +150,7 @@ class BoundaryResponse:
     complements: SchurComplements
 
     def to(self, data: Floats, often: bool) -> Floats:
-        """Return the matrix times data, shape (6 n, k) both; without PARDISO it is found only for those who ask ``often``.
+        """Return the matrix times data, shape (6 n, k) both; without PARDISO the matrix is formed only with ``often``.
 
         Raises:
             SolveError: see ``Harmonic.solve``.
@@ -163,13 +167,13 @@ class BoundaryResponse:
 
     @cached_property
     def _felt(self) -> Ints:
-        """Data that do anything to the elements."""
+        """Indices of the data that act on the elements."""
         entries = np.diff(self.boundary.values.tocsc().indptr) + np.diff(self.boundary.forces.tocsc().indptr)
         return np.flatnonzero(entries)
 
     @cached_property
     def _matrix(self) -> Floats:
-        """Eq. MS.6 without ``boundary.direct``, between the data that are felt; the system, ten times as large, may go."""
+        """Matrix of eq. MS.6 without ``boundary.direct``, for the active data; the system, ten times as large, is freed."""
         matrix = self._system.matrix(self._felt, self.complements)
         vars(self).pop("_system")
         return matrix
@@ -177,11 +181,11 @@ class BoundaryResponse:
 
 @dataclass(frozen=True)
 class _System:
-    """A system and what data on the boundary do to it.
+    """The system of one order with the forces that boundary data exert on it.
 
     Attributes:
         harmonic: the order's system.
-        pressed: forces F on the unknowns by data, eq. MS.5, sparse by rows (unknowns, 6 n).
+        force_matrix: forces F on the unknowns by data, eq. MS.5, sparse by rows (unknowns, 6 n).
         lifting: the terms of eq. MS.6 with Y, sparse (6 n, 6 n), symmetric.
     """
 
@@ -191,7 +195,7 @@ class _System:
 
     @classmethod
     def of(cls, harmonic: Harmonic, boundary: BoundaryData) -> _System:
-        """Add up what data do through the elements' stiffness, once."""
+        """Build the matrices from data to forces and lifted terms."""
         blocks, ends = harmonic.stiffness, np.arange(len(harmonic.stiffness) + 1)
         strained = sp.bsr_array((blocks, ends[:-1], ends)).tocsr() @ boundary.values
         half = boundary.values.T @ (strained / 2 + boundary.forces / 2)
@@ -199,7 +203,7 @@ class _System:
         return cls(harmonic, pressed.tocsr(), (half + half.T).tocsr())
 
     def works(self, data: Floats) -> Floats:
-        """Eq. MS.6 without ``BoundaryData.direct``, times data.
+        """Return eq. MS.6 without ``BoundaryData.direct``, times data.
 
         Raises:
             SolveError: see ``Harmonic.solve``.
@@ -207,7 +211,7 @@ class _System:
         return np.asarray(self.lifting @ data - self._pressing @ self._factor.solve(self.pressed @ data))
 
     def matrix(self, felt: Ints, complements: SchurComplements) -> Floats:
-        """The same as a matrix between some data.
+        """Return eq. MS.6 without ``BoundaryData.direct``, as a matrix between some data.
 
         Raises:
             SolveError: see ``Harmonic.solve``.
@@ -222,12 +226,12 @@ class _System:
 
     @cached_property
     def _pressing(self) -> Any:
-        """The transpose of ``pressed`` by rows: it multiplies faster than columns do."""
+        """Transpose of ``force_matrix``, stored by rows for faster products."""
         return self.pressed.T.tocsr()
 
     @cached_property
     def _factor(self) -> Factor:
-        """The order's factor, once it has solved for a load with a share of all data, alike in size."""
+        """Factor of the order's matrix, after a check of its residual with a load that contains all data."""
         size = np.sqrt((self.pressed**2).sum(axis=0))
         share = np.divide(np.cos(np.arange(len(size))), size, out=np.zeros(len(size)), where=size > 0)
         self.harmonic.solve(np.asarray(self.pressed @ share[:, None]))
@@ -235,7 +239,7 @@ class _System:
 
 
 def _product(matrix: Floats, columns: Floats) -> Floats:
-    """Symmetric matrix times columns: for one or two, half of the matrix is read for each, twice as fast as all of it at once."""
+    """Multiply a symmetric matrix with columns; one or two are twice as fast if only half of the matrix is read."""
     if columns.shape[1] > 2:
         return matrix @ columns
     return np.stack([dsymv(1.0, matrix.T, column) for column in columns.T], axis=1)

@@ -1,4 +1,4 @@
-"""Surface, side, floor and interfaces of the tissue's layers and the blocks' ends as edges of elements."""
+"""Find the element edges on surface, side, floor and interfaces of the tissue's layers and on the blocks' ends."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ EXTRA = 3  # Gauss-Lobatto points of an edge beyond those that its polynomials n
 
 @dataclass(frozen=True)
 class Edges:
-    """Some sides of elements.
+    """Edges of elements with their functions and integration points.
 
     Attributes:
-        element: of each edge, shape (e,).
-        local: numbers of the functions that live on it among the element's, shape (e, p + 1).
-        r, z: of its points, shape (e, q).
-        weight: for integrals along it times r, shape (e, q).
-        values: of its functions at its points, shape (q, p + 1).
+        element: element of each edge, shape (e,).
+        local: indices of the edge's functions among the element's, shape (e, p + 1).
+        r, z: coordinates of the edge's points, m, shape (e, q).
+        weight: weights for integrals along the edge times r, shape (e, q).
+        values: values of the edge's functions at its points, shape (q, p + 1).
     """
 
     element: Ints
@@ -36,7 +36,7 @@ class Edges:
 
     @property
     def coefficients(self) -> Floats:
-        """From values at the points to coefficients of the functions: ends met exactly, least squares between; (p + 1, q)."""
+        """Matrix from values at the points to function coefficients: exact at the ends, least squares between; (p + 1, q)."""
         ends, bubbles = self.values[:, :2], self.values[:, 2:]
         corner = np.zeros((2, len(self.values)))
         corner[0, 0] = corner[1, -1] = 1.0
@@ -45,7 +45,7 @@ class Edges:
 
 @dataclass(frozen=True)
 class Boundary:
-    """The edges of one layer in a base states' mesh without a sphere: those that it has of the following.
+    """Edges of one layer's boundary in the base states' mesh without a sphere; lines that it does not have are empty.
 
     Attributes:
         surface, side, floor: the tissue's own.
@@ -76,17 +76,17 @@ class Boundary:
 
     @property
     def elements(self) -> Ints:
-        """All elements with an edge on it, shape (e,)."""
+        """All elements with an edge on the boundary, shape (e,)."""
         return np.unique(np.concatenate([edges.element for edges in vars(self).values()]))
 
 
 def tissue_body(section: Section, layer: int) -> Body:
-    """The body of the meridian plane that a layer is, by its number, or the tissue below all layers."""
+    """Return the meridian body of a layer, by its number, or that of the tissue below all layers."""
     return LAYERS[layer] if layer < len(section.interfaces) else Body.TISSUE
 
 
 def _edges(model: MeridianModel, axis: int, line: float, which: Floats) -> Edges:
-    """Sides of some bodies' elements on a line of constant label: of r for axis 0, of z for axis 1."""
+    """Find the edges of some bodies' elements on a line of constant label: of r for axis 0, of z for axis 1."""
     label, order = labels(model.mesh), model.shapes.order
     x, weight = _lobatto(order + EXTRA)
     elements, locals_, starts = [], [], []
@@ -106,7 +106,7 @@ def _edges(model: MeridianModel, axis: int, line: float, which: Floats) -> Edges
 
 
 def _lobatto(count: int) -> tuple[Floats, Floats]:
-    """Gauss-Lobatto points and weights on the unit interval."""
+    """Compute Gauss-Lobatto points and weights on the unit interval."""
     legendre = np.polynomial.legendre.Legendre.basis(count - 1)
     inner = legendre.deriv().roots().real
     x = np.concatenate([[-1.0], np.sort(inner), [1.0]])

@@ -1,4 +1,4 @@
-"""Scattered fields on the boundary, as amplitudes of every azimuthal order, and what such amplitudes are to the modes."""
+"""Sample scattered fields on the boundary as amplitudes of every azimuthal order, and the transpose of this map."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from solver.multiple_scattering.rings import AzimuthalGrid, ModeSource, Rings, r
 
 @dataclass(frozen=True)
 class ModeSamples:
-    """Outgoing modes of some spheres on the boundary.
+    """Samples of the outgoing modes of some spheres on the boundary.
 
     Attributes:
         sources: the spheres.
         panels: n points on the boundary's meridian.
-        rounds: the most angles at which fields are sampled.
-        two_mu: of the tissue, Pa.
+        rounds: angles at which fields are sampled at most.
+        two_mu: 2 mu of the tissue, with its shear modulus mu, Pa.
     """
 
     sources: Sequence[ModeSource]
@@ -35,13 +35,13 @@ class ModeSamples:
     two_mu: float
 
     def check_room(self) -> None:
-        """Raise ``LimitReached`` for spheres whose fields on the boundary would hold more memory than is allowed."""
+        """Raise ``LimitReached`` if the spheres' fields on the boundary would exceed the memory limit."""
         points = sum(one.count for one in self._rings)
         kept = sum(kept_bytes(one.modes.harmonics, points) for one in self.sources)
         check_memory(f"reflections of {len(self.sources)} tumours (fewer take less)", kept)
 
     def amplitudes(self, scattered: Sequence[Floats]) -> Floats:
-        """Amplitudes of tractions by the outward normal and displacements, shape (orders, 6 n, families k).
+        """Compute amplitudes of tractions (outward normal) and displacements, shape (orders, 6 n, families k).
 
         Args:
             scattered: outgoing coefficients about each sphere, (modes, k), m.
@@ -57,10 +57,10 @@ class ModeSamples:
         return out.reshape(orders, 6 * len(self.panels.r), -1)
 
     def works(self, weights: Floats) -> list[Floats]:
-        """The transpose of ``amplitudes``: products of each sphere's every outgoing mode with weights, (modes, k).
+        """Apply the transpose of ``compute_amplitudes``: products of every outgoing mode of each sphere with weights, (modes, k).
 
         Args:
-            weights: of the first orders, shape (some orders, 6 n, families k).
+            weights: weights of the first orders, shape (some orders, 6 n, families k).
         """
         parts = weights.reshape(len(weights), 6, len(self.panels.r), self.rounds.families, -1).transpose(1, 0, 3, 4, 2)
         sums: list[dict[tuple[int, ...], Any]] = [dict.fromkeys(own, 0.0) for own in self._stacks]
@@ -75,7 +75,7 @@ class ModeSamples:
         return [np.sum([stacks[key].adjoint(total) for key, total in own.items()], axis=0) for stacks, own in pairs]
 
     def _values(self, number: int, source: int, sums: Floats) -> Floats:
-        """Tractions and displacements along r, theta and z of one sphere on some rings, shape (angles, 6, k, n)."""
+        """Sample one sphere's tractions and displacements along r, theta and z on some rings, shape (angles, 6, k, n)."""
         ring, k = self._rings[number], sums.shape[-1]
         sampled = self._samplers[source][number].of(sums)
         out = np.empty((ring.rounds.count, 6, k, sampled.shape[2] // ring.rounds.count))
@@ -86,7 +86,7 @@ class ModeSamples:
         return out
 
     def _work(self, number: int, source: int, values: Floats) -> Floats:
-        """The transpose of ``_values``."""
+        """Apply the transpose of ``_sample_values``."""
         ring, (angles, _, k, n) = self._rings[number], values.shape
         scaled = values * np.repeat([self.two_mu / self.sources[source].radius, 1.0], 3)[:, None, None]
         sampler = self._samplers[source][number]
@@ -102,13 +102,13 @@ class ModeSamples:
 
     @cached_property
     def _stacks(self) -> list[dict[tuple[int, ...], Stack]]:
-        """For each sphere the sums of all components that are sampled."""
+        """Mode sums of each sphere, for all sets of sampled components."""
         sampled = {ring.components for ring in self._rings}
         return [{some: stack(one.modes, "outgoing", some) for some in sampled} for one in self.sources]
 
     @cached_property
     def _samplers(self) -> list[list[Sampler]]:
-        """For each sphere those of all rings."""
+        """Samplers of each sphere on all rings."""
         samplers: list[list[Sampler]] = []
         points = np.concatenate([ring.points(self.panels) for ring in self._rings])
         ends = np.cumsum([0, *(ring.count for ring in self._rings)]).tolist()

@@ -1,10 +1,9 @@
-"""What surface, blocks, side, floor and interfaces send back of the fields that spheres scatter.
+"""Compute how surface, blocks, side, floor and interfaces reflect the fields that spheres scatter.
 
-Scattered fields are known in closed form anywhere (``solver/inclusions/vector_modes.py``), so that the finite elements never
-see the sphere: they are told the tractions and displacements that the field leaves on the tissue's boundary, one azimuthal
-order at a time. What comes back to a sphere is told by its work on the sphere's outgoing modes, which is found on the boundary
-too, eq. MS.6 of ``boundary_compliance.py``: its regular modes are the next incident field, and reflection is exactly
-symmetric.
+Scattered fields are known in closed form anywhere (``solver/inclusions/vector_modes.py``), so that the finite elements need no
+sphere: their loads are the tractions and displacements of the field on the tissue's boundary, one azimuthal order at a time. The
+reflected field follows from its work on the sphere's outgoing modes, an integral over the boundary, eq. MS.6 of
+``boundary_compliance.py``. Its regular modes are the next incident field, and reflection is exactly symmetric.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ LESS = "fewer, or further from surface, floor and interfaces, take less"
 
 @dataclass(frozen=True)
 class Reflector:
-    """The boundary of one probe's tissue, with what each azimuthal order that was asked for answers.
+    """The boundary of one probe's tissue, with the cached response of each azimuthal order.
 
     Attributes:
         states: base states without a sphere.
@@ -57,7 +56,7 @@ class Reflector:
     _panels: dict[int, Panels] = field(default_factory=dict, repr=False)
 
     def response(self, m: int, layers: tuple[int, ...] = (0,)) -> BoundaryResponse:
-        """Return what an order answers to fields in some layers, by number; its system is made when it is asked."""
+        """Return the response of an order to fields in some layers, by number; its system is assembled on first use."""
         if (m, layers) not in self._responses:
             current().make_room(self._harmonics.needed)
             data = BoundaryData.stacked([self._boundary_data(layer, min(m, 1)) for layer in layers])
@@ -66,15 +65,15 @@ class Reflector:
         return self._responses[m, layers]
 
     def interior(self, m: int, layer: int = 0, beside: float = 0.0) -> Interior:
-        """Return what an order answers inside the tissue to fields in one layer, for spheres that lie close.
+        """Return the response of an order inside the tissue to fields in one layer, for spheres close to the boundary.
 
         Args:
             m: the order.
             layer: the layer's number.
-            beside: bytes that the spheres hold.
+            beside: bytes that the spheres use.
 
         Raises:
-            LimitReached: not even one order is within the limit of memory.
+            LimitReached: one order already exceeds the memory limit.
         """
         if m not in self._kept:
             self._make_room(beside)
@@ -85,7 +84,7 @@ class Reflector:
         return self._interiors[m, layer]
 
     def _make_room(self, beside: float) -> None:
-        """Make room for one order: where memory is short the last goes, as reflections ask for all of them, again and again."""
+        """Reserve memory for one order; if memory is short the last cached order is dropped, as all are used in turn."""
         needed = self._harmonics.needed
         current().make_room(needed)
         wanted = current().bytes_held + beside + needed
@@ -98,7 +97,7 @@ class Reflector:
 
     @cached_property
     def _boundaries(self) -> list[Boundary]:
-        """Of all layers and of the tissue below them."""
+        """Boundaries of all layers and of the tissue below them."""
         return [Boundary.of(self.states.model, layer) for layer in range(len(self.states.model.section.interfaces) + 1)]
 
     @cached_property
@@ -111,7 +110,7 @@ class Reflector:
         return AzimuthalSystems(self.states.model, self.interface, elements)
 
     def _boundary_data(self, layer: int, m: int) -> BoundaryData:
-        """Of a layer, for order 0 or for all others."""
+        """Return the data matrices of a layer, for order 0 or for all others."""
         if (layer, m) not in self._data:
             model, elements = self.states.model, self._harmonics.boundary
             boundary, panels = self._boundaries[layer], self.panels(layer)
@@ -119,20 +118,20 @@ class Reflector:
         return self._data[layer, m]
 
     def panels(self, layer: int = 0) -> Panels:
-        """Where fields are sampled on a layer's boundary."""
+        """Return the points at which fields are sampled on a layer's boundary."""
         if layer not in self._panels:
             self._panels[layer] = Panels.of(self.states.model.section, self.states.model.shapes.order, layer)
         return self._panels[layer]
 
     def exchange(self, spheres: Sequence[ScatteringSphere], rounds: AzimuthalGrid) -> Exchange | CloseExchange:
-        """Return what spheres and boundary send to each other; all that does not depend on the fields is found once.
+        """Build the exchange of fields between spheres and boundary; all that does not depend on the fields is computed once.
 
         Args:
             spheres: anywhere in the tissue.
             rounds: angles at which their fields are sampled.
 
         Raises:
-            LimitReached: so many spheres that what is found once takes more memory than is allowed.
+            LimitReached: there are so many spheres that this exceeds the memory limit.
         """
         if self.close:
             interior = partial(self.interior, beside=size(list(spheres)))
@@ -144,12 +143,12 @@ class Reflector:
 
 @dataclass(frozen=True)
 class Exchange:
-    """Some spheres before one boundary.
+    """Exchange of fields between some spheres and one boundary.
 
     Attributes:
         reflector: the boundary.
-        spheres: they.
-        samples: their fields on the boundary.
+        spheres: the spheres.
+        samples: samples of their fields on the boundary.
     """
 
     reflector: Reflector
@@ -157,12 +156,12 @@ class Exchange:
     samples: LayerSamples
 
     def reflecting(self, scattered: Sequence[Floats], enough: float, most: int) -> Steps[tuple[list[Floats], int]]:
-        """Ask order by order; return the regular coefficients of what comes back to each sphere, m, and how many orders of it.
+        """Reflect fields order by order; return each sphere's regular coefficients, m, and the number of orders.
 
         Args:
             scattered: outgoing coefficients about each, (modes, k), m.
-            enough: work, J: two orders in which fields do less on each other end the sum.
-            most: orders at most.
+            min_work: work, J; two successive orders with less end the sum.
+            max_orders: maximum number of orders.
 
         Raises:
             SolveError: a system could not be solved.
@@ -180,5 +179,5 @@ class Exchange:
         return [self._regular(one, work) for one, work in zip(self.spheres, works, strict=True)], m + 1
 
     def _regular(self, sphere: ScatteringSphere, work: Floats) -> Floats:
-        """Coefficients from the work of every outgoing mode: that on the regular mode of its own kind, ``Modes.work``."""
+        """Compute coefficients from the work of every outgoing mode, divided by its work on its regular mode, ``Modes.work``."""
         return np.asarray(work / (-sphere.two_mu * sphere.radius * sphere.modes.work)[:, None])

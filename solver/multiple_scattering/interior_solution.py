@@ -1,4 +1,7 @@
-"""What one azimuthal order answers inside the tissue to data on the elements' edges: eq. MS.4 of ``boundary_compliance.py``."""
+"""Solve for the field of one azimuthal order inside the tissue under data on its boundary, eq. MS.4.
+
+The equation is in ``boundary_compliance.py``.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ from geometry.common.arrays import Floats, Ints
 from solver.multiple_scattering.azimuthal_systems import Harmonic
 from solver.multiple_scattering.boundary_edges import Boundary, Edges
 
-FORCES, LIFTED = ("surface", "side", "above", "below"), ("ends", "floor", "above", "below")  # what edges are told of
+FORCES, LIFTED = ("surface", "side", "above", "below"), ("ends", "floor", "above", "below")  # by kind of data
 
 
 @dataclass(frozen=True)
@@ -31,12 +34,12 @@ class BoundaryAmplitudes:
 
 @dataclass(frozen=True)
 class Interior:
-    """What one azimuthal order answers to data on one layer's boundary.
+    """Response inside the tissue of one azimuthal order to data on one layer's boundary.
 
     Attributes:
         harmonic: the order's system.
         boundary: the edges.
-        recovery: what gives the values inside elements, ``AzimuthalSystems.recovery`` of the order.
+        recovery: computes the recovery of values inside elements, ``AzimuthalSystems.compute_recovery`` of the order.
     """
 
     harmonic: Harmonic
@@ -46,12 +49,12 @@ class Interior:
 
     @cached_property
     def _add_up(self) -> Any:
-        """Adds forces on the own values of those elements up, a sparse matrix (unknowns, 4 c p elements)."""
+        """Sparse matrix that assembles forces on the boundary elements' values, (unknowns, 4 c p elements)."""
         return self.harmonic.gathered(self.harmonic.boundary).T.tocsr()
 
     @cached_property
     def _tables(self) -> dict[tuple[str, str], tuple[Ints, Ints, Floats]]:
-        """For each set of edges: where its elements and their functions are, and what makes their own values of data."""
+        """Tables for each set of edges: indices of its elements and functions, and the matrix from data to their values."""
         round_axis, amplitudes, b = 2 * np.pi if self.harmonic.m == 0 else np.pi, self.harmonic.amplitudes, self.boundary
         edges_of = {name: edges for name, edges in vars(b).items() if len(edges.element)}
         tables = {
@@ -69,6 +72,7 @@ class Interior:
         return {key: self._table(edges_of[key[0]], table) for key, table in tables.items()}
 
     def _table(self, edges: Edges, table: Floats) -> tuple[Ints, Ints, Floats]:
+        """Return indices of elements and functions, and the flattened table, of a set of edges."""
         e, c, s = table.shape[:3]
         functions = np.arange(c)[:, None] * 4 * self.harmonic.model.shapes.order + edges.local[:, None]  # (e, c, p + 1)
         return (
@@ -78,7 +82,7 @@ class Interior:
         )
 
     def _placed(self, kind: str, data: Mapping[str, Floats]) -> Floats:
-        """Data (e, q, 3, k) as own values of the boundary's elements, (elements, 4 c p, k)."""
+        """Add data (e, q, 3, k) to values of the boundary's elements, (elements, 4 c p, k)."""
         k = next((values.shape[-1] for values in data.values()), 1)
         out = np.zeros((len(self.harmonic.boundary), self.harmonic.stiffness.shape[1], k))
         for name, values in data.items():
@@ -87,7 +91,7 @@ class Interior:
         return out
 
     def loads(self, data: BoundaryAmplitudes) -> tuple[Floats, Floats]:
-        """What is imposed on the own values of the boundary's elements, (elements, 4 c p, k), and the forces (unknowns, k)."""
+        """Compute imposed values of the boundary's elements, (elements, 4 c p, k), and forces (unknowns, k), of some data."""
         imposed = -self._placed("lifted", {name: one for name, one in data.lifted.items() if name != "ends"})
         forces = self._placed("forces", data.forces)
         ends = self._placed("lifted", {name: one for name, one in data.lifted.items() if name == "ends"})
@@ -95,12 +99,12 @@ class Interior:
         return imposed, -(self._add_up @ forces.reshape(-1, forces.shape[-1]))
 
     def to(self, imposed: Floats, forces: Floats, elements: Ints) -> Floats:
-        """Solve eq. MS.4; values U, V, W of w in some of the tissue's elements, (e, 3, s, k).
+        """Solve eq. MS.4; return values U, V, W of the reflection w in some of the tissue's elements, (e, 3, s, k).
 
         Args:
-            imposed: on the own values of the boundary's elements by all layers' data, see ``loads``.
-            forces: by them.
-            elements: which.
+            imposed: imposed values of the boundary's elements, by all layers' data, see ``compute_loads``.
+            forces: forces by the same data.
+            elements: the elements.
 
         Raises:
             SolveError: see ``Harmonic.solve``.
@@ -112,7 +116,7 @@ class Interior:
         return self.harmonic.whole(edge, self._inside(elements))
 
     def _inside(self, elements: Ints) -> Floats:
-        """The recovery of the elements asked for last: one exchange asks for the same again and again."""
+        """Return the recovery of some elements; the last is cached, as one exchange uses it repeatedly."""
         key = elements.tobytes()
         if key not in self._recovered:
             self._recovered.clear()

@@ -1,4 +1,4 @@
-"""Scattered fields on the boundaries of several layers of the tissue: each sphere's on that of the layer in which it lies."""
+"""Sample scattered fields on the boundaries of several layers: each sphere's field on the boundary of its own layer."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from solver.multiple_scattering.spheres import ScatteringSphere
 
 @dataclass(frozen=True)
 class LayerSamples:
-    """What ``ModeSamples`` is of one material: amplitudes of several layers stand one below the other.
+    """Samples of fields in several layers, one ``ModeSamples`` per layer; their amplitudes are stacked.
 
     Attributes:
-        layers: numbers of those with spheres, rising.
-        members: numbers of each one's spheres.
-        parts: their fields on its boundary.
+        layers: numbers of the layers with spheres, rising.
+        members: indices of each layer's spheres.
+        parts: samples on each layer's boundary.
     """
 
     layers: tuple[int, ...]
@@ -31,7 +31,7 @@ class LayerSamples:
 
     @classmethod
     def of(cls, spheres: Sequence[ScatteringSphere], panels: Callable[[int], Panels], rounds: AzimuthalGrid) -> LayerSamples:
-        """Sample the fields of some spheres, with the panels of the layer of a number."""
+        """Build the samples of some spheres; ``panels`` gives the sample points of a layer by its number."""
         layers = tuple(sorted({one.layer for one in spheres}))
         members = tuple(tuple(k for k, one in enumerate(spheres) if one.layer == layer) for layer in layers)
         parts = (
@@ -41,17 +41,17 @@ class LayerSamples:
         return cls(layers, members, tuple(parts))
 
     def check_room(self) -> None:
-        """Raise ``LimitReached`` for spheres whose fields would hold more memory than is allowed."""
+        """Raise ``LimitReached`` if the spheres' fields would exceed the memory limit."""
         for part in self.parts:
             part.check_room()
 
     def amplitudes(self, scattered: Sequence[Floats]) -> Floats:
-        """See ``ModeSamples.amplitudes``; of n points of all layers."""
+        """Compute the amplitudes at the n points of all layers; see ``ModeSamples.compute_amplitudes``."""
         some = [part.amplitudes([scattered[k] for k in own]) for part, own in zip(self.parts, self.members, strict=True)]
         return some[0] if len(some) == 1 else np.concatenate(some, axis=1)
 
     def works(self, weights: Floats) -> list[Floats]:
-        """See ``ModeSamples.works``."""
+        """Apply the transpose of ``compute_amplitudes``; see ``ModeSamples.works``."""
         out: list[Floats] = [np.zeros(0)] * sum(len(own) for own in self.members)
         ends = np.cumsum([0, *(6 * len(part.panels.r) for part in self.parts)]).tolist()
         for part, own, (low, high) in zip(self.parts, self.members, pairwise(ends), strict=True):

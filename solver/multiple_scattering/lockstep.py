@@ -1,7 +1,7 @@
-"""Many sets of spheres before one boundary, side by side: what they ask of one azimuthal order is answered at once.
+"""Advance many sets of spheres at one boundary together: each azimuthal order responds to all of them at once.
 
-A set's reflections are a generator that yields questions, an order's ``BoundaryResponse`` and data (6 n, k) for it, and is sent
-the answers of the same shape. A factorised system takes hardly longer for the data of eight sets than for those of one.
+The reflections of a set are a generator. It yields an order's ``BoundaryResponse`` with data (6 n, k), and receives the response
+of the same shape. A factorised system takes hardly longer for the data of eight sets than for those of one.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from geometry.common.arrays import Floats
 from solver.multiple_scattering.boundary_compliance import BoundaryResponse
 
 Question = tuple[BoundaryResponse, Floats]
-Found = TypeVar("Found")
+Found = TypeVar("T")
 Steps = Generator[Question, Floats, Found]
 
 
 def alone(steps: Steps[Found], often: bool) -> Found:
-    """Return what one set finds; ``often`` as of ``BoundaryResponse.to``."""
+    """Run the steps of one set and return its result; ``often`` as in ``BoundaryResponse.apply``."""
     try:
         response, data = next(steps)
         while True:
@@ -31,11 +31,12 @@ def alone(steps: Steps[Found], often: bool) -> Found:
 
 
 def together(every: Sequence[Steps[Found]]) -> list[Found]:
-    """Return what each set finds: of the orders that are asked, the one that most sets wait for is next."""
+    """Run the steps of all sets and return their results; the next order is the one for which most sets wait."""
     found: dict[int, Found] = {}
     waiting: dict[int, Question] = {}
 
     def advance(k: int, answer: Floats | None) -> None:
+        """Send a set its response; store its next question, or its result at the end."""
         try:
             waiting[k] = next(every[k]) if answer is None else every[k].send(answer)
         except StopIteration as end:

@@ -1,7 +1,8 @@
-"""What comes back to spheres too close to the boundary for eq. MS.6 of ``boundary_compliance.py``: found at their own points.
+"""Compute the fields reflected to spheres that are too close to the boundary for eq. MS.6, at points of the spheres.
 
-Data so sharp that the elements cannot follow them would count in full in an energy on the boundary; inside the tissue, what is
-wrong of them dies out. Fields are sampled at all points of the elements' edges, and w of eq. MS.5 is projected on the spheres.
+Data that vary too fast for the elements would cause a large error in an energy on the boundary (``boundary_compliance.py``);
+inside the tissue their errors decay. Fields are sampled at all points of the elements' edges, and w of eq. MS.5 is projected on
+the spheres.
 """
 
 from __future__ import annotations
@@ -27,12 +28,12 @@ from solver.multiple_scattering.interior_solution import LIFTED, BoundaryAmplitu
 from solver.multiple_scattering.rings import PLANE, ROUND, AzimuthalGrid, turns
 from solver.multiple_scattering.spheres import ScatteringSphere
 
-NEARLY = 0.48  # Poisson's ratio from which the mode of degree 0 is taken from the dilation
+NEARLY = 0.48  # from this value on the mode of degree 0 is taken from the dilation
 
 
 @dataclass(frozen=True)
 class _SpherePlace:
-    """Where a sphere's q points lie: elements, their functions and pressures there, angle about the probe's axis."""
+    """A sphere's q points in the mesh: elements, their functions and pressures there, angle about the probe's axis."""
 
     element: Ints
     value: Floats
@@ -42,13 +43,13 @@ class _SpherePlace:
 
 @dataclass(frozen=True)
 class CloseExchange:
-    """Some spheres before one boundary.
+    """Exchange of fields between one boundary and spheres close to it.
 
     Attributes:
-        interior: what an azimuthal order answers to fields in a layer, by their numbers.
-        field: where points lie in the mesh.
+        interior: returns the response inside the tissue for an azimuthal order and a layer, by numbers.
+        field: locates points in the mesh.
         interface: between blocks and tissue.
-        spheres: they.
+        spheres: the spheres.
         rounds: angles at which fields are sampled.
     """
 
@@ -59,7 +60,7 @@ class CloseExchange:
     rounds: AzimuthalGrid
 
     def reflect(self, scattered: Sequence[Floats], enough: float, most: int) -> tuple[list[Floats], int]:
-        """Return the regular coefficients of what comes back: see ``exchange.Exchange.reflect``."""
+        """Reflect fields; return regular coefficients and the number of orders, as ``Exchange.iterate_reflection`` does."""
         samples, quiet = [self._samples(layer, scattered) for layer in self._layers], 0
         total = [np.zeros_like(c) for c in scattered]
         for m in range(min(most, self.rounds.orders)):
@@ -86,7 +87,7 @@ class CloseExchange:
         return sorted({one.layer for one in self.spheres})
 
     def _samples(self, layer: int, scattered: Sequence[Floats]) -> dict[tuple[str, str], Floats]:
-        """What a layer's edges are told of its own spheres' fields, (angles, 3, k, points) each; none of edges it does not have.
+        """Sample the fields of a layer's spheres on the layer's edges, (angles, 3, k, points) each.
 
         Tractions on surface, side and interfaces, displacements of ends, floor and interfaces.
         """
@@ -121,7 +122,7 @@ class CloseExchange:
         return np.stack([r * np.cos(angle), r * np.sin(angle), z + 0 * angle], axis=-1).reshape(-1, 3)
 
     def _amplitudes(self, samples: dict[tuple[str, str], Floats], m: int, layer: int) -> BoundaryAmplitudes:
-        """Of one order."""
+        """Compute the amplitudes of one order from the samples."""
         families = 1 if self.rounds.mirrored else 2
         waves, boundary = self.rounds.waves[:, m * families : (m + 1) * families], self.interior(0, layer).boundary
         out: dict[str, dict[str, Floats]] = {"forces": {}, "lifted": {}}
@@ -147,7 +148,10 @@ class CloseExchange:
     def _arrived(
         self, sphere: ScatteringSphere, place: _SpherePlace, m: int, displacement: Floats
     ) -> tuple[Floats, Floats | None]:
-        """Displacement and, where it counts, dilation of one order (e, 3, s, families k) at a sphere's points."""
+        """Evaluate the reflected displacement of one order, (e, 3, s, families k), at a sphere's points.
+
+        In nearly incompressible tissue its dilation is returned too, else None.
+        """
         cos, sin = np.cos(m * place.angle), np.sin(m * place.angle)
         waves: Floats = np.array([[cos, sin, cos], [sin, -cos, sin]][: 1 if self.rounds.mirrored else 2])
         displacement = displacement.reshape(*displacement.shape[:3], len(waves), -1)

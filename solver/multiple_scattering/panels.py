@@ -1,7 +1,7 @@
-"""Points on the top, side and bottom of a layer of the tissue at which scattered fields are sampled: surface, floor, interfaces.
+"""Place the points on top, side and bottom of a tissue layer at which scattered fields are sampled.
 
-Scattered fields are smooth there, unlike the answer, whose mesh is fine at the blocks' corners: polynomials on panels that are
-graded from the axis outwards tell them with far fewer points than the edges of elements have.
+Scattered fields are smooth there, unlike the response, whose mesh is fine at the blocks' corners. Polynomials on panels that are
+graded from the axis outwards represent them with far fewer points than the edges of elements have.
 """
 
 from __future__ import annotations
@@ -14,19 +14,19 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.meridian.section import Section
 
-STEP = 1.4  # the least panel, outer radii, times the order of the elements
+STEP = 1.4  # minimum panel in outer radii, times the order of the elements
 GROWTH = 0.4  # of panels, per distance from the axis
-SIDE, FLOOR = 0.4, 0.3  # the least panels there, of the tissue's radius and depth
+SIDE, FLOOR = 0.4, 0.3  # minimum panels on side and floor, of the tissue's radius and depth
 EXTRA = 4  # points of a panel beyond the order of the elements
 
 
 @dataclass(frozen=True)
 class PanelLine:
-    """Gauss's points of panels along a line.
+    """Gauss points of panels along a line.
 
     Attributes:
-        ends: of the panels, rising, m, shape (n + 1,).
-        points: of each panel, count.
+        ends: ends of the panels, rising, m, shape (n + 1,).
+        points: number of points of each panel.
     """
 
     ends: Floats
@@ -34,7 +34,7 @@ class PanelLine:
 
     @classmethod
     def graded(cls, length: float, step: float, points: int) -> PanelLine:
-        """Panels of at least ``step`` that grow with the distance from 0."""
+        """Build panels of at least ``step`` that grow with the distance from 0, up to ``length``, m."""
         ends = [0.0]
         while ends[-1] < length:
             ends.append(ends[-1] + max(step, GROWTH * ends[-1]))
@@ -42,12 +42,12 @@ class PanelLine:
 
     @cached_property
     def places(self) -> Floats:
-        """Of all points, m."""
+        """Positions of all points along the line, m."""
         middle, half = (self.ends[1:] + self.ends[:-1]) / 2, np.diff(self.ends) / 2
         return (middle[:, None] + half[:, None] * self._nodes).ravel()
 
     def to(self, places: Floats) -> Floats:
-        """What interpolates values at the points to other places, shape (*places, points)."""
+        """Return the matrix that interpolates values at the points to other places, shape (*places, points)."""
         panel = np.clip(np.searchsorted(self.ends, places, side="right") - 1, 0, len(self.ends) - 2)
         low, high = self.ends[panel], self.ends[panel + 1]
         x, nodes = (2 * places - low - high) / (high - low), self._nodes
@@ -70,7 +70,7 @@ class Panels:
     Attributes:
         surface, floor: along r on top and bottom.
         side: along the depth below the top.
-        section: the tissue's.
+        section: section of the tissue.
         top, bottom: depths of the layer's faces, m.
     """
 
@@ -83,7 +83,7 @@ class Panels:
 
     @classmethod
     def of(cls, section: Section, order: int, layer: int = 0) -> Panels:
-        """Panels as fine as elements of an order need them, of a layer by its number or of the tissue below all layers."""
+        """Build panels for elements of an order, on a layer by its number or on the tissue below all layers."""
         top, bottom = [0.0, *section.interfaces, section.tissue_depth][layer : layer + 2]
         step, points = STEP / order * section.tube_radius, order + EXTRA
         below = max(step, FLOOR * section.tissue_depth) if layer == len(section.interfaces) else step
@@ -94,18 +94,18 @@ class Panels:
 
     @cached_property
     def parts(self) -> tuple[slice, slice, slice]:
-        """Where the points of surface, side and floor stand."""
+        """Slices of the points of surface, side and floor."""
         a, b, c = (len(line.places) for line in (self.surface, self.side, self.floor))
         return slice(0, a), slice(a, a + b), slice(a + b, a + b + c)
 
     @cached_property
     def r(self) -> Floats:
-        """Of the points, m, shape (n,)."""
+        """Radii of the points, m, shape (n,)."""
         at_side = np.full_like(self.side.places, self.section.tissue_radius)
         return np.concatenate([self.surface.places, at_side, self.floor.places])
 
     @cached_property
     def z(self) -> Floats:
-        """Of the points, m, shape (n,)."""
+        """Heights of the points, m, shape (n,)."""
         at_top, at_floor = np.full_like(self.surface.places, -self.top), np.full_like(self.floor.places, -self.bottom)
         return np.concatenate([at_top, -(self.top + self.side.places), at_floor])

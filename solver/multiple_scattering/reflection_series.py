@@ -1,4 +1,4 @@
-"""The sum of all reflections from the first few, as the best in energy, and what is left."""
+"""Sum all reflections from the first few, by Galerkin's method, and estimate the remainder."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from geometry.common.arrays import Floats
 
 @dataclass(frozen=True)
 class Reflections:
-    """Fields c_0 .. c_n that reach the spheres one reflection after the other, eq. MS.8 of ``solve.py``.
+    """Fields c_0 .. c_n of successive reflections at the spheres, eq. MS.8 of ``solve.py``.
 
     Attributes:
         fields: regular coefficients of both base states about all spheres, (modes, 2) each.
-        works: T times them.
-        moments: mu_0 .. mu_2n, (2, 2) each.
+        works: T times the fields, with the work matrix T of the spheres.
+        moments: mu_0 .. mu_2n of eq. MS.8, (2, 2) each.
     """
 
     fields: tuple[Floats, ...]
@@ -27,21 +27,21 @@ class Reflections:
 
     @classmethod
     def first(cls, field: Floats, work: Floats) -> Reflections:
-        """No reflection yet."""
+        """Begin with the incident field, before any reflection."""
         return cls((field,), (work,), (_symmetric(field.T @ work),))
 
     def followed(self, field: Floats, work: Floats) -> Reflections:
-        """One more of them."""
+        """Return the series with one more reflection."""
         new = _symmetric(self.works[-1].T @ field), _symmetric(field.T @ work)
         return Reflections((*self.fields, field), (*self.works, work), (*self.moments, *new))
 
     def whole(self, weights: Floats) -> Floats:
-        """The sum of the fields with weights (n + 1, 2, k), shape (modes, k)."""
+        """Return the sum of the fields with weights (n + 1, 2, k), shape (modes, k)."""
         return sum((c @ a for c, a in zip(self.fields, weights, strict=True)), np.zeros(()))
 
     @property
     def count(self) -> int:
-        """Reflections made."""
+        """Number of reflections."""
         return len(self.fields) - 1
 
     @cached_property
@@ -54,31 +54,31 @@ class Reflections:
 
     @cached_property
     def remainder(self) -> Floats:
-        """Weights in what is left, r = c_0 - (1 - R S) c, shape (n + 1, 2, 2)."""
+        """Weights of the remainder r = c_0 - (1 - R S) c, with c, R and S of eq. MS.7, shape (n + 1, 2, 2)."""
         return np.concatenate([np.eye(2)[None], self.galerkin[:-1]]) - self.galerkin
 
     @cached_property
     def forces(self) -> Floats:
-        """Change of the film forces, B^T a with what is left, r^T T r, added once; shape (2, 2)."""
+        """Change of the film forces: B^T a of eq. MS.8 plus the remainder's r^T T r, N/m, shape (2, 2)."""
         remainder = self.remainder.reshape(-1, 2)
         value = sum((mu @ a for mu, a in zip(self.moments, self.galerkin, strict=False)), np.zeros((2, 2)))
         return _symmetric(value + remainder.T @ _hankel(np.array(self.moments), self.count + 1) @ remainder)
 
     @cached_property
     def correction(self) -> Floats:
-        """How far that is from c_0^T T c, what is not symmetric in the reflections included; shape (2, 2)."""
+        """Difference of ``forces`` from c_0^T T c, which includes asymmetry of the reflections; shape (2, 2)."""
         works = [_symmetric(self.works[0].T @ c) @ a for c, a in zip(self.fields, self.galerkin, strict=True)]
         return np.asarray(self.forces - np.sum(works, axis=0))
 
     @cached_property
     def rho(self) -> float:
-        """The share of a field that comes back, eq. MS.9."""
+        """Share rho of a field that is reflected back, of eq. MS.9, at most 0.9."""
         size = [max(float(np.linalg.norm(one)), 1e-300) for one in self.moments]
         return min(0.9, max(size[1] / size[0], sqrt(size[-1] / size[-3]), size[-1] / size[-2]))
 
 
 def _hankel(blocks: Floats, n: int) -> Floats:
-    """The matrix (2 n, 2 n) of blocks (2, 2) number i + j."""
+    """Build the Hankel matrix (2 n, 2 n) whose block (i, j), (2, 2), is ``blocks[i + j]``."""
     i = np.arange(n)
     return np.asarray(blocks[i[:, None] + i].transpose(0, 2, 1, 3).reshape(2 * n, 2 * n))
 

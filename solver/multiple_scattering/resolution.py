@@ -1,4 +1,4 @@
-"""Which degrees of modes resolve the fields on a sphere, and what those left out may change."""
+"""Choose the degrees of modes that resolve the fields on a sphere, and estimate the error of omitted degrees."""
 
 from __future__ import annotations
 
@@ -13,36 +13,36 @@ from solver.inclusions.strata import Strata, unlike
 from solver.inclusions.tumours import Tumours
 from solver.multiple_scattering.spheres import ScatteringSphere
 
-DEGREES = (4, 36)  # least and largest degree of the modes
-UNRESOLVED = 0.1  # of the effect: what degrees left out may change, times their share of a field next to the surface
-REFLECTED = 1000  # reflections between a sphere and what it all but touches that are looked at
-LEAST_GAP = 1e-9  # diameters: what counts as apart from an interface
+DEGREES = (4, 36)  # minimum and maximum degree of the modes
+UNRESOLVED = 0.1  # of the effect: error by omitted degrees, times their share of a field next to the surface
+REFLECTED = 1000  # reflections considered between a sphere and a surface it almost touches
+LEAST_GAP = 1e-9  # diameters: minimum distance from an interface
 
 
 def degrees(section: Section, tumours: Tumours) -> tuple[Floats, Floats]:
-    """Degrees of modes that resolve a sphere's image in surface, floor or interface, and the probe's field, shape (t,) each."""
+    """Return the degrees that resolve a sphere's image in surface, floor or interface, and the probe's field; (t,) each."""
     radius = tumours.diameter / 2
     image = 5 / np.log1p(2 * _nearest(section, tumours) / radius) + 2
     return np.asarray(image), np.asarray(4 * radius / (section.tube_radius + tumours.cover) + 4)
 
 
 def _nearest(section: Section, tumours: Tumours) -> Floats:
-    """From each sphere to the surface, the floor or an interface."""
+    """Return the distance from each sphere to the nearest of surface, floor and interfaces, m, shape (t,)."""
     near = np.minimum(apart(section, tumours), section.tissue_depth - tumours.depth - tumours.diameter / 2)
     return np.asarray(np.maximum(near, LEAST_GAP * tumours.diameter))
 
 
 def apart(section: Section, tumours: Tumours) -> Floats:
-    """From each sphere to the surface or an interface, m, shape (t,)."""
+    """Return the distance from each sphere to the surface or the nearest interface, m, shape (t,)."""
     gaps = [np.abs(tumours.depth - depth) - tumours.diameter / 2 for depth in section.interfaces]
     return np.asarray(np.min([tumours.cover, *gaps], axis=0))
 
 
 def unresolved(section: Section, strata: Strata, tumours: Tumours, spheres: Sequence[ScatteringSphere]) -> float:
-    """What too few degrees may change, as a share of the effect: nothing is told of a block much smaller than the sphere.
+    """Estimate the error of omitted degrees as a share of the effect; for blocks much smaller than the sphere it is unknown.
 
-    What the inner block presses on the sphere is as wide as the block and its distance; nor is it more than falls off as
-    (R / depth)^2l, the work of degree l.
+    The inner block's field at the sphere, of radius R, is as wide as the block plus its distance. The work of degree l also
+    decays at least as (R / depth)^2l.
     """
     radius, degree = tumours.diameter / 2, np.array([sphere.modes.degree for sphere in spheres])
     inner, outer = (size + tumours.cover for size in (section.inner_radius, section.tube_radius))
@@ -54,10 +54,10 @@ def unresolved(section: Section, strata: Strata, tumours: Tumours, spheres: Sequ
 
 
 def _images(section: Section, strata: Strata, tumours: Tumours, spheres: Sequence[ScatteringSphere]) -> Floats:
-    """What degrees above l may have of a sphere's images in surface, floor and interfaces, shape (t,).
+    """Estimate the share of degrees above l in a sphere's images in surface, floor and interfaces, shape (t,).
 
-    At a distance d it is at most (1 + 2 d / R)^(-2 l). Where the two all but touch, the k-th reflection, a share q^k of the first
-    field, has (k / (k + 1))^l in the degree l: the larger of both factors squared,
+    For a sphere of radius R at a distance d it is at most (1 + 2 d / R)^(-2 l). If they almost touch, the k-th reflection, a
+    share q^k of the first field, has (k / (k + 1))^l in the degree l: the larger of both factors squared,
 
         max_k q^(2 k) (k / (k + 1))^(2 l),    q^2 = unlikeness of sphere and host times that of wall and host          (MS.11)
 

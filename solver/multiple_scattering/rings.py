@@ -1,4 +1,4 @@
-"""Points of the boundary's meridian carried round the probe's axis: the angles at which fields of all orders are sampled."""
+"""Choose the angles about the probe's axis at which fields of all orders are sampled on the boundary."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from solver.inclusions.vector_modes import EVERY, Modes
 from solver.multiple_scattering.panels import Panels
 
 STRESS = ((3, 8, 7), (8, 4, 6), (7, 6, 5))  # components of ``solver.inclusions.vector_modes.stack`` that are stresses xx .. zz
-PLANE = (7, 6, 5, 0, 1, 2)  # those asked for on planes across z: xz, yz, zz and displacements
-ROUND = (3, 8, 4, 7, 6, 0, 1, 2)  # and on the side: xx, xy, yy, xz, yz and displacements
+PLANE = (7, 6, 5, 0, 1, 2)  # sampled on planes normal to z: xz, yz, zz and displacements
+ROUND = (3, 8, 4, 7, 6, 0, 1, 2)  # sampled on the side: xx, xy, yy, xz, yz and displacements
 
 
 @dataclass(frozen=True)
@@ -32,22 +32,22 @@ class AzimuthalGrid:
 
     @property
     def orders(self) -> int:
-        """Number of azimuthal orders that the angles tell apart."""
+        """Number of azimuthal orders that the angles resolve."""
         return max(1, self.count - 1 if self.mirrored else self.count // 2)
 
     @property
     def families(self) -> int:
-        """Of waves: one where fields mirror, else two."""
+        """Number of wave families: one if fields are mirror-symmetric, else two."""
         return 1 if self.mirrored else 2
 
     @property
     def angles(self) -> Floats:
-        """Shape (count,)."""
+        """Angles, rad, shape (count,)."""
         return (np.arange(self.count) + 0.5) * (np.pi if self.mirrored else 2 * np.pi) / self.count
 
     @property
     def waves(self) -> Floats:
-        """What makes amplitudes of values at the angles: (3, orders families, count), components along r, theta and z.
+        """Matrix from values at the angles to amplitudes: (3, orders families, count), components along r, theta and z.
 
         Waves are (cos, sin, cos) of m theta and, unless mirrored, (sin, -cos, sin).
         """
@@ -74,14 +74,15 @@ class ModeSource:
 
 @dataclass(frozen=True)
 class Rings:
-    """Points of the boundary's meridian, carried round the axis: few angles where what is sampled has faded.
+    """Points of the boundary's meridian, repeated at angles about the axis: fewer angles where fields are smooth.
 
     Attributes:
-        part: which of the panels' points.
+        part: slice of the panels' points.
         rounds: the angles.
-        components: what is sampled, of ``solver.inclusions.vector_modes.stack``.
+        components: sampled components, of ``solver.inclusions.vector_modes.stack``.
         flat: whether all points have one z.
-        turned: some of the points, and what turns components to tractions and displacements there, (angles, 6, components).
+        turn_matrices: slices of the points with matrices from components to tractions and displacements,
+            (angles, 6, components).
     """
 
     part: slice
@@ -92,22 +93,22 @@ class Rings:
 
     @property
     def count(self) -> int:
-        """Number of places round the axis."""
+        """Number of points at all angles."""
         return self.rounds.count * int(self.part.stop - self.part.start)
 
     def points(self, panels: Panels) -> Floats:
-        """They, angle by angle, m, shape (count, 3)."""
+        """Return the points, angle by angle, m, shape (count, 3)."""
         r, z, angles = panels.r[self.part], panels.z[self.part], self.rounds.angles[:, None]
         return np.stack([r * np.cos(angles), r * np.sin(angles), z + 0 * angles], axis=-1).reshape(-1, 3)
 
 
 def rings(panels: Panels, sources: Sequence[ModeSource], rounds: AzimuthalGrid) -> list[Rings]:
-    """Return those of surface, side and floor, or for a single angle, where there is little to save, all at once.
+    """Build the rings of surface, side and floor; for a single angle, one ring with all points.
 
     Args:
         panels: the points of the meridian.
-        sources: whose outgoing modes are sampled.
-        rounds: the most angles.
+        sources: spheres whose outgoing modes are sampled.
+        rounds: maximum number of angles.
     """
     parts = panels.parts
     if rounds.count == 1:
@@ -125,11 +126,11 @@ def rings(panels: Panels, sources: Sequence[ModeSource], rounds: AzimuthalGrid) 
 
 
 def _angles(source: ModeSource, r: Floats, z: Floats) -> Floats:
-    """Angles of a half plane that tell a sphere's field on rings: those over which it fades from where it is nearest, and six.
+    """Return the number of angles in a half plane that resolve a sphere's field on rings.
 
-    What comes from a ring of radius d fades on another, of radius r and at a distance s, as exp(-m x) with order m, where
-    sinh(x / 2) = s / (2 sqrt(r d)).
-    A sphere's outgoing modes are as sharp as if they came from 0.8 radii beside its centre.
+    A field from a ring of radius d decays on another ring, of radius r and at a distance s, as exp(-m x) with order m, where
+    sinh(x / 2) = s / (2 sqrt(r d)); 3 / x orders are resolved, plus six. A sphere's outgoing modes are as sharp as those of a
+    source 0.8 radii from its centre.
     """
     offset = float(np.hypot(*source.centre[:2]))
     away = np.hypot(r - offset, z - source.centre[2]) - 0.8 * source.radius
@@ -137,7 +138,7 @@ def _angles(source: ModeSource, r: Floats, z: Floats) -> Floats:
 
 
 def _runs(needed: Floats) -> list[slice]:
-    """Points that need more than half as many angles as the one that needs most, and what lies before and after them."""
+    """Split the points into those that need more than half of the maximum number of angles, and those before and after."""
     near = np.flatnonzero(needed > needed.max() / 2)
     ends = [0, int(near[0]), int(near[-1]) + 1, len(needed)]
     return [slice(low, high) for low, high in pairwise(ends) if high > low]
@@ -145,9 +146,9 @@ def _runs(needed: Floats) -> list[slice]:
 
 @lru_cache(maxsize=64)
 def turns(rounds: AzimuthalGrid) -> tuple[Floats, Floats, Floats]:
-    """From the components of ``vector_modes.stack`` to tractions and displacements along r, theta, z: (angles, 6, 9).
+    """Build matrices from components of ``vector_modes.stack`` to tractions and displacements along r, theta, z.
 
-    On surface, side and floor.
+    Returns one matrix, (angles, 6, 9), each for surface, side and floor.
     """
     cos, sin, one = np.cos(rounds.angles), np.sin(rounds.angles), np.ones(rounds.count)
     turn, across, up = np.zeros((rounds.count, 3, 3)), np.zeros((rounds.count, 3, 9)), np.zeros((rounds.count, 3, 9))

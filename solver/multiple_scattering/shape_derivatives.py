@@ -1,6 +1,6 @@
-"""Derivatives of film forces by a sphere's place, size and Poisson's ratio: what its surface gains when it moves.
+"""Compute derivatives of film forces with respect to a sphere's position, size and Poisson's ratio.
 
-Where an interface moves by V_n along its normal n, energies of states that stay in balance change by
+If an interface moves by V_n along its normal n, energies of states that stay in equilibrium change by
 
     dF_ij = Int V_n [ s_i:e_j (in) - s_i:e_j (out) - s_i(out):(e_j(in) - e_j(out)) - s_j(out):(e_i(in) - e_i(out)) ] dS    (MS.10)
 
@@ -22,7 +22,7 @@ from solver.inclusions.sphere_scattering import Scattering
 from solver.inclusions.sphere_scattering import scattering as scattering_by
 from solver.multiple_scattering.spheres import ScatteringSphere
 
-STEP = 1e-30  # of the complex step
+STEP = 1e-30  # complex step: no cancellation, so that it may be tiny
 VOIGT = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])  # of xx, yy, zz, yz, xz, xy in s:e
 
 
@@ -31,10 +31,10 @@ class Moved:
     """Derivatives of the film forces, N/m per unit, shapes (2, 2).
 
     Attributes:
-        by_depth: per m.
-        by_offset: per m away from the probe's axis; zero on it.
-        by_log_diameter: by ln of the diameter.
-        by_poisson: by its Poisson's ratio.
+        by_depth: with respect to depth, per m.
+        by_offset: with respect to the lateral offset from the probe's axis, per m; zero on the axis.
+        by_log_diameter: with respect to ln of the diameter.
+        by_poisson: with respect to its Poisson's ratio.
     """
 
     by_depth: Floats
@@ -44,7 +44,7 @@ class Moved:
 
 
 def moved(sphere: ScatteringSphere, scattering: Scattering, matrix: Material, own: Material, incident: Floats) -> Moved:
-    """Return eq. MS.10 for shifts and growth of a sphere that the whole incident field, (modes, 2), reaches."""
+    """Compute the shape derivatives of eq. MS.10 for a sphere in the whole incident field, (modes, 2)."""
     modes = sphere.modes
     points, weights = quadrature(modes, 6)
     outside = modes.regular(points, incident)[1] + modes.outgoing(points, scattering.S @ incident)[1]
@@ -65,7 +65,7 @@ def moved(sphere: ScatteringSphere, scattering: Scattering, matrix: Material, ow
 
 
 def _stress_and_strain(scaled: Floats, material: Material, radius: float) -> tuple[Floats, Floats]:
-    """Stress in Pa and strain from stress times R / (2 mu), (q, 6, 2)."""
+    """Return stress, Pa, and strain from stress times R / (2 mu), (q, 6, 2), with radius R and shear modulus mu."""
     nu = material.poisson_ratio
     trace = scaled[:, :3].sum(axis=1, keepdims=True)
     strain = scaled.copy()
@@ -74,5 +74,5 @@ def _stress_and_strain(scaled: Floats, material: Material, radius: float) -> tup
 
 
 def _product(one: Floats, other: Floats) -> Floats:
-    """s_i:e_j at all points, (q, 2, 2)."""
+    """Return the products s_i:e_j of stresses and strains at all points, (q, 2, 2)."""
     return np.asarray(np.einsum("qai,a,qaj->qij", one, VOIGT, other, optimize=True))

@@ -1,16 +1,16 @@
-"""Tumours with everything that comes back to them: the second tier of the equivalent-inclusion level.
+"""Solve multiple scattering between tumours and boundary: the second tier of the equivalent-inclusion evaluator.
 
 With c0 the regular modes of the base states at the spheres, S and T their scattering and work
-(``solver/inclusions/sphere_scattering.py``) and R what the boundary sends back, the whole field that reaches them is
-c = c0 + R S c, and
+(``solver/inclusions/sphere_scattering.py``) and R the reflection by the boundary, the whole incident field at the spheres is
+c = c0 + R S c, and the change of the film forces is
 
     dF = c0^T T c = c0^T T (1 - R S)^-1 c0                                                         (MS.7)
 
-Reflections c_k+1 = R S c_k span a small space; as T and T R S are symmetric, c is found in it as the best in energy (Galerkin),
+Reflections c_k+1 = R S c_k span a small space; as T and T R S are symmetric, c follows from Galerkin's method in it,
 
     mu_i+j = c_i^T T c_j,   A_ij = mu_i+j - mu_i+j+1,   B_i = mu_i,   a = A^-1 B,   c = sum_i c_i a_i   (MS.8)
 
-What the last reflection shows to be left, r = c0 - (1 - R S) c, is added once more: dF = B^T a + r^T T r + ..., and the next
+The remainder after the last reflection, r = c0 - (1 - R S) c, is added once more: dF = B^T a + r^T T r + ..., and the next
 term is smaller by rho, the share of a field that comes back (MS.9). The derivative by ln E of a sphere is c^T (dT / d ln E) c.
 """
 
@@ -44,29 +44,29 @@ from solver.multiple_scattering.rings import AzimuthalGrid
 from solver.multiple_scattering.shape_derivatives import Moved, moved
 from solver.multiple_scattering.spheres import ScatteringSphere, SphereSet
 
-ORDERS = 16  # largest azimuthal order of the modes
-ANGLES = (10, 40)  # least and largest number of angles where a sphere lies off the axis
-SMALL = 20  # largest degree of modes off the axis whose projections are kept: 1 to 30 MB each
-STEPS = 6  # reflections at most
+ORDERS = 16  # maximum azimuthal order of the modes
+ANGLES = (10, 40)  # minimum and maximum number of angles if a sphere lies off the axis
+SMALL = 20  # maximum degree of off-axis modes with cached projections: 1 to 30 MB each
+STEPS = 6  # each costs one solution per azimuthal order
 _kept_projection = kept_table(projection)
-SENSITIVE = 5.0  # times more than the effect do derivatives by the modulus feel what is left out
-ROWS = 4  # tumours after which the time for the rest is known
+SENSITIVE = 5.0  # derivatives with respect to the modulus are this much more sensitive to omitted terms
+ROWS = 4  # tumours after which the time for the rest can be estimated
 SURE = 0.5  # of that time: the machine may be busier now than later
-ENOUGH = 0.3  # of the tolerance: two azimuthal orders that change less end the sum over them
+ENOUGH = 0.3  # of the tolerance: two azimuthal orders with less effect end the sum
 
 
 @dataclass(frozen=True)
 class Scattered:
-    """What a set of spheres changes of the film forces.
+    """Change of the film forces by a set of spheres.
 
     Attributes:
         forces: dF_ij, N/m, shape (2, 2).
         by_log_modulus: d forces / d ln E of each sphere, shape (t, 2, 2).
-        error: estimate of what further reflections, degrees and orders would change of each film's total, N/m, shape (2,).
-        slope_error: the same of ``by_log_modulus``, shape (t, 2, 2).
-        moved: derivatives by depth, offset and diameter of each sphere.
-        steps: reflections made.
-        orders: how many azimuthal orders were kept.
+        error: estimated error of each film's total by omitted reflections, degrees and orders, N/m, shape (2,).
+        slope_error: the same for ``by_log_modulus``, shape (t, 2, 2).
+        shape_derivatives: derivatives with respect to depth, offset and diameter of each sphere.
+        steps: number of reflections.
+        orders: number of azimuthal orders.
     """
 
     forces: Floats
@@ -89,21 +89,22 @@ def solve_scattering(
     sensitive: bool = False,
     often: bool = False,
 ) -> Scattered:
-    """Solve eq. MS.8 for a set of t spheres, arrays of shape (t,), until what is left is below ``tolerance`` of each total.
+    """Solve eq. MS.8 for a set of t spheres until the remainder is below ``tolerance`` of each film's total.
 
     Args:
         field: the base states' strains.
-        reflector: what sends fields back; its mesh may be coarser.
+        reflector: reflecting boundary; its mesh may be coarser than that of ``field``.
         strata: the tissue's materials by depth.
-        tumours: relative to the probe's axis.
-        tolerance: relative.
-        places: whether to find the derivatives by the spheres' places, sizes and Poisson's ratios.
-        sensitive: whether to make slopes good to ``SENSITIVE`` times the tolerance too, which takes a reflection more.
-        often: whether so many sets are asked for under this probe that the matrix of each azimuthal order pays without PARDISO.
+        tumours: the t spheres, relative to the probe's axis.
+        tolerance: relative tolerance.
+        places: whether to compute derivatives with respect to the spheres' positions, sizes and Poisson's ratios.
+        sensitive: whether derivatives with respect to moduli must be accurate to ``SLOPE_TOLERANCE_FACTOR`` times the tolerance,
+            which takes one more reflection.
+        often: whether so many sets are solved under this probe that forming each order's matrix pays even without PARDISO.
 
     Raises:
         SolveError: the reflections could not be solved.
-        LimitReached: they would take more memory or time than is allowed.
+        LimitReached: they would exceed the limits of memory or time.
     """
     return alone(scattering_steps(field, reflector, strata, tumours, tolerance, places=places, sensitive=sensitive), often)
 
@@ -118,7 +119,7 @@ def scattering_steps(
     places: bool = False,
     sensitive: bool = False,
 ) -> Steps[Scattered]:
-    """Do what ``solve_scattering`` does, as steps for ``lockstep``; arguments and errors as there."""
+    """Iterate ``solve_scattering`` as steps for ``lockstep``; arguments and errors are the same."""
     section = reflector.states.model.section
     spheres, rounds = arranged(section, strata, tumours)
     sphere_set = SphereSet.of(spheres, tumours)
@@ -150,22 +151,26 @@ def scattering_steps(
 
 
 def _decay(previous_energy: float, energy: float, rho: float) -> tuple[float, float]:
-    """What is left in energy, and all further changes of the slopes as a multiple of the last: as fields, they go by its root."""
+    """Return the energy and the sum of all further changes of the derivatives as a multiple of the last change.
+
+    Derivatives converge like fields: with the square root of the energy.
+    """
     share = min(0.9, np.sqrt(energy / previous_energy)) if np.isfinite(previous_energy) and previous_energy > 0 else rho
     return energy, share / (1 - share)
 
 
 def _moves(tumours: Tumours, spheres: Sequence[ScatteringSphere], sphere_set: SphereSet, total: Floats) -> Iterator[Moved]:
+    """Yield the shape derivatives of each sphere in the whole field."""
     for k, (sphere, one, part) in enumerate(zip(spheres, sphere_set.scatterings, sphere_set.parts, strict=True)):
         own = Material(youngs_modulus=float(tumours.youngs_modulus[k]), poisson_ratio=float(tumours.poisson_ratio[k]))
         yield moved(sphere, one, sphere.matrix, own, total[part])
 
 
 def arranged(section: Section, strata: Strata, tumours: Tumours) -> tuple[list[ScatteringSphere], AzimuthalGrid]:
-    """Turn spheres about the probe's axis so that, if they can, all lie in the plane y = 0; modes and angles that tell them.
+    """Rotate spheres about the probe's axis, if possible into the plane y = 0, and choose modes and angles that resolve them.
 
     Raises:
-        LimitReached: what tells them would hold more memory than is allowed.
+        LimitReached: their projections would exceed the memory limit.
     """
     offset, radius = tumours.offset, tumours.diameter / 2
     far = int(np.argmax(offset))
@@ -191,10 +196,10 @@ def arranged(section: Section, strata: Strata, tumours: Tumours) -> tuple[list[S
 
 
 def _projections(modes: Sequence[Modes]) -> dict[Modes, Projection]:
-    """The projections on all modes; small ones are kept, as half of a tumour's cost on the axis is to make them.
+    """Return the projections on all modes; small ones are cached, as they take half of the time of a tumour on the axis.
 
     Raises:
-        LimitReached: they would hold more memory than is allowed.
+        LimitReached: they would exceed the memory limit.
     """
     every = set(modes)
     check_memory(f"reflections of {len(modes)} tumours ({LESS})", sum(held_bytes(one) for one in every))
@@ -203,12 +208,12 @@ def _projections(modes: Sequence[Modes]) -> dict[Modes, Projection]:
 
 @lru_cache(maxsize=64)
 def _same(modes: Modes) -> Modes:
-    """The first of equal modes, which may know its labels already."""
+    """Return the first of equal modes, whose labels may be computed already."""
     return modes
 
 
 def incident(field: TissueField, sphere: ScatteringSphere) -> Floats:
-    """Regular coefficients of the base states at a sphere, (modes, 2), m per m."""
+    """Compute regular coefficients of the base states at a sphere, (modes, 2), m per m."""
     x, y, z = sphere.points.T
     r = np.hypot(x, y)
     strains = field.at(r, z)
@@ -220,8 +225,8 @@ def incident(field: TissueField, sphere: ScatteringSphere) -> Floats:
 def _reflected(
     exchange: Exchange | CloseExchange, outgoing: Sequence[Floats], enough: float, orders: int
 ) -> Steps[tuple[Floats, int]]:
-    """One more reflection: by the other spheres, and by the boundary, order by order until nothing more comes."""
-    sent = _neighbours(exchange.spheres, outgoing)  # first: what time it takes shows at once
+    """Compute one more reflection: by the other spheres and, order by order, by the boundary."""
+    sent = _neighbours(exchange.spheres, outgoing)  # first, because it estimates its time early
     if isinstance(exchange, CloseExchange):
         came, orders = exchange.reflect(outgoing, enough, orders)
     else:
@@ -230,7 +235,7 @@ def _reflected(
 
 
 def _neighbours(spheres: Sequence[ScatteringSphere], outgoing: Sequence[Floats]) -> list[Floats]:
-    """What the other spheres of its layer send to each, as regular coefficients."""
+    """Compute the fields scattered to each sphere by the others in its layer, as regular coefficients."""
     total, start = [np.zeros_like(c) for c in outgoing], perf_counter()
     for k, here in enumerate(spheres):
         left = SURE * (perf_counter() - start) / k * (len(spheres) - k) if k >= ROWS else 0.0
@@ -245,10 +250,10 @@ def _neighbours(spheres: Sequence[ScatteringSphere], outgoing: Sequence[Floats])
 def _tail(
     section: Section, spheres: Sequence[ScatteringSphere], sphere_set: SphereSet, *, series: Reflections, fields: Floats
 ) -> Floats:
-    """What degrees beyond the largest would add, shape (2, 2).
+    """Estimate the contribution of degrees beyond the largest, N/m, shape (2, 2).
 
-    A field from the surface or beyond falls off as (R / depth)^l on the sphere, one from an interface likewise: a geometric
-    series from the last degrees.
+    A field from the surface or an interface decays as (R / distance)^l with degree l on a sphere of radius R: a geometric series
+    from the last degrees.
     """
     total = np.zeros((2, 2))
     for sphere, part in zip(spheres, sphere_set.parts, strict=True):

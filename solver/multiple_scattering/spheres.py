@@ -1,4 +1,4 @@
-"""The spheres of a set, in the modes in which fields about them are told."""
+"""Represent the spheres of a set with the modes of the fields about them."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from solver.multiple_scattering.rings import ModeSource
 
 @dataclass(frozen=True)
 class ScatteringSphere:
-    """A sphere in the axes of the probe, with the modes in which fields about it are told.
+    """A sphere in the axes of the probe, with the modes of the fields about it.
 
     Attributes:
         centre: x, y and z, m, shape (3,).
         radius: m.
-        modes, projection: of displacements on its surface.
+        modes, projection: modes, and the projection of displacements on its surface on them.
         matrix: the material about it.
         layer: the number of the tissue's layer in which it lies.
     """
@@ -39,7 +39,7 @@ class ScatteringSphere:
 
     @property
     def two_mu(self) -> float:
-        """Of the material about it, Pa."""
+        """2 mu of the surrounding material, with its shear modulus mu, Pa."""
         return self.matrix.youngs_modulus / (1 + self.matrix.poisson_ratio)
 
     @property
@@ -49,15 +49,15 @@ class ScatteringSphere:
 
     @cached_property
     def points(self) -> Floats:
-        """Where displacements are projected, m, shape (q, 3)."""
+        """Points at which displacements are projected, m, shape (q, 3)."""
         return np.asarray(self.centre + self.radius * self.projection.points)
 
     def coefficients(self, displacement: Floats, dilation: Floats | None = None) -> Floats:
-        """Regular coefficients (modes, k) of a field at the sphere's q points, displacement (q, 3, k), m, and dilation (q, k).
+        """Compute regular coefficients (modes, k) of a field from displacement (q, 3, k), m, and dilation (q, k) at q points.
 
-        The mode of degree 0, u = c x / R, is taken from the dilation where that is known: in a field that balances it is
-        harmonic, so that its mean over the surface is that over the ball, 3 c / R. In nearly incompressible tissue an error
-        of the displacement's flux would count times the bulk modulus.
+        The mode of degree 0, u = c x / R with radius R, is taken from the dilation if that is given: in equilibrium the dilation
+        is harmonic, so that its mean over the surface equals that over the ball, 3 c / R. In nearly incompressible tissue an
+        error of the displacement's flux would be multiplied by the bulk modulus.
         """
         out = self.projection.coefficients(displacement)
         if dilation is not None:
@@ -68,11 +68,11 @@ class ScatteringSphere:
 
 @dataclass(frozen=True)
 class SphereSet:
-    """What the spheres of a set make of fields about all of them: arrays (modes of all, k), one sphere after the other.
+    """Scattering by all spheres of a set; fields are arrays (modes of all, k), one sphere after the other.
 
     Attributes:
-        scatterings: of the spheres.
-        parts: where their modes stand.
+        scatterings: scattering matrices of the spheres.
+        parts: slices of their modes.
     """
 
     scatterings: Sequence[Scattering]
@@ -80,21 +80,21 @@ class SphereSet:
 
     @classmethod
     def of(cls, spheres: Sequence[ScatteringSphere], tumours: Tumours) -> SphereSet:
-        """Scattering by tumours, shape (t,), each in the material about it."""
+        """Compute the scattering of t tumours, each in its surrounding material."""
         moduli = zip(spheres, tumours.youngs_modulus, tumours.poisson_ratio, strict=True)
         scatterings = [scattering(one.modes, one.matrix.youngs_modulus, float(E), float(nu), one.radius) for one, E, nu in moduli]
         ends = np.cumsum([0, *(len(one.modes) for one in spheres)]).tolist()
         return cls(scatterings, [slice(*pair) for pair in pairwise(ends)])
 
     def scattered(self, c: Floats) -> list[Floats]:
-        """Outgoing coefficients S c about each sphere."""
+        """Return the outgoing coefficients S c about each sphere, with its scattering matrix S."""
         return [one.S @ c[part] for one, part in zip(self.scatterings, self.parts, strict=True)]
 
     def work(self, c: Floats) -> Floats:
-        """T c, of the shape of c."""
+        """Return T c, of the shape of c, with the spheres' work matrices T."""
         return np.concatenate([one.T @ c[part] for one, part in zip(self.scatterings, self.parts, strict=True)])
 
     def slopes(self, c: Floats) -> Floats:
-        """c^T (dT / d ln E) c of every sphere, shape (t, k, k)."""
+        """Return c^T (dT / d ln E) c of every sphere, with its work matrix T and modulus E, shape (t, k, k)."""
         pairs = zip(self.scatterings, self.parts, strict=True)
         return np.array([c[part].T @ (one.by_log_modulus[1] @ c[part]) for one, part in pairs])

@@ -1,1 +1,1 @@
-"""Level 5: tetrahedra, the difference between a scene and its symmetric reference."""
+"""The solid evaluator: tetrahedra, and the difference between a scene and its rotationally symmetric reference."""

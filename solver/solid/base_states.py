@@ -1,4 +1,4 @@
-"""Film forces of a probe on tissue in three dimensions: three states of the base from one factor, and what follows from them."""
+"""Compute film forces of a probe on tissue in three dimensions from three states of its base, solved with one factor."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from solver.solid.problem import BLOCKS, STATES, Problem
 from solver.solid.regions import Region
 from solver.solid.tetrahedron import integrated
 
-DOUBLE = 20_000  # unknowns up to which factors are in double precision: beyond, single is faster too, and half as large
+DOUBLE = 20_000  # unknowns up to which factors are in double precision; above, single precision is faster and half as large
 TAMED = 100.0
 
 
 @dataclass(frozen=True)
 class SolidStates:
-    """The base's three motions: inner block down by one, outer block down by one, all turned by one about y (+ lowers +x).
+    """Solutions for three unit motions of the base: inner block down, outer block down, rotation about y (+ lowers +x).
 
     Attributes:
-        problem: what was solved.
+        problem: the problem that was solved.
         v: the unknowns, shape (unknowns, 3).
-        energies: of each body, v_i^T K_b v_j of the whole, shape (3, 3).
+        energies: v_i^T K_b v_j of each body b, with its stiffness K_b, for the whole mesh, shape (3, 3).
     """
 
     problem: Problem
@@ -47,7 +47,7 @@ class SolidStates:
 
     @property
     def residual(self) -> float:
-        """What is left of the loads, relative to them, in the worst of the three states."""
+        """Maximum residual of the three states, relative to the loads."""
         return residual(self.problem.matrix, self.problem.loads, self.v)
 
     @property
@@ -56,23 +56,26 @@ class SolidStates:
         return self.reactions[:2, 2]
 
     def slope(self, bodies: Iterable[int]) -> Floats:
-        """Return d reactions / d ln E of some bodies together, (3, 3): the states are their own adjoints, so v_i^T K_b v_j."""
+        """Return the derivative of the reactions with respect to ln E of some bodies together, (3, 3).
+
+        The states are their own adjoints, so that it is v_i^T K_b v_j.
+        """
         return np.asarray(sum((self.energies[body] for body in bodies), start=np.zeros((len(STATES),) * 2)))
 
 
 @dataclass(frozen=True)
 class FactorisedStates(SolidStates):
-    """States with what found them.
+    """States together with the factor that solved them.
 
     Attributes:
-        factor: of the problem's matrix or of one near it.
+        factor: factor of the problem's matrix or of one near it.
     """
 
     factor: Factor
 
     @property
     def bare(self) -> SolidStates:
-        """The states alone: the factor is most of what they hold."""
+        """The states without the factor, which takes most of their memory."""
         return SolidStates(self.problem, self.v, self.energies)
 
 
@@ -84,14 +87,14 @@ def solid_states(
     start: Floats | None = None,
     target: float = TARGET_RESIDUAL,
 ) -> FactorisedStates:
-    """Solve all states.
+    """Solve for all three states.
 
     Args:
-        problem: what is solved.
-        near: states of other materials of the same bodies. Their factor serves again, and they are where the solution starts.
-        factor: of a matrix near the problem's, where there is no such state.
-        start: where the solution starts then.
-        target: relative residual that it ends with.
+        problem: the problem to solve.
+        neighbour: states for other materials of the same bodies: their factor is used again, and the iteration starts from them.
+        factor: factor of a matrix near the problem's, if there is no such state.
+        start: start of the iteration in that case.
+        target: relative residual at which the iteration ends.
 
     Raises:
         SolveError: the residual is too large.
@@ -108,11 +111,14 @@ def solid_states(
 
 
 def factor_of(problem: Problem, like: MatrixAnalysis | None = None) -> Factor:
-    """Factorise: large systems in single precision, tamed where its errors in stiff bodies would outweigh the softest layer.
+    """Factorise a problem's matrix; large systems in single precision, with the contrast of moduli limited.
 
     Args:
-        problem: whose matrix.
-        like: the analysis of a matrix that has its entries at the same places, if there was one.
+        problem: the problem.
+        like: the analysis of a matrix with the same sparsity pattern, or None.
+
+    Notes:
+        In single precision, errors in very stiff bodies would outweigh the softest layer.
     """
     if problem.supports.unknowns <= DOUBLE:
         return problem.matrix.factor(like=like)
@@ -125,21 +131,21 @@ def factor_of(problem: Problem, like: MatrixAnalysis | None = None) -> Factor:
                 tamed[body] = Isotropic(modulus, stuff.poisson_ratio)
     if tamed == problem.materials:
         return problem.matrix.factor(single=True, like=like)
-    return factorised(rounded(Problem.of(problem.solid, tamed, problem.supports).matrix.lower), like)  # which lets the matrix go
+    return factorised(rounded(Problem.of(problem.solid, tamed, problem.supports).matrix.lower), like)  # which frees the matrix
 
 
 def energies(problem: Problem, v: Floats) -> Mapping[int, Floats]:
-    """Twice the elastic energies of pairs of states, of each body that is there; symmetric (k, k)."""
+    """Return twice the elastic energies of pairs of states, for each body that is present; symmetric (k, k)."""
     products = {body: problem.energy(body, v) for body in problem.materials if body in problem.solid.parts}
     return {body: (e + e.T) / 2 for body, e in products.items()}
 
 
 @dataclass(frozen=True)
 class SolidFields:
-    """A field for output; bodies that are absent carry zeros.
+    """Displacements and stresses for output; bodies that are absent have zeros.
 
     Attributes:
-        displacement: of the solid's nodes, m, shape (nodes, 3).
+        displacement: displacements of the solid's nodes, m, shape (nodes, 3).
         stress: means over elements, tension positive, xx yy zz yz xz xy, Pa, shape (t, 6).
     """
 
@@ -160,7 +166,7 @@ class SolidFields:
 
 
 def fields(states: SolidStates, motion: Floats) -> SolidFields:
-    """Displacements and stresses of a motion of the base, amounts of the three states (m, m, rad), shape (3,)."""
+    """Compute displacements and stresses for a motion of the base: amounts of the three states (m, m, rad), shape (3,)."""
     problem, solid = states.problem, states.problem.solid
     u, body = np.zeros(solid.nodes.size), solid.body
     stress = np.zeros((len(body), 6))
@@ -176,7 +182,7 @@ def fields(states: SolidStates, motion: Floats) -> SolidFields:
 
 
 def _stresses(x: Floats, u: Floats, material: Elastic) -> Floats:
-    """Mean stresses (t, 6) of elements with nodes x and displacements u, both (t, 10, 3)."""
+    """Compute mean stresses (t, 6) of elements with nodes x and displacements u, both (t, 10, 3)."""
     (lam, mu), out = lame(material), np.zeros((len(x), 6))
     for some, _, g, weight in integrated(x):
         mean = np.einsum("nqaj,nq->naj", g, weight / weight.sum(axis=1, keepdims=True))
@@ -188,7 +194,10 @@ def _stresses(x: Floats, u: Floats, material: Elastic) -> Floats:
 
 
 def at_nodes(elements: Ints, values: Floats, count: int) -> Floats:
-    """Means (count,) of elements' values (t,) at their nodes; where bodies meet it mixes them: give one body's elements."""
+    """Average elements' values (t,) at their nodes, (count,).
+
+    Where bodies meet this would mix their values: pass the elements of one body.
+    """
     number = np.bincount(elements.ravel(), minlength=count)
     total = np.bincount(elements.ravel(), weights=np.repeat(values, elements.shape[1]), minlength=count)
     return np.asarray(total / np.maximum(number, 1))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from geometry.common.arrays import Floats, Ints
 from solver.solid.tetrahedron import grams, integrated, mean_dilation
 
-BATCH = 1 << 15  # pairs at once, which bounds the memory beside what is returned
+BATCH = 1 << 15  # pairs at once, which limits the working memory
 LOWER, UPPER = np.tril_indices(10)  # pairs of an element's nodes
 
 
@@ -28,14 +28,14 @@ class Elastic(Protocol):
 
 @dataclass(frozen=True)
 class Isotropic:
-    """A material by its two constants, Pa and 1."""
+    """An isotropic material: Young's modulus, Pa, and Poisson's ratio."""
 
     youngs_modulus: float
     poisson_ratio: float
 
 
 def lame(material: Elastic) -> tuple[float, float]:
-    """Lame's constants lambda and mu, Pa."""
+    """Return Lame's constants lambda and mu, Pa."""
     e, nu = material.youngs_modulus, material.poisson_ratio
     return e * nu / ((1 + nu) * (1 - 2 * nu)), e / (2 * (1 + nu))
 
@@ -46,8 +46,8 @@ class Part:
 
     Attributes:
         rows, columns: the pairs' nodes, columns <= rows, shape (n,).
-        gram: G of eq. SO.1 added up, shape (n, 3, 3), m.
-        dilation: what stands for it beside lambda, the same array unless the dilation is averaged.
+        gram: G of eq. SO.1, assembled, shape (n, 3, 3), m.
+        dilation: the matrix that lambda multiplies: the same array, unless each element's dilation is averaged.
     """
 
     rows: Ints
@@ -56,8 +56,8 @@ class Part:
     dilation: Floats
 
     def blocks(self, lam: float, mu: float) -> Floats:
-        """The stiffness, eq. SO.2, shape (n, 3, 3), N/m."""
-        out = np.empty(self.gram.shape)  # block by block, as sparse matrices have them: they take no copy
+        """Return the stiffness of eq. SO.2 for Lame's constants, Pa; shape (n, 3, 3), N/m."""
+        out = np.empty(self.gram.shape)  # in the layout of sparse block matrices, which then need no copy
         for low in range(0, len(out), BATCH):
             some = slice(low, low + BATCH)
             out[some] = lam * self.dilation[some] + mu * self.gram[some].transpose(0, 2, 1)
@@ -65,7 +65,7 @@ class Part:
         return out
 
     def forces(self, material: Elastic, u: Floats) -> Floats:
-        """Nodal forces (3 n, k), N, of displacements u (3 n, k) of all nodes, m."""
+        """Return the nodal forces (3 n, k), N, for displacements u (3 n, k) of all nodes, m."""
         blocks, count = self.blocks(*lame(material)), len(u) // 3
         starts = np.searchsorted(self.rows, np.arange(count + 1))
         lower = sp.bsr_array((blocks, self.columns, starts), shape=(len(u), len(u)))
@@ -76,7 +76,7 @@ class Part:
 
 
 def part(nodes: Floats, elements: Ints, averaged: bool = False) -> Part:
-    """Integrate one body's elements (t, 10); ``averaged``: each element's dilation is its mean.
+    """Integrate the stiffness of one body's elements (t, 10); with ``averaged``, each element's dilation is its mean.
 
     Raises:
         SolveError: an element is turned inside out.
@@ -96,7 +96,7 @@ def part(nodes: Floats, elements: Ints, averaged: bool = False) -> Part:
 
 
 def _scatter(out: Floats, matrices: Floats, slots: Ints, flipped: NDArray[np.bool_]) -> None:
-    """Add elements' matrices (n, 30, 30) to the sums (9, pairs) of their pairs of nodes; a pair the other way is transposed."""
+    """Add elements' matrices (n, 30, 30) to the sums (9, pairs) of their pairs of nodes; flipped pairs are transposed."""
     low, high = int(slots.min()), int(slots.max()) + 1
     place = (slots - low).ravel()
     split = matrices.reshape(-1, 10, 3, 10, 3)
@@ -109,41 +109,41 @@ def _scatter(out: Floats, matrices: Floats, slots: Ints, flipped: NDArray[np.boo
 
 
 def assembled(some: Mapping[int, Part], materials: Mapping[int, Elastic], number: Ints) -> sp.csc_array:
-    """The lower triangle of the stiffness of all bodies that have a material.
+    """Assemble the lower triangle of the stiffness of all bodies that have a material.
 
     Args:
-        some: the bodies.
-        materials: of those that are there.
-        number: unknown of each displacement, shape (nodes, 3); < 0 is none.
+        body_parts: integrated stiffness of the bodies.
+        materials: materials of the bodies that are present.
+        number: unknown of each displacement, shape (nodes, 3); < 0 for none.
     """
     return _added(((some[b], lame(materials[b])) for b in some if b in materials), number)
 
 
 def assembled_changes(some: Mapping[int, Part], changes: Mapping[int, tuple[Elastic, Elastic]], number: Ints) -> sp.csc_array:
-    """What the stiffness changes by where bodies get other materials, each from and to: see ``assembled``."""
+    """Assemble the change of the stiffness when bodies change from an old to a new material; see ``assemble``."""
     pieces = ((some[b], np.subtract(lame(new), lame(old))) for b, (old, new) in changes.items() if b in some)
     return _added(pieces, number)
 
 
 def _added(bodies: Iterable[tuple[Part, Sequence[float] | Floats]], number: Ints) -> sp.csc_array:
-    """The lower triangle of the stiffness of some bodies with Lame's constants."""
+    """Add the lower triangles of some bodies' stiffness, each with its Lame constants."""
     size, number = int(number.max()) + 1, number.astype(np.int32)
     pieces = [_entries(part, part.blocks(*constants), number) for part, constants in bodies]
     values, high, low = (np.concatenate(kind) for kind in zip(*pieces, strict=True))
-    del pieces  # as large as what they became, and so is what comes
+    del pieces  # as large as the arrays made of them, and as those made next
     rows = sp.coo_array((values, (low, high)), shape=(size, size)).tocsr()  # the upper triangle by rows is the lower by columns
     rows.sort_indices()
     return sp.csc_array((rows.data, rows.indices, rows.indptr), shape=rows.shape)
 
 
 def _entries(part: Part, blocks: Floats, number: Ints) -> tuple[Floats, Ints, Ints]:
-    """Values, rows and columns, columns <= rows, of a body's blocks (n, 3, 3)."""
+    """List values, rows and columns, columns <= rows, of a body's blocks (n, 3, 3)."""
     row = np.broadcast_to(number[part.rows][:, :, None], blocks.shape)
     column = np.broadcast_to(number[part.columns][:, None], blocks.shape)
     once = (part.rows != part.columns)[:, None, None] | (np.arange(3)[:, None] >= np.arange(3))
     inside = (row >= 0) & (column >= 0) & once
     row, column, values = row[inside], column[inside], blocks[inside]
-    # nodes that share u_z: their one entry stands for two
+    # sliding nodes share u_z: their one entry stands for two
     values = np.where((row == column) & (part.rows != part.columns)[np.nonzero(inside)[0]], 2 * values, values)
     return values, np.maximum(row, column), np.minimum(row, column)
 
@@ -151,7 +151,7 @@ def _entries(part: Part, blocks: Floats, number: Ints) -> tuple[Floats, Ints, In
 def parts(
     nodes: Floats, elements: Ints, body: Ints, averaged: bool = False, known: Mapping[int, Part] | None = None
 ) -> Mapping[int, Part]:
-    """Integrate every body that is not ``known``."""
+    """Integrate the stiffness of every body that is not in ``known``."""
     known = known or {}
     every = [int(b) for b in np.unique(body)]
     return {b: known[b] if b in known else part(nodes, elements[body == b], averaged) for b in every}

@@ -1,4 +1,4 @@
-"""What a mesh of tetrahedra costs to solve on, known before there is one.
+"""Estimate memory and time of a solution on tetrahedra before meshing.
 
 Measured on meshes of 40 000 to 250 000 tetrahedra, half and whole: a tetrahedron has 4.1 unknowns; a
 factor in nested dissection has 22 n^(4/3) entries and takes 22 n^2 operations, n the unknowns, within a tenth.
@@ -13,17 +13,17 @@ from geometry.tetra.sizing import TetraFineness
 from solver.linalg.conjugate_gradients import SPEED, held_bytes
 from solver.solid.domain import Domain
 
-UNKNOWNS = 4.1  # of a tetrahedron
+UNKNOWNS = 4.1  # measured, see above
 ENTRIES = 22.0  # of the factor, over n^(4/3)
 OPERATIONS = 22.0  # over n^2
-AT_WORK = 1.4 * 4  # bytes of an entry in single precision, and what it takes beside to make them
+AT_WORK = 1.4 * 4  # 4 bytes in single precision, times 1.4 for working memory
 
 
 def check_mesh(domain: Domain, fineness: TetraFineness) -> None:
-    """Refuse a mesh whose equations would surely pass the limits of memory or time.
+    """Refuse a mesh whose equations would exceed the limits of memory or time.
 
     Raises:
-        LimitReached: they would.
+        LimitReached: a limit would be exceeded.
         InputError, Refusal: see ``geometry.tetra.layout.body_layout``.
     """
     layout = body_layout(domain.scene, domain.half, extent(domain.scene, None), domain.radius)
@@ -31,6 +31,6 @@ def check_mesh(domain: Domain, fineness: TetraFineness) -> None:
 
 
 def check_unknowns(n: float) -> None:
-    """Refuse n unknowns that would surely pass the limits, see ``check_mesh``."""
+    """Refuse n unknowns that would exceed the limits of memory or time; see ``check_mesh``."""
     check_memory(f"equations of some {n:.2g} unknowns", held_bytes(n, AT_WORK * ENTRIES * n ** (4 / 3)))
     check_time(f"solving equations of some {n:.2g} unknowns", OPERATIONS * n**2 / SPEED)

@@ -1,6 +1,7 @@
-"""What inclusions, groove and edges change of the film forces, on one mesh: the scene less its rotationally symmetric reference.
+"""Compute by how much inclusions, groove and edges change the film forces: scene minus symmetric reference, on one mesh.
 
-Both are solved on the same mesh, so that most of what the mesh gets wrong (rims, gap) cancels in the difference:
+Both are solved on the same mesh, so that most of the discretisation error (rims, gap) cancels in the difference. With
+film forces F,
 
     F = F_reference, exact + (F_scene - F_reference) on the mesh                                  (SO.4)
 
@@ -27,25 +28,25 @@ from solver.solid.modulus_response import solid_response
 from solver.solid.problem import Solid
 from solver.solid.regions import Region, own_material, reference_material, tissue_about, without_inclusions
 
-ENOUGH = 1e-6  # relative residual: forces are off by about its square, their slopes by itself; curves take more
-NEARLY = 0.04  # shear over bulk modulus (nu = 0.48) below which it is less: the loads grow with the latter, film forces do not
-TAMED = 30.0  # times the tissue's modulus, either way, from which curves begin
+ENOUGH = 1e-6  # relative residual: errors are about its square in forces, its size in their derivatives
+NEARLY = 0.04  # shear over bulk modulus (nu = 0.48) below which the residual is smaller: loads grow with the bulk modulus
+TAMED = 30.0  # maximum ratio of moduli of target and tissue at which curves start
 
 
 @dataclass(frozen=True)
 class SceneDifference:
-    """A scene less its reference on one mesh, of k moduli of the target.
+    """A scene minus its reference on one mesh, for k moduli of the target.
 
     Attributes:
         forces: film forces, N/m, shape (k, 2, 2).
-        slope: their derivative by ln E of the target, zeros without one, shape (k, 2, 2).
+        slope: their derivative with respect to ln E of the target, zeros without one, shape (k, 2, 2).
         tilt: film forces per unit rotation about y, N/rad, shape (k, 2).
-        tilt_slope: their derivative by ln E of the target, shape (k, 2).
+        tilt_slope: their derivative with respect to ln E of the target, shape (k, 2).
         reference: the reference's film forces on this mesh, shape (2, 2).
-        edges: those of the reference's blocks on the whole tissue, without inclusions, (2, 2), where they are asked for; or None.
-        unknowns: of the scene.
-        residual: of both solutions, relative to the loads, the larger.
-        lost: by how much of itself the volume of a body from a file is off on this mesh.
+        edges: film forces of the reference's blocks on the whole tissue, without inclusions, (2, 2), if eq. SO.10 holds; or None.
+        unknowns: number of unknowns of the scene.
+        residual: the larger relative residual of both solutions.
+        lost: relative error of the volume of a body from a file on this mesh.
     """
 
     forces: Floats
@@ -60,9 +61,9 @@ class SceneDifference:
 
 
 def difference(domain: Domain, mesh: TetMesh, moduli: Floats | None = None) -> tuple[SceneDifference, SolidStates]:
-    """Solve reference and scene, at the scene's own modulus of the target or at all ``moduli``; return the scene's states too.
+    """Solve reference and scene, at the scene's modulus of the target or at all ``moduli``; return also the scene's states.
 
-    A factor is most of the memory: there is one for both, which the workspace keeps with the states for other materials.
+    The factor takes most of the memory. Both share one, which the workspace caches with the states for other materials.
 
     Raises:
         SolveError: the equations could not be solved.
@@ -94,25 +95,31 @@ def difference(domain: Domain, mesh: TetMesh, moduli: Floats | None = None) -> t
 
 
 def _has_edges(domain: Domain) -> bool:
-    """Whether eq. SO.10 holds: edges are meshed, and the blocks' rims are the reference's."""
+    """Return whether eq. SO.10 holds: the tissue's edges are meshed, and the blocks' rims are those of the reference."""
     return domain.radius is not None and domain.scene.probe.groove is None
 
 
 def _enough(materials: Mapping[int, Elastic]) -> float:
-    """The residual to end at: in nearly incompressible tissue 1e-6 of its loads left a soft tumour's ratio 18 % wrong."""
+    """Choose the residual at which the iteration ends, smaller in nearly incompressible tissue.
+
+    There, a relative residual of 1e-6 left an error of 18 % in a soft tumour's ratio.
+    """
     poisson = max(stuff.poisson_ratio for body, stuff in materials.items() if Region.of(body).body >= TISSUE)
     return float(np.clip(ENOUGH / NEARLY * 1.5 * (1 - 2 * poisson) / (1 + poisson), TARGET_RESIDUAL, ENOUGH))
 
 
 def _lost(domain: Domain, mesh: TetMesh) -> float:
-    """See ``SceneDifference.lost``: nodes stay on blocks and ellipsoids, whose own volumes are checked more narrowly."""
+    """Return the relative volume error of bodies from files; see ``SceneDifference``.
+
+    Nodes lie on blocks and ellipsoids, whose volumes the mesher checks more strictly.
+    """
     if all(body.surface is None for body in domain.scene.inclusion):
         return 0.0
     return files_error(mesh, body_layout(domain.scene, domain.half, extent(domain.scene, None), domain.radius))
 
 
 def _with_modulus(scene: Scene, target: int, modulus: float) -> Scene:
-    """The scene with another modulus of its target, not too far from that of the tissue about its centre."""
+    """Return the scene with another modulus of its target, limited to a range about the tissue's."""
     tissue = tissue_about(scene, scene.inclusion[target].depth).youngs_modulus
     begin = float(np.clip(modulus, tissue / TAMED, tissue * TAMED))
     bodies = list(scene.inclusion)
@@ -121,6 +128,7 @@ def _with_modulus(scene: Scene, target: int, modulus: float) -> Scene:
 
 
 def _reactions(states: FactorisedStates, scene: Scene, target: int | None, moduli: Floats | None) -> tuple[Floats, Floats]:
+    """Return reactions and their derivatives with respect to ln E of the target, for k moduli; shape (k, 3, 3) each."""
     if target is None:
         return states.reactions[None], np.zeros((1, 3, 3))
     bodies = tuple(b for b in states.energies if Region.of(b).body == INCLUSION + target)
@@ -131,6 +139,6 @@ def _reactions(states: FactorisedStates, scene: Scene, target: int | None, modul
 
 
 def _materials(scene: Scene, solid: Solid, of: Callable[[Scene, int], Elastic | None]) -> Mapping[int, Elastic]:
-    """Of the regions that are there."""
+    """Return the materials of the regions that are present."""
     found = {number: of(scene, number) for number in solid.parts}
     return {number: material for number, material in found.items() if material is not None}

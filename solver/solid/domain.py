@@ -1,4 +1,4 @@
-"""What of a scene is meshed in three dimensions, and the rotationally symmetric problem whose exact answer is known beside it.
+"""Choose what of a scene is meshed in three dimensions, and the symmetric reference whose exact solution is known.
 
 Meshes are made about the probe's axis. Where tissue is round about it, or its edges are far, any plane through the axis may be
 that of a mirror-symmetric scene's half: tumours are turned into it.
@@ -14,10 +14,10 @@ from geometry.scenes.probe import Base
 from geometry.scenes.scene import CylinderTissue, Inclusion, Load, Placement, Scene
 from geometry.tetra.layout import mirror_symmetric
 
-SPAN = 8.0  # outer radii that tissue is modelled of at least
-AROUND = 5.0  # outer radii of tissue about the probe's axis, from where on a cylinder about it stands for tissue that is not
+SPAN = 8.0  # outer radii: minimum radius and depth of the modelled tissue
+AROUND = 5.0  # outer radii: with this much tissue about the axis, a coaxial cylinder replaces other shapes
 REACH = 1.7  # times the distance of the farthest point of an inclusion
-SLICE = 0.9  # of the depth at which tissue is cut off: what begins below is left out
+SLICE = 0.9  # of the depth at which tissue is cut off: layers that begin deeper are left out
 EVEN = 1e-9
 
 
@@ -26,9 +26,9 @@ class Domain:
     """A scene as it is meshed.
 
     Attributes:
-        scene: its tissue perhaps a shorter cylinder about the probe's axis.
+        scene: the scene; its tissue may be a smaller cylinder about the probe's axis.
         reference: the probe alone, without groove, films and elastic base, on a cylinder of tissue about its axis.
-        radius: of that cylinder, m, where it is not the meshed tissue's own side; or None.
+        radius: radius of that cylinder, m, if it differs from the meshed tissue's side; or None.
         half: whether the half y >= 0 is meshed.
         shortened: whether tissue was left out.
     """
@@ -41,14 +41,14 @@ class Domain:
 
 
 def plain(scene: Scene) -> Scene:
-    """The scene without what is not rotationally symmetric: inclusions, groove, tilt; films and base stay."""
+    """Return the scene without what is not rotationally symmetric: inclusions, groove and tilt."""
     probe = scene.probe.model_copy(update={"groove": None})
     at = scene.placement.model_copy(update={"tilt": 0.0})
     return scene.model_copy(update={"probe": probe, "inclusion": (), "placement": at, "load": Load(indentation=0.0)})
 
 
 def room(scene: Scene) -> float:
-    """Radius of the largest cylinder about the probe's axis that the tissue holds, m."""
+    """Return the radius of the largest cylinder about the probe's axis inside the tissue, m."""
     tissue, at = scene.tissue, scene.placement
     if tissue.shape == "half-space":
         return math.inf
@@ -58,7 +58,7 @@ def room(scene: Scene) -> float:
 
 
 def reach(scene: Scene, span: float = SPAN) -> float:
-    """How far inclusions and probe, by ``span`` of its radii, reach from the probe's place on the surface, m."""
+    """Return the distance from the probe, m, that the model must include: ``span`` probe radii, and all inclusions."""
     at, probe = scene.placement, scene.probe
     sizes = [max(probe.tube_radius, probe.core_height, probe.tube_height) * span]
     for body in scene.inclusion:
@@ -68,12 +68,12 @@ def reach(scene: Scene, span: float = SPAN) -> float:
 
 
 def domain(scene: Scene, span: float, wall: float | None) -> Domain:
-    """Choose a domain.
+    """Choose the domain to mesh and its reference.
 
     Args:
         scene: the scene.
-        span: radius and depth that tissue may be cut to where it is larger, m; inf for none.
-        wall: radius of the reference cylinder where tissue is not round about the probe and cannot be cut, or None.
+        span: radius and depth to which larger tissue may be cut, m; inf for no cut.
+        wall: radius of the reference cylinder if tissue is not coaxial with the probe and cannot be cut, or None.
     """
     whole = math.inf if scene.tissue.shape == "half-space" else scene.tissue.depth
     if coaxial(scene) or (math.isfinite(span) and room(scene) >= min(span, reach(scene, AROUND))):
@@ -90,7 +90,7 @@ def domain(scene: Scene, span: float, wall: float | None) -> Domain:
 
 
 def _cylinder(scene: Scene, radius: float, depth: float) -> CylinderTissue:
-    """A cylinder of the scene's tissue; where it is cut off above or just below an interface, that layer is its own material."""
+    """Return a cylinder of the scene's tissue; a cut above or just below an interface omits the layers beneath."""
     tissue = scene.tissue
     cut = tissue.shape == "half-space" or depth < tissue.depth
     kept = bisect_left(tissue.interfaces, SLICE * depth if cut else depth)
@@ -106,20 +106,21 @@ def _cylinder(scene: Scene, radius: float, depth: float) -> CylinderTissue:
 
 
 def coaxial(scene: Scene) -> bool:
-    """Whether the tissue is round about the probe's axis."""
+    """Return whether the tissue is rotationally symmetric about the probe's axis."""
     at = scene.placement
     off = math.hypot(at.x, at.y) > EVEN * scene.probe.tube_radius
     return scene.tissue.shape == "half-space" or (scene.tissue.shape == "cylinder" and not off)
 
 
 def _reference(scene: Scene, tissue: CylinderTissue) -> Scene:
+    """Return the reference: the probe alone, on a rigid base and without films, on a coaxial cylinder of tissue."""
     alone = plain(scene)
     probe = alone.probe.model_copy(update={"film": None, "base": Base(rigid=True)})
     return alone.model_copy(update={"probe": probe, "tissue": tissue, "placement": Placement()})
 
 
 def _about_the_axis(scene: Scene, tissue: CylinderTissue) -> Scene:
-    """The scene in the probe's axes; without groove and tilt turned so that the farthest inclusion lies in y = 0."""
+    """Return the scene in the probe's axes; without groove and tilt, rotated so that the farthest inclusion lies in y = 0."""
     at = scene.placement
     bodies = [body.model_copy(update={"x": body.x - at.x, "y": body.y - at.y}) for body in scene.inclusion]
     turned = bodies
@@ -131,7 +132,7 @@ def _about_the_axis(scene: Scene, tissue: CylinderTissue) -> Scene:
 
 
 def _mirrored(scene: Scene) -> Scene:
-    """A probe on spheres, mirrored so that it stands at x, y >= 0 of its tissue: mirror images share a mesh."""
+    """Mirror a scene of spheres so that the probe stands at x, y >= 0 of its tissue: mirror images share a mesh."""
     at = scene.placement
     if scene.probe.groove is not None or at.tilt != 0 or any(body.diameter is None for body in scene.inclusion):
         return scene
@@ -141,6 +142,7 @@ def _mirrored(scene: Scene) -> Scene:
 
 
 def _turned(body: Inclusion, angle: float) -> Inclusion:
+    """Return an inclusion rotated about the z axis by an angle, rad."""
     x, y = (
         math.cos(angle) * body.x - math.sin(angle) * body.y,
         math.sin(angle) * body.x + math.cos(angle) * body.y,

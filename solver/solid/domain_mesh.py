@@ -1,4 +1,4 @@
-"""Meshes of domains, and whether they are there: from the cache, carried along with tumours that moved a little, or made."""
+"""Find meshes of domains: in the cache, by moving an earlier mesh with tumours that moved a little, or by meshing."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from solver.solid.moved_mesh import may_move, moved_mesh, unmoved
 
 @dataclass
 class LatestMesh:
-    """The mesh made last of those that differ in tumours and sizes of tissue alone; of it, never of moved ones, others are moved.
+    """The last mesh made for domains that differ in tumours and tissue sizes alone: the start of moved meshes.
 
     Attributes:
-        layout, mesh: None before there is one.
+        layout, mesh: the layout and its mesh; None before the first. Moved meshes are never stored here.
     """
 
     layout: BodyLayout | None = None
@@ -28,7 +28,7 @@ class LatestMesh:
 
 
 def mesh_domain(domain: Domain, fineness: TetraFineness) -> TetMesh:
-    """Return the domain's mesh, from the cache if it was made before.
+    """Return the domain's mesh, from the cache if possible.
 
     Raises:
         InputError, Refusal, SolveError: see ``geometry.tetra.cache.cached_mesh``.
@@ -41,7 +41,7 @@ def mesh_domain(domain: Domain, fineness: TetraFineness) -> TetMesh:
 
 
 def moved_meshes(domain: Domain, finenesses: Iterable[TetraFineness]) -> list[TetMesh] | None:
-    """Return meshes moved from those of nearly the same domain; None where one of all cannot be, or the cache has them."""
+    """Return meshes moved from those of nearly the same domain; None if one cannot be moved or is in the cache."""
     layout, found = _layout(domain), list[TetMesh]()
     for fineness in finenesses:
         latest = _latest(layout, fineness)
@@ -55,13 +55,15 @@ def moved_meshes(domain: Domain, finenesses: Iterable[TetraFineness]) -> list[Te
 
 
 def _latest(layout: BodyLayout, fineness: TetraFineness) -> LatestMesh:
+    """Return the workspace's record of the last mesh for layouts of this kind."""
     return current().keep((LatestMesh, f"{key(unmoved(layout), fineness)} {len(layout.inclusions)}"), LatestMesh)
 
 
 def is_meshed(domain: Domain, fineness: TetraFineness) -> bool:
-    """Whether the cache has a mesh of the domain."""
+    """Return whether the cache has a mesh of the domain."""
     return (folder() / f"{key(_layout(domain), fineness)}.mesh").exists()
 
 
 def _layout(domain: Domain) -> BodyLayout:
+    """Return the layout of the bodies of a domain."""
     return body_layout(domain.scene, domain.half, extent(domain.scene, None), domain.radius)

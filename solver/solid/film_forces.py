@@ -1,7 +1,7 @@
-"""Film forces in three dimensions with their errors: an exact symmetric part, and what meshes say of the rest.
+"""Compute film forces in three dimensions with errors: an exact symmetric part, and the rest from meshes.
 
-Two meshes are made at once. Where they do not agree to the accuracy there is a third: a rougher one, in a tenth of a finer one's
-time, where its agreement with the rougher of both would be enough; else a finer one.
+Two meshes are made at once. If they do not agree to the accuracy, a third follows: a coarser one, in a tenth of the time of a
+finer one, if its agreement with the coarser of both would suffice; else a finer one.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ from solver.solid.mesh_agreement import FLOOR, SAFETY, films_of
 from solver.solid.symmetric_part import EDGES, SymmetricPart, symmetric_part
 
 MESHES = ROUGHEST, ROUGH, COARSE, FINE
-ROUGHLY = 0.015  # accuracy from which on the first two meshes may do
-STAGES = ((ROUGHEST, ROUGH), (COARSE,), (FINE,)), ((ROUGH, COARSE), (ROUGHEST,), (FINE,))  # from that on, and below it
-NEAR = 2.0  # times what is allowed of log_sensitivity: from where on a third mesh would not reach it
+ROUGHLY = 0.015  # accuracy from which on the two coarsest meshes may suffice
+STAGES = ((ROUGHEST, ROUGH), (COARSE,), (FINE,)), ((ROUGH, COARSE), (ROUGHEST,), (FINE,))  # from that accuracy on, and below it
+NEAR = 2.0  # times the tolerance of log_sensitivity: above this a third mesh would not reach it
 Tell = Callable[[str], None]
 
 
@@ -42,15 +42,15 @@ class SolidForces:
     """Film forces of a scene, for k moduli of its target.
 
     Attributes:
-        films: with their errors.
+        films: film forces with their errors.
         tilt: film forces per unit rotation of the base about y, N/rad, shape (k, 2).
-        tilt_slope: their derivative by ln E of the target.
-        tilt_error: on ``tilt``, shape (2,).
-        domain: what was meshed.
-        difference: on the finest mesh.
-        states: of the scene on that mesh, for pictures; of a curve those it begins with.
+        tilt_slope: their derivative with respect to ln E of the target.
+        tilt_error: error of ``tilt``, shape (2,).
+        domain: the domain that was meshed.
+        difference: scene minus reference on the finest mesh.
+        states: states of the scene on that mesh, for pictures; for a curve, those it starts from.
         plan: what is modelled or left out.
-        notes: what stands in the way of a better answer.
+        notes: what limits the accuracy.
     """
 
     films: tuple[FilmForces, ...]
@@ -65,22 +65,22 @@ class SolidForces:
 
 
 def solid_forces(scene: Scene, accuracy: float, moduli: Floats | None = None, tell: Tell = lambda text: None) -> SolidForces:
-    """Return film forces from two meshes, or from more where two do not agree to ``accuracy`` and more may.
+    """Return film forces from two meshes, or from more if two do not agree to ``accuracy``.
 
     Args:
-        scene: bonded or frictionless.
-        accuracy: relative.
-        moduli: of the target, Pa, shape (k,); or None for its own.
-        tell: called with a line before each piece of work.
+        scene: a scene with bonded or frictionless faces.
+        accuracy: relative accuracy.
+        moduli: moduli of the target, Pa, shape (k,); or None for the scene's modulus.
+        tell: called with a line of text before each piece of work.
 
     Raises:
         InputError, Refusal: see ``geometry.tetra.cache.cached_mesh``.
-        LimitReached: not even two meshes are within the limits of memory and time.
+        LimitReached: two meshes already exceed the limits of memory or time.
         SolveError: a mesh or a solution failed.
     """
     tell("the symmetric part")
     symmetric = symmetric_part(scene, accuracy)
-    current().begin()  # what that took may go
+    current().begin()  # its memory may be freed
     films, differences, states, stopped = _agreed(scene, symmetric, accuracy, moduli, tell)
     notes = (*symmetric.whole.notes, *stopped)
     tilt = _tilted(symmetric, differences[-1])
@@ -93,9 +93,9 @@ def solid_forces(scene: Scene, accuracy: float, moduli: Floats | None = None, te
 def _agreed(
     scene: Scene, symmetric: SymmetricPart, accuracy: float, moduli: Floats | None, tell: Tell
 ) -> tuple[tuple[FilmForces, ...], list[SceneDifference], SolidStates, tuple[Note, ...]]:
-    """Film forces once meshes agree, or of the finest within the limits; the differences on all meshes, and the finest's states.
+    """Refine until the meshes agree or a limit is reached; return film forces, differences, the finest mesh's states and notes.
 
-    The notes say which limit forbade a further mesh.
+    The differences are those of all meshes. The notes name the limit that prevented a further mesh.
     """
     found: dict[TetraFineness, tuple[SceneDifference, SolidStates]] = {}
     films: tuple[FilmForces, ...] = ()
@@ -107,7 +107,7 @@ def _agreed(
         try:
             for fineness, mesh in zip(stage, _meshes(symmetric.domain, stage, tell), strict=True):
                 tell(f"solving on {len(mesh.elements)} tetrahedra")
-                current().begin()  # a coarser mesh's factor may go
+                current().begin()  # a coarser mesh's factor may be freed
                 found[fineness] = difference(symmetric.domain, mesh, moduli)
         except LimitReached as limit:
             if not films:
@@ -121,13 +121,13 @@ def _agreed(
 
 
 def _may_do(scene: Scene, symmetric: SymmetricPart, differences: list[SceneDifference], accuracy: float) -> bool:
-    """Whether two meshes will do if a rougher one shows even steps: then the last counts once, the least that it may."""
+    """Return whether two meshes suffice if a coarser one shows steady convergence: then the last step counts once."""
     films = films_of(scene, symmetric, differences, FLOOR, times=(1.0, 1.0))
     return not any(_may_improve(film, scene, accuracy) for film in films)
 
 
 def _meshes(domain: Domain, finenesses: tuple[TetraFineness, ...], tell: Tell) -> Iterator[TetMesh]:
-    """Meshes moved from a like scene's, or made side by side."""
+    """Yield meshes moved from those of a similar scene, or made in parallel."""
     moved = moved_meshes(domain, finenesses)
     if moved is not None:
         for mesh in moved:
@@ -143,7 +143,7 @@ def _meshes(domain: Domain, finenesses: tuple[TetraFineness, ...], tell: Tell) -
 
 
 def _check(domain: Domain, fineness: TetraFineness) -> None:
-    """Refuse what would pass the limits before it is made: a mesh, or the equations of one that is there."""
+    """Refuse a mesh, or the equations of a cached mesh, that would exceed the limits."""
     if is_meshed(domain, fineness):
         check_unknowns(UNKNOWNS * len(mesh_domain(domain, fineness).elements))
     else:
@@ -151,23 +151,22 @@ def _check(domain: Domain, fineness: TetraFineness) -> None:
 
 
 def _may_improve(films: FilmForces, scene: Scene, accuracy: float, near: float = NEAR) -> bool:
-    """Whether another mesh is worth its price: stresses and ratio are not good enough, or log_sensitivity is not, but near to it.
+    """Return whether another mesh is worth its cost: errors of forces are too large, or log_sensitivity is within reach.
 
-    The finest mesh halves its bound or better, seldom more than four times: where that would not do, the bound that is there is
-    told.
+    A finer mesh divides the bound by two to four. Where that would not suffice, the present bound is reported.
     """
     allowed = max(5 * accuracy * abs(films.log_sensitivity or 0.0), 1e-5)
     return allowed < films.sensitivity_error <= near * allowed or films.error_under(scene) > accuracy
 
 
 def _tilted(symmetric: SymmetricPart, one: SceneDifference) -> tuple[Floats, Floats]:
-    """Film forces per unit rotation and their slopes, carried through eq. SO.5, shape (k, 2) each."""
+    """Return film forces per unit rotation and their derivatives, corrected by eq. SO.5, shape (k, 2) each."""
     tilt, slope = (symmetric.carried(one, part[..., None])[..., 0] for part in (one.tilt, one.tilt_slope))
     return tilt, slope
 
 
 def _decisions(symmetric: SymmetricPart, difference: SceneDifference, accuracy: float) -> Iterator[Decision]:
-    """What of the scene was meshed."""
+    """Yield what of the scene was meshed or left out."""
     none, every = symmetric.exact, symmetric.exact + difference.forces[0]
     effect = abs(float(np.log(np.abs(every.sum(axis=1) / none.sum(axis=1))) @ [1.0, -1.0]))
     size = f"changes the ratio by about {effect:.2g}"
@@ -175,6 +174,6 @@ def _decisions(symmetric: SymmetricPart, difference: SceneDifference, accuracy: 
     if symmetric.domain.shortened:
         left = EDGES * symmetric.edges * effect
         reason = f"left out but for its compliance: changes the ratio by at most about {left:.2g}, counted in error_estimate"
-        yield Decision("far tissue's effect on what inclusions change", False, left, accuracy, reason)
+        yield Decision("far tissue's effect on the change by inclusions", False, left, accuracy, reason)
     if symmetric.domain.half:
         yield Decision("the other half of a mirror-symmetric scene", False, 0.0, accuracy, "left out: exactly the same")

@@ -1,9 +1,10 @@
-"""What solving on one mesh leaves for the next scene on it: the integrated mesh, one factor, and the states found last.
+"""Cache for one mesh what the next scene can use: the integrated mesh, one factor, and the last states.
 
 The factor is that of all regions together, with tissue in place of inclusions. Scene and reference leave some of them out: the
-groove, tissue beyond the reference cylinder. The factor's inverse on the unknowns they have, R K^-1 R^T, is the inverse of their
-own stiffness plus that of what they leave out, condensed on the faces between both. What is left out stores a bounded multiple of
-the energy that is beside it, so conjugate gradients begun with it take a bounded number of steps, whatever the mesh.
+groove, tissue beyond the reference cylinder. With the stiffness K of all regions and the restriction R to the unknowns in use,
+R K^-1 R^T is the inverse of the stiffness in use plus that of the rest, condensed on the faces between both. The rest stores a
+bounded multiple of the energy next to it. Conjugate gradients with this preconditioner therefore take a bounded number of steps
+on any mesh.
 
 Meshes whose elements hang together in the same way, of one whose nodes were moved, may share the factor: an
 element's energy changes at most by the fourth power of how much it is stretched one way more than another. With that and the
@@ -11,7 +12,7 @@ moduli's change bounding the condition k of the preconditioned matrix, conjugate
 
     n <= ln(2 / e) / ln((sqrt k + 1) / (sqrt k - 1))  steps to a relative error e;                  (SO.8)
 
-where these cost more than a factor, it is made anew.
+if these cost more than a factorisation, the matrix is factorised again.
 """
 
 from __future__ import annotations
@@ -34,9 +35,9 @@ from solver.solid.moved_mesh import stretches
 from solver.solid.problem import Problem, Solid, Supports
 from solver.solid.regions import Region
 
-WORTH = 0.03  # steps that take as long as a factor, over the unknowns to the power of 2/3: so operations and bytes are
-BESIDE = 1e-4  # of a modulus: smaller ones are assembled, not found as a difference from it
-SOLVED = 2  # times that a factor serves: for the reference and for the scene
+WORTH = 0.03  # steps that cost as much as a factorisation, over unknowns^(2/3), the ratio of their operations
+BESIDE = 1e-4  # of the old modulus: smaller new moduli are assembled, not added as a difference
+SOLVED = 2  # solutions with one factor: reference and scene
 Materials = Mapping[int, Elastic]
 
 
@@ -46,8 +47,8 @@ class RestrictedFactor:
 
     Attributes:
         whole: the larger problem's factor.
-        place: of each unknown among the larger problem's, shape (unknowns,).
-        size: how many the larger problem has.
+        place: index of each unknown among the larger problem's, shape (unknowns,).
+        size: number of unknowns of the larger problem.
     """
 
     whole: Factor
@@ -56,7 +57,7 @@ class RestrictedFactor:
 
     @classmethod
     def of(cls, factor: Factor, whole: Supports, some: Supports) -> Factor:
-        """Restrict a factor of all regions to what some of them have; itself, where that is all."""
+        """Restrict a factor of all regions to the unknowns in use; return it unchanged if all are."""
         if np.array_equal(whole.number, some.number):
             return factor
         has, place = some.number >= 0, np.empty(some.unknowns, dtype=np.int64)
@@ -82,12 +83,12 @@ class FactorisedRegions:
 
 @dataclass
 class KeptFactor:
-    """What meshes with the same elements share.
+    """Factor and states that meshes with the same elements share.
 
     Attributes:
-        regions: what was factorised, or None yet.
+        regions: the factorised problem, or None.
         solid: the mesh integrated last.
-        latest: the unknowns found last of each kind of states: where others start.
+        latest: the last solution of each kind of states, from which others start.
         lock: held while states are solved.
     """
 
@@ -97,17 +98,17 @@ class KeptFactor:
     lock: RLock = field(default_factory=RLock)
 
     def near(self, problem: Problem, base: Materials) -> Factor:
-        """Return a factor near a problem's matrix, made anew where that one would be too far away."""
+        """Return a factor near a problem's matrix; factorise again if the cached one is too far away."""
         if self.regions is None or not self._serves(problem, base, self.regions):
             like = None if self.regions is None else pattern_of(self.regions.factor)
-            self.regions = None  # before there is another
+            self.regions = None  # frees it before the next is made
             whole = problem if problem.materials == base else Problem.of(problem.solid, base)
             self.regions = FactorisedRegions(base, problem.solid.nodes, whole.supports, factor_of(whole, like))
         return RestrictedFactor.of(self.regions.factor, self.regions.supports, problem.supports)
 
     @staticmethod
     def _serves(problem: Problem, base: Materials, regions: FactorisedRegions) -> bool:
-        """Whether steps from a factor cost less than another factor; steps for the inclusions' contrast come on top of both."""
+        """Return whether iterating with a factor costs less than a new one; the inclusions' contrast adds to both alike."""
         solid = problem.solid
         stretch = 1.0
         if regions.nodes is not solid.nodes:
@@ -117,37 +118,37 @@ class KeptFactor:
         return bool(many <= WORTH * regions.supports.unknowns ** (2 / 3))
 
     def start(self, kind: str, unknowns: int) -> Floats | None:
-        """The unknowns found last, of this kind or another one that has as many."""
+        """Return the last solution of this kind, or of another one with as many unknowns."""
         of_kinds = (self.latest.get(kind), *self.latest.values())
         return next((v for v in of_kinds if v is not None and len(v) == unknowns), None)
 
 
 @dataclass
 class KeptMesh:
-    """A mesh with what was found on it; scenes that differ in moduli, Poisson's ratios and loads share it.
+    """A mesh with its last solutions; scenes that differ in moduli, Poisson's ratios and loads share it.
 
     Attributes:
         solid: the mesh, integrated.
-        shared: with other meshes of the same elements.
+        shared: factor and states shared with other meshes of the same elements.
     """
 
     solid: Solid
     shared: KeptFactor
     _states: dict[str, SolidStates] = field(default_factory=dict)
-    _own_factors: dict[str, Factor] = field(default_factory=dict)  # of states that the shared one was not near enough for
+    _own_factors: dict[str, Factor] = field(default_factory=dict)  # of states for which the shared factor was too far away
 
     def states(self, kind: str, materials: Materials, base: Materials, target: float = TARGET_RESIDUAL) -> FactorisedStates:
-        """Return the states of a scene's materials: those found last, or solved from there.
+        """Return the states for a scene's materials: the cached ones, or solved from there.
 
         Args:
-            kind: whose states they begin with, and replace.
-            materials: of the regions that are there.
-            base: of all regions; a factor made of others serves as long as they are near.
-            target: relative residual that they are solved to.
+            kind: name of the cached states to start from and to replace.
+            materials: materials of the regions that are present.
+            base: materials of all regions, for the factor; a factor of similar materials is used again.
+            target: relative residual of the solution.
 
         Raises:
             SolveError: the equations could not be solved.
-            LimitReached: a factor would take more memory or time than is allowed.
+            LimitReached: a factor would exceed the limits of memory or time.
         """
         own, whole = constants(materials), constants(base)
         with self.shared.lock:
@@ -163,7 +164,7 @@ class KeptMesh:
             return found
 
     def _problem(self, materials: Materials) -> Problem:
-        """Assemble; only what differs from earlier states of the same regions, where that is little and not lost in what was."""
+        """Assemble a problem, by the difference from earlier states of the same regions if rounding allows it."""
         alike = [one.problem for one in self._states.values() if set(one.problem.materials) == set(materials)]
         for other in alike:
             changed = [body for body in materials if materials[body] != other.materials[body]]
@@ -173,7 +174,7 @@ class KeptMesh:
 
 
 def kept_mesh(mesh: TetMesh, frictionless: bool) -> KeptMesh:
-    """Return what the workspace keeps of a mesh, by its content.
+    """Return the workspace's cached mesh with the same content.
 
     Raises:
         SolveError: an element is turned inside out.
@@ -190,6 +191,7 @@ def kept_mesh(mesh: TetMesh, frictionless: bool) -> KeptMesh:
 
 
 def _digest(head: str, *arrays: np.ndarray) -> str:
+    """Return a hash of a text and some arrays."""
     digest = hashlib.sha256(head.encode())
     for array in arrays:
         digest.update(np.ascontiguousarray(array).tobytes())
@@ -197,28 +199,28 @@ def _digest(head: str, *arrays: np.ndarray) -> str:
 
 
 def constants(materials: Materials) -> dict[int, Isotropic]:
-    """Materials by their two constants alone, to be compared."""
+    """Return the materials as two constants each, so that they can be compared."""
     return {body: Isotropic(stuff.youngs_modulus, stuff.poisson_ratio) for body, stuff in materials.items()}
 
 
 def steps(condition: float) -> float:
-    """Steps of conjugate gradients, eq. SO.8, to the residual that they end with."""
+    """Estimate the steps of conjugate gradients, eq. SO.8, to the target residual for a condition number."""
     root = np.sqrt(max(condition, 1 + 1e-9))
     return float(np.log(2 / TARGET_RESIDUAL) / np.log((root + 1) / (root - 1)))
 
 
 def spread(one: Materials, other: Materials) -> float:
-    """How far the moduli of all regions moved against each other: the largest change over the least."""
+    """Return how much the moduli of all regions changed relative to each other: the maximum change over the minimum."""
     changes = [np.divide(_moduli(other[body]), _moduli(one[body])) for body in one]
     return float(np.max(changes) / np.min(changes))
 
 
 def _lost(new: Elastic, old: Elastic) -> bool:
-    """Whether moduli are so much smaller than others that they would be rounded away beside them."""
+    """Return whether new moduli are so small that a difference from the old ones would lose them to rounding."""
     return bool(np.min(np.divide(_moduli(new), _moduli(old))) < BESIDE)
 
 
 def _moduli(stuff: Elastic) -> tuple[float, float]:
-    """Bulk and shear modulus, between which all others lie, Pa."""
+    """Return bulk and shear modulus, Pa: the extremes of an isotropic material's moduli."""
     lam, mu = lame(stuff)
     return lam + 2 * mu / 3, mu

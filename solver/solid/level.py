@@ -1,4 +1,4 @@
-"""Level 5: three-dimensional finite elements on tetrahedra: groove, edges, tumours of any shape and place, tilt."""
+"""The solid evaluator: three-dimensional finite elements for groove, edges, tilt and tumours of any shape and place."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from solver.results.warnings import Note, of_kind
 from solver.solid.domain import coaxial
 from solver.solid.film_forces import SolidForces, solid_forces
 
-BEST = 0.003  # the accuracy that meshes of tetrahedra can be refined to in about a minute
-OFTEN = 0.4  # times that: the bound that the finest mesh often reaches where it is asked for it
+BEST = 0.003  # relative accuracy that meshes reach in about a minute
+OFTEN = 0.4  # times that: the bound that the finest mesh often reaches
 LEAST = 1 / 15  # of the outer radius: smaller inclusions take minutes to mesh
-STEEP = math.radians(10)  # the largest tilt: beyond, its square is above 3 %
+STEEP = math.radians(10)  # above 10 deg the square of the tilt exceeds 3 %
 
 
 @dataclass(frozen=True)
 class SolidLevel(FilmLevel):
-    """Quadratic tetrahedra on meshes by netgen or pytetwild: bonded or frictionless.
+    """Evaluate with quadratic tetrahedra on meshes by netgen or pytetwild; faces are bonded or frictionless.
 
     Attributes:
         tell: called with a line before each piece of work.
@@ -40,20 +40,20 @@ class SolidLevel(FilmLevel):
     summary: str = "3D finite elements: groove, edges, tilt, tumours of any shape; 1e-2 in 10 to 60 s"
 
     def refusal(self, scene: Scene) -> str | None:
-        """Say which kind of thing in the scene this level does not know, or None."""
+        """Return the feature of the scene that this evaluator does not model, or None."""
         return unsupported(scene)
 
     def may_help(self, scene: Scene, accuracy: float) -> bool:
-        """Whether this level may reach an accuracy that cheaper ones do not: where they left out what it models."""
+        """Return whether this evaluator may reach an accuracy that cheaper ones do not, because it models more of the scene."""
         lone = len(scene.inclusion) <= 1 and all(body.diameter is not None for body in scene.inclusion)
         symmetric = scene.probe.groove is None and coaxial(scene) and lone and (not scene.tissue.layer or is_round(scene))
         return accuracy >= OFTEN * BEST and self.refusal(scene) is None and not symmetric
 
     def evaluate_within(self, scene: Scene, accuracy: float, allowed: float | None = None) -> Result:
-        """Answer as ``evaluate`` does, but only if every bound is at most ``allowed``, or ``accuracy`` where that is left out.
+        """Evaluate, but return a result only if every error bound is at most ``allowed``, by default ``accuracy``.
 
         Raises:
-            InputError, Refusal: see ``answer``; and where the accuracy is out of reach.
+            InputError, Refusal: see ``answer``; also if the accuracy is out of reach.
         """
         allowed = accuracy if allowed is None else allowed
         if allowed < OFTEN * BEST:
@@ -61,16 +61,16 @@ class SolidLevel(FilmLevel):
         return super().evaluate_within(scene, max(accuracy, BEST), allowed)
 
     def answer(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> Answer:
-        """Answer from two or three meshes, a curve from one factor a mesh.
+        """Evaluate on two or three meshes; a curve of moduli takes one factor per mesh.
 
         Raises:
             InputError: a surface file that cannot be used.
-            Refusal: the scene is of another kind, or cannot be meshed, or its equations cannot be solved.
+            Refusal: the scene is not supported, or cannot be meshed or solved.
         """
         return self.answer_of(scene, self.solved(scene, accuracy, moduli), accuracy)
 
     def answer_of(self, scene: Scene, solution: SolidForces, accuracy: float) -> Answer:
-        """Return what a solution says of the scene at its load; see ``tilted`` for what it refuses."""
+        """Build the answer of a solution at the scene's load; see ``add_tilt_forces`` for refusals."""
         every = [tilted(scene, solution, k) for k in range(len(solution.films))]
         films = tuple(one for one, _ in every)
         worst = max(films, key=lambda one: one.error_under(scene))
@@ -101,7 +101,7 @@ class SolidLevel(FilmLevel):
 
 
 def _check_sizes(scene: Scene) -> None:
-    """Raise ``Refusal`` for inclusions too small to be meshed with the probe."""
+    """Raise ``Refusal`` for inclusions that are too small to be meshed with the probe."""
     least = LEAST * scene.probe.tube_radius
     for k, body in enumerate(scene.inclusion):
         size = min(body.diameters) if body.diameters is not None else body.diameter
@@ -111,7 +111,7 @@ def _check_sizes(scene: Scene) -> None:
 
 
 def indentation(scene: Scene, solution: SolidForces, k: int) -> float:
-    """How far the scene's load lowers the middle of the base, m."""
+    """Return how far the scene's load lowers the centre of the base, m."""
     if scene.load.indentation is not None:
         return scene.load.indentation
     tilting = float(solution.tilt[k].sum()) * scene.placement.tilt
@@ -119,13 +119,13 @@ def indentation(scene: Scene, solution: SolidForces, k: int) -> float:
 
 
 def tilted(scene: Scene, solution: SolidForces, k: int) -> tuple[FilmForces, float]:
-    """Film forces at the scene's load with what the tilt adds, per unit indentation; and the stiffness, N/m.
+    """Return film forces per unit indentation including those of the tilt, and the stiffness without tilt, N/m.
 
-    With w the indentation of the base's centre and t the tilt, the films feel F 1 w + T t, so that per unit of w
-    T t / w comes on top (SO.6).
+    With w the indentation of the base's centre, t the tilt, F the film forces per unit indentation and T those per unit tilt, the
+    forces on the films are F 1 w + T t, so that per unit of w T t / w is added (SO.6).
 
     Raises:
-        Refusal: a tilted probe without load, or one that the load does not press down.
+        Refusal: a tilted probe has no load, or the load does not press it down.
     """
     films, tilt = solution.films[k], scene.placement.tilt
     stiffness = float(films.totals.sum())
@@ -144,6 +144,7 @@ def tilted(scene: Scene, solution: SolidForces, k: int) -> tuple[FilmForces, flo
 
 
 def _tilt_notes(scene: Scene, films: FilmForces) -> list[Note]:
+    """List a note if the tilt lifts one side of the probe more than the load lowers it."""
     tilt, load = abs(scene.placement.tilt), scene.load
     if tilt == 0:
         return []
@@ -152,9 +153,9 @@ def _tilt_notes(scene: Scene, films: FilmForces) -> list[Note]:
     if raised <= indentation:
         return []
     sides = f"the tilt raises one side by {1e3 * raised:.3g} mm, the load lowers the probe by {1e3 * indentation:.3g} mm"
-    return [Note("linear", f"{sides}: there the contact is taken to pull, where a real one opens")]
+    return [Note("linear", f"{sides}: the model lets this side pull the tissue, but real contact opens there")]
 
 
 def level(tell: Tell | None = None) -> SolidLevel:
-    """Return the level."""
+    """Return the evaluator, which reports its progress to ``tell``."""
     return SolidLevel(tell=tell or silent)

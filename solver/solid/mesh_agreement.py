@@ -1,12 +1,12 @@
-"""Bounds on film forces from what meshes differ by: from two amply, from three as far as steps between them say.
+"""Bound the errors of film forces by the differences of meshes: with a safety factor from two, by the convergence of three.
 
-What two meshes differ by is at times nothing by chance. So it counts ample times by itself; from three meshes, whose errors fall
-with the sizes' square or faster, no more than the larger of the last step and most of the step before, but at least a third of
-the latter. Where steps grow, the last counts as many times as they do, up to ample again: in nearly incompressible tissue the
-first two agreed by chance, and the log-sensitivity was 1.3 times outside.
+Two meshes may agree by chance, so that their difference is multiplied by a safety factor. With three meshes, whose errors fall
+with the square of the element size or faster, the bound is the larger of the last step and most of the step before, but at least
+a third of the latter. If steps grow, the last is multiplied by their growth, up to the safety factor: in nearly incompressible
+tissue the first two meshes agreed by chance, and the error of the log-sensitivity was 1.3 times its bound.
 
-A flaw of the rims weighs less where inclusions are so soft that little force is left, but what is taken off in eq. SO.4 is the
-reference's. Of a soft tumour that nearly filled its tissue 8 % of the ratio were wrong so, 2.5 % of the reference.
+The error at the blocks' rims is smaller if inclusions are so soft that little force is left, but eq. SO.4 subtracts that of the
+reference. For a soft tumour that nearly filled its tissue the ratio was wrong by 8 %, the reference by 2.5 %.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from solver.results.film_forces import Bound, FilmForces
 from solver.solid.difference import SceneDifference
 from solver.solid.symmetric_part import EDGES, SymmetricPart
 
-SAFETY = 2.0  # times what two meshes differ by
-SLOPES = 2.5  # likewise of log_sensitivity: on two meshes a stiff tumour's was 1.2 times outside 2.0
-EARLIER = 0.85  # times the step before: of second order, 0.66 of it is left after the last as rims become finer, 0.81 as growth
-LEAST = 0.3  # times the step before: what is left of it at third order
-FLOOR = 0.02  # of what inclusions, groove and edges change: what all meshes may have wrong; halved by the finest
-ALIKE = 0.25  # of what films' forces change: counts of their ratio where its own change is less, as changes cancel
-RAW = 0.04  # of what the mesh gets wrong of the reference: what may not cancel
-SOFTENED = 2.0  # likewise, times the share of their forces that films lose
+SAFETY = 2.0  # times the difference of two meshes
+SLOPES = 2.5  # likewise for log_sensitivity: with 2.0 a stiff tumour's error was 1.2 times its bound
+EARLIER = 0.85  # of the step before: second order leaves 0.66 as rims are refined, 0.81 as growth is
+LEAST = 0.3  # of the step before: what is left at third order
+FLOOR = 0.02  # of the change by inclusions, groove and edges: error common to all meshes; half on the finest
+ALIKE = 0.25  # of the change of film forces: minimum change of ln ratio that counts
+RAW = 0.04  # of the mesh's error of the reference: what may not cancel
+SOFTENED = 2.0  # likewise, times the share of force that the films lose
 
 
 def films_of(
@@ -39,14 +39,14 @@ def films_of(
     *,
     times: tuple[float, float] = (SAFETY, SLOPES),
 ) -> tuple[FilmForces, ...]:
-    """Film forces of the finest mesh, the last of two or more, with bounds from all.
+    """Return the film forces of the finest mesh, the last of two or more, with error bounds from all meshes.
 
     Args:
-        scene: what was asked.
+        scene: the scene.
         symmetric: its rotationally symmetric part.
-        differences: what was found, on coarser meshes first.
-        floor: see ``FLOOR``.
-        times: what the last step counts where nothing else bounds it, of forces and of log_sensitivity.
+        differences: scene minus reference on each mesh, coarser meshes first.
+        floor: see ``ERROR_FLOOR_RELATIVE``.
+        times: safety factors of the last step, for forces and for log_sensitivity.
     """
     fine, whole = differences[-1], symmetric.whole.films
     forces = [symmetric.corrected(one) for one in differences]
@@ -76,7 +76,7 @@ def films_of(
 
 
 def apart(found: Sequence[Floats | float] | Floats, times: float) -> Floats:
-    """Bound the error of the last of values on finer and finer meshes, each of shape (n,) or a number."""
+    """Bound the error of the last of the values on finer and finer meshes, each of shape (n,) or a number."""
     steps = np.abs(np.diff(np.array(found), axis=0))
     last = times * steps[-1]
     if len(steps) > 1:
@@ -87,11 +87,12 @@ def apart(found: Sequence[Floats | float] | Floats, times: float) -> Floats:
 
 
 def _log_ratio(totals: Floats) -> float:
+    """Return the log of the ratio of both films' total forces."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return float(np.log(np.abs(totals)) @ [1.0, -1.0])
 
 
 def _sensitivities(slope: Floats, forces: Floats) -> Floats:
-    """Both films' d ln F / d ln E, (2,)."""
+    """Return d ln F / d ln E of both film forces F, with the target's modulus E; shape (2,)."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(np.nan_to_num(slope.sum(axis=1) / forces.sum(axis=1)))

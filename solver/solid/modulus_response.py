@@ -1,8 +1,8 @@
-"""Film forces in three dimensions as a function of one body's Young's modulus, from the factor of one modulus.
+"""Compute film forces in three dimensions for any Young's modulus of one body, from the factor for one modulus.
 
-As in the meridian plane, K(t) = K + (t - 1) K_b, t = E / E_0, and the states at all t lie in the block Krylov space of K^-1 K_b
-begun with those at t = 1 (``solver/linalg/rational_response.py``). On a basis v_k orthonormal in K in which K_b is diagonal,
-K_b v_k = l_k K v_k, with c_kj = v_k^T K_b u_j and G_ij = u_i^T K_b u_j:
+As in the meridian plane, the stiffness is K(t) = K + (t - 1) K_b with the body's part K_b and t = E / E_0, and the states u at
+all t lie in the block Krylov space of K^-1 K_b begun with those at t = 1 (``solver/linalg/rational_response.py``). On a basis v_k
+orthonormal in K in which K_b is diagonal, K_b v_k = l_k K v_k, with c_kj = v_k^T K_b u_j and G_ij = u_i^T K_b u_j:
 
     F(t) = F(1) + (t - 1) G - (t - 1)^2 sum_k c_k c_k^T / (1 + (t - 1) l_k)                    (SO.7)
 
@@ -21,18 +21,18 @@ from solver.linalg.conjugate_gradients import solve
 from solver.linalg.rational_response import KrylovBasis, RationalResponse
 from solver.solid.base_states import FactorisedStates, SolidStates
 
-TOLERANCE = 1e-7  # relative, of what a step changes in the film forces; what is left is less still
+TOLERANCE = 1e-7  # of the film forces: change by the last step, above the remaining error
 MOST_STEPS = 60
-NOTHING_NEW = 1e-16  # share of a vector's energy that is left beside the basis
+NOTHING_NEW = 1e-16  # of a vector's energy: new directions with less are dropped
 
 
 @dataclass(frozen=True)
 class SolidResponse:
-    """Reactions for every modulus of a body.
+    """Reactions as a function of one body's modulus.
 
     Attributes:
-        states: at t = 1.
-        bodies: whose modulus varies.
+        states: states at t = 1.
+        bodies: the bodies whose modulus varies.
         rational: eq. SO.7, with c in roots of N m.
     """
 
@@ -41,16 +41,19 @@ class SolidResponse:
     rational: RationalResponse
 
     def reactions(self, t: Floats) -> tuple[Floats, Floats]:
-        """Reactions, as in ``SolidStates``, and their derivatives by ln E at t = E / E_0 > 0, shape (n,); twice (n, 3, 3)."""
+        """Return reactions, as in ``SolidStates``, and their derivatives with respect to ln E; shape (n, 3, 3) each.
+
+        ``t`` = E / E_0 > 0, shape (n,).
+        """
         return self.rational.at(t)
 
 
 def solid_response(states: FactorisedStates, bodies: tuple[int, ...], low: float, high: float) -> SolidResponse:
-    """Return reactions for moduli of an inclusion, whose parts the bodies are.
+    """Compute reactions as a function of an inclusion's modulus; the bodies are its parts.
 
-    They go from ``low`` to ``high``, multiples of the one that ``states`` were solved with. That one should be within a hundred
-    times the tissue's, either way: begun at a million times the tissue's, 1 - l_k is lost to rounding (errors of 1e-4 were
-    seen), and begun at a millionth it takes several times as many steps.
+    Moduli range from ``low`` to ``high``, multiples of the modulus that ``states`` were solved with. That modulus should be
+    within a factor of 100 of the tissue's: at a million times the tissue's, 1 - l_k is lost to rounding (errors of 1e-4 were
+    measured), and at a millionth it takes several times as many steps.
 
     Raises:
         SolveError: the range is too wide for the tolerance, or a system could not be solved.
@@ -66,11 +69,11 @@ def solid_response(states: FactorisedStates, bodies: tuple[int, ...], low: float
         if not grown or np.all(change[:, :2] < TOLERANCE):
             return curve
         before = after
-    raise SolveError(f"the curve from {low:g} to {high:g} times the modulus was not found to {TOLERANCE:.0e}")
+    raise SolveError(f"the curve from {low:g} to {high:g} times the modulus did not converge to {TOLERANCE:.0e}")
 
 
 class _BodyForces:
-    """The nodal forces of an inclusion on a growing basis."""
+    """Growing Krylov basis and the nodal forces of an inclusion on it."""
 
     def __init__(self, states: FactorisedStates, bodies: tuple[int, ...]) -> None:
         self.states, self.bodies, self.problem = states, bodies, states.problem
@@ -81,15 +84,17 @@ class _BodyForces:
         self.of_basis = np.zeros((unknowns, 0))  # K_b v_k
 
     def _push(self, own: Floats) -> Floats:
+        """Return the inclusion's nodal forces, N, for displacements, m, (3 n, k) both."""
         parts, materials = self.problem.solid.parts, self.problem.materials
         return np.asarray(sum((parts[b].forces(materials[b], own) for b in self.bodies), start=np.zeros_like(own)))
 
     def _solve(self, loads: Floats) -> Floats:
-        assert self.states.factor is not None  # states that a curve begins with keep it
+        """Solve the problem at t = 1 for some loads."""
+        assert self.states.factor is not None  # the states at the start of a curve hold it
         return solve(self.problem.matrix, loads, self.states.factor)
 
     def grow(self) -> bool:
-        """Add K^-1 K_b of the newest vectors; return whether anything new came."""
+        """Extend the basis by K^-1 K_b times its newest vectors; return whether any new direction was added."""
         new = self.basis.grow(self.last)
         if not new.shape[1]:
             return False
@@ -98,7 +103,7 @@ class _BodyForces:
         return True
 
     def response(self) -> SolidResponse:
-        """The reactions as far as the basis goes."""
+        """Build the response on the present basis."""
         energy, coupling = (self.basis.vectors.T @ forces for forces in (self.of_basis, self.of_states))
         start, inside = self.states.reactions, self.states.slope(self.bodies)
         symmetric, share = (energy + energy.T) / 2, self.problem.share

@@ -1,14 +1,14 @@
-"""A mesh carried along with tumours that moved or changed size a little, with planes between layers and tissue that became wider.
+"""Move an existing mesh with tumours, layer planes and tissue walls that moved or changed size a little.
 
-Nodes move, elements hang together as before. Tumours take their nodes along affinely; blocks stay; the tissue's top, its floor
-and planes between layers are as high as they are afterwards, round tissue's side as wide, and the reference cylinder stays.
-Where nothing is said of it, each coordinate of the tissue's corners follows as heat would spread, small elements being the better
-conductors, so that they are stretched least:
+Nodes move; elements keep their nodes. Nodes of tumours move affinely with them, those of blocks and of the reference cylinder
+stay. Nodes on the tissue's top, floor, side and layer planes move to the new surfaces. All other corners x of the tissue move
+by u, from a diffusion equation for each coordinate, with a higher conductivity for small elements so that they deform least:
 
     sum_e (1 / V_e) Int grad w_a . grad u dV = 0 at free corners a,  u = A' A^-1 (x - c) + c' - x in tumours     (SO.9)
 
-Corners and middles of edges then go to the exact surfaces. What comes out passes the checks of every mesh, none of its
-tetrahedra is much larger than wanted or much flatter than before; else there is none, and another mesh is made.
+with elements e of volume V_e, hat functions w_a, and tumours' centres c, c' and axes A, A' before and after. Corners and mid-edge
+nodes are then projected on the exact surfaces. The result must pass the checks of every mesh, and no tetrahedron may be much
+larger than wanted or much flatter than before; else a new mesh is made.
 """
 
 from __future__ import annotations
@@ -30,26 +30,26 @@ from geometry.tetra.sizing import TetraFineness, sizes
 from geometry.tetra.snapping import curved_mesh, exact_surfaces, memberships, snap
 from geometry.tetra.tet_mesh import BEYOND, INCLUSION, TISSUE, TetMesh, element_volumes, scaled_jacobians
 
-KEEP = 0.2  # of its quality an element keeps when its edges are curved, as in ``geometry.tetra.regular_mesh``
-LARGER = 1.2  # times the size wanted, over what it was before: the most that large tetrahedra may grow
-FLATTER = 0.4  # of its scaled Jacobian, or of the mesh's tenth worst: the least that an element keeps
-LARGE = 0.98  # share of tetrahedra below which the others count as large
-FAR = 1.0  # of its least semi-axis: the farthest that a tumour moves
-THICKER = 1.3  # times a layer's thickness, or the tissue's size: the most that they change
-MOVABLE = "inclusions", "tissue_radius", "depth", "interfaces"  # of a layout
-STRETCHED = 3.0  # principal stretches of an element, the largest in the mesh over the least: the most that is allowed
-TOP, FLOOR, GROOVES = 5, 6, 3  # among ``exact_surfaces``: the tissue's, and how many a groove has behind them
-PER_EDGE = 6 * 2**0.5  # volumes of a regular tetrahedron in the cube of its edge
+KEEP = 0.2  # of an element's quality, when its edges are curved; as in ``geometry.tetra.regular_mesh``
+LARGER = 1.2  # maximum growth of large tetrahedra relative to the wanted size
+FLATTER = 0.4  # of an element's scaled Jacobian before, or of the mesh's tenth worst
+LARGE = 0.98  # quantile of sizes above which tetrahedra count as large
+FAR = 1.0  # of a tumour's shortest semi-axis: its maximum displacement
+THICKER = 1.3  # maximum change of a layer's thickness or the tissue's size
+MOVABLE = "inclusions", "tissue_radius", "depth", "interfaces"  # fields of a layout that may change
+STRETCHED = 3.0  # maximum over minimum principal stretch of all elements
+TOP, FLOOR, GROOVES = 5, 6, 3  # indices in ``exact_surfaces``; number of groove surfaces
+PER_EDGE = 6 * 2**0.5  # cube of a regular tetrahedron's edge over its volume
 
 
 def unmoved(layout: BodyLayout) -> BodyLayout:
-    """The layout without what meshes may be carried along with."""
+    """Return the layout without all that a moved mesh may change."""
     sides = None if layout.tissue_radius is None else 0.0
     return replace(layout, inclusions=(), tissue_radius=sides, depth=0.0, interfaces=(0.0,) * len(layout.interfaces))
 
 
 def may_move(before: BodyLayout, after: BodyLayout) -> bool:
-    """Whether two layouts differ by their tumours' places and forms, all ellipsoids, and by the tissue's sizes, all by little."""
+    """Return whether two layouts differ only a little, and only in ellipsoidal tumours and the tissue's sizes."""
     alike = all(getattr(before, f.name) == getattr(after, f.name) for f in fields(BodyLayout) if f.name not in MOVABLE)
     if not alike or len(before.inclusions) != len(after.inclusions) or len(before.interfaces) != len(after.interfaces):
         return False
@@ -59,13 +59,14 @@ def may_move(before: BodyLayout, after: BodyLayout) -> bool:
 
 
 def _near(one: object, other: object) -> bool:
+    """Return whether two inclusions are ellipsoids that differ only a little."""
     if not (isinstance(one, Ellipsoid) and isinstance(other, Ellipsoid)):
         return False
     return bool(np.linalg.norm(other.centre - one.centre) + np.linalg.norm(other.axes - one.axes, 2) <= FAR * one.smallest)
 
 
 def moved_mesh(mesh: TetMesh, before: BodyLayout, after: BodyLayout, fineness: TetraFineness) -> TetMesh | None:
-    """Carry the mesh of a layout to another one that it may move to, see ``may_move``; None where it would be no good mesh."""
+    """Move the mesh of a layout to another layout, see ``may_move``; return None if the result is not good enough."""
     count = int(mesh.elements[:, :4].max()) + 1
     points, cells, surfaces = mesh.nodes[:count], mesh.elements[:, :4], exact_surfaces(before)
     faces, chosen = body_faces(before, surfaces, points, cells, body=mesh.body, layer=mesh.layer)
@@ -83,13 +84,13 @@ def moved_mesh(mesh: TetMesh, before: BodyLayout, after: BodyLayout, fineness: T
 
 
 def stretches(elements: Ints, before: Floats, after: Floats) -> Floats:
-    """Principal stretches of elements (t, 4 or more) by their corners, for nodes (n, 3) before and after; (t, 3)."""
+    """Return the principal stretches, (t, 3), of elements (t, 4 or more) whose corner nodes move; nodes are (n, 3)."""
     edges = [nodes[elements[:, 1:4]] - nodes[elements[:, :1]] for nodes in (before, after)]
     return np.asarray(np.linalg.svd(np.linalg.solve(edges[0], edges[1]), compute_uv=False))
 
 
 def _displacement(mesh: TetMesh, points: Floats, member: NDArray[np.bool_], before: BodyLayout, after: BodyLayout) -> Floats:
-    """How far corners (n, 3) move, eq. SO.9."""
+    """Compute the displacements of corners, (n, 3), by eq. SO.9."""
     cells, free = mesh.elements[:, :4], np.isin(mesh.body, [TISSUE, BEYOND])
     u, given = _tumours(mesh, points, before, after)
     _set_by_surfaces(u, given, points, member, (before, after))
@@ -105,7 +106,7 @@ def _displacement(mesh: TetMesh, points: Floats, member: NDArray[np.bool_], befo
 
 
 def _tumours(mesh: TetMesh, points: Floats, before: BodyLayout, after: BodyLayout) -> tuple[Floats, NDArray[np.bool_]]:
-    """How far tumours take their corners along, (n, 3), and which these are, likewise."""
+    """Return the displacements of tumours' corners, (n, 3), and the mask of these, (n, 3)."""
     u, given = np.zeros_like(points), np.zeros(points.shape, dtype=bool)
     for k, (one, other) in enumerate(zip(before.inclusions, after.inclusions, strict=True)):
         if isinstance(one, Ellipsoid) and isinstance(other, Ellipsoid):
@@ -118,7 +119,7 @@ def _tumours(mesh: TetMesh, points: Floats, before: BodyLayout, after: BodyLayou
 def _set_by_surfaces(
     u: Floats, given: NDArray[np.bool_], points: Floats, member: NDArray[np.bool_], layouts: tuple[BodyLayout, BodyLayout]
 ) -> None:
-    """Set what planes, the tissue's sides and the reference cylinder say of displacements (n, 3), and mark it as given."""
+    """Set and mark the displacements (n, 3) prescribed by planes, the tissue's sides and the reference cylinder."""
     before, after = layouts
     mirror = member.shape[1] - len(before.interfaces) - 1  # behind the bodies' surfaces
     heights = {TOP: 0.0, FLOOR: before.depth - after.depth}
@@ -137,7 +138,7 @@ def _set_by_surfaces(
 
 
 def _conductance(points: Floats, cells: Ints) -> sp.csr_array:
-    """The matrix of eq. SO.9 on straight tetrahedra."""
+    """Assemble the matrix of eq. SO.9 on straight tetrahedra."""
     corners = points[cells]
     edges = corners[:, 1:] - corners[:, :1]
     slopes = np.swapaxes(np.linalg.inv(edges), 1, 2)
@@ -148,7 +149,7 @@ def _conductance(points: Floats, cells: Ints) -> sp.csr_array:
 
 
 def _good(mesh: TetMesh, found: TetMesh, before: BodyLayout, after: BodyLayout, fineness: TetraFineness) -> bool:
-    """Whether tetrahedra are not much larger than wanted, nor much flatter than they were."""
+    """Return whether no tetrahedron is much larger than wanted or much flatter than before."""
     quality, was = (scaled_jacobians(one.nodes, one.elements) for one in (found, mesh))
     allowed = FLATTER * np.minimum(was, np.sort(was)[min(9, len(was) - 1)])
     large, large_before = (_oversize(*pair, fineness) for pair in ((found, after), (mesh, before)))
@@ -156,7 +157,7 @@ def _good(mesh: TetMesh, found: TetMesh, before: BodyLayout, after: BodyLayout, 
 
 
 def _oversize(mesh: TetMesh, layout: BodyLayout, fineness: TetraFineness) -> float:
-    """Edges of large tetrahedra in the tissue and its tumours over those wanted there."""
+    """Return the edge length of large tetrahedra in tissue and tumours relative to the wanted length."""
     inside = mesh.body >= TISSUE
     middles = mesh.nodes[mesh.elements[inside, :4]].mean(axis=1)
     edges = np.cbrt(PER_EDGE * element_volumes(mesh.nodes, mesh.elements[inside]))

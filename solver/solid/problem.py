@@ -1,11 +1,12 @@
-"""What holds a probe on tissue in three dimensions, and the rigid motions of its base, on a mesh of tetrahedra.
+"""Set up the equations of a probe on tissue on tetrahedra: supports, rigid motions of the base, stiffness and loads.
 
-The blocks' unknowns are what is left of their displacement beside the base's rigid motion, which strains nothing: so stiff
-blocks add no rounding errors. In the tissue that motion appears where the blocks are tied to it, as a lift:
+The blocks' unknowns are their displacements minus the base's rigid motion, which causes no strain, so that stiff blocks add no
+rounding errors. In the tissue that motion appears, as a lift, at the nodes that the blocks share with it. With the stiffness K
+and the unknowns v of a state,
 
     K v = -K_tissue lift,    F_ij = u_i^T K u_j,  u = v in the blocks, v + lift in the tissue       (SO.3)
 
-which is the consistent reaction of the base: the sum of the nodal forces that hold it, weighted by its motion.
+where F_ij is the consistent reaction of the base: the sum of the nodal forces that hold it, weighted by its motion.
 """
 
 from __future__ import annotations
@@ -25,20 +26,20 @@ from solver.solid.body_stiffness import Elastic, Part, assembled, assembled_chan
 from solver.solid.regions import numbers
 
 STATES = ("inner", "outer", "tilt")
-AT = 1e-7  # of the mesh's size: nodes so close to a plane lie in it
+AT = 1e-7  # of the mesh's size: nodes closer to a plane lie in it
 BLOCKS = (INNER, OUTER, GROOVE)
 
 
 @dataclass(frozen=True)
 class Solid:
-    """A mesh integrated once: for any materials and any choice of bodies.
+    """An integrated mesh, for any materials and any choice of bodies.
 
     Attributes:
         mesh: as given.
-        nodes: with those of the blocks' ends twice where they slide on the tissue, shape (n, 3).
-        elements: of these nodes, shape (t, 10).
-        body: of each element the number of its ``Region``: the body's own in the mesh, where it is not cut, (t,).
-        twin: of each node the one that carries its u_z, shape (n,).
+        nodes: nodes; those of the blocks' ends are doubled where they slide on the tissue, shape (n, 3).
+        elements: elements of these nodes, shape (t, 10).
+        body: number of the ``Region`` of each element, (t,).
+        twin: for each node, the node that carries its u_z, shape (n,).
         parts: stiffness of each body.
     """
 
@@ -51,9 +52,9 @@ class Solid:
 
     @classmethod
     def of(cls, mesh: TetMesh, frictionless: bool = False, averaged: bool = True, like: Solid | None = None) -> Solid:
-        """Integrate; ``averaged``: every element's dilation is its mean, which does not lock near nu = 1/2.
+        """Integrate a mesh; with ``averaged``, each element's dilation is its mean, which avoids locking near nu = 1/2.
 
-        ``like``: of the same elements and kind; bodies whose nodes are where they were there are not integrated again.
+        ``like`` is a solid of the same elements and kind; bodies with unmoved nodes are copied from it.
 
         Raises:
             SolveError: an element is turned inside out.
@@ -65,19 +66,19 @@ class Solid:
         return cls(mesh, nodes, elements=elements, body=body, twin=twin, parts=found)
 
     def unmoved(self, nodes: Floats) -> dict[int, Part]:
-        """The parts of which no node is elsewhere in another solid of the same elements, whose nodes are given."""
+        """Return the parts whose nodes all equal the given nodes of another solid with the same elements."""
         moved = (nodes != self.nodes).any(axis=1)
         return {body: part for body, part in self.parts.items() if not moved[self.elements[self.body == body]].any()}
 
     def on(self, bodies: Iterable[int]) -> NDArray[np.bool_]:
-        """Which nodes belong to some bodies, shape (n,)."""
+        """Return the mask of nodes that belong to some bodies, shape (n,)."""
         inside = np.zeros(len(self.nodes), dtype=bool)
         inside[self.elements[np.isin(self.body, list(bodies))]] = True
         return inside
 
 
 def _sliding(mesh: TetMesh) -> tuple[Floats, Ints, Ints]:
-    """Give the blocks nodes of their own on the tissue's top."""
+    """Double the nodes between blocks and tissue, so that the blocks can slide."""
     block = np.isin(mesh.body, BLOCKS)
     shared = np.intersect1d(mesh.elements[block], mesh.elements[~block])
     own = np.arange(len(mesh.nodes))
@@ -92,7 +93,7 @@ class Supports:
     """Unknowns of some bodies of a solid, and the lifts of the three states.
 
     Attributes:
-        number: of each displacement its unknown, or -1, shape (n, 3).
+        number: unknown of each displacement, or -1, shape (n, 3).
         lift: displacements of the tissue's nodes that the base's motions set, shape (n, 3, 3), the last the state.
         motion: the base's rigid motion at every node, for output, shape (n, 3, 3).
     """
@@ -108,7 +109,7 @@ class Supports:
 
     @classmethod
     def of(cls, solid: Solid, bodies: Iterable[int]) -> Supports:
-        """Hold tops and floor, and the plane of symmetry of a half."""
+        """Fix the blocks' tops, the tissue's floor and, on a half mesh, the plane of symmetry."""
         nodes, near = solid.nodes, AT * float(np.ptp(solid.nodes, axis=0).max())
         inner, outer = solid.on([INNER]), solid.on({OUTER, GROOVE} & set(bodies))
         fixed = np.zeros(nodes.shape, dtype=bool)
@@ -131,7 +132,7 @@ class Supports:
 
 
 def _motions(solid: Solid, inner: NDArray[np.bool_], outer: NDArray[np.bool_]) -> Floats:
-    """Inner block down by one, outer block down by one, the whole base turned by one about y (+ lowers the +x side)."""
+    """Return the three unit motions at every node: inner block down, outer block down, rotation about y (+ lowers +x)."""
     nodes, out = solid.nodes, np.zeros((len(solid.nodes), 3, 3))
     out[inner, 2, 0], out[outer, 2, 1] = -1.0, -1.0
     block = inner | outer
@@ -142,12 +143,12 @@ def _motions(solid: Solid, inner: NDArray[np.bool_], outer: NDArray[np.bool_]) -
 
 @dataclass(frozen=True)
 class Problem:
-    """A solid with its materials: bodies that have none are absent.
+    """A solid with its materials, supports and stiffness; bodies without a material are absent.
 
     Attributes:
-        solid, materials: what is solved.
-        supports: its unknowns.
-        matrix: its stiffness, N/m; of the half, where the mesh is one.
+        solid, materials: integrated mesh and materials.
+        supports: unknowns and lifts.
+        matrix: stiffness, N/m; of half the solid, if the mesh is a half.
     """
 
     solid: Solid
@@ -157,12 +158,12 @@ class Problem:
 
     @classmethod
     def of(cls, solid: Solid, materials: Mapping[int, Elastic], supports: Supports | None = None) -> Problem:
-        """Assemble; problems with the same bodies may share their supports."""
+        """Assemble a problem; problems with the same bodies may share their supports."""
         supports = supports or Supports.of(solid, materials)
         return cls(solid, materials, supports, Stiffness(assembled(solid.parts, materials, supports.number)))
 
     def like(self, materials: Mapping[int, Elastic]) -> Problem:
-        """Return the problem of other materials of the same bodies: what changes is added to the stiffness that is there."""
+        """Return the problem for other materials of the same bodies: the change is added to the present stiffness."""
         changed = {body: (self.materials[body], stuff) for body, stuff in materials.items() if stuff != self.materials[body]}
         if not changed:
             return Problem(self.solid, materials, self.supports, self.matrix)
@@ -171,17 +172,17 @@ class Problem:
 
     @property
     def share(self) -> float:
-        """What the forces on the mesh are multiplied with for those on the whole."""
+        """Factor from forces on the mesh to those on the whole: 2 for a half mesh, else 1."""
         return 2.0 if self.solid.mesh.half else 1.0
 
     def own(self, v: Floats, body: int) -> Floats:
-        """Displacements (3 n, k) as a body feels them, of unknowns v (unknowns, k): eq. SO.3."""
+        """Return the displacements (3 n, k) that strain a body, from unknowns v (unknowns, k): u of eq. SO.3."""
         out = self.spread(v)
         return out if body in BLOCKS else out + self.supports.lift.reshape(out.shape)
 
     @cached_property
     def loads(self) -> Floats:
-        """The right-hand sides of the states, -K_tissue lift, shape (unknowns, 3)."""
+        """Right-hand sides of the three states, -K_tissue lift, shape (unknowns, 3)."""
         lift = self.supports.lift.reshape(-1, len(STATES))
         forces = sum(
             (self.solid.parts[b].forces(m, lift) for b, m in self.materials.items() if b in self.solid.parts and b not in BLOCKS),
@@ -190,18 +191,18 @@ class Problem:
         return self.restricted(-forces)
 
     def spread(self, v: Floats) -> Floats:
-        """Unknowns (unknowns, k) at all displacements (3 n, k), zero where they are held."""
+        """Expand unknowns (unknowns, k) to all displacements (3 n, k), zero where they are fixed."""
         number = self.supports.number.ravel()
         return np.where(number[:, None] >= 0, v[np.maximum(number, 0)], 0.0)
 
     def restricted(self, forces: Floats) -> Floats:
-        """Nodal forces (3 n, k) on the unknowns, (unknowns, k)."""
+        """Restrict nodal forces (3 n, k) to the unknowns, (unknowns, k)."""
         number = self.supports.number.ravel()
         free = np.flatnonzero(number >= 0)
         gather = sp.csr_array((np.ones(len(free)), (number[free], free)), shape=(self.supports.unknowns, len(number)))
         return np.asarray(gather @ forces)
 
     def energy(self, body: int, v: Floats) -> Floats:
-        """Twice the elastic energy of pairs of states in one body of the whole, v_i^T K_b v_j, shape (k, k)."""
+        """Return v_i^T K_b v_j, twice the elastic energy of pairs of states in one body of the whole solid, shape (k, k)."""
         u = self.own(v, body)
         return np.asarray(self.share * (u.T @ self.solid.parts[body].forces(self.materials[body], u)))

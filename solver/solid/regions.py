@@ -1,4 +1,4 @@
-"""The parts of a mesh that have one material each: bodies cut by the reference cylinder and by the planes between layers."""
+"""Number the regions of a mesh with one material each: bodies cut by the reference cylinder and by layer planes."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from geometry.tetra.tet_mesh import BEYOND, GROOVE, INCLUSION, INNER, OUTER, TIS
 from solver.solid.body_stiffness import Elastic, Isotropic
 
 GROOVED = 0.05  # of the tube's modulus: 30 steps on groove-over-tumour, where 1, 0.1, 0.03 and 0.01 take 45, 32, 30 and 31
-SPAN = INCLUSION + MOST_INCLUSIONS  # numbers of one layer
+SPAN = INCLUSION + MOST_INCLUSIONS  # numbers reserved for one layer
 
 
 class Region(NamedTuple):
-    """A body's part.
+    """A part of a body.
 
     Attributes:
-        body: as in ``TetMesh``.
-        layer: of tissue, as there.
-        outside: whether it is an inclusion's part outside the reference cylinder.
+        body: number of the body, as in ``TetMesh``.
+        layer: layer of the tissue, as in ``TetMesh``.
+        outside: whether it is the part of an inclusion outside the reference cylinder.
     """
 
     body: int
@@ -32,35 +32,35 @@ class Region(NamedTuple):
 
     @property
     def number(self) -> int:
-        """By which ``Solid`` knows it: the body's own where there are no layers."""
+        """Number of the region in ``Solid``; without layers, the body's number."""
         inside = self.body + SPAN * self.layer
         return -1 - inside if self.outside else inside
 
     @classmethod
     def of(cls, number: int) -> Region:
-        """Return the region of a number."""
+        """Return the region with a number."""
         layer, body = divmod(-1 - number if number < 0 else number, SPAN)
         return cls(body, layer, number < 0)
 
 
 def numbers(mesh: TetMesh) -> Ints:
-    """The region of each element, (t,)."""
+    """Return the number of each element's region, (t,)."""
     inside = mesh.body + SPAN * mesh.layer
     return np.where((mesh.body >= INCLUSION) & mesh.beyond, -1 - inside, inside)
 
 
 def tissue_at(scene: Scene, layer: int) -> Material:
-    """The tissue's material in a layer, as ``TetMesh`` numbers them."""
+    """Return the tissue's material in a layer, numbered as in ``TetMesh``."""
     return scene.tissue.layer[layer - 1] if layer else scene.tissue
 
 
 def tissue_about(scene: Scene, depth: float) -> Material:
-    """The tissue's material at a depth."""
+    """Return the tissue's material at a depth, m."""
     return (*scene.tissue.layer, scene.tissue)[bisect_right(scene.tissue.interfaces, depth)]
 
 
 def own_material(scene: Scene, number: int) -> Material | None:
-    """A region's material in the scene; None for what the groove takes away."""
+    """Return a region's material in the scene; None for the groove."""
     region, probe = Region.of(number), scene.probe
     if region.body >= INCLUSION:
         return scene.inclusion[region.body - INCLUSION]
@@ -68,7 +68,7 @@ def own_material(scene: Scene, number: int) -> Material | None:
 
 
 def reference_material(scene: Scene, number: int) -> Material | None:
-    """A region's material in the reference: the layer's in inclusions, the tube's in the groove; None beyond the cylinder."""
+    """Return a region's material in the reference: tissue in inclusions, tube in the groove; None outside the cylinder."""
     region, probe = Region.of(number), scene.probe
     if region.outside or region.body == BEYOND:
         return None
@@ -78,9 +78,9 @@ def reference_material(scene: Scene, number: int) -> Material | None:
 
 
 def without_inclusions(scene: Scene, number: int) -> Elastic:
-    """A region's material in what is factorised: tissue in and beyond the cylinder, something between tube and air in the groove.
+    """Return a region's material for the factor: tissue everywhere in the tissue, a soft tube material in the groove.
 
-    Steps of both solutions grow with the contrast: air's for the reference, the tube's for the scene.
+    The iterations of both solutions grow with the groove's contrast: the scene has nothing there, the reference the tube.
     """
     region, probe = Region.of(number), scene.probe
     if region.body == GROOVE:

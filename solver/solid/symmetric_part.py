@@ -1,6 +1,6 @@
-"""The rotationally symmetric part of film forces, which the meridian plane knows, and what is meshed beside it.
+"""Compute the rotationally symmetric part of film forces in the meridian plane, and choose what is meshed besides.
 
-With A the exact forces of the reference (``domain.py``), D the difference that a mesh finds (``difference.py``) and
+With A the exact forces of the reference (``domain.py``), D the difference on a mesh (``difference.py``) and
 C the compliance by which the whole probe on the whole tissue, films, base and far tissue included, exceeds the reference,
 
     F = ((A + D)^-1 + C)^-1,    C = F_whole^-1 - A^-1                                              (SO.5)
@@ -35,15 +35,15 @@ from solver.results.warnings import Note
 from solver.solid.difference import SceneDifference
 from solver.solid.domain import Domain, coaxial, domain, plain, reach, room
 
-SHARE = 0.1  # of the accuracy that the symmetric part may take
-EDGES = 0.3  # of the product of what far tissue changes and what inclusions, groove and edges change
-BESIDE = 0.11  # outer radii: the least tissue beside the probe
-STEP = 1.6  # by which the tissue modelled grows where its edges matter
+SHARE = 0.1  # of the accuracy, for the symmetric part
+EDGES = 0.3  # of the product of the changes by far tissue and by inclusions, groove and edges
+BESIDE = 0.11  # outer radii: minimum distance of the probe from the tissue's side
+STEP = 1.6  # factor by which the modelled tissue grows if its cut matters
 
 
 @dataclass(frozen=True)
 class Exact:
-    """Film forces of a rotationally symmetric scene; see ``Converged``, whose finite elements are not kept here."""
+    """Film forces of a rotationally symmetric scene: ``Converged`` without its finite elements."""
 
     films: FilmForces
     plan: tuple[Decision, ...]
@@ -52,6 +52,7 @@ class Exact:
 
 @kept_within_limits
 def _exact(scene: Scene, accuracy: float) -> Exact:
+    """Solve a rotationally symmetric scene in the meridian plane; results are cached."""
     found = converged_forces(scene, accuracy)
     return Exact(found.films[0], found.plan, found.notes)
 
@@ -61,11 +62,11 @@ class SymmetricPart:
     """The rotationally symmetric part of eq. SO.5.
 
     Attributes:
-        domain: what is to be meshed.
+        domain: the domain to mesh.
         exact: A, N/m, shape (2, 2).
         compliance: C, m/N, shape (2, 2).
         whole: the whole probe on the whole tissue, without inclusions and groove.
-        edges: what C changes of the totals that is not known exactly, relative; of the far tissue alone.
+        edges: relative change of the total forces by far tissue, the part of C that is not exact.
     """
 
     domain: Domain
@@ -75,16 +76,16 @@ class SymmetricPart:
     edges: float
 
     def corrected(self, found: SceneDifference) -> Floats:
-        """Film forces by eq. SO.5, with SO.10 where the mesh has edges, N/m, shape (k, 2, 2)."""
+        """Return the film forces by eq. SO.5, with eq. SO.10 if the mesh has edges, N/m, shape (k, 2, 2)."""
         return np.asarray(np.linalg.inv(np.linalg.inv(self._bare(found)) + self.compliance))
 
     def carried(self, found: SceneDifference, small: Floats) -> Floats:
-        """What a small change of D, (k, 2, 2) or columns (k, 2, 1), becomes in F: rows and columns for the former."""
+        """Return the change of F for a small change of D: matrices (k, 2, 2), or columns (k, 2, 1)."""
         left = self.corrected(found) @ np.linalg.inv(self._bare(found))
         return np.asarray(left @ small @ (left.transpose(0, 2, 1) if small.shape[-1] == 2 else np.eye(1)))
 
     def _bare(self, found: SceneDifference) -> Floats:
-        """Film forces without what C holds, shape (k, 2, 2)."""
+        """Return the film forces without the compliance C, shape (k, 2, 2)."""
         if found.edges is None:
             return self.exact + found.forces
         beyond = np.linalg.inv(found.edges) - np.linalg.inv(found.reference)
@@ -92,7 +93,7 @@ class SymmetricPart:
 
 
 def symmetric_part(scene: Scene, accuracy: float) -> SymmetricPart:
-    """Cut far tissue off where that changes what inclusions do by little enough."""
+    """Choose the domain: cut far tissue off if that changes the effect of inclusions by less than the accuracy."""
     alone = plain(scene)
     whole = _exact(alone, SHARE * accuracy)
     unsure = not coaxial(scene) and whole.films.error_under(alone) > accuracy / 4
@@ -107,7 +108,7 @@ def symmetric_part(scene: Scene, accuracy: float) -> SymmetricPart:
 
 
 def reference_wall(scene: Scene) -> float | None:
-    """Radius of the reference cylinder in tissue that is not round about the probe, or None."""
+    """Return the radius of the reference cylinder in tissue that is not coaxial with the probe, or None."""
     if coaxial(scene):
         return None
     tube = scene.probe.tube_radius
@@ -118,7 +119,7 @@ def reference_wall(scene: Scene) -> float | None:
 
 
 def _compliance(alone: Scene, chosen: Domain, exact: Floats, whole: Exact, accuracy: float) -> tuple[Floats, Exact, float]:
-    """C of eq. SO.5, the converged whole, and what of it far tissue makes."""
+    """Return C of eq. SO.5, the converged film forces of the whole, and the relative effect of far tissue."""
     if chosen.radius is not None:  # edges are meshed: only films and base are left for C
         probe = alone.probe
         whole = _exact(chosen.reference.model_copy(update={"probe": probe}), SHARE * accuracy)
@@ -128,7 +129,7 @@ def _compliance(alone: Scene, chosen: Domain, exact: Floats, whole: Exact, accur
 
 
 def _edges(alone: Scene, chosen: Domain, exact: Floats, accuracy: float) -> float:
-    """What far tissue changes of the totals of blocks on a rigid base, relative."""
+    """Return the relative change of the total forces by far tissue, for blocks on a rigid base."""
     bare = alone.model_copy(update={"probe": chosen.reference.probe})
     with_it = _exact(bare, SHARE * accuracy).films.forces.sum(axis=1)
     return float(np.abs(with_it / exact.sum(axis=1) - 1).max())

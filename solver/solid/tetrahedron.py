@@ -1,6 +1,7 @@
-"""Tetrahedra of ten nodes: functions, quadrature and what their stiffness is made of.
+"""Integrate over tetrahedra of ten nodes: shape functions, quadrature and the matrices of their stiffness.
 
-With g_a the gradient of function a, everything that an isotropic element needs is one matrix of nine numbers for each pair:
+With the gradient g_a of function a and Lame's constants lambda and mu, the stiffness K of an isotropic element follows from one
+matrix G of nine numbers for each pair of nodes:
 
     G_(ai)(bj) = Int g_ai g_bj dV                                                            (SO.1)
     K_(ai)(bj) = lambda G_(ai)(bj) + mu (G_(aj)(bi) + delta_ij sum_k G_(ak)(bk))             (SO.2)
@@ -23,7 +24,7 @@ from geometry.common.errors import SolveError
 
 EDGES = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])
 CHUNK = 8192  # elements at once: 60 MB of matrices
-STRAIGHT = 1e-6  # of the longest edge: middles so close to the chord's middle make no difference
+STRAIGHT = 1e-6  # of the longest edge: smaller offsets of mid-edge nodes are neglected
 
 PLACES = np.vstack([np.eye(4), (np.eye(4)[EDGES[:, 0]] + np.eye(4)[EDGES[:, 1]]) / 2])[:, 1:]  # of the nodes, (10, 3)
 
@@ -44,7 +45,7 @@ class Rule:
 
 
 def functions(points: Floats) -> tuple[Floats, Floats]:
-    """Values (q, 10) and derivatives (q, 10, 3) of the ten functions at points (q, 3)."""
+    """Return values (q, 10) and derivatives (q, 10, 3) of the ten shape functions at points (q, 3)."""
     bary = np.column_stack([1 - points.sum(axis=1), points])
     slope = np.vstack([-np.ones(3), np.eye(3)])  # of the barycentric coordinates
     a, b = EDGES.T
@@ -56,7 +57,7 @@ def functions(points: Floats) -> tuple[Floats, Floats]:
 
 @cache
 def rule(curved: bool) -> Rule:
-    """The rule of 4 points, degree 2: exact for straight elements; for curved ones 14 points, degree 5.
+    """Return the quadrature rule: 4 points, degree 2, exact for straight elements; 14 points, degree 5, for curved ones.
 
     Source: Keast, Comput. Methods Appl. Mech. Eng. 55 (1986); Walkington's rule of 14 points with positive weights.
     """
@@ -78,7 +79,7 @@ def rule(curved: bool) -> Rule:
 
 
 def curved(corners_and_middles: Floats) -> NDArray[np.bool_]:
-    """Which elements, nodes (t, 10, 3), have middles beside the middles of their edges."""
+    """Return the mask of curved elements, nodes (t, 10, 3): mid-edge nodes are off the middles of the chords."""
     x = corners_and_middles
     ends = x[:, EDGES]
     off = np.linalg.norm(x[:, 4:] - ends.mean(axis=2), axis=2).max(axis=1)
@@ -87,7 +88,7 @@ def curved(corners_and_middles: Floats) -> NDArray[np.bool_]:
 
 
 def gradients(x: Floats, slopes: Floats) -> tuple[Floats, Floats]:
-    """Gradients g (t, q, 10, 3) and Jacobians (t, q) of elements with nodes x (t, 10, 3), for slopes (q, 10, 3).
+    """Return gradients g (t, q, 10, 3) and Jacobians (t, q) of elements with nodes x (t, 10, 3), for slopes (q, 10, 3).
 
     Raises:
         SolveError: an element is turned inside out.
@@ -101,7 +102,7 @@ def gradients(x: Floats, slopes: Floats) -> tuple[Floats, Floats]:
 
 
 def integrated(x: Floats) -> Iterator[tuple[Ints, Floats, Floats, Floats]]:
-    """For elements with nodes x (t, 10, 3), some at a time: their numbers, functions (q, 10), g (n, q, 10, 3), weights (n, q)."""
+    """Yield chunks of elements with nodes x (t, 10, 3): indices, functions (q, 10), gradients (n, q, 10, 3), weights (n, q)."""
     bent = curved(x)
     for kind in (False, True):
         number, points = np.flatnonzero(bent == kind), rule(kind)
@@ -112,13 +113,13 @@ def integrated(x: Floats) -> Iterator[tuple[Ints, Floats, Floats, Floats]]:
 
 
 def grams(g: Floats, weight: Floats) -> Floats:
-    """G of eq. SO.1, shape (n, 30, 30), from g (n, q, 10, 3) and weights (n, q)."""
+    """Return G of eq. SO.1, shape (n, 30, 30), from gradients g (n, q, 10, 3) and weights (n, q)."""
     n, q = weight.shape
     root = (g * np.sqrt(weight)[..., None, None]).reshape(n, q, 30)
     return np.asarray(root.transpose(0, 2, 1) @ root)
 
 
 def mean_dilation(g: Floats, weight: Floats) -> Floats:
-    """Int g_ai dV Int g_bj dV / V, what stands for G beside lambda if an element's dilation is taken as its mean; (n, 30, 30)."""
+    """Return the matrix that lambda multiplies if an element's dilation is its mean: Int g_ai dV Int g_bj dV / V, (n, 30, 30)."""
     total = np.einsum("nqai,nq->nai", g, weight).reshape(len(g), 30)
     return np.asarray(total[:, :, None] * (total / weight.sum(axis=1)[:, None])[:, None])
