@@ -31,7 +31,7 @@ STEPS = 20  # of IPOPT
 
 @dataclass(frozen=True)
 class Corrected:
-    """Eq. DS.3 in the place of ``SteeredDesigns``."""
+    """The closed-form objective corrected to the finer model at one design (eq. DS.3), for IPOPT."""
 
     steered: SteeredDesigns
     start: Floats
@@ -49,7 +49,7 @@ class Corrected:
 
 
 def polish(steered: SteeredDesigns, design: Design, room: Room, start: Choice, progress: Progress) -> Choice | None:
-    """Return a design near one that is better by the level, or None where none was found."""
+    """Return a nearby design that the equivalent-inclusion evaluator finds better, or None."""
     space = room.pinned(start.combination)
     free = [k for k in range(len(space.low)) if space.low[k] < space.high[k] * (1 - TIGHT)]
     here = _value(steered, design, room, start, start.design)
@@ -75,7 +75,7 @@ def polish(steered: SteeredDesigns, design: Design, room: Room, start: Choice, p
 
 
 def _moved(design: Floats, k: int, low: Floats, high: Floats) -> tuple[Floats, float]:
-    """A design with one variable moved, away from the nearer bound, and by how much its logarithm is."""
+    """Return a design with one variable moved away from its nearer bound, and the change of that variable's logarithm."""
     upwards = np.log(high[k] / design[k]) >= np.log(design[k] / low[k])
     moved = design.copy()
     moved[k] = np.clip(design[k] * np.exp(DIFFERENCE if upwards else -DIFFERENCE), low[k], high[k])

@@ -69,7 +69,7 @@ def rounded_down(value: float) -> float:
 
 
 def asked(load: Load, stiffness: Any) -> Any:
-    """The force that a load means, N, at a stiffness, N/m; floats, arrays or casadi."""
+    """Return the force of a load, N: itself, or its indentation times the stiffness, N/m; floats, arrays or casadi."""
     return load.force if load.indentation is None else load.indentation * stiffness
 
 
@@ -102,7 +102,7 @@ def pressing_force(scene: Scene, v: Any, radius: Any, totals: Any, nearing: floa
 
 
 def _lesser(a: Any, b: Any) -> Any:
-    """The lesser of two, floats, arrays or casadi."""
+    """Return the smaller of two numbers, arrays or casadi expressions."""
     return a * (a <= b) + b * (b < a)
 
 

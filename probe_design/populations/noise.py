@@ -1,4 +1,4 @@
-"""How far the readings of one scan scatter together: their covariance.
+"""Covariance of the readings of one scan.
 
 With w_c the standard deviation of one reading of channel c by itself, readings at p positions, with one more over a tumour-free
 place of the same tissue (the blank) that is taken from each, have
@@ -46,7 +46,7 @@ def covariance(
     over: Floats | None = None,
     observable: Observable | None = None,
 ) -> Floats:
-    """Return C of eq. PO.2, PO.3.
+    """Return the covariance of the readings counted from the baseline reading (eq. PO.2) or from a prediction (eq. PO.3).
 
     Args:
         noise: of the design file.
@@ -75,7 +75,7 @@ def covariance(
 def covariance_of_all(
     noise: NoiseModel, protocol: Protocol, scene: Scene, blank: Floats, over: Floats, *, observable: Observable | None = None
 ) -> Floats:
-    """Return C of eq. PO.8, arguments and refusals as of ``covariance``.
+    """Return the covariance of all readings, the baseline's among them (eq. PO.8); arguments as of ``covariance``.
 
     Returns:
         in the order of ``readings.logarithms``, then, where there is one, the blank's channels; shape (m, m) or (m + c, m + c).
@@ -114,12 +114,12 @@ def _both_variances(noise: NoiseModel, scene: Scene, places: Floats) -> Floats:
 
 
 def _common(noise: NoiseModel, channels: tuple[int, ...], blank: Floats) -> Floats:
-    """g_c^2 of some channels, (c,)."""
+    """Return the variance of the gain of some channels, shape (c,)."""
     return np.array([_ratio_gain(noise, blank), noise.stiffness_gain**2])[list(channels)]
 
 
 def film_charges(scene: Scene, places: Floats) -> Floats:
-    """Q_j, C, under the scene's load, shape (k, 2)."""
+    """Return the charge of each film under the scene's load, C, shape (k, 2)."""
     load, film = scene.load, scene.probe.film
     indentation = (load.force or 0.0) / places.sum(axis=1) if load.indentation is None else np.full(len(places), load.indentation)
     charges = (abs(film.d33 if film else 0.0) or abs(Film().d33)) * np.abs(places) * indentation[:, None]

@@ -163,7 +163,7 @@ class ScenePopulation:
         raise InputError("population", fit, f"ranges of which more fit: most of these {why}")
 
     def _misfit(self, tissue: Scene, bodies: Floats) -> str:
-        """What most tumours fail by, in words."""
+        """Describe the most frequent reason why tumours do not fit."""
         depth, diameter = bodies.T[:2]
         radius, shallow = diameter / 2, np.maximum(self.least_cover, COVER * diameter)
         cover = np.mean(depth - radius < shallow)

@@ -82,7 +82,7 @@ class ScanReadings:
 
 
 def logarithms(totals: Any, stiffness: bool) -> Any:
-    """Eq. PO.1 without its constant.
+    """Return the logarithms of ratio and stiffness, eq. PO.1 without its constant.
 
     Args:
         totals: F_inner and F_outer, shape (..., p, 2), real or complex.

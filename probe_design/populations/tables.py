@@ -89,7 +89,7 @@ class PopulationRanges(Frozen):
 
     @property
     def differ(self) -> bool:
-        """Whether its tumours do."""
+        """Whether the tumours of the population differ from each other."""
         given = [self.depth, self.diameter, self.object, self.tissue, self.x]
         given += [one for layer in self.layer for one in (layer.thickness, layer.modulus)]
         return any(one is not None and not one.single for one in given)
