@@ -44,7 +44,7 @@ def levers(scene: Scene, design: Design, *, unseen: bool = False, progress: Prog
         progress: called with levers done and all.
 
     Raises:
-        InputError: see ``judge.examined``.
+        InputError: see ``judge.examine``.
         Refusal: likewise.
     """
     asked = list(_changed(design))

@@ -39,7 +39,7 @@ class Chosen:
         choices: designs, best first.
         how: how discrete variables and materials were treated, one sentence.
         exhaustive: whether every combination was tried.
-        best: the best objective of each combination tried, by ``Combination.told``.
+        best: the best objective of each combination tried, by ``Combination.description``.
     """
 
     choices: tuple[Choice, ...]
@@ -148,7 +148,7 @@ def _middle_poisson(room: Room) -> tuple[float, float]:
 
 def _ordered(choices: list[Choice], how: str, exhaustive: bool) -> Chosen:
     if not choices:
-        raise InputError("variables", Words("no design that any tumour can be told with"), "a wider choice, or wider limits")
+        raise InputError("variables", Words("no design with a finite objective"), "a wider choice, or wider limits")
     order = sorted(choices, key=lambda one: -one.value)
     best: dict[str, float] = {}
     for one in order:

@@ -38,7 +38,7 @@ class ExactGradients(Protocol):
     """An objective with exact derivatives, as IPOPT needs it."""
 
     def gradient(self, x: Floats, poisson: tuple[float, float], which: list[int]) -> tuple[Floats, Floats]:
-        """See ``SteeredDesigns.gradient``."""
+        """See ``DesignObjective.gradient``."""
 
 
 class SteeredFunction(Differentiated):

@@ -54,7 +54,7 @@ class SteppedSpace(Space):
     """A design space of seven variables, with a separate height for each block."""
 
     def scene_of(self, x: Floats) -> Scene | None:
-        """See ``Space.scene_of``; both heights are rounded as lengths are."""
+        """See ``Space.build_scene``; both heights are rounded as lengths are."""
         made = super().scene_of(x[:OUTER])
         try:
             return None if made is None else with_heights(made, round(float(x[INNER]), 5), round(float(x[OUTER]), 5))
@@ -62,7 +62,7 @@ class SteppedSpace(Space):
             return None
 
     def limits(self, scene: Scene) -> tuple[Limit, ...]:
-        """See ``Space.limits``."""
+        """See ``Space.list_limits``."""
         rows = [replace(one, name=one.name.replace(" height", " inner_height")) for one in super().limits(scene)]
         at = scene.probe.tube_height
         for word, limit in (("least", self.low[OUTER]), ("largest", self.high[OUTER])):

@@ -2,7 +2,8 @@
 
 One force holds for all tumours and tissues, as nobody knows beforehand which is there: the least of the scene's, of what limits
 of force, indentation, tissue strain and charge allow, of 1/20 of what closes the gap, and of what keeps the ratio within
-``RATIO`` of linear elasticity over the tumour with the widest, thinnest cover (``solver.planning.loads``, PL.7).
+``MAX_RATIO_CHANGE_RELATIVE`` of linear elasticity over the tumour with the widest,
+thinnest cover (``solver.planning.loads``, PL.7).
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ class PressedDesign:
         indentation: m, the deepest of all tissues'.
         tissue_strain: likewise.
         charge: of the weaker and of the stronger channel, C.
-        by: what sets the force: scene, force, indentation, tissue_strain, gap_closure, charge or linearity.
+        limited_by: what sets the force: scene, force, indentation, tissue_strain, gap_closure, charge or linearity.
         allowed: the force, N, that each of these allows.
     """
 
@@ -85,8 +86,8 @@ class PressingRule:
     Attributes:
         design: its limits, and its scene's load.
         tissues: the population's that steer, and those of tumours that the search has not seen, on which a force has to hold too.
-        covered: eq. PL.7 for the worst of its tumours.
-        nearing: of walls per indentation, over that of eq. PL.4, at the start: a search takes it for that of all designs.
+        worst_cover_factor: eq. PL.7 for the worst of its tumours.
+        approach_ratio: of walls per indentation, over that of eq. PL.4, at the start: a search takes it for that of all designs.
     """
 
     design: Design

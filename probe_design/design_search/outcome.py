@@ -26,7 +26,7 @@ class PopulationOptimum:
 
     Attributes:
         design: the question.
-        room: the designs that were to choose from.
+        search_space: the designs that were to choose from.
         start: the scene's probe, judged.
         single: the optimum for one tumour in the middle of the population, judged; None where there is none, ``why_no_single``.
         finalists: designs found, judged, best first.
@@ -110,7 +110,7 @@ class PopulationOptimum:
         missing = [name for name, one in self.best.judgement.by_observable.items() if one is None]
         if missing:
             named = " and ".join(missing)
-            yield f"nothing is said of {named}: [noise] gives a channel that is not read less noise than any reader has"
+            yield f"no results for {named}: [noise] gives this channel less noise than any instrument has"
 
     def _force_unused(self) -> Iterator[str]:
         """Yield a warning if linear elasticity limits the force below the allowed one; ``contact`` takes no off-axis tumours."""

@@ -4,8 +4,9 @@ With f the closed form's objective, g the level's and u the logarithms of the fr
 
     f(u) + g(u_0) - f(u_0) + (g'(u_0) - f'(u_0)) . (u - u_0)                                          (DS.3)
 
-has the value and, by differences of ``DIFFERENCE``, the slopes of g at u_0: first-order model management. It is climbed within
-``REACH`` of the design; what is found counts only where g itself is larger there.
+has the value and, by differences of ``LOG_DIFFERENCE_STEP``, the slopes of g at u_0: first-order model
+management. It is climbed within
+``MAX_LOG_CHANGE`` of the design; what is found counts only where g itself is larger there.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ class Corrected:
     slopes: Floats
 
     def gradient(self, x: Floats, poisson: tuple[float, float], which: list[int]) -> tuple[Floats, Floats]:
-        """Return both values and their derivatives, see ``SteeredDesigns.gradient``."""
+        """Return both values and their derivatives, see ``DesignObjective.gradient``."""
         both, slopes = self.steered.gradient(x, poisson, which)
         moved = np.log(x[which] / self.start[which])
         return both + np.array([float(self.slopes @ moved), 0.0]), slopes + np.stack([self.slopes, 0 * self.slopes])

@@ -47,7 +47,7 @@ class SteeredDesigns:
         Args:
             design: the design file.
             widest: outer radius of the widest probe, m.
-            most: tumours that steer.
+            max_tumours: tumours that steer.
         """
         population = ScenePopulation.of(design.scene, design.population)
         draw = population.drawn(min(most, population.samples))

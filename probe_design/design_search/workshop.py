@@ -55,7 +55,7 @@ def robustness(steered: SteeredDesigns, design: Design, scene: Scene, materials:
 
 
 def drawn(scene: Scene, materials: tuple[str, ...]) -> Floats:
-    """Draw probes as built, shape (6 or 7, ``DRAWS``): lengths and logarithms of moduli are normally distributed."""
+    """Draw probes as built, shape (6 or 7, ``TOLERANCE_DRAWS``): lengths and logarithms of moduli are normally distributed."""
     probe, z = scene.probe, norm.ppf(qmc.Sobol(6 + heights_differ(scene), seed=SEED).random(DRAWS)).T
     sizes = {"inner_radius": probe.inner_radius, "outer_radius": probe.tube_radius, "gap": probe.gap, "height": probe.core_height}
     inner, outer, gap, height = (

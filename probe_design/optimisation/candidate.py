@@ -23,7 +23,7 @@ from solver.results.film_forces import FilmForces
 
 ACCURACY = 0.01  # of the judge
 SURE = 2.0  # times the combined error: a gain beyond linear elasticity counts beyond it
-FINER = 0.001  # of the judge where its errors at ``ACCURACY`` hide a gain
+FINER = 0.001  # of the judge where its errors at ``JUDGE_ACCURACY`` hide a gain
 
 
 @dataclass(frozen=True)
@@ -34,9 +34,9 @@ class Candidate:
         scene: the scene with this probe.
         judged: the judge's result, at the load of ``pressing``.
         pressing: the load that the objective counts with.
-        nearing: of the walls per unit indentation, see ``CoarseModel.approach``.
+        wall_approach: of the walls per unit indentation, see ``CoarseModel.approach``.
         judged_objective: standard deviation of ln E_object by the judge, smaller is better.
-        least, most: bounds of that objective, from the judge's error bounds and the neglected finite strain.
+        objective_min, objective_max: bounds of that objective, from the judge's error bounds and the neglected finite strain.
         searched: the closed form's result, or None where it refuses the scene.
         refused: what it takes instead, or None.
         searched_objective: by the closed form, inf where it refuses.
@@ -95,7 +95,7 @@ def candidate(
         noise: of a reading.
         judge: the level's name.
         accuracy: of the judge.
-        formula: what the closed form finds, or its refusal, where that is known, see ``by_formulas``.
+        formula: what the closed form finds, or its refusal, where that is known, see ``evaluate_closed_form``.
 
     Raises:
         Refusal: the judge cannot take the scene.

@@ -103,7 +103,7 @@ class Space:
 
 
 def _round_figures(modulus: float) -> float:
-    """The modulus to ``DIGITS`` figures."""
+    """The modulus to ``MODULUS_DIGITS`` figures."""
     return float(f"{modulus:.{DIGITS}g}")
 
 

@@ -1,7 +1,7 @@
 """A design under loads that linear elasticity does not answer for: its load is a variable, and level ``contact`` judges it.
 
 What a design is worth under a limit is the best of what it is worth under any load up to that, the linear range included: a
-wider limit makes none worse. Loads are tried at ``STEPS``, which do not hang on the limit.
+wider limit makes none worse. Loads are tried at ``DEPTHS_RELATIVE``, which do not hang on the limit.
 """
 
 from __future__ import annotations
@@ -103,8 +103,8 @@ class Reach:
 
     Attributes:
         load: the largest that is allowed.
-        by: what sets it.
-        points: on the way there, at ``STEPS``.
+        limited_by: what sets it.
+        points: on the way there, at ``DEPTHS_RELATIVE``.
     """
 
     load: Load

@@ -115,7 +115,7 @@ class ClosedFormScan:
         return self.signals_of(*self.totals(probe))
 
     def signals_of(self, over: Any, blank: Any) -> tuple[Any, Any]:
-        """Return ``signals`` from ``totals``."""
+        """Return ``compute_signals`` from ``compute_totals``."""
         with np.errstate(all="ignore"):
             without = np.repeat(self._logs(blank[:, :, None]), len(self.protocol.positions), axis=-1)
             return self._logs(over) - without[:, self.draw.tissue], blank

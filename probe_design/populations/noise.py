@@ -53,12 +53,12 @@ def covariance(
         protocol: likewise.
         scene: for its films and load.
         blank: force on each film per unit of indentation without tumours, N/m, shape (2,).
-        over: the same at each position over tumours, shape (p, 2), as charges depend on it; left out: that without.
+        tumour_forces: the same at each position over tumours, shape (p, 2), as charges depend on it; left out: that without.
         tissue: s_j t_j of eq. PO.3, shape (m, q); left out where the tissue is no nuisance. With a blank it does not count.
         observable: which channels are read; left out: the protocol's.
 
     Returns:
-        shape (m, m), in the order of ``readings.logarithms``.
+        shape (m, m), in the order of ``readings.compute_logarithms``.
 
     Raises:
         InputError: a reading would have less noise than ``LEAST``, or charges are noisy and the scene has no load.
@@ -75,10 +75,11 @@ def covariance(
 def covariance_of_all(
     noise: NoiseModel, protocol: Protocol, scene: Scene, blank: Floats, over: Floats, *, observable: Observable | None = None
 ) -> Floats:
-    """Return the covariance of all readings, the baseline's among them (eq. PO.8); arguments as of ``covariance``.
+    """Return the covariance of all readings and the baseline's (eq. PO.8); arguments as of ``build_difference_covariance``.
 
     Returns:
-        in the order of ``readings.logarithms``, then, where there is one, the blank's channels; shape (m, m) or (m + c, m + c).
+        in the order of ``readings.compute_logarithms``, then the blank's channels if there is one;
+            shape (m, m) or (m + c, m + c).
     """
     channels = CHANNELS[observable or protocol.observable]
     own, common = _variances(noise, channels, scene, np.vstack([blank, over])), _common(noise, channels, blank)

@@ -237,7 +237,7 @@ class Objective(Frozen):
         return float(np.mean(values) if self.statistic == "mean" else np.quantile(values, self.statistic))
 
     def error(self, values: Floats, group: Ints | None = None) -> float:
-        """Return the standard error of ``over``, of a quantile from its neighbours.
+        """Return the standard error of ``compute_statistic``, of a quantile from its neighbours.
 
         Args:
             values: of n tumours drawn at random, shape (n,).
