@@ -39,7 +39,7 @@ def draw_maps(maps: dict[str, DepthMap], judged: dict[str, JudgedDesign], path: 
         one.set_xlabel("diameter, mm")
     figure.suptitle(
         "by the closed form, a known tumour in the middle of the population's ranges (an upper bound); points: verified tumours,\n"
-        "full where detected more often than not; lines: detected nine times in ten, contrast resolved to 0.5",
+        "full where detected more often than not; lines: 90 % detected, contrast resolved to 0.5",
         fontsize=9,
     )
     return save(figure, path)

@@ -44,7 +44,7 @@ def test_a_gain_counts_beyond_the_errors_of_both() -> None:
         "0.98",
         "2 % less",
         "0.942 to 1.02",
-        "errors may feign",
+        "is within its errors",
     ):
         assert words in hidden.verdict
     worse = found(judged(1.02, 0.04))
