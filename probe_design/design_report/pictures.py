@@ -38,7 +38,7 @@ def draw_maps(maps: dict[str, DepthMap], judged: dict[str, JudgedDesign], path: 
     for one in axes[-1]:
         one.set_xlabel("diameter, mm")
     figure.suptitle(
-        "by the closed form, a known tumour in the middle of the population's ranges (an upper bound); points: verified tumours,\n"
+        "by the closed form, a known tumour in the middle of the population's ranges (an upper bound); points: those verified,\n"
         "full where detected more often than not; lines: 90 % detected, contrast resolved to 0.5",
         fontsize=9,
     )
