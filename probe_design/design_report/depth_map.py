@@ -36,7 +36,7 @@ class DepthMap:
     contrast_sd: Floats
 
     def deepest(self, diameter: float) -> float | None:
-        """Return down to which depth tumours of a diameter are surely found, m; None where none are."""
+        """Return the largest depth at which tumours of a diameter are detected with 90 %, m; None if there is none."""
         column = self.probability[:, np.abs(self.diameter - diameter).argmin()]
         found = self.depth[np.nan_to_num(column) >= SURE]
         return float(found.max()) if len(found) else None

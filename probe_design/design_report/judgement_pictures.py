@@ -39,14 +39,14 @@ def plot_judgements(judgements: Sequence[tuple[str, Judgement]], path: Path) -> 
         deviations = np.clip(judgement.contrast_sd, LEAST_SD, MOST_SD)
         for row, (values, colours) in enumerate(((judgement.probability, "viridis"), (deviations, "viridis_r"))):
             marks[row] = _tumours(axes[row, column], judgement, values, scales[row], colours)
-        told = f"{judgement.detection:.2f} ± {judgement.detection_error:.2f} found, {judgement.resolved:.2f} told"
+        told = f"{judgement.detection:.2f} ± {judgement.detection_error:.2f} detected, {judgement.resolved:.2f} resolved"
         axes[0, column].set_title(f"{name}\n{told}", fontsize=10)
         axes[1, column].set_xlabel("diameter, mm")
-    for row, label in enumerate(("probability to be found", "sd of ln contrast")):
+    for row, label in enumerate(("probability of detection", "sd of ln contrast")):
         axes[row, 0].set_ylabel("depth of the centre, mm")
         figure.colorbar(marks[row], ax=axes[row, :].tolist(), label=label, extend="both" if row else "neither")
     axes[0, 0].invert_yaxis()
-    figure.supxlabel(f"circled: ln contrast told to {RESOLVED:g}", fontsize=9)
+    figure.supxlabel(f"circled: ln contrast resolved to {RESOLVED:g}", fontsize=9)
     return save(figure, path)
 
 

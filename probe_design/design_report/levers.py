@@ -35,7 +35,7 @@ class Lever:
 
 
 def levers(scene: Scene, design: Design, *, unseen: bool = False, progress: Progress | None = None) -> tuple[Lever, ...]:
-    """Return what each lever brings for a scene's probe, the first being none at all.
+    """Compute the gain of each single improvement of the readings for a scene's probe; the first entry changes nothing.
 
     Args:
         scene: the design's scene, perhaps with another probe and load.
@@ -44,7 +44,7 @@ def levers(scene: Scene, design: Design, *, unseen: bool = False, progress: Prog
         progress: called with levers done and all.
 
     Raises:
-        InputError: see ``judge.examined``.
+        InputError: see ``judge.examine``.
         Refusal: likewise.
     """
     asked = list(_changed(design))
@@ -69,7 +69,7 @@ def _widest(design: Design, asked: list[Design]) -> Design:
 
 
 def _under(scan: Examination, whole: Design, design: Design) -> Examination:
-    """What of a scan is read at another protocol's positions."""
+    """Return the part of a scan that is read at the positions of a design's protocol."""
     apart = np.abs(design.protocol.places[:, None] - whole.protocol.places)
     return scan.part(apart.argmin(axis=1), "both")
 

@@ -28,7 +28,7 @@ def draw_maps(maps: dict[str, DepthMap], judged: dict[str, JudgedDesign], path: 
     figure, axes = _figure((5.4 * len(maps), 9.0), (2, len(maps)))
     for column, (name, one) in enumerate(maps.items()):
         for row, (values, label, limit) in enumerate(
-            ((one.probability, "probability that it is found", SURE), (one.contrast_sd, "sd of ln contrast", RESOLVED))
+            ((one.probability, "probability of detection", SURE), (one.contrast_sd, "sd of ln contrast", RESOLVED))
         ):
             _map(figure, axes[row][column], one, values, label=label, limit=limit)
         axes[0][column].set_title(name, fontsize=11)
@@ -38,8 +38,8 @@ def draw_maps(maps: dict[str, DepthMap], judged: dict[str, JudgedDesign], path: 
     for one in axes[-1]:
         one.set_xlabel("diameter, mm")
     figure.suptitle(
-        "by the closed form, a known tumour in the middle of the population's ranges (an upper bound); points: judged tumours,\n"
-        "full where found more often than not; lines: found nine times in ten, contrast told to 0.5",
+        "by the closed form, a known tumour in the middle of the population's ranges (an upper bound); points: those verified,\n"
+        "full where detected more often than not; lines: 90 % detected, contrast resolved to 0.5",
         fontsize=9,
     )
     return save(figure, path)

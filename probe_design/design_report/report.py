@@ -131,7 +131,7 @@ def page(
     Args:
         optimum: that was found.
         maps: of each judged design.
-        answer: what ``summary`` returns.
+        answer: what ``build_summary`` returns.
         folder: of the pictures, which go into the page.
         files: beside the page, that it links to.
     """

@@ -1,4 +1,4 @@
-"""Bounds of the variables as a design file gives them, and what its limits take of them."""
+"""Bounds of the design variables: from the design file, then narrowed by its limits."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MOST_STEPS = 10_000
 
 
 def usual_space(design: Design) -> Space:
-    """Return the space round the start that its limit of the outer radius leaves; raises ``InputError`` where that is none."""
+    """Return the default bounds around the start, within the limit of the outer radius; raise ``InputError`` if none are left."""
     try:
         found = space(design.scene, design.limits.outer_radius)
     except InputError as fault:
@@ -28,10 +28,10 @@ def usual_space(design: Design) -> Space:
 
 
 def _apart(design: Design) -> bool:
-    """Whether blocks have heights of their own: where a file says so, or says nothing and the start's differ.
+    """Return whether the two blocks have separate heights: the file gives them, or gives none and the start's heights differ.
 
     Raises:
-        InputError: it says both, or that heights stay which cannot.
+        InputError: the file gives both kinds of height, or fixes one common height although the start has two.
     """
     height, own, differ = design.variables.height, design.variables.of_heights, heights_differ(design.scene)
     if own and height != DesignVariable():
@@ -42,7 +42,7 @@ def _apart(design: Design) -> bool:
 
 
 def ends(name: str, variable: DesignVariable, low: float, high: float, start: float) -> tuple[float, float, tuple[float, ...]]:
-    """Return bounds of a variable and its only values, if it has such."""
+    """Return the lower and upper bound of a variable and its discrete values, which are empty if it is continuous."""
     if variable.fixed:
         return start, start, ()
     if variable.choices:
@@ -52,7 +52,7 @@ def ends(name: str, variable: DesignVariable, low: float, high: float, start: fl
 
 
 def _steps(name: str, step: float, low: float, high: float) -> tuple[float, ...]:
-    """Multiples of a step between bounds."""
+    """Return the multiples of a step that lie between the bounds."""
     k = names(apart=True).index(name) if name != "height" else INNER
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
     if last - first >= MOST_STEPS or last < first:
@@ -62,7 +62,7 @@ def _steps(name: str, step: float, low: float, high: float) -> tuple[float, ...]
 
 
 def limit_height(design: Design, k: int, low: Floats, high: Floats, *, grids: dict[int, tuple[float, ...]]) -> None:
-    """Take what is higher than the limit of heights from variable k: from its bounds and its grid."""
+    """Lower the upper bound and the grid of height variable k to the limit of heights, in place."""
     limit = design.limits.height
     if limit is None:
         return
@@ -80,7 +80,7 @@ def limit_height(design: Design, k: int, low: Floats, high: Floats, *, grids: di
 
 
 def limit_radius(design: Design, low: Floats, high: Floats, outer_radius: float, wall: float) -> None:
-    """Take inner radii from the bounds that leave no room for gap and wall."""
+    """Lower the upper bound of the inner radius so that gap and wall fit within the outer radius, in place."""
     least = low[0] + low[2] + wall
     if least > outer_radius * (1 + 1e-9):
         given = Words(f"{mm(outer_radius)}{'' if design.limits.outer_radius else ', as it is left out'}")
@@ -89,5 +89,5 @@ def limit_radius(design: Design, low: Floats, high: Floats, outer_radius: float,
 
 
 def shown(k: int, value: float) -> Any:
-    """Return a value of variable k as a design file has it."""
+    """Return variable k with its unit, as a design file writes it."""
     return f"{value:g}" if k == 1 else (MODULUS if k in MODULI else LENGTH).text(value)

@@ -1,4 +1,4 @@
-"""What comes in steps or from a shelf: every combination tried where there are few, branches of a relaxed search otherwise."""
+"""Search over discrete variables: try every combination if they are few, otherwise round designs of a continuous search."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class Choice:
-    """A design of a combination with its objective by the closed form."""
+    """A design of one combination of discrete values, with its closed-form objective."""
 
     combination: Combination
     design: Floats
@@ -33,13 +33,13 @@ class Choice:
 
 @dataclass(frozen=True)
 class Chosen:
-    """What a search found.
+    """The designs that a search over all combinations returns.
 
     Attributes:
         choices: designs, best first.
-        how: what was done with what comes in steps or from a shelf, one sentence.
+        how: how discrete variables and materials were treated, one sentence.
         exhaustive: whether every combination was tried.
-        best: the best objective of each combination tried, by ``Combination.told``.
+        best: the best objective of each combination tried, by ``Combination.description``.
     """
 
     choices: tuple[Choice, ...]
@@ -49,10 +49,10 @@ class Chosen:
 
 
 def choose(steered: SteeredDesigns, room: Room, progress: Progress) -> Chosen:
-    """Return designs, best first.
+    """Search the combinations of discrete values and return the designs, best first.
 
     Raises:
-        InputError: no combination leaves room for a probe that can be told anything of.
+        InputError: no combination gives a probe with a finite objective.
     """
     if room.combinations <= MOST_ENUMERATED:
         every = list(room.every())
@@ -97,7 +97,7 @@ def _again(steered: SteeredDesigns, room: Room, choices: list[Choice]) -> list[C
 
 
 def _branched(steered: SteeredDesigns, room: Room, progress: Progress) -> tuple[list[Choice], int]:
-    """Search without steps, round what it finds, and go to the best neighbour until none is better."""
+    """Search with continuous variables, round the best designs, then move to the best neighbour until none is better."""
     relaxed = search(steered, room.space, _middle_poisson(room), starts=STARTS)
     progress(1, 2 + ROUNDS)
     tried: dict[str, list[Choice]] = {}
@@ -125,7 +125,7 @@ def _try(steered: SteeredDesigns, room: Room, combinations: Iterable[Combination
 
 
 def _beside(room: Room, best: Choice) -> Iterator[Combination]:
-    """Combinations that differ from the best in one place by one step, or in one block's material."""
+    """Yield the combinations that differ from the best by one step of one variable or by one block's material."""
     held = {k: best.combination.pinned[k] for k in room.grids}
     for k, values in room.grids.items():
         at = values.index(held[k])
@@ -148,7 +148,7 @@ def _middle_poisson(room: Room) -> tuple[float, float]:
 
 def _ordered(choices: list[Choice], how: str, exhaustive: bool) -> Chosen:
     if not choices:
-        raise InputError("variables", Words("no design that any tumour can be told with"), "a wider choice, or wider limits")
+        raise InputError("variables", Words("no design with a finite objective"), "a wider choice, or wider limits")
     order = sorted(choices, key=lambda one: -one.value)
     best: dict[str, float] = {}
     for one in order:

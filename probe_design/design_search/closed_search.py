@@ -35,10 +35,10 @@ class FoundDesigns:
 
 
 class ExactGradients(Protocol):
-    """What IPOPT asks."""
+    """An objective with exact derivatives, as IPOPT needs it."""
 
     def gradient(self, x: Floats, poisson: tuple[float, float], which: list[int]) -> tuple[Floats, Floats]:
-        """See ``SteeredDesigns.gradient``."""
+        """See ``DesignObjective.gradient``."""
 
 
 class SteeredFunction(Differentiated):
@@ -69,7 +69,7 @@ def search(
     steered: SteeredDesigns, space: Space, poisson: tuple[float, float], *, starts: int = STARTS, screened: int = SCREENED,
     steps: int = STEPS,
 ) -> FoundDesigns:  # fmt: skip
-    """Return designs within bounds, best first: local optima, and what they started from.
+    """Search designs within bounds and return local optima and screened designs together, best first.
 
     Args:
         steered: the objective.
@@ -110,7 +110,7 @@ def screen(space: Space, count: int = SCREENED) -> Floats:
 
 
 def _corners(space: Space, low: Floats, high: Floats) -> Floats:
-    """The narrowest design and, where it is admissible, the middle of all bounds; one column at least."""
+    """Return the design at the lower bounds and that in the middle of all bounds, those of them that are admissible."""
     middle = np.exp((np.log(low) + np.log(high)) / 2)
     candidates = np.array([low, middle]).T
     for column in candidates.T:
@@ -122,7 +122,7 @@ def _corners(space: Space, low: Floats, high: Floats) -> Floats:
 
 
 def _shell(space: Space, low: Floats, high: Floats, sample: Floats, k: int) -> Floats:
-    """Designs whose outer radius is between 2^(k / SHELLS) and 2^((k + 1) / SHELLS) m, unless what is held says otherwise."""
+    """Sample designs with outer radii between 2^(k / SHELLS) and 2^((k + 1) / SHELLS) m; fixed variables take precedence."""
     radius = 2 ** ((k + sample[:, 0]) / SHELLS)
     ratio, gap, *rest = np.exp(np.log(low[1:]) + sample[:, 1:] * (np.log(high[1:]) - np.log(low[1:]))).T
     if low[0] < high[0] * (1 - TIGHT):
@@ -136,7 +136,7 @@ def _shell(space: Space, low: Floats, high: Floats, sample: Floats, k: int) -> F
 
 
 def _starts(space: Space, designs: Floats, values: Floats) -> Ints:
-    """Indices of designs in the order in which IPOPT starts from them: the best, then the best of each shell, the second, ..."""
+    """Return the indices of designs in the order of IPOPT's starts: the best of each shell, then the second best, ..."""
     shells = np.floor(SHELLS * np.log2(space.derived_radius(designs)))
     best_first = np.argsort(-values, kind="stable")
     best_first = best_first[np.isfinite(values[best_first])]
@@ -175,7 +175,7 @@ def polished(
 
 
 def _nearly(space: Space, designs: Floats) -> Any:
-    """IPOPT meets constraints to about 1e-8; rounding for the workshop takes care of the rest."""
+    """Return which designs meet the constraints to 1e-6; IPOPT meets them to about 1e-8, and rounding removes the rest."""
     radius = space.derived_radius(designs)
     return (radius <= space.outer_radius * (1 + 1e-6)) & (radius - designs[0] - designs[2] >= space.wall * (1 - 1e-6))
 

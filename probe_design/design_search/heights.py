@@ -1,4 +1,4 @@
-"""Blocks of one height, or each of its own: then a design has a seventh variable.
+"""Design vectors with one common height, or with a separate height for each block as a seventh variable.
 
 A design x is (6,) in the order of ``design_space.VARIABLES`` where both blocks have one height, and (7,) where they differ: the
 fourth is the inner block's then, the seventh the outer's. The base carries the step between them.
@@ -22,12 +22,12 @@ GROOVED = 1.25  # depths of the groove that a block of its own height is high at
 
 
 def names(apart: bool) -> tuple[str, ...]:
-    """Return the variables' names in order."""
+    """Return the names of the six or seven design variables in order."""
     return APART if apart else VARIABLES
 
 
 def heights_differ(scene: Scene) -> bool:
-    """Whether a scene's blocks do."""
+    """Return whether the two blocks of a scene's probe have different heights."""
     return scene.probe.core_height != scene.probe.tube_height
 
 
@@ -51,10 +51,10 @@ def with_heights(scene: Scene, inner: float, outer: float) -> Scene:
 
 @dataclass(frozen=True)
 class SteppedSpace(Space):
-    """A ``Space`` of seven variables."""
+    """A design space of seven variables, with a separate height for each block."""
 
     def scene_of(self, x: Floats) -> Scene | None:
-        """See ``Space.scene_of``; both heights are rounded as lengths are."""
+        """See ``Space.build_scene``; both heights are rounded as lengths are."""
         made = super().scene_of(x[:OUTER])
         try:
             return None if made is None else with_heights(made, round(float(x[INNER]), 5), round(float(x[OUTER]), 5))
@@ -62,7 +62,7 @@ class SteppedSpace(Space):
             return None
 
     def limits(self, scene: Scene) -> tuple[Limit, ...]:
-        """See ``Space.limits``."""
+        """See ``Space.list_limits``."""
         rows = [replace(one, name=one.name.replace(" height", " inner_height")) for one in super().limits(scene)]
         at = scene.probe.tube_height
         for word, limit in (("least", self.low[OUTER]), ("largest", self.high[OUTER])):
@@ -71,7 +71,7 @@ class SteppedSpace(Space):
 
 
 def stepped(space: Space) -> SteppedSpace:
-    """Return a space whose blocks have heights of their own, the groove being the outer's."""
+    """Return the space with a separate height for each block; the outer block's lower bound leaves room for the groove."""
     scene, groove = space.scene, space.scene.probe.groove
     outer, low = scene.probe.tube_height, space.low.copy()
     low[INNER] = min(HEIGHTS[0], scene.probe.core_height)

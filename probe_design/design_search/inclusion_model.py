@@ -1,4 +1,4 @@
-"""The objective of the search by the equivalent-inclusion level to first order, on the tumours that steer: for polishing."""
+"""The search objective computed with the first-order equivalent-inclusion evaluator, used to refine a design."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class InclusionTumours:
     positions: tuple[Floats, float]
 
     def films(self, probes: Any) -> Films:
-        """Return the film forces of the one probe; ``probes`` says nothing."""
+        """Return the film forces of the one probe; ``probes`` is ignored."""
         m, places = len(self.tissue), len(self.positions[0])
         without, change, by_log = np.zeros((1, m, 2)), np.zeros((1, m, places, 2)), np.zeros((1, m, places, 2))
         for number, base in enumerate(self.bases):
@@ -52,7 +52,7 @@ class InclusionTumours:
         return Films(without, change, by_log)
 
     def _seen(self, which: Any) -> Tumours:
-        """Tumours from all positions, shape (k P, 1), relative to the probe's axis."""
+        """Return the tumours relative to the probe's axis at each of P positions, shape (k P, 1)."""
         draws, (along, across) = self.draws, self.positions
         places = len(along)
         columns = [(draws.x[which, None] - along).ravel(), np.repeat(draws.y[which] - across, places)]
@@ -65,10 +65,10 @@ class InclusionTumours:
 
 
 def inclusion_value(steered: SteeredDesigns, design: Design, scene: Scene) -> float:
-    """Return the objective of a scene's probe, larger is better; ``-inf`` where it cannot be told.
+    """Return the objective of a scene's probe, larger is better; ``-inf`` where it is not finite.
 
     Raises:
-        Refusal: the level cannot take the scene.
+        Refusal: the evaluator does not support the scene.
     """
     bases = tuple(CoarseModel.of(one, details=False).undisturbed for one in steered.draw.on(scene).tissues)
     sizes = ProbeSizes.of(scene)

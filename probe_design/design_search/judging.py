@@ -1,4 +1,4 @@
-"""Judging designs: each under its own force, all on the same tumours that the search has not seen."""
+"""Verification of designs: each under its own force, all on the same tumours, which the search did not use."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from probe_design.populations.judgement import Judgement
 
 @dataclass(frozen=True)
 class JudgedDesign:
-    """A design under the force that it is judged with.
+    """A design with its force and its verification on tumours that the search did not use.
 
     Attributes:
         scene: the whole scene, its load the force.
@@ -31,12 +31,12 @@ class JudgedDesign:
     materials: tuple[str, ...] = ()
 
     def value(self, design: Design) -> tuple[float, float]:
-        """Return what the file's objective names, and its standard error."""
+        """Return the quantity that the design file maximises, and its error."""
         kind = design.objective.maximise
         return getattr(self.judgement, kind), getattr(self.judgement, f"{kind}_error")
 
     def gain_over(self, other: JudgedDesign, design: Design) -> tuple[float, float]:
-        """Return by how much this is better than another for the same tumours, and the error of that."""
+        """Return the gain in the objective over another design for the same tumours, and the error of the gain."""
         if self.scene == other.scene:
             return 0.0, 0.0
         return self.judgement.gain_over(other.judgement, design.objective)
@@ -51,7 +51,7 @@ def judge(
     combination: str = "",
     materials: tuple[str, ...] = (),
 ) -> JudgedDesign:
-    """Judge a scene's probe under its force.
+    """Verify a scene's probe under its allowed force, on tumours that the search did not use.
 
     Raises:
         InputError: the population does not fit the tissue, or the probe would leave it.

@@ -1,8 +1,9 @@
-"""How hard a design is pressed over a population: as far as the file, the scene and linear elasticity allow.
+"""The force on a design over a population: the largest that file, scene and linear elasticity allow.
 
 One force holds for all tumours and tissues, as nobody knows beforehand which is there: the least of the scene's, of what limits
 of force, indentation, tissue strain and charge allow, of 1/20 of what closes the gap, and of what keeps the ratio within
-``RATIO`` of linear elasticity over the tumour with the widest, thinnest cover (``solver.planning.loads``, PL.7).
+``MAX_RATIO_CHANGE_RELATIVE`` of linear elasticity over the tumour with the widest,
+thinnest cover (``solver.planning.loads``, PL.7).
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ class PressedDesign:
         indentation: m, the deepest of all tissues'.
         tissue_strain: likewise.
         charge: of the weaker and of the stronger channel, C.
-        by: what sets the force: scene, force, indentation, tissue_strain, gap_closure, charge or linearity.
+        limited_by: what sets the force: scene, force, indentation, tissue_strain, gap_closure, charge or linearity.
         allowed: the force, N, that each of these allows.
     """
 
@@ -51,7 +52,7 @@ class PressedDesign:
 
 @dataclass(frozen=True)
 class ProbeSizes:
-    """What of designs their forces follow from, SI: floats, or arrays that may be complex.
+    """The sizes and moduli of probes that determine their force limits, SI: floats, or arrays that may be complex.
 
     Attributes:
         inner_radius, outer_radius, gap: m.
@@ -80,13 +81,13 @@ class ProbeSizes:
 
 @dataclass(frozen=True)
 class PressingRule:
-    """What the forces on designs follow from.
+    """The limits and tissues from which the force on each design is computed.
 
     Attributes:
         design: its limits, and its scene's load.
         tissues: the population's that steer, and those of tumours that the search has not seen, on which a force has to hold too.
-        covered: eq. PL.7 for the worst of its tumours.
-        nearing: of walls per indentation, over that of eq. PL.4, at the start: a search takes it for that of all designs.
+        worst_cover_factor: eq. PL.7 for the worst of its tumours.
+        approach_ratio: of walls per indentation, over that of eq. PL.4, at the start: a search takes it for that of all designs.
     """
 
     design: Design
@@ -162,7 +163,7 @@ class PressingRule:
         return np.repeat(least[:, None], totals.shape[1], axis=1)
 
     def _allowed(self, scene: Scene, sizes: ProbeSizes, totals: Any, closure: Any, tissue: Scene) -> dict[str, Any]:
-        """The force that each limit allows on one tissue."""
+        """Return the force that each limit allows on one tissue, N, by the limit's name."""
         limits, load, stiffness = self.design.limits, self.design.scene.load, totals[0] + totals[1]
         per_depth = tissue_strain(sizes.outer_radius, tissue.tissue)
         blocks = zip(sizes.heights, totals, sizes.areas, sizes.moduli, strict=True)
@@ -186,12 +187,12 @@ class PressingRule:
 
 
 def lesser(a: Any, b: Any) -> Any:
-    """Return the lesser of two by their real parts."""
+    """Return the element-wise minimum of two arrays, compared by their real parts so that complex steps pass through."""
     return np.where(np.real(a) <= np.real(b), a, b) if np.ndim(a) or np.ndim(b) else (a if np.real(a) <= np.real(b) else b)
 
 
 def _nearing(scene: Scene, sizes: ProbeSizes, totals: Any) -> Any:
-    """Eq. PL.4 of designs: by how much the walls near each other per indentation at most."""
+    """Return the approach of the gap's walls per unit indentation, an upper bound (eq. PL.4)."""
     inner, outer = (total / (area * E) for total, area, E in zip(totals, sizes.areas, sizes.moduli, strict=True))
     radii = (sizes.inner_radius, sizes.inner_radius + sizes.gap, sizes.outer_radius)
     return most_nearing(scene.tissue, radii, (inner, outer), sizes.moduli[1])

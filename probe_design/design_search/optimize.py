@@ -86,12 +86,12 @@ def optimize(design: Design, progress: Progress | None = None) -> PopulationOpti
 
 
 def _rank(design: Design, one: JudgedDesign, robust: Robustness) -> float:
-    """The judged objective, less what tolerances take of it by the closed form."""
+    """Return the verified objective minus the loss by workshop tolerances, the latter by the closed form."""
     return one.value(design)[0] + robust.expected - robust.nominal
 
 
 def _finalists(steered: SteeredDesigns, design: Design, found: Room, chosen: Chosen, tell: Progress) -> list[Finalist]:
-    """The best designs that differ, the first of them polished, as a workshop makes them."""
+    """Select the best designs that differ, rounded to what a workshop makes; the first is refined before."""
     first = chosen.choices[0]
     better = polish(steered, design, found, first, partial(tell, "polishing by equivalent-inclusion"))
     order = ([] if better is None else [better]) + list(chosen.choices)
@@ -137,7 +137,7 @@ def _judged(
 def _single(
     design: Design, steered: SteeredDesigns, found: Room, tell: Progress
 ) -> tuple[tuple[JudgedDesign, Robustness] | None, str]:
-    """What one is led to by one tumour in the middle of the population and one reading over it; or why by nothing.
+    """Design and verify a probe for one tumour in the middle of the population; return it, or None and the reason.
 
     It is a candidate like those of the search: where it is verified to be the best, it is recommended.
     """
@@ -161,7 +161,7 @@ def _single(
 
 
 def _widened(space: Space) -> Space:
-    """Bounds with a little room where they are one value, as Sobol's sequence needs some."""
+    """Widen bounds that coincide by a tiny amount, as scaling a Sobol sequence needs a positive width."""
     held = space.low >= space.high * (1 - HAIR)
     low, high = np.where(held, space.low * (1 - HAIR), space.low), np.where(held, space.high * (1 + HAIR), space.high)
     return replace(space, low=low, high=high)

@@ -1,4 +1,4 @@
-"""What an optimisation for a population found, whether it counts, and which limits it lies on."""
+"""The result of an optimisation for a population: its gain, verdict, active limits and warnings."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class PopulationOptimum:
 
     Attributes:
         design: the question.
-        room: the designs that were to choose from.
+        search_space: the designs that were to choose from.
         start: the scene's probe, judged.
         single: the optimum for one tumour in the middle of the population, judged; None where there is none, ``why_no_single``.
         finalists: designs found, judged, best first.
@@ -91,7 +91,7 @@ class PopulationOptimum:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What else one has to know, one line each."""
+        """Warnings to the user, one line each."""
         told = dict.fromkeys(self.start.judgement.warnings + self.best.judgement.warnings)
         start, limit = self.design.scene.probe.tube_radius, self.room.space.outer_radius
         if start > limit * (1 + CLOSE):
@@ -106,14 +106,14 @@ class PopulationOptimum:
         return tuple(told)
 
     def _not_judged(self) -> Iterator[str]:
-        """Name what no line can be printed for, as the noise of a channel is none."""
+        """Yield a warning that names the channels without results because their noise is too small."""
         missing = [name for name, one in self.best.judgement.by_observable.items() if one is None]
         if missing:
             named = " and ".join(missing)
-            yield f"nothing is said of {named}: [noise] gives a channel that is not read less noise than any reader has"
+            yield f"no results for {named}: [noise] gives this channel less noise than any instrument has"
 
     def _force_unused(self) -> Iterator[str]:
-        """Say where linear elasticity ends before the force that is allowed: ``contact`` takes no tumours beside the axis."""
+        """Yield a warning if linear elasticity limits the force below the allowed one; ``contact`` takes no off-axis tumours."""
         pressed = self.best.pressed
         key = next(name for name in ("scene", "force") if name in pressed.allowed)
         if pressed.by in LINEAR:
@@ -170,7 +170,7 @@ class PopulationOptimum:
 
 
 def hardly_detected(judgement: Judgement) -> str | None:
-    """Return what has to be said where hardly more tumours are detected than by false alarms, or None."""
+    """Return a warning if no more tumours are detected than false alarms would give, else None."""
     sure = judgement.detection - SURE * judgement.detection_error
     if sure > judgement.false_alarm:
         return None
@@ -195,13 +195,13 @@ def _told(value: float, error: float) -> str:
 
 
 def _renamed(limit: Limit) -> Limit:
-    """Names of the file's keys for its limits, ``least gap`` and so on for bounds of variables."""
+    """Return a limit under the name of its key in the design file; bounds of variables keep theirs, such as ``least gap``."""
     names = {"largest outer_radius": "outer_radius", "least wall": "wall", "largest height": "height"}
     return Limit(names.get(limit.name, limit.name), limit.value, limit.active)
 
 
 def _value(given: Any, name: str, force: float) -> float:
-    """The limit as the file gives it; for what has no number, the force that it allows, N."""
+    """Return the value of a limit in the design file; for a limit without a number, the force that it allows, N."""
     stated = getattr(given, name, None)
     if stated is None or isinstance(stated, bool):
         return force

@@ -80,7 +80,7 @@ def front(design: Design, against: str, progress: Progress) -> Front:
 
 
 def _asked(design: Design, against: str) -> Any:
-    """The design with less and less of a limit, the least first."""
+    """Yield each cost, the smallest first, with the design file limited to it."""
     if against == "outer_radius":
         most = room(design).space.outer_radius
         for limit in np.linspace(LEAST * most, most, POINTS).tolist():

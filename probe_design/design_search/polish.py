@@ -4,8 +4,9 @@ With f the closed form's objective, g the level's and u the logarithms of the fr
 
     f(u) + g(u_0) - f(u_0) + (g'(u_0) - f'(u_0)) . (u - u_0)                                          (DS.3)
 
-has the value and, by differences of ``DIFFERENCE``, the slopes of g at u_0: first-order model management. It is climbed within
-``REACH`` of the design; what is found counts only where g itself is larger there.
+has the value and, by differences of ``LOG_DIFFERENCE_STEP``, the slopes of g at u_0: first-order model
+management. It is climbed within
+``MAX_LOG_CHANGE`` of the design; what is found counts only where g itself is larger there.
 """
 
 from __future__ import annotations
@@ -31,14 +32,14 @@ STEPS = 20  # of IPOPT
 
 @dataclass(frozen=True)
 class Corrected:
-    """Eq. DS.3 in the place of ``SteeredDesigns``."""
+    """The closed-form objective corrected to the finer model at one design (eq. DS.3), for IPOPT."""
 
     steered: SteeredDesigns
     start: Floats
     slopes: Floats
 
     def gradient(self, x: Floats, poisson: tuple[float, float], which: list[int]) -> tuple[Floats, Floats]:
-        """Return both values and their derivatives, see ``SteeredDesigns.gradient``."""
+        """Return both values and their derivatives, see ``DesignObjective.gradient``."""
         both, slopes = self.steered.gradient(x, poisson, which)
         moved = np.log(x[which] / self.start[which])
         return both + np.array([float(self.slopes @ moved), 0.0]), slopes + np.stack([self.slopes, 0 * self.slopes])
@@ -49,7 +50,7 @@ class Corrected:
 
 
 def polish(steered: SteeredDesigns, design: Design, room: Room, start: Choice, progress: Progress) -> Choice | None:
-    """Return a design near one that is better by the level, or None where none was found."""
+    """Return a nearby design that the equivalent-inclusion evaluator finds better, or None."""
     space = room.pinned(start.combination)
     free = [k for k in range(len(space.low)) if space.low[k] < space.high[k] * (1 - TIGHT)]
     here = _value(steered, design, room, start, start.design)
@@ -75,7 +76,7 @@ def polish(steered: SteeredDesigns, design: Design, room: Room, start: Choice, p
 
 
 def _moved(design: Floats, k: int, low: Floats, high: Floats) -> tuple[Floats, float]:
-    """A design with one variable moved, away from the nearer bound, and by how much its logarithm is."""
+    """Return a design with one variable moved away from its nearer bound, and the change of that variable's logarithm."""
     upwards = np.log(high[k] / design[k]) >= np.log(design[k] / low[k])
     moved = design.copy()
     moved[k] = np.clip(design[k] * np.exp(DIFFERENCE if upwards else -DIFFERENCE), low[k], high[k])

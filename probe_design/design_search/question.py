@@ -26,7 +26,7 @@ def question(asked: Asked) -> Design | Scene:
     """Return what is asked; in tables from Python numbers are in SI units.
 
     Raises:
-        InputError: it is none of ``ALLOWED``, or says something that is not allowed.
+        InputError: it is none of ``ALLOWED_SOURCES``, or says something that is not allowed.
     """
     if asked is None:
         return builtin_design()

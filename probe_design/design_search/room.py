@@ -1,4 +1,4 @@
-"""The designs that a search may choose from: bounds, constraints, and what comes in steps or from a shelf.
+"""The designs that a search may choose from: bounds, constraints, discrete values and materials.
 
 Variables are those of ``optimisation.design_space``; what a design file leaves out of them varies within what a workshop can
 make, round the start. Limits take designs away and bring none.
@@ -29,7 +29,7 @@ from probe_design.populations.variables import DesignVariable
 
 @dataclass(frozen=True)
 class Combination:
-    """One choice of everything that comes in steps or from a shelf.
+    """One value for each discrete variable and one material for each block.
 
     Attributes:
         pinned: values of variables by their index, see ``heights``, SI.
@@ -45,7 +45,7 @@ class Combination:
 
     @property
     def told(self) -> str:
-        """What was chosen, in words."""
+        """The chosen values and materials in words."""
         values = [f"{self.names[k]} {shown(k, v)}" for k, v in self.pinned.items() if not (self.materials and k in MODULI)]
         return ", ".join([*values, *(["materials " + " / ".join(self.materials)] if self.materials else [])])
 
@@ -78,7 +78,7 @@ class Room:
 
     @property
     def combinations(self) -> int:
-        """How many there are."""
+        """The number of combinations."""
         return math.prod(len(values) for values in self.grids.values()) * max(1, len(self.shelf) ** 2)
 
     def every(self) -> Iterator[Combination]:
@@ -96,7 +96,7 @@ class Room:
         return [poisson_of(one) for one in self.shelf]
 
     def near(self, design: Floats, least: int = 2) -> Iterator[Combination]:
-        """Yield those round a design: of each grid and of the shelf, for each block, the nearest values."""
+        """Yield the combinations nearest to a design: of each grid and of the materials of each block, the nearest values."""
         grids = {k: _nearest(values, design[k], least) for k, values in self.grids.items()}
         shelves = [self._nearest_materials(design[k], least) for k in MODULI]
         for values in product(*grids.values()):
@@ -158,7 +158,7 @@ class Room:
 
 
 def room(design: Design) -> Room:
-    """Return the designs of a design file.
+    """Build the search space of a design file.
 
     Raises:
         InputError: a variable has no value within the limits, a material is not one for blocks, or there is no room for a probe.
@@ -212,7 +212,7 @@ def _nearest(values: tuple[float, ...], value: float, least: int) -> tuple[float
 
 
 def _rounded(space: Space, design: Floats, combination: Combination) -> Scene | None:
-    """The scene of a design whose pinned values stay as they are, all others rounded; A2/A1 gives way to whole lengths."""
+    """Return the scene of a design with its discrete values exact and all others rounded, or None if it is not valid."""
     made = space.scene_of(design)
     if made is None or not set(combination.pinned) - {1}:
         return made
@@ -232,7 +232,7 @@ def _rounded(space: Space, design: Floats, combination: Combination) -> Scene | 
 
 
 def admitted(found: Room, scene: Scene) -> bool:
-    """Whether a scene's probe keeps limits of outer radius and wall, and bounds, within rounding."""
+    """Return whether a scene's probe is within the limits of outer radius and wall and the bounds, allowing for rounding."""
     at = design_of(scene, len(found.space.low) > OUTER)
     inside: NDArray[np.bool_] = (at >= 0.995 * found.space.low) & (at <= 1.005 * found.space.high)
     probe = scene.probe

@@ -1,4 +1,4 @@
-"""A design file's population and protocol made ready to steer a search: ``Steered`` for designs in their six variables."""
+"""The closed-form search objective as a function of the six or seven design variables."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ class SteeredDesigns:
 
     @classmethod
     def of(cls, design: Design, widest: float, most: int = MOST) -> SteeredDesigns:
-        """Draw the tumours and find what depends on no probe.
+        """Draw the tumours and precompute what does not depend on the probe.
 
         Args:
             design: the design file.
             widest: outer radius of the widest probe, m.
-            most: tumours that steer.
+            max_tumours: tumours that steer.
         """
         population = ScenePopulation.of(design.scene, design.population)
         draw = population.drawn(min(most, population.samples))
@@ -55,7 +55,7 @@ class SteeredDesigns:
 
     @classmethod
     def over(cls, design: Design, population: ScenePopulation, draw: TumourDraw, widest: float) -> SteeredDesigns:
-        """Make tumours ready that are drawn already."""
+        """Precompute the objective for tumours that are already drawn."""
         tumours = draws_of(draw)
         make = _maker(design, draw, widest)
         moved = {key: (make(_moved(tumours, key, -STEP)), make(_moved(tumours, key, STEP))) for key in _moving(design)}
@@ -116,14 +116,14 @@ class SteeredDesigns:
 
 
 def _probes(x: Array, poisson: Any) -> Array:
-    """The parameters ``closed_form.designs.PROBE`` of designs."""
+    """Return the closed form's probe parameters, in the order of ``closed_form.designs.PROBE``, for designs x (6, n)."""
     r2, ratio, gap, height, inner, outer = x[:6]
     ro, one = ((r2 + gap) ** 2 + r2**2 / ratio) ** 0.5, np.ones(x.shape[1])
     return np.array([r2, gap, ro, height, outer_height(x), inner, poisson[0] * one, outer, poisson[1] * one])
 
 
 def draws_of(draw: TumourDraw) -> TumourDraws:
-    """Return a draw as arrays, positions relative to nothing."""
+    """Return a draw of tumours as arrays, in the scene's coordinates."""
     own = draw.scene.inclusion[0].y if draw.scene.inclusion else draw.scene.placement.y
     tissues = np.array([_layers(scene.tissue) for scene in draw.tissues])  # (t, layers + 1, 3)
     tissue = np.moveaxis(tissues[draw.tissue], 0, 2)

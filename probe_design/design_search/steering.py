@@ -113,7 +113,7 @@ class Steered:
         return 0.5 * np.log(np.linalg.inv(information + np.diag(precisions))[..., 0, 0])
 
     def _errors(self, probes: Array, force: Any) -> tuple[Films, Array, Array, Array]:
-        """Films, white variances, nuisances and their priors; NaN where a film is pulled on, whose ratio has no logarithm."""
+        """Return films, white variances, nuisance columns and their priors; NaN where a film is in tension (no logarithm)."""
         films = self.tumours.films(probes)
         films = replace(films, without=_positive(films.without))
         variance = self._variance(films, force(films.without))
@@ -124,7 +124,7 @@ class Steered:
         return np.concatenate([ratio, stiffness], axis=2) if self.channels.stiffness else ratio
 
     def _signature(self, films: Films) -> Array:
-        """By how much a tumour changes the readings, shape (n, m, readings)."""
+        """Return the change of the log readings by each tumour, shape (n, m, readings)."""
         whole, alone = films.without[:, :, None] + films.change, films.without[:, :, None]
         ratio = np.log(_positive(whole[..., 0] / alone[..., 0])) - np.log(_positive(whole[..., 1] / alone[..., 1]))
         return self._kept(ratio, np.log(whole.sum(axis=3) / alone.sum(axis=3)))
@@ -138,7 +138,7 @@ class Steered:
         return self._kept(ratio, self.channels.stiffness_white**2 + SMALL + 0 * ratio)
 
     def _nuisances(self, probes: Array, films: Films, variance: Array) -> tuple[Array, Array]:
-        """What is common to a scan: columns (n, m, readings, a) and prior variances (n, m, a)."""
+        """Return the errors common to a scan: nuisance columns (n, m, readings, a) and prior variances (n, m, a)."""
         readings, channels = variance.shape[2], 2 if self.channels.stiffness else 1
         count = readings // channels
         columns = [np.repeat(np.arange(channels) == k, count).astype(float) for k in range(channels)]
@@ -178,7 +178,7 @@ def _alone(films: Films) -> tuple[Array, Array]:
 
 
 def _weighed(columns: Array, variance: Array, nuisances: Array, prior: Array) -> Array:
-    """J^T W J of eq. DS.1 for columns J (n, m, readings, c), shape (n, m, c, c)."""
+    """Return J^T W J for columns J (n, m, readings, c) and the weight W of eq. DS.1, shape (n, m, c, c)."""
     scaled = columns / variance[..., None]
     whole = np.swapaxes(columns, 2, 3) @ scaled
     common = np.swapaxes(nuisances, -1, -2) @ (nuisances / variance[..., None])

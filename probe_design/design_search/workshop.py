@@ -1,4 +1,4 @@
-"""What a workshop's tolerances do to a design: the objective over draws of what will be built, by the closed form."""
+"""Effect of workshop tolerances on a design: the closed-form objective over random draws of the built probe."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Robustness:
 
 
 def robustness(steered: SteeredDesigns, design: Design, scene: Scene, materials: tuple[str, ...]) -> Robustness:
-    """Return what tolerances do to a scene's probe."""
+    """Return the objective of a scene's probe as drawn and its distribution under workshop tolerances."""
     probe = scene.probe
     poisson = probe.inner.poisson_ratio, probe.outer.poisson_ratio
     built = np.concatenate([design_of(scene)[:, None], drawn(scene, materials)], axis=1)
@@ -55,7 +55,7 @@ def robustness(steered: SteeredDesigns, design: Design, scene: Scene, materials:
 
 
 def drawn(scene: Scene, materials: tuple[str, ...]) -> Floats:
-    """Return what may be built of a scene's probe, shape (6 or 7, ``DRAWS``): lengths and ln of moduli are normal."""
+    """Draw probes as built, shape (6 or 7, ``TOLERANCE_DRAWS``): lengths and logarithms of moduli are normally distributed."""
     probe, z = scene.probe, norm.ppf(qmc.Sobol(6 + heights_differ(scene), seed=SEED).random(DRAWS)).T
     sizes = {"inner_radius": probe.inner_radius, "outer_radius": probe.tube_radius, "gap": probe.gap, "height": probe.core_height}
     inner, outer, gap, height = (

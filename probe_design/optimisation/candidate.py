@@ -1,4 +1,4 @@
-"""A design with what two levels say of it, and how far its objective can be off."""
+"""A design with its results by the closed form and by the judging evaluator, and the error of its objective."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ from solver.results.film_forces import FilmForces
 
 ACCURACY = 0.01  # of the judge
 SURE = 2.0  # times the combined error: a gain beyond linear elasticity counts beyond it
-FINER = 0.001  # of the judge where its errors at ``ACCURACY`` hide a gain
+FINER = 0.001  # of the judge where its errors at ``JUDGE_ACCURACY`` hide a gain
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A design with what two levels say of it.
+    """A design with its results by the closed form and by the judging evaluator.
 
     Attributes:
         scene: the scene with this probe.
         judged: the judge's result, at the load of ``pressing``.
         pressing: the load that the objective counts with.
-        nearing: of the walls per unit indentation, see ``CoarseModel.approach``.
+        wall_approach: of the walls per unit indentation, see ``CoarseModel.approach``.
         judged_objective: standard deviation of ln E_object by the judge, smaller is better.
-        least, most: what it can be, whatever the judge's errors within their bounds and finite strain within its rule are.
+        objective_min, objective_max: bounds of that objective, from the judge's error bounds and the neglected finite strain.
         searched: the closed form's result, or None where it refuses the scene.
         refused: what it takes instead, or None.
         searched_objective: by the closed form, inf where it refuses.
@@ -88,14 +88,14 @@ class Candidate:
 def candidate(
     scene: Scene, noise: Noise, judge: str, accuracy: float = ACCURACY, formula: Answer | InputError | None = None
 ) -> Candidate:
-    """Judge a scene's probe.
+    """Evaluate a scene's probe with the judging evaluator and with the closed form.
 
     Args:
         scene: with the probe.
         noise: of a reading.
         judge: the level's name.
         accuracy: of the judge.
-        formula: what the closed form finds, or its refusal, where that is known, see ``by_formulas``.
+        formula: what the closed form finds, or its refusal, where that is known, see ``evaluate_closed_form``.
 
     Raises:
         Refusal: the judge cannot take the scene.
@@ -127,7 +127,7 @@ def candidate(
 
 
 def answered(scene: Scene, level: str, accuracy: float = ACCURACY) -> Answer:
-    """Return what a level finds, with the error of its log-sensitivity.
+    """Return the answer of an evaluator, with the error of its log-sensitivity.
 
     Raises:
         Refusal: the level cannot take the scene.
@@ -149,14 +149,14 @@ def _under(scene: Scene, pressed: Pressing) -> Scene:
 
 
 def objective_of(films: FilmForces, noise: Noise, force: float) -> float:
-    """Return the objective under a force, N; inf where the sensitivity could not be told."""
+    """Return the objective under a force, N; inf where the sensitivity is not resolved."""
     if films.unresolved_stress is not None or films.log_sensitivity is None:
         return math.inf
     return objective(noise.information(films.log_sensitivity, _share(films), force))
 
 
 def merged(candidates: Iterable[Candidate]) -> tuple[Candidate, ...]:
-    """Return candidates, best first, without those that are like a better one."""
+    """Sort candidates, best first, and drop those within the tolerance of a better one."""
     distinct: list[Candidate] = []
     for one in sorted(candidates, key=lambda one: one.judged_objective):
         if not any(alike(one.scene, other.scene) for other in distinct):
@@ -170,7 +170,7 @@ def _share(films: FilmForces) -> float:
 
 
 def ends_of(films: FilmForces, noise: Noise, pressed: Pressing) -> tuple[float, float]:
-    """Return the least and the most that the objective can be, whatever the errors of films and pressing are."""
+    """Return lower and upper bounds of the objective, given the errors of film forces and of linear elasticity."""
     sensitivities = films.film_log_sensitivities
     if films.unresolved_stress is not None or films.log_sensitivity is None or sensitivities is None:
         return 0.0, math.inf

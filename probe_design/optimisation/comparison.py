@@ -116,7 +116,7 @@ def _load(candidate: Candidate) -> list[tuple[str, str]]:
 
 
 def _more_load(candidate: Candidate) -> list[tuple[str, str]]:
-    """What more load than linear elasticity answers for brings."""
+    """Return rows on the gain of a load beyond the linear range."""
     linear, empty = candidate.less_pressed, ("largest linear load, N", "gain of more load, %", "its error, %")
     if linear is None:
         return [(name, "-") for name in empty]
@@ -126,7 +126,7 @@ def _more_load(candidate: Candidate) -> list[tuple[str, str]]:
 
 
 def _told(candidate: Candidate, level: str) -> list[tuple[str, str]]:
-    """What a level says of a design: where it has another load by contact, linear levels say it under theirs."""
+    """Return an evaluator's results of a design; a linear evaluator's are under the largest linear load."""
     linear = candidate.linear or candidate
     if level == "closed-form":
         return _searched(linear)

@@ -68,7 +68,7 @@ class Space:
         return ((x[0] + x[2]) ** 2 + x[0] ** 2 / x[1]) ** 0.5
 
     def admits(self, x: Floats) -> NDArray[np.bool_]:
-        """Which designs, shape (6, n), meet the constraints."""
+        """Return which designs x, shape (6, n), meet the constraints of outer radius and wall."""
         radius = self.derived_radius(x)
         return np.asarray((radius <= self.outer_radius) & (radius - x[0] - x[2] >= self.wall))
 
@@ -103,7 +103,7 @@ class Space:
 
 
 def _round_figures(modulus: float) -> float:
-    """The modulus to ``DIGITS`` figures."""
+    """The modulus to ``MODULUS_DIGITS`` figures."""
     return float(f"{modulus:.{DIGITS}g}")
 
 
@@ -120,7 +120,7 @@ def variables(scene: Scene) -> Floats:
 
 
 def alike(one: Scene, other: Scene) -> bool:
-    """Whether two scenes' probes differ by ``CLOSE`` or less in every variable."""
+    """Return whether two scenes' probes agree in every variable within the relative tolerance."""
     return bool(np.all(np.abs(np.log(variables(one) / variables(other))) <= CLOSE))
 
 

@@ -53,7 +53,7 @@ def search(space: Space, noise: Noise, starts: int, progress: Callable[[int, int
     screened = screen(space)
     values = log_objectives(space, noise, screened)
     if not np.isfinite(values).any():
-        raise Refusal("inclusion", Words("of a kind that the search's formulas can tell nothing of"), "a sphere as the target")
+        raise Refusal("inclusion", Words("of a kind without sensitivity in the closed form"), "a sphere as the target")
     solver, formula = _ipopt(space, noise)
     optima = []
     for k, start in enumerate(_starts(space, screened, values)[:starts]):
@@ -82,7 +82,7 @@ _VARIED += [PROBE.index(name) for name in ("inner_modulus", "outer_modulus")]
 
 
 def _varied(space: Space, v: Any) -> list[Any]:
-    """The parameters ``_VARIED`` of designs, floats or casadi."""
+    """The parameters ``_VARIED_PARAMETERS`` of designs, floats or casadi."""
     return [v[0], v[2], space.derived_radius(v), v[3], v[3], v[4], v[5]]
 
 
@@ -158,7 +158,7 @@ def _nearly(space: Space, designs: Floats) -> NDArray[np.bool_]:
 
 
 def _distinct(designs: Floats) -> Floats:
-    """Drop designs that differ from a better one by less than ``APART`` in every variable."""
+    """Drop designs that differ from a better one by less than ``MIN_LOG_DISTANCE`` in every variable."""
     distinct: list[Floats] = []
     for design in designs.T:
         if all(np.max(np.abs(np.log(design / other))) > APART for other in distinct):

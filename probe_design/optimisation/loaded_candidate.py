@@ -1,7 +1,7 @@
 """A design under loads that linear elasticity does not answer for: its load is a variable, and level ``contact`` judges it.
 
 What a design is worth under a limit is the best of what it is worth under any load up to that, the linear range included: a
-wider limit makes none worse. Loads are tried at ``STEPS``, which do not hang on the limit.
+wider limit makes none worse. Loads are tried at ``DEPTHS_RELATIVE``, which do not hang on the limit.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ def _loaded(one: Candidate, noise: Noise, start: float) -> Iterator[Candidate]:
 
 
 def _under(on: LoadedScene, reach: Reach, load: Load, by: str) -> tuple[Loaded, Load, str]:
-    """What is found under a load; where the time does not do for that, under the last before it."""
+    """Solve under a load; if the time limit is reached, return the last smaller load solved."""
     try:
         if by != TIME:
             return _at(on, load), load, by
@@ -103,8 +103,8 @@ class Reach:
 
     Attributes:
         load: the largest that is allowed.
-        by: what sets it.
-        points: on the way there, at ``STEPS``.
+        limited_by: what sets it.
+        points: on the way there, at ``DEPTHS_RELATIVE``.
     """
 
     load: Load
@@ -124,7 +124,7 @@ class Reach:
 
 
 def _reach(on: LoadedScene, scene: Scene) -> Reach:
-    """Press step by step until the scene's load is well inside what converges with open gaps, or to the end."""
+    """Increase the indentation until the scene's load is reached with margin, the gap closes or no step converges."""
     by_force, points = scene.load.indentation is None, []
     most = float((scene.load.force if by_force else scene.load.indentation) or 0.0)
     end, by = math.inf, SCENE
@@ -158,7 +158,7 @@ def _size(of: Pressed | LargestLoad, *, by_force: bool) -> float:
 
 
 def _closure(on: LoadedScene) -> LargestLoad | None:
-    """The load that closes the gap, the least of those meshes on which it closes; None where it is open."""
+    """Return the smallest load that closes the gap on any of the meshes; None if it stays open."""
     found = [_closing(path) for path in on.paths if closed(path)]
     return min(found, key=lambda one: one.force, default=None)
 
@@ -174,7 +174,7 @@ def _closing(path: Path) -> LargestLoad:
 
 
 def _interior(one: Candidate, noise: Noise, reach: Reach) -> Load | None:
-    """The load between others at which least is left unknown, by a parabola through three points; None where more tells more."""
+    """Return the interior load of minimum objective, by a parabola through three points; None if the largest is best."""
     by_force, points = reach.by_force, reach.inside
     sizes = [_size(point.point, by_force=by_force) for point in points]
     values = [objective_of(point.films, noise, point.point.force) for point in points]

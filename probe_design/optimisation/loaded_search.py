@@ -1,9 +1,10 @@
 """Finalists for loads beyond linear elasticity, judged by ``contact``.
 
 A limit of the load that took part in choosing them would make other ones of a wider limit, and these might do worse. So they are
-those of searches that know no limit but linear elasticity's own: the best ``PRESSED`` within the room, and the best within each
-radius of ``RADII`` that is smaller, as a narrower probe is pressed deeper by the same force. Designs that could not become better
-than the best so far if their log-sensitivity grew ``GROWTH`` times are not pressed.
+those of searches that know no limit but linear elasticity's own: the best ``PRESSED_CANDIDATES`` within the design space,
+and the best within each radius of ``OUTER_RADII_M`` that is smaller, as a narrower probe is pressed deeper by the same force.
+Designs that could not become better
+than the best so far if their log-sensitivity grew ``MAX_SENSITIVITY_GROWTH`` times are not pressed.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ def pressed(
     Args:
         scene: the start.
         candidates: of a search that knows no limit of the load, best first.
-        room: that was searched.
+        design_space: that was searched.
         noise: of a reading.
         judge: of their linear range.
         progress: called with a stage's name, the steps done and their number.

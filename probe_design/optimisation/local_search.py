@@ -34,7 +34,7 @@ def polish(space: Space, noise: Noise, start: Scene, nearing: float, judge: str)
         space: bounds and constraints.
         noise: of a reading.
         start: a scene with a design within them.
-        nearing: of the start's walls per unit indentation, see ``pressing.pressing_force``; it is taken as the same nearby.
+        wall_approach: of the start's walls per unit indentation, see ``pressing.compute_pressing_force``; taken as constant.
         judge: ``axisymmetric``, or ``equivalent-inclusion``, whose derivatives are those of its first order.
 
     Raises:
@@ -62,7 +62,7 @@ def polish(space: Space, noise: Noise, start: Scene, nearing: float, judge: str)
 
 
 def _by_area_ratio(scene: Scene) -> Scene:
-    """Write the scene's probe by A2/A1 and one height, as the variables do, under an indentation of ``UNIT``."""
+    """Write the scene's probe by A2/A1 and one height, as the variables do, under an indentation of ``UNIT_INDENTATION_M``."""
     probe = scene.probe
     data = probe.model_dump(exclude={"outer_radius", "inner_height", "outer_height"}, exclude_unset=True)
     data |= {"area_ratio": probe.inner_area / probe.outer_area, "height": probe.core_height}

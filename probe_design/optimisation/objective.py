@@ -49,12 +49,15 @@ class Noise:
         return cls(ratio, charge_per_force=abs(film.d33) or cls.charge_per_force if film else cls.charge_per_force)
 
     def information(self, sensitivity: Any, share_inner: Any, force: Any) -> Any:
-        """Eqs. OP.1, OP.2 for the inner film's share of the force, N, the outer one has the rest; floats, arrays or casadi."""
+        """Return the information of one reading about ln E_object (eqs. OP.1, OP.2); floats, arrays or casadi.
+
+        ``share_inner`` is the inner film's fraction of ``force``, N; the outer film has the rest.
+        """
         full = self.charge / (self.charge_per_force * force)
         variance = 2 * of_channel(self.ratio) ** 2 + (full / share_inner) ** 2 + (full / (1 - share_inner)) ** 2
         return sensitivity**2 / variance
 
 
 def objective(information: float) -> float:
-    """Eq. OP.3; inf where nothing can be told."""
+    """Return the standard deviation of ln E_object from the information (eq. OP.3); inf where that is 0."""
     return 1 / math.sqrt(information) if information > 0 else math.inf

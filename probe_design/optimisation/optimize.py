@@ -48,7 +48,7 @@ def optimize(
         progress: called with a stage's name, the steps done and their number.
         outer_radius: limit of the outer radius in m; 1.4 times the start's by default.
         starts: how many local searches IPOPT makes.
-        judge: one of ``JUDGES``, which ranks and polishes; by default the first that can take the scene.
+        judge: one of ``JUDGE_EVALUATORS``, which ranks and polishes; by default the first that can take the scene.
         noise: relative standard deviation of one reading of the ratio.
 
     Raises:
@@ -57,7 +57,7 @@ def optimize(
     """
     if scene.target is None:
         raise InputError(
-            "inclusion.target", "none", "one inclusion, or one of several marked target = true: its modulus is to be told"
+            "inclusion.target", "none", "one inclusion, or one of several marked target = true: its modulus is to be estimated"
         )
     check_load(scene)
     run = Judging(space(scene, outer_radius), Noise.of(scene, noise), _judge(scene, judge), progress)

@@ -22,7 +22,7 @@ class Optimum:
 
     Attributes:
         judge: the evaluator that ranked the designs within linear elasticity; beyond it ``contact`` judged.
-        room: the limits they were to keep.
+        design_space: the limits they were to keep.
         noise: of a reading.
         baseline: the start.
         candidates: the re-ranked designs, best first.
@@ -77,7 +77,7 @@ class Optimum:
             return f"{NO_GAIN}; {none} below {start}, {by}{best}"
         return (
             f"{NO_GAIN}; the standard deviation of ln E_object of the best design tried is {found}, {100 * less:.2g} % less than "
-            f"{start}, {by}, which its errors may feign"
+            f"{start}, {by}, which is within its errors"
         )
 
     def _repr_html_(self) -> str:
@@ -96,8 +96,8 @@ class Optimum:
         refused = self.baseline.refused or self.best.refused
         if refused is not None:
             yield (
-                f"closed-form refuses this scene, which is one for {refused}; its formulas steered the search all the same: "
-                f"of what was found {self.judge} alone tells anything"
+                f"closed-form refuses this scene, which is one for {refused}; the search used its formulas all the same: "
+                f"only the results of {self.judge} are valid"
             )
         start, limit = self.baseline.scene.probe.tube_radius, self.room.outer_radius
         if start > limit and self.winner is None:

@@ -1,8 +1,8 @@
 """How hard a design is pressed: as the scene says, or as far as linear elasticity answers for it.
 
 The force is the least of the scene's (its own, or its indentation times the design's stiffness) and of what the rule of
-``solver.planning.loads`` allows where the ratio has to be good to ``RATIO``. What finite strain does to the log-sensitivity is no
-limit: it is counted in the judge's error.
+``solver.planning.loads`` allows where the ratio has to be good to ``MAX_RATIO_CHANGE_RELATIVE``. What finite strain does to the
+log-sensitivity is no limit: it is counted in the judge's error.
 """
 
 from __future__ import annotations
@@ -30,12 +30,13 @@ class Pressing:
     """How a design is pressed.
 
     Attributes:
-        load: the scene's, or the lower one of the same kind that is allowed, of ``DIGITS`` digits.
+        load: the scene's, or the lower one of the same kind that is allowed, of ``LOAD_DIGITS`` digits.
         force: on the base under it, N.
         x: the strain that the rule counts with, see ``LoadRule``.
         change: bound on what finite strain changes of the ratio there, relative; 0 where it is modelled.
-        by: what sets the load: ``SCENE``, ``STRAIN`` or ``GAP``; beyond linear elasticity ``SCENE``, ``GAP``, ``DEPTH`` (half an
-            outer radius), ``LAST`` (0.9 of the last load at which a step converges), ``TIME`` or ``BEST``.
+        limited_by: what sets the load: ``SCENE_LOAD``, ``STRAIN_LIMIT`` or ``GAP_CLOSURE``; beyond linear elasticity
+            ``SCENE_LOAD``, ``GAP_CLOSURE``, ``MAX_DEPTH`` (half an
+            outer radius), ``LAST_CONVERGED`` (0.9 of the last load at which a step converges), ``TIME_LIMIT`` or ``BEST_LOAD``.
     """
 
     load: Load
@@ -46,7 +47,7 @@ class Pressing:
 
 
 def pressing(scene: Scene, stiffness: float, rule: LoadRule) -> Pressing:
-    """Return how a scene's probe is pressed: at most as every command says that the ratio holds within ``RATIO``.
+    """Return the load on a scene's probe: the scene's, or the largest at which finite strain changes the ratio little enough.
 
     Args:
         scene: with a load above 0.
@@ -63,13 +64,13 @@ def pressing(scene: Scene, stiffness: float, rule: LoadRule) -> Pressing:
 
 
 def rounded_down(value: float) -> float:
-    """Return a load rounded down to ``DIGITS`` digits."""
+    """Return a load rounded down to ``LOAD_DIGITS`` digits."""
     unit = Decimal(1).scaleb(Decimal(value).adjusted() + 1 - DIGITS)
     return float(Decimal(value).quantize(unit, ROUND_FLOOR))
 
 
 def asked(load: Load, stiffness: Any) -> Any:
-    """The force that a load means, N, at a stiffness, N/m; floats, arrays or casadi."""
+    """Return the force of a load, N: itself, or its indentation times the stiffness, N/m; floats, arrays or casadi."""
     return load.force if load.indentation is None else load.indentation * stiffness
 
 
@@ -89,7 +90,7 @@ def pressing_force(scene: Scene, v: Any, radius: Any, totals: Any, nearing: floa
         v: the variables of designs, in the order of ``design_space.VARIABLES``.
         radius: outer radii, m.
         totals: force on the inner and on the outer film per unit indentation, N/m.
-        nearing: by how much the walls near each other per unit indentation, see ``CoarseModel.approach``; 0 where not known.
+        wall_approach: approach of the gap's walls per unit indentation, see ``CoarseModel.approach``; 0 where not known.
     """
     stiffness = totals[0] + totals[1]
     areas = (np.pi * v[0] ** 2, np.pi * v[0] ** 2 / v[1])
@@ -102,7 +103,7 @@ def pressing_force(scene: Scene, v: Any, radius: Any, totals: Any, nearing: floa
 
 
 def _lesser(a: Any, b: Any) -> Any:
-    """The lesser of two, floats, arrays or casadi."""
+    """Return the smaller of two numbers, arrays or casadi expressions."""
     return a * (a <= b) + b * (b < a)
 
 

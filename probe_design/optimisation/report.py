@@ -138,7 +138,7 @@ def page(optimum: Optimum, files: Sequence[str], answer: dict[str, Any], drawing
     Args:
         optimum: that was found.
         files: beside it, that it links to.
-        answer: what ``summary`` returns.
+        answer: what ``build_summary`` returns.
         drawing: the picture of the probe; none where it is not drawn.
     """
     best, linear = optimum.best.pressed, (optimum.best.linear or optimum.best).pressed

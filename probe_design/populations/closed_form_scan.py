@@ -115,7 +115,7 @@ class ClosedFormScan:
         return self.signals_of(*self.totals(probe))
 
     def signals_of(self, over: Any, blank: Any) -> tuple[Any, Any]:
-        """Return ``signals`` from ``totals``."""
+        """Return ``compute_signals`` from ``compute_totals``."""
         with np.errstate(all="ignore"):
             without = np.repeat(self._logs(blank[:, :, None]), len(self.protocol.positions), axis=-1)
             return self._logs(over) - without[:, self.draw.tissue], blank
@@ -157,7 +157,7 @@ class ClosedFormScan:
 
     @property
     def _along(self) -> Floats:
-        """D offset / d x without its sign, shape (n, p)."""
+        """The magnitude of the derivative of the offset with respect to x, shape (n, p)."""
         dx = self.draw.x[:, None] - self.protocol.places
         return np.asarray(np.abs(dx) / np.maximum(np.hypot(dx, self.draw.beside), 1e-300))
 
@@ -177,7 +177,7 @@ def _of_tumour(name: str) -> bool:
 
 
 def _y(draw: TumourDraw) -> float:
-    """How far the tumours lie beside the line of readings, m."""
+    """Return the lateral offset of the tumours from the line of readings, m."""
     body = draw.scene.inclusion
     return (body[0].y if body else draw.scene.placement.y) - draw.scene.placement.y
 

@@ -34,8 +34,8 @@ class ControlVariate:
     """What the formulas say.
 
     Attributes:
-        own: of the n judged tumours, c_i, shape (n,).
-        many: of N others, C_k, shape (N,).
+        same_tumours: of the n judged tumours, c_i, shape (n,).
+        other_tumours: of N others, C_k, shape (N,).
         tissue: numbers of the tissues of these, shape (N,).
     """
 
@@ -53,8 +53,9 @@ class ControlSignals:
     """Signals by the formulas.
 
     Attributes:
-        own: of the n judged tumours, shape (n, m).
-        many: of ``MANY`` others or more, which are neither the judge's, nor the detector's, nor a search's, shape (N, m).
+        same_tumours: of the n judged tumours, shape (n, m).
+        other_tumours: of ``MIN_CONTROL_TUMOURS`` others or more, not the judge's, the detector's or a search's,
+            shape (N, m).
         tissue: numbers of the tissues of these, shape (N,).
     """
 

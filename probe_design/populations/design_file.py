@@ -91,7 +91,7 @@ def _checked(design: Design) -> Design:
     if scene.inclusion and scene.inclusion[0].diameter is None and ranges.diameter is None:
         raise InputError("population.diameter", Words("missing"), "diameters of spheres: the scene's inclusion is none")
     if ranges.samples < 2 and ranges.differ:
-        raise InputError("population.samples", ranges.samples, "2 or more, as tumours differ: one alone tells no error")
+        raise InputError("population.samples", ranges.samples, "2 or more, as tumours differ: one alone gives no sampling error")
     for key in ("depth", "diameter", "object"):
         if not scene.inclusion and getattr(ranges, key) is None:
             raise InputError(f"population.{key}", Words("missing"), "a value, a range or a list, as the scene has no inclusion")

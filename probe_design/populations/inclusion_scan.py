@@ -172,7 +172,7 @@ def inclusion_readings(
         draw: the tumours.
         protocol: the readings; the probe has to stay on the tissue.
         names: of ``ScenePopulation.ranges``, by which derivatives are wanted.
-        noise: of a reading, of which reflections that may change it by less than ``SHARE`` are left out.
+        noise: of a reading, of which reflections that may change it by less than ``NEGLECTED_CHANGE_PER_NOISE`` are left out.
         progress: called with tissues done and all.
 
     Raises:
@@ -226,7 +226,7 @@ def _put(into: ScanReadings, scan: InclusionScan, answers: Readings, where: Ints
     """Put the signals of one tissue, their errors and their derivatives by the tumours' numbers where they belong."""
     films, rows, number, channels = scan.base.films, scan.members, scan.number, range(into.channels)
     blank = scan._logs(films.totals[None])
-    into.over[:] += np.log(answers.totals[where]).sum(axis=0)  # of the logarithms; ``inclusion_readings`` takes their mean
+    into.over[:] += np.log(answers.totals[where]).sum(axis=0)  # of logarithms; ``compute_inclusion_readings`` takes the mean
     into.signal[rows] = scan._logs(answers.totals[where]) - np.repeat(blank, len(scan.protocol.positions))
     for cause, errors in film_errors(scan.base, answers).items():
         stated = np.stack([errors.sum(axis=1), errors.max(axis=1)], axis=1)

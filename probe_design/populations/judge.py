@@ -1,6 +1,6 @@
 """Probes judged for a population: by formulas for a search, and verified by finite elements on tumours that no search has seen.
 
-``scored`` asks the formulas, for a search, of the tumours that it has drawn; ``judged`` asks equivalent-inclusion with
+``score`` asks the formulas, for a search, of the tumours that it has drawn; ``verify`` asks equivalent-inclusion with
 reflections, of tumours that no search has seen. Both judge the same detector: it knows other tumours of the population by the
 formulas, so that the tumours it is tried on are none of those it knows.
 """
@@ -82,5 +82,5 @@ def judged(
 
 
 def scored(scene: Scene, design: Design, *, samples: int | None = None, seed: int = 0) -> Judgement:
-    """Judge a scene's probe by the formulas on the design's own draw; arguments and refusals as of ``judged``."""
+    """Judge a scene's probe by the formulas on the design's own draw; arguments and refusals as of ``verify``."""
     return examined(scene, design, samples=samples).judgement(design, seed)

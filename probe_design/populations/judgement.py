@@ -41,15 +41,17 @@ class Judgement:
 
     Attributes:
         observable: what is read: the ratio, the stiffness or both.
-        means, errors: by ``KINDS``: the statistic of ``[objective]`` over the probabilities of detection, the fraction of tumours
+        means, errors: by ``OBJECTIVE_KINDS``: the statistic of ``[objective]`` over the probabilities of detection, the
+            fraction of tumours
             whose ln contrast is resolved to 0.5, ln(prior / posterior standard deviation) of ln contrast; and their errors.
-        values: of each tumour, by ``KINDS``, shape (n,): those without reflections with what reflections change of the others in
+        values: of each tumour, by ``OBJECTIVE_KINDS``, shape (n,): those without reflections with what reflections change
+            of the others in
             the mean, by which a probability may leave 0 to 1.
         contrast_sd, modulus_sd, deflection: of each tumour: standard deviations of ln contrast and of ln E_object, d' if it were
             known; shape (n,).
         depth, diameter, x, youngs_modulus: of the tumours, m and Pa, shape (n,).
         tissue: number of each one's tissue, shape (n,).
-        causes: fraction of the model's error of the detection by cause, see ``scan_errors.CAUSES``; empty where there is none.
+        causes: fraction of the model's error of the detection by cause, see ``scan_errors.ERROR_CAUSES``; empty if there is none.
         statistic: as in the design file.
         false_alarm: fraction of tumour-free scans in which a tumour is detected.
         evaluator: that computed the readings.

@@ -1,4 +1,4 @@
-"""How far the readings of one scan scatter together: their covariance.
+"""Covariance of the readings of one scan.
 
 With w_c the standard deviation of one reading of channel c by itself, readings at p positions, with one more over a tumour-free
 place of the same tissue (the blank) that is taken from each, have
@@ -46,19 +46,19 @@ def covariance(
     over: Floats | None = None,
     observable: Observable | None = None,
 ) -> Floats:
-    """Return C of eq. PO.2, PO.3.
+    """Return the covariance of the readings counted from the baseline reading (eq. PO.2) or from a prediction (eq. PO.3).
 
     Args:
         noise: of the design file.
         protocol: likewise.
         scene: for its films and load.
         blank: force on each film per unit of indentation without tumours, N/m, shape (2,).
-        over: the same at each position over tumours, shape (p, 2), as charges depend on it; left out: that without.
+        tumour_forces: the same at each position over tumours, shape (p, 2), as charges depend on it; left out: that without.
         tissue: s_j t_j of eq. PO.3, shape (m, q); left out where the tissue is no nuisance. With a blank it does not count.
         observable: which channels are read; left out: the protocol's.
 
     Returns:
-        shape (m, m), in the order of ``readings.logarithms``.
+        shape (m, m), in the order of ``readings.compute_logarithms``.
 
     Raises:
         InputError: a reading would have less noise than ``LEAST``, or charges are noisy and the scene has no load.
@@ -75,10 +75,11 @@ def covariance(
 def covariance_of_all(
     noise: NoiseModel, protocol: Protocol, scene: Scene, blank: Floats, over: Floats, *, observable: Observable | None = None
 ) -> Floats:
-    """Return C of eq. PO.8, arguments and refusals as of ``covariance``.
+    """Return the covariance of all readings and the baseline's (eq. PO.8); arguments as of ``build_difference_covariance``.
 
     Returns:
-        in the order of ``readings.logarithms``, then, where there is one, the blank's channels; shape (m, m) or (m + c, m + c).
+        in the order of ``readings.compute_logarithms``, then the blank's channels if there is one;
+            shape (m, m) or (m + c, m + c).
     """
     channels = CHANNELS[observable or protocol.observable]
     own, common = _variances(noise, channels, scene, np.vstack([blank, over])), _common(noise, channels, blank)
@@ -114,12 +115,12 @@ def _both_variances(noise: NoiseModel, scene: Scene, places: Floats) -> Floats:
 
 
 def _common(noise: NoiseModel, channels: tuple[int, ...], blank: Floats) -> Floats:
-    """g_c^2 of some channels, (c,)."""
+    """Return the variance of the gain of some channels, shape (c,)."""
     return np.array([_ratio_gain(noise, blank), noise.stiffness_gain**2])[list(channels)]
 
 
 def film_charges(scene: Scene, places: Floats) -> Floats:
-    """Q_j, C, under the scene's load, shape (k, 2)."""
+    """Return the charge of each film under the scene's load, C, shape (k, 2)."""
     load, film = scene.load, scene.probe.film
     indentation = (load.force or 0.0) / places.sum(axis=1) if load.indentation is None else np.full(len(places), load.indentation)
     charges = (abs(film.d33 if film else 0.0) or abs(Film().d33)) * np.abs(places) * indentation[:, None]

@@ -142,7 +142,7 @@ class ScenePopulation:
         return TumourDraw(self.scene, depth, diameter, modulus, x, nu, numbers, every, misfits)
 
     def _bodies(self, tissues: tuple[Scene, ...], shares: list[int], seed: int) -> tuple[Floats, int]:
-        """So many tumours as fit each tissue, as ``OF_TUMOUR``, (n, 4), and how many before the last of them did not.
+        """So many tumours as fit each tissue, as ``TUMOUR_PARAMETERS``, (n, 4), and how many before the last of them did not.
 
         Each tissue has blocks of consecutive points: every fourth of a Sobol sequence lies in a part of the range alone.
         """
@@ -163,7 +163,7 @@ class ScenePopulation:
         raise InputError("population", fit, f"ranges of which more fit: most of these {why}")
 
     def _misfit(self, tissue: Scene, bodies: Floats) -> str:
-        """What most tumours fail by, in words."""
+        """Describe the most frequent reason why tumours do not fit."""
         depth, diameter = bodies.T[:2]
         radius, shallow = diameter / 2, np.maximum(self.least_cover, COVER * diameter)
         cover = np.mean(depth - radius < shallow)
@@ -178,7 +178,7 @@ class ScenePopulation:
         return max(shares, key=lambda key: shares[key])
 
     def fits(self, tissue: Scene, bodies: Floats) -> Bools:
-        """Whether tumours, as ``OF_TUMOUR``, (n, 4), lie in a scene's tissue, within one layer of it, under the least cover."""
+        """Return which tumours, shape (n, 4), lie within one layer of a scene's tissue and under the least cover."""
         of, (depth, diameter, _, x), y = tissue.tissue, bodies.T, self._y
         radius, cover = diameter / 2, np.maximum(self.least_cover, COVER * diameter)
         good = depth - radius >= cover

@@ -52,7 +52,7 @@ class Range:
         return float(np.exp(np.mean(np.log(self.values)))) if self.log else float(np.mean(self.values))
 
     def at(self, share: Floats) -> Floats:
-        """Return the values that these shares of the population, 0 to 1, stay below; any shape."""
+        """Return the quantiles of the range at fractions from 0 to 1; any shape."""
         if not self.continuous:
             return np.asarray(np.array(self.values)[np.minimum((share * len(self.values)).astype(int), len(self.values) - 1)])
         low, high = self.values

@@ -24,15 +24,15 @@ class ScanReadings:
     """Readings over n tumours in t tissues, m readings of c channels each.
 
     Attributes:
-        signal: eq. PO.1 with less without the tumour, shape (n, m).
-        errors: bounds on what the evaluator is off in it, by cause, see ``scan_errors.CAUSES``, shape (n, m); or none.
+        signal: eq. PO.1 with the tumour minus without, shape (n, m).
+        errors: bounds on what the evaluator is off in it, by cause, see ``scan_errors.ERROR_CAUSES``, shape (n, m); or none.
         tissue: number of each tumour's tissue, shape (n,).
         blank: film forces per unit of indentation without tumours, N/m, shape (t, 2).
-        over: the same over the tumours at each position, in their geometric mean, shape (p, 2).
+        mean_forces: the same over the tumours at each position, in their geometric mean, shape (p, 2).
         blank_error: bound on the error of eq. PO.1 there, shape (t, c).
-        by: derivatives of ``signal`` by what differs from tumour to tumour, by its name in ``ScenePopulation.ranges``: by
+        derivatives: of ``signal`` with respect to the parameters named in ``ScenePopulation.ranges``: to their
             logarithms, per m of x; shape (n, m).
-        blank_by: derivatives of eq. PO.1 without tumours by the tissue's numbers, shape (t, c).
+        blank_derivatives: derivatives of eq. PO.1 without tumours by the tissue's numbers, shape (t, c).
     """
 
     signal: Floats
@@ -82,7 +82,7 @@ class ScanReadings:
 
 
 def logarithms(totals: Any, stiffness: bool) -> Any:
-    """Eq. PO.1 without its constant.
+    """Return the logarithms of ratio and stiffness, eq. PO.1 without its constant.
 
     Args:
         totals: F_inner and F_outer, shape (..., p, 2), real or complex.

@@ -66,7 +66,7 @@ class Unknowns:
 
 
 def contrast_deviations(unknowns: Unknowns, J: Floats, covariance: Floats, of_object: bool = False) -> Floats:
-    """Return eq. PO.6, of ln E_object itself if asked for; inf where nothing is told; shape (n,).
+    """Return the standard deviation of ln contrast, or of ln E_object (eq. PO.6), shape (n,); inf without information.
 
     Args:
         unknowns: q of them.
@@ -100,12 +100,12 @@ def informations(unknowns: Unknowns, J: Floats, covariance: Floats) -> Floats:
 
 
 def resolved(deviations: Floats) -> Floats:
-    """Return 1 for tumours whose ln contrast is told to ``RESOLVED``, 0 for others, shape (n,)."""
+    """Return 1 for tumours whose sd of ln contrast is at most ``RESOLVED``, 0 for others, shape (n,)."""
     return np.asarray((deviations <= RESOLVED).astype(float))
 
 
 def undecided(deviations: Floats, share: Floats) -> Floats:
-    """Return 1 for tumours that would be told with slopes by this share steeper and not with as much flatter, shape (n,)."""
+    """Return 1 for tumours resolved with derivatives larger by this fraction but not with smaller ones, shape (n,)."""
     with np.errstate(divide="ignore"):
         return resolved(deviations / (1 + share)) - resolved(deviations / (1 - share))
 

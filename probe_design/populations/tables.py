@@ -89,7 +89,7 @@ class PopulationRanges(Frozen):
 
     @property
     def differ(self) -> bool:
-        """Whether its tumours do."""
+        """Whether the tumours of the population differ from each other."""
         given = [self.depth, self.diameter, self.object, self.tissue, self.x]
         given += [one for layer in self.layer for one in (layer.thickness, layer.modulus)]
         return any(one is not None and not one.single for one in given)
@@ -237,7 +237,7 @@ class Objective(Frozen):
         return float(np.mean(values) if self.statistic == "mean" else np.quantile(values, self.statistic))
 
     def error(self, values: Floats, group: Ints | None = None) -> float:
-        """Return the standard error of ``over``, of a quantile from its neighbours.
+        """Return the standard error of ``compute_statistic``, of a quantile from its neighbours.
 
         Args:
             values: of n tumours drawn at random, shape (n,).

@@ -43,7 +43,7 @@ class Varied(FileEntry[DesignVariable]):
     """A ``DesignVariable`` as a pydantic annotation: ``"fixed"``, ``[low, high]``, or a table of bounds, step and choices.
 
     Args:
-        quantity: of its values; ``NUMBER`` has no unit.
+        quantity: of its values; ``NUMBER_QUANTITY`` has no unit.
     """
 
     quantity: Quantity
