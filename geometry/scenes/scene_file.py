@@ -10,6 +10,7 @@ from pydantic import ValidationError
 
 from geometry.common.errors import InputError, Words
 from geometry.common.text_files import read_text, tables
+from geometry.scenes.file_kinds import check_kind
 from geometry.scenes.messages import most_telling
 from geometry.scenes.scene import Scene
 
@@ -33,26 +34,10 @@ def read_scene(path: Path | str) -> Scene:
 def scene_from_toml(text: str, name: str = "scene") -> Scene:
     """Read a scene from TOML text; ``name`` stands in messages. Raises ``InputError``."""
     data = tables(text, name, "a TOML scene file")
-    _check_kind(data, name)
+    check_kind(data, name, "scene file", "a scene file, with [probe], [tissue] and [load]")
     if not data:
         raise InputError(name, Words("empty"), "a scene with [probe], [tissue] and [load]")
     return scene_from_dict(data)
-
-
-def _check_kind(data: Mapping[str, Any], name: str) -> None:
-    """Refuse a file that is read by another command, and name the command."""
-    if "probe" in data:
-        return
-    commands = {
-        "design file": ({"population", "protocol", "limits", "objective"}, "optimize"),
-        "sweep file": ({"sample", "constraints", "evaluator", "accuracy"}, "sweep"),
-        "design or sweep file": ({"scene", "variables"}, "optimize or probe-design sweep"),
-    }
-    for kind, (sections, command) in commands.items():
-        if sections & data.keys():
-            raise InputError(
-                name, Words(f"a {kind}"), f"a scene file, with [probe], [tissue] and [load]; use probe-design {command}"
-            )
 
 
 def scene_from_dict(data: dict[str, Any]) -> Scene:

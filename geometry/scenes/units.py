@@ -10,7 +10,7 @@ from decimal import Decimal, InvalidOperation
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from pydantic import ValidationInfo
+from pydantic import BeforeValidator, ValidationInfo
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from geometry.common.errors import InputError, Words
@@ -176,6 +176,17 @@ def fraction(key: str, entry: Any, allowed: str) -> float:
         number(key, text[:-1], allowed)
         return float(Decimal(text[:-1].strip()) / 100)
     raise InputError(key, entry, allowed)
+
+
+def _from_percent(entry: Any) -> Any:
+    """Turn "2 %" into 0.02; what is no such text is left to pydantic, which says what the field allows."""
+    if isinstance(entry, str) and entry.rstrip().endswith("%"):
+        with suppress(InputError):
+            return fraction("", entry, "a percentage")
+    return entry
+
+
+PERCENTAGE = BeforeValidator(_from_percent)  # of a field that is a fraction
 
 
 def shown(value: float, si: str, unit: str) -> float:

@@ -35,20 +35,21 @@ def assembly_order(
         budget: see ``geometry.workshop.tolerance.Budget``.
         scatter: what scatters the ratio, see ``geometry.workshop.lists.compute_scatter_of_ratio``.
     """
-    steps = [*_casting(moulds), *_bonding(probe, patterns), _gap(probe, moulds, budget), *_measuring(moulds)]
+    steps = [*_casting(probe, moulds), *_bonding(probe, patterns), _gap(probe, moulds, budget), *_measuring(moulds)]
     lines = [f"{count}. {text}" for count, text in enumerate(steps, start=1)]
     head = ["# Assembly and bonding", "", f"Millimetres. {stamp.text}", ""]
     return "\n".join([*head, *lines, "", *_remarks(probe, moulds, budget, scatter), "", markdown_comment(stamp.provenance)])
 
 
-def _casting(moulds: Sequence[MouldSizes]) -> list[str]:
+def _casting(probe: Probe, moulds: Sequence[MouldSizes]) -> list[str]:
     steps = []
     for mould in moulds:
+        material = (probe.inner if mould.name == "inner" else probe.outer).material or "elastomer"
         volume, grown = f"{cavity_volume(mould):.4g} mm\u00b3", f"shrinkage {100 * mould.shrinkage:g} %"
         angle = f"draft {math.degrees(mould.draft):.3g}\u00b0"
         steps.append(
             f"Cast the {mould.name} block: close `mould-{mould.name}-lower.step` and `mould-{mould.name}-upper.step` on their "
-            f"pins, pour {volume} of degassed elastomer through the larger hole ({grown}, {angle}); the film end is at the lid. "
+            f"pins, pour {volume} of degassed {material} through the larger hole ({grown}, {angle}); the film end is at the lid. "
             "Take it out upwards, cut the sprues flush."
         )
     return steps

@@ -14,9 +14,10 @@ from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from geometry.common.errors import InputError, Words, one_of
 from geometry.common.text_files import read_tables, tables
+from geometry.scenes.file_kinds import check_kind
 from geometry.scenes.messages import model_at
 from geometry.scenes.probe import Frozen, Length, Modulus
-from geometry.scenes.units import Quantity
+from geometry.scenes.units import PERCENTAGE, Quantity
 from hw.signal.amplifier import ChargeAmplifier
 
 Frequency = Annotated[float, Quantity("frequency", "Hz", "Hz", 1e-3, 1e5)]
@@ -24,7 +25,7 @@ Resistance = Annotated[float, Quantity("resistance", "ohm", "ohm", 1e3, 1e15)]
 Capacitance = Annotated[float, Quantity("capacitance", "F", "pF", 1e-14, 1.0)]
 Sensitivity = Annotated[float, Quantity("sensitivity", "V/N", "V/N", 1e-9, 1e9)]
 Warming = Annotated[float, Quantity("temperature change", "K", "K", 1e-6, 100.0)]
-Share = Annotated[float, Field(ge=0.0, le=1.0, description="a number from 0 to 1, such as 0.02")]
+Share = Annotated[float, PERCENTAGE, Field(ge=0.0, le=1.0, description="a number from 0 to 1, such as 0.02 or 2 %")]
 Skew = Annotated[float, Quantity("time", "s", "us", -1.0, 1.0)]
 SkewTolerance = Annotated[float, Quantity("time", "s", "us", 0.0, 1.0)]
 KnownForce = Annotated[float, Quantity("force", "N", "mN", 1e-9, 1e6)]
@@ -198,7 +199,9 @@ def builtin_bench() -> Bench:
 
 def read_bench(path: Path | str) -> Bench:
     """Read a bench file. Raises ``InputError``."""
-    return bench_from_dict(read_tables(path, "bench file", "a TOML file like probe_design/data/bench.toml"))
+    found = read_tables(path, "bench file", "a TOML file like probe_design/data/bench.toml")
+    check_kind(found, str(path), "bench file", "a bench file, like probe_design/data/bench.toml")
+    return bench_from_dict(found)
 
 
 def bench_from_dict(data: dict[str, Any]) -> Bench:
@@ -219,4 +222,13 @@ def first_fault(refused: ValidationError, what: str, root: type[BaseModel]) -> I
     entry = Words("missing") if error["type"] == "missing" else error["input"]
     if error["type"] == "extra_forbidden":
         return InputError(key, entry, one_of(error["loc"][-1], model_at(root, error["loc"][:-1]).model_fields))
-    return InputError(key, entry, error["msg"].removeprefix("Input should be "))
+    told = _description(error["loc"], root) if error["type"] != "quantity" else None
+    return InputError(key, entry, told or error["msg"].removeprefix("Input should be "))
+
+
+def _description(place: tuple[int | str, ...], root: type[BaseModel]) -> str | None:
+    """Return what the field at a place of ``root``'s tables allows, None where nobody has said it."""
+    if not place or not isinstance(place[-1], str):
+        return None
+    field = model_at(root, place[:-1]).model_fields.get(place[-1])
+    return None if field is None else field.description

@@ -11,7 +11,7 @@ from geometry.common.text_files import read_text, tables
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import read_scene
 from probe_design.design_search.template import builtin_design_text
-from probe_design.populations.design_file import Design, design_from_dict, is_design
+from probe_design.populations.design_file import Design, design_from_dict, design_from_tables, is_design
 
 Asked = Design | Scene | Path | str | Mapping[str, Any] | None
 ALLOWED = "a Design or Scene, the name of a design or scene file, or the tables of a design file"
@@ -46,4 +46,4 @@ def read_question(path: Path) -> Design | Scene:
         InputError: it is missing, no TOML, or says something that is not allowed.
     """
     found = tables(read_text(path, "scene file"), str(path), "a TOML scene or design file")
-    return design_from_dict(found, path.parent, units_required=True) if is_design(found) else read_scene(path)
+    return design_from_tables(found, path) if is_design(found) else read_scene(path)

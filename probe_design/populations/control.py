@@ -8,6 +8,9 @@ tumours under the same draws differ little from the judge's P_i, so that with C_
 has the same mean, whatever the formulas are worth, and as its standard errors those of both parts, which are independent: the
 first is small where the formulas are good, the second where N is large. The coefficient of the control is 1 and not fitted to
 the n tumours, which would bias it.
+
+Few tumours that happen to be alike (two of two detected) have a plain standard error of nearly 0, which says nothing of the
+population. The plain mean's error is therefore at least what n tumours leave by the scatter of the many C_k.
 """
 
 from __future__ import annotations
@@ -93,6 +96,7 @@ def sample_mean(values: Floats, tissue: Ints, objective: Objective, control: Con
     plain = objective.over(values), objective.error(values, tissue)
     if control is None or objective.statistic != "mean":
         return plain
+    plain = plain[0], max(plain[1], float(np.std(control.many, ddof=1)) / math.sqrt(len(values)))
     rest = values - control.own
     error = math.hypot(objective.error(rest, tissue), objective.error(control.many, control.tissue))
     return (float(np.mean(rest) + np.mean(control.many)), error) if error < plain[1] else plain

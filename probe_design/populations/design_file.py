@@ -11,6 +11,7 @@ from pydantic_core import ErrorDetails
 
 from geometry.common.errors import InputError, Words, one_of
 from geometry.common.text_files import read_tables
+from geometry.scenes.file_kinds import check_kind
 from geometry.scenes.messages import model_at
 from geometry.scenes.probe import Frozen
 from geometry.scenes.scene import Scene
@@ -50,7 +51,13 @@ def read_design(path: Path | str) -> Design:
     Raises:
         InputError: the file is missing, no TOML, or says something that is not allowed.
     """
-    return design_from_dict(read_tables(path, "design file"), Path(path).parent, True)
+    return design_from_tables(read_tables(path, "design file"), Path(path))
+
+
+def design_from_tables(tables: Mapping[str, Any], path: Path) -> Design:
+    """Check the tables of a design file. Raises ``InputError``, of a file that another command reads with its name."""
+    check_kind(tables, str(path), "design file", "a design file, with [population], or a scene file, with [probe]")
+    return design_from_dict(tables, path.parent, units_required=True)
 
 
 def design_from_dict(tables: Mapping[str, Any], folder: Path | str = ".", units_required: bool = False) -> Design:

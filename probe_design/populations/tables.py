@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import InputError
 from geometry.scenes.probe import LENGTH, Frozen, Length
 from geometry.scenes.scene import MOST_LAYERS, Force, Indentation
-from geometry.scenes.units import MODULUS, Quantity, fraction
+from geometry.scenes.units import MODULUS, PERCENTAGE, Quantity
 from probe_design.populations.ranges import Range, Ranged
 
 POSITION = Quantity("position", "m", "mm", -10.0, 10.0)
@@ -29,17 +29,11 @@ Observable = Literal["ratio", "stiffness", "both"]
 CHANNELS: dict[Observable, tuple[int, ...]] = {"ratio": (0,), "stiffness": (1,), "both": (0, 1)}  # of what a scan can read
 
 
-def _from_percent(entry: Any) -> Any:
-    """Turn "2 %" into 0.02; what is no such text is left to pydantic."""
-    written = isinstance(entry, str) and entry.rstrip().endswith("%")
-    return fraction("noise", entry, "a number or a percentage") if written else entry
-
-
-Relative = Annotated[float, BeforeValidator(_from_percent), Field(ge=0.0, le=LARGEST_NOISE, allow_inf_nan=False)]
+Relative = Annotated[float, PERCENTAGE, Field(ge=0.0, le=LARGEST_NOISE, allow_inf_nan=False)]
 
 
 def _relative(what: str) -> str:
-    return f"{what}: a number from 0 to {LARGEST_NOISE:g}, relative, one standard deviation"
+    return f"{what}: a number from 0 to {LARGEST_NOISE:g} or a percentage, relative, one standard deviation"
 
 
 class LayerRanges(Frozen):
@@ -127,7 +121,7 @@ class Protocol(Frozen):
         default=True,
         description="whether a tumour-free place of the tissue is read too, from which all readings are counted: true or false",
     )
-    false_alarm: Annotated[float, Field(ge=1e-4, le=0.5)] = Field(
+    false_alarm: Annotated[float, PERCENTAGE, Field(ge=1e-4, le=0.5)] = Field(
         default=0.05, description="share of patients without a tumour in whom one is found, over the whole scan: 0.0001 to 0.5"
     )
 
@@ -184,7 +178,7 @@ class DesignLimits(Frozen):
     wall: Length | None = Field(default=None, description="least thickness of the outer block", examples=["0.5 mm"])
     force: Force | None = Field(default=None, description="largest force on the probe", examples=["0.5 N"])
     indentation: Indentation | None = Field(default=None, description="largest indentation", examples=["1000 um"])
-    tissue_strain: Annotated[float, Field(gt=0.0, le=1.0)] | None = Field(
+    tissue_strain: Annotated[float, PERCENTAGE, Field(gt=0.0, le=1.0)] | None = Field(
         default=None, description="largest mean strain of the tissue under the probe: above 0, up to 1", examples=[0.1]
     )
     gap_closure: bool = Field(default=True, description="whether the gap has to stay open under the load: true or false")

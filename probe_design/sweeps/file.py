@@ -13,6 +13,7 @@ from pydantic import ValidationError
 from geometry.common.errors import InputError, Words, one_of
 from geometry.common.resources import Limits, limits
 from geometry.common.text_files import read_tables
+from geometry.scenes.file_kinds import check_kind
 from geometry.scenes.messages import most_telling
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import named_scene
@@ -85,7 +86,9 @@ def read_sweep(path: Path | str) -> Sweep:
     Raises:
         InputError: the file is missing, no TOML, or says something that is not allowed.
     """
-    return sweep_from_dict(read_tables(path, "sweep file"), Path(path).parent, True)
+    found = read_tables(path, "sweep file")
+    check_kind(found, str(path), "sweep file", "a sweep file, with scene and [variables]")
+    return sweep_from_dict(found, Path(path).parent, True)
 
 
 def sweep_from_dict(tables: Mapping[str, Any], folder: Path | str = ".", units_required: bool = False) -> Sweep:

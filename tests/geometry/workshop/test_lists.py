@@ -62,12 +62,13 @@ def test_bill_of_materials(package: Path) -> None:
 def test_a_named_material_is_on_the_bill_and_in_the_drawings(tmp_path: Path) -> None:
     named = make(outer=Material.model_validate({"material": "dragon-skin-30"}), base=Base(rigid=True, material="pmma"))
     made = writers(named)
-    for name in ("bill-of-materials.csv", "outer.pdf", "assembly.pdf"):
+    for name in ("bill-of-materials.csv", "outer.pdf", "assembly.pdf", "assembly.md"):
         made[name](tmp_path / name)
     bill = rows(tmp_path / "bill-of-materials.csv", "part")
     assert [bill[part]["material"] for part in ("inner", "outer", "base")] == ["elastomer", "dragon-skin-30", "pmma"]
     assert bill["outer"]["properties"] == "E = 668 kPa, Poisson's ratio 0.495"
     assert bill["casting-outer"]["material"] == "mixed dragon-skin-30"
+    assert "of degassed dragon-skin-30 through" in (tmp_path / "assembly.md").read_text(encoding="utf-8")
     for name in ("outer.pdf", "assembly.pdf"):
         assert "dragon-skin-30, E = 668 kPa" in PdfReader(tmp_path / name).pages[0].extract_text()
 

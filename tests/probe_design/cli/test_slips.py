@@ -69,6 +69,40 @@ def test_what_was_likely_meant_in_a_file_is_told(verb: str, tmp_path: Path) -> N
     assert meant in refused(verb.strip(), *words[verb.strip()])
 
 
+KINDS = {  # the file of another kind, and what reads it
+    "design": ('scene = "s.toml"\n[population]\ndepth = "9 mm"\n', "a design file", "use probe-design optimize"),
+    "sweep": ('scene = "s.toml"\nevaluator = "closed-form"\n[variables]\n', "a sweep file", "use probe-design sweep"),
+    "scene": (SCENE.read_text(encoding="utf-8"), "a scene file", "use probe-design evaluate, plan or optimize"),
+    "bench": ('[load]\nfrequency = "5 Hz"\n[channels]\ngain = 0.1\n', "a bench file", "use --bench of probe-design read"),
+    "calibration": (
+        "cross_talk_resolved = [true]\nworkshop = [1.0]\n",
+        "a calibration file",
+        "use --calibration of probe-design read",
+    ),
+}
+
+
+@pytest.mark.parametrize(
+    ("reader", "given"),
+    [
+        *(("evaluate", one) for one in ("design", "sweep", "bench", "calibration")),
+        *(("optimize", one) for one in ("sweep", "bench", "calibration")),
+        *(("sweep", one) for one in ("design", "scene", "bench", "calibration")),
+        *(("read", one) for one in ("design", "sweep", "scene", "calibration")),
+    ],
+)
+def test_a_file_of_another_kind_is_named_with_what_reads_it(reader: str, given: str, tmp_path: Path) -> None:
+    text, kind, use = KINDS[given]
+    file = tmp_path / "file.toml"
+    file.write_text(text, encoding="utf-8")
+    words = (SCENE, "--virtual", "--bench", file) if reader == "read" else (file,)
+    output = ("-o", tmp_path / "out") if reader in ("optimize", "sweep") else ()
+    message = refused(reader, *words, *output)
+    assert f"{file} = {kind}: " in message
+    assert use in message
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize(
     "words",
     [

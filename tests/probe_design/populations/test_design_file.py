@@ -74,6 +74,13 @@ def test_refusals_name_key_and_remedy(tables: dict[str, Any], key: str, allowed:
     assert "\n" not in str(fault.value)
 
 
+def test_fractions_may_be_percentages() -> None:
+    found = design(protocol={"false_alarm": "7 %"}, limits={"tissue_strain": "10%"}, noise={"white": "1 %"})
+    assert (found.protocol.false_alarm, found.limits.tissue_strain, found.noise.white) == (0.07, 0.1, 0.01)
+    with pytest.raises(InputError, match=r"protocol\.false_alarm = '7 x%'"):
+        design(protocol={"false_alarm": "7 x%"})
+
+
 def test_a_population_without_an_inclusion_needs_its_sizes(tmp_path: Path) -> None:
     text = (EXAMPLES / "scene.toml").read_text(encoding="utf-8")
     (tmp_path / "scene.toml").write_text(text.split("[[inclusion]]")[0] + "[load]\nforce = '1 mN'\n", encoding="utf-8")

@@ -1,0 +1,44 @@
+"""Kinds of TOML files by their tables: a file that another command reads is refused with the name of that command."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from geometry.common.errors import InputError, Words
+
+_SECTIONS = {  # what only files of a kind have; a scene file, which has most of its tables to itself, comes first
+    "scene file": {"probe", "tissue", "inclusion", "contact"},
+    "calibration file": {"cross_talk_resolved", "offsets_sd"},
+    "bench file": {"amplifier", "channels", "reference", "sampling"},
+    "design file": {"population", "protocol", "limits", "objective"},
+    "sweep file": {"sample", "constraints", "evaluator", "accuracy"},
+    "design or sweep file": {"scene", "variables"},
+}
+_USES = {
+    "scene file": "probe-design evaluate, plan or optimize",
+    "bench file": "--bench of probe-design read, calibrate or check",
+    "calibration file": "--calibration of probe-design read or check",
+    "design file": "probe-design optimize",
+    "sweep file": "probe-design sweep",
+    "design or sweep file": "probe-design optimize or probe-design sweep",
+}
+
+
+def check_kind(data: Mapping[str, Any], name: str, kind: str, allowed: str) -> None:
+    """Refuse a file that another command reads, and name what reads it.
+
+    Args:
+        data: the tables of the file.
+        name: of the file, for the message.
+        kind: that is wanted, a key of ``_SECTIONS``.
+        allowed: what such a file has, for the message.
+
+    Raises:
+        InputError: the file has tables of another kind, and none of its own.
+    """
+    other = next((one for one, sections in _SECTIONS.items() if sections & data.keys()), kind)
+    if other == kind or (kind in ("design file", "sweep file") and other == "design or sweep file"):
+        return
+    if not _SECTIONS[kind] & data.keys():
+        raise InputError(name, Words(f"a {other}"), f"{allowed}; use {_USES[other]}")
