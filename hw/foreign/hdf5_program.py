@@ -17,6 +17,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 ELSEWHERE = "is not stored in this file: allowed: datasets within it (h5copy or h5repack writes such a file)"
+KINDS = {"u1": "u1", "u8": "<f8"}  # of the values that are sent, where it is not i8 or f8: u8 may exceed i8
 MAX_DATASETS = 1000  # of interest in a recording; more are a store of another kind
 
 
@@ -112,11 +113,24 @@ def read_arrays(file: Any, request: dict[str, Any]) -> tuple[dict[str, Any], lis
     rows = slice(request["begin"], request["end"])
     arrays = []
     for path, column in request["datasets"]:
+        check_filters(path, file[path])
         values = file[path][rows] if column is None else file[path][rows, column]
-        kind = {"f": "<f8", "i": "<i8", "u": "<i8"}[values.dtype.kind] if values.dtype != np.uint8 else "u1"
+        kind = KINDS.get(values.dtype.str[1:], "<f8" if values.dtype.kind == "f" else "<i8")
         with np.errstate(over="ignore"):  # long doubles beyond the range of doubles become infinite, which readers refuse
             arrays.append(np.ascontiguousarray(values.astype(kind, copy=False)))
     return {"arrays": [[array.dtype.str, array.shape] for array in arrays]}, arrays
+
+
+def check_filters(path: str, dataset: Any) -> None:
+    """Refuse a dataset that is packed by a filter which this HDF5 library does not have."""
+    from h5py import h5z
+
+    properties = dataset.id.get_create_plist()
+    for number, _, _, name in (properties.get_filter(k) for k in range(properties.get_nfilters())):
+        if not h5z.filter_avail(number):
+            filter_name = f"{number} ({text(name)})" if name else str(number)
+            allowed = "gzip, szip, lzf, shuffle, fletcher32 (h5repack -f GZIP=4 writes such a file)"
+            raise Refused(f"is refused: {path!r} is packed by filter {filter_name}, which is not installed: allowed: {allowed}")
 
 
 def send(answer: BinaryIO, line: dict[str, Any], arrays: list[Any]) -> None:

@@ -17,6 +17,7 @@ from hw.common.samples import Floats, Gap, Ints, Samples
 from hw.common.transport import Header, now
 
 CHANNELS = ("inner", "outer", "force")
+MAX_VOLTS = 1e6  # no instrument gives more: beyond it a file is damaged, and squares of it overflow
 MISSING = "samples are missing in what was recorded"
 
 
@@ -80,8 +81,8 @@ class VoltsDecoder:
         index, volts = found["index"].astype(np.int64), found["volts"].astype(float)
         first = 0 if self._next is None else self._next
         steps = np.diff(index, prepend=first - 1)
-        if not np.isfinite(volts).all() or (steps < 1).any():
-            raise InvalidSource("volts: values that are no numbers, or an index that does not increase")
+        if not (np.abs(volts) <= MAX_VOLTS).all() or (steps < 1).any():
+            raise InvalidSource(f"volts: values that are no numbers or above {MAX_VOLTS:g} V, or an index that does not increase")
         gaps, overruns = _told(note) if note else (self._jumps(index, steps), 0)
         self._next = int(index[-1]) + 1 if len(index) else self._next
         header = self.header

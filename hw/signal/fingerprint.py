@@ -3,7 +3,8 @@
 The noise of a film is what its last samples do not predict. The signs of its projections on fixed random vectors are a similarity
 hash (M. S. Charikar, STOC 2002, 380): of two noises at an angle a the share a / pi of all signs differs, a half where they have
 nothing in common. Rounding to fewer digits, another unit and another file format change few signs or none; a second press of the
-same place changes half of them. Only the beginning is looked at, so that a copy that ends earlier is recognised, too.
+same place changes half of them. Beginnings of several lengths are looked at, and the longest that both readings have is
+compared, so that a copy that ends earlier is recognised, too.
 """
 
 from __future__ import annotations
@@ -20,11 +21,11 @@ from hw.common.samples import Floats, Samples
 from hw.signal.measure import FILMS
 
 ROWS = 1 << 13  # samples of each film that are looked at: 0.8 s at 10 kS/s
+LENGTHS = tuple(1 << k for k in range(6, 14))  # of the beginnings, samples: from as few as a fit takes to ROWS
 MEMORY = 12  # samples that predict the next: enough for the load, its harmonics and the mains
 BITS = 128
 DIFFERENT = 32  # signs: a quarter, 5.7 standard deviations below the half of two independent noises
 SAME_VOLTS = 5e-4  # relative: rounding and the full range of a sound file change less
-FEWEST = 4 * MEMORY  # rows
 
 
 @dataclass(frozen=True)
@@ -32,27 +33,29 @@ class Fingerprint:
     """Of a reading's first samples.
 
     Attributes:
-        noise: 128 signs in hexadecimal; "" where there are too few samples, or no noise.
-        volts: standard deviation of each film's voltage, V, inner and outer.
+        noise: of its beginnings of ``LENGTHS``, as many as it has: 128 signs in hexadecimal; "" where there is no noise.
+        volts: standard deviation of each film's voltage in each of them, V, inner and outer.
     """
 
-    noise: str
-    volts: tuple[float, float]
+    noise: tuple[str, ...]
+    volts: tuple[tuple[float, float], ...]
 
     @classmethod
     def from_samples(cls, samples: Samples) -> Self:
         """Return the fingerprint of samples that begin with the reading; they must have both films."""
         films = np.nan_to_num(samples.of(FILMS).volts[:ROWS], posinf=0.0, neginf=0.0)
-        inner, outer = (float(one) for one in films.std(axis=0)) if len(films) else (0.0, 0.0)
-        return cls(_signs(films) if len(films) >= FEWEST else "", (inner, outer))
+        beginnings = [films[:length] for length in LENGTHS if length <= len(films)]
+        deviations = (one.std(axis=0) for one in beginnings)
+        return cls(tuple(map(_signs, beginnings)), tuple((float(inner), float(outer)) for inner, outer in deviations))
 
     @classmethod
     def from_dict(cls, told: Any) -> Self | None:
         """Return what ``as_dict`` gave; None where it is something else."""
         try:
-            noise, (inner, outer) = told["noise"], told["volts"]
-            signs = bytes.fromhex(noise)
-            return cls(noise, (float(inner), float(outer))) if len(signs) in (0, BITS // 8) else None
+            noise = tuple(told["noise"])
+            volts = tuple((float(inner), float(outer)) for inner, outer in told["volts"])
+            sizes = {len(bytes.fromhex(signs)) for signs in noise}
+            return cls(noise, volts) if len(noise) == len(volts) <= len(LENGTHS) and sizes <= {0, BITS // 8} else None
         except (KeyError, TypeError, ValueError, OverflowError):
             return None
 
@@ -62,11 +65,13 @@ class Fingerprint:
 
     def is_same(self, other: Fingerprint) -> bool:
         """Whether both are of the same samples."""
-        if not self.noise or not other.noise:
+        beginnings = list(zip(self.noise, other.noise, self.volts, other.volts, strict=False))
+        if not beginnings:
             return False
-        if not np.allclose(self.volts, other.volts, rtol=SAME_VOLTS, atol=0):
+        one, two, volts, others = beginnings[-1]
+        if not one or not two or not np.allclose(volts, others, rtol=SAME_VOLTS, atol=0):
             return False
-        return (int(self.noise, 16) ^ int(other.noise, 16)).bit_count() < DIFFERENT
+        return (int(one, 16) ^ int(two, 16)).bit_count() < DIFFERENT
 
 
 def _signs(films: Floats) -> str:

@@ -22,6 +22,8 @@ HARMONICS = 3
 HUMS = 3
 LEAST_CYCLES = 3.0  # of the load: with fewer, a drift polynomial can pass for it
 LEAST_SHARE = 0.1  # of a record's samples
+MAX_CONDITION = 1e10  # of the normal matrix: 1e6 with three cycles, beyond 1e10 where most of each cycle is cut off
+MIN_SWING_V = 1e-18  # no converter resolves less: a channel that changes by less shows nothing, and its squares underflow
 NEAR = 1.0  # Hz, within which a load is looked for
 LOWEST = 0.05  # Hz, where a frequency is looked for
 STEPS = 8  # of Gauss-Newton; two or three are enough from a good start
@@ -110,7 +112,9 @@ def fit_stretch(samples: Samples, frequency: float | None = None) -> SineFit:
     span = (end - begin) / clean.rate
     _check_samples(clean, end - begin + 1)
     load = _load(clean, span, frequency)
-    t = np.asarray((clean.index - (begin + end) / 2) / clean.rate, dtype=float)
+    t = np.asarray(
+        (clean.index - begin - (end - begin) / 2) / clean.rate, dtype=float
+    )  # of large indices the difference is exact
     lines = Lines(load, _below_nyquist(load, clean.rate, HARMONICS), None, 0, span / 2)
     lines, solved = _settled(lines, t, clean.volts)
     lines = _with_mains(lines, clean, t, solved)
@@ -124,7 +128,7 @@ def _check_samples(samples: Samples, requested: int) -> None:
     if len(samples.index) < max(least, LEAST_SHARE * requested):
         needed = f"at least {least} and a share of {LEAST_SHARE:g} are needed"
         raise TooShort(f"{len(samples.index)} of {requested} samples arrived and are not saturated: {needed}")
-    dead = [name for name, swing in zip(samples.channels, np.ptp(samples.volts, axis=0), strict=True) if not swing > 0]
+    dead = [name for name, swing in zip(samples.channels, np.ptp(samples.volts, axis=0), strict=True) if not swing > MIN_SWING_V]
     if dead or not np.all(np.isfinite(samples.volts)):
         raise NoSine(f"channel {dead[0] if dead else 'of some film'} shows no change, or no numbers: is it connected?")
     if samples.volts.shape[1] > 1 and np.array_equal(samples.volts[:, 0], samples.volts[:, 1]):
@@ -188,14 +192,28 @@ def _settled(lines: Lines, t: Floats, volts: Floats) -> tuple[Lines, Solved]:
     """Correct the frequencies until they stay."""
     start = lines.load
     for _ in range(STEPS):
-        solved = solve(lines, t, volts)
+        solved = _solve(lines, t, volts)
         if np.all(np.abs(solved.step) <= CLOSE * solved.step_sd):
             return lines, solved
         hum = None if lines.mains is None else lines.mains + float(solved.step[-1])
         lines = replace(lines, load=lines.load + float(solved.step[0]), mains=hum)
         if abs(lines.load - start) * 2 * lines.half > 1:
             raise NoSine(f"no sinusoid near {start:.6g} Hz: the fit leaves that frequency; is the load on, its frequency right?")
-    return lines, solve(lines, t, volts)
+    return lines, _solve(lines, t, volts)
+
+
+def _solve(lines: Lines, t: Floats, volts: Floats) -> Solved:
+    """Return the solution. Raises ``NoSine`` where the samples do not determine one."""
+    try:
+        solved = solve(lines, t, volts)
+    except np.linalg.LinAlgError:
+        solved = None
+    if solved is None or not np.linalg.cond(solved.inverse) < MAX_CONDITION:
+        raise NoSine(
+            f"the {len(t)} samples that arrived and are not saturated do not determine a sinusoid of {lines.load:.4g} Hz: "
+            "lower the load or the amplification, so that less is cut off"
+        )
+    return solved
 
 
 def _with_mains(lines: Lines, samples: Samples, t: Floats, solved: Solved) -> Lines:

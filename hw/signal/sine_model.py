@@ -97,7 +97,8 @@ def solve(lines: Lines, t: Floats, volts: Floats) -> Solved:
     curve = curve - np.einsum("apc,pq,bqc->abc", cross, inverse, cross)
     information = (curve / quiet).sum(axis=2)
     step = np.linalg.solve(information, (pull / quiet).sum(axis=1))
-    return Solved(coefficients, inverse, noise, step, np.sqrt(np.diag(np.linalg.inv(information))))
+    variances = np.maximum(np.diag(np.linalg.inv(information)), 0.0)  # rounding may leave less where rows hardly tell
+    return Solved(coefficients, inverse, noise, step, np.sqrt(variances))
 
 
 def normal_equations(lines: Lines, t: Floats, volts: Floats) -> tuple[Floats, Floats]:

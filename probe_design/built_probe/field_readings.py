@@ -35,7 +35,7 @@ PHASE = ("ratio_phase", "ratio_phase_uncertainty")
 LARGEST, FARTHEST, VAGUEST = 1e150, 10.0, 1e3  # a number; from the tissue's middle, m; a relative standard deviation
 LARGEST_FILE = 1_000_000  # bytes of what `read --json` prints
 WRITTEN = "what `probe-design read --json` has printed"
-NO_SAMPLES = Fingerprint("", (0.0, 0.0))
+NO_SAMPLES = Fingerprint((), ())
 AGAIN = f"as {WRITTEN}; read the recording again, with `probe-design read SCENE --replay FILE --json`"
 
 

@@ -26,7 +26,9 @@ from solver.planning.strains import block_strain, both_strains, cover_factor, mo
 
 USUAL_CHARGE = 20e-12  # C/N, of films that a scene does not have
 DIGITS = 3  # of a force
-COVER_SAMPLES = 1024  # tumours whose worst cover limits the force: of sixteen times as many it is 4 % worse on the built-in ranges
+COVER_SAMPLES = (
+    1024  # tumours whose worst cover limits the force: of sixteen times as many it is 4 % worse on the built-in ranges
+)
 MARGIN = 0.9  # of what is known on a coarse mesh without tumours, which is off by 5 % and which tumours stiffen
 
 

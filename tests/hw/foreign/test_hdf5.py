@@ -18,7 +18,9 @@ from hw.common.errors import InvalidSource
 from hw.common.limits import ReadLimits
 from hw.common.samples import Samples
 from hw.foreign.columns import ColumnMap
+from hw.foreign.hdf5_file import Hdf5File
 from hw.foreign.hdf5_recording import Hdf5Recorder
+from hw.foreign.volts import volts_header
 from hw.reader import AS_IT_IS, Reader
 from hw.simulation.firmware import Fault
 from tests.support.hw.virtual_probes import probe
@@ -375,3 +377,46 @@ def test_a_recording_has_the_rights_of_any_new_file(tmp_path: Path) -> None:
             reader.collect(0.01, record=tmp_path / name)
     (tmp_path / "any").touch()
     assert {path.stat().st_mode for path in tmp_path.iterdir()} == {(tmp_path / "any").stat().st_mode}
+
+
+def test_a_filter_that_is_not_installed_is_named(tmp_path: Path) -> None:
+    """Blosc, LZ4 and the like need plugins, which a file must not load; the file itself is not damaged."""
+    path = tmp_path / "a.h5"
+    properties = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    properties.set_chunk((100,))
+    properties.set_filter(32004, h5py.h5z.FLAG_OPTIONAL, ())
+
+    def add_packed(file: h5py.File) -> None:
+        file["inner"] = VOLTS[:, 0]
+        kind, space = h5py.h5t.IEEE_F64LE, h5py.h5s.create_simple((ROWS,))
+        dataset = h5py.h5d.create(file.id, b"packed", kind, space, properties)
+        for row in range(0, ROWS, 100):
+            dataset.write_direct_chunk((row,), np.ones(100).tobytes())
+
+    with_films(path, add_packed)
+    assert len(got(path, "inner=inner V", "outer=outer V", rate="1 kHz"))  # what is not read may be packed by anything
+    with pytest.raises(InvalidSource, match=r"'packed' is packed by filter 32004.*not installed.*h5repack"):
+        got(path, "inner=packed V", "outer=outer V", rate="1 kHz")
+
+
+def test_whole_numbers_of_64_bits_keep_their_sign(tmp_path: Path) -> None:
+    path = tmp_path / "a.h5"
+    high = np.array([2**63, 2**63 + 2**62, 2**64 - 1] * 50, dtype=np.uint64)
+    with_films(path, lambda file: file.create_dataset("counts", data=high))
+    with Hdf5File(path, ReadLimits()) as file:
+        assert file.read([("counts", None)])[0] == pytest.approx(high.astype(float))
+
+
+@pytest.mark.parametrize("column", ["inner", "force"])
+def test_a_recording_of_impossible_volts_is_refused_without_a_warning(column: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.h5"
+    header = volts_header(1000.0, ("inner", "outer", "force"))
+    index = np.arange(3000)
+    volts = np.sin(0.03 * index)[:, None] * np.array([1e-3, 2e-3, 1e-2])
+    with Hdf5Recorder(path, header) as recorder:
+        saturated = np.zeros(volts.shape, bool)
+        recorder.write_samples(Samples(1000.0, header.channels, index, volts, saturated, gaps=(), overruns=0, source={}))
+    with h5py.File(path, "r+") as file:
+        file[column][:] = 1e300 * file[column][:]
+    with pytest.raises(InvalidSource, match="above 1e\\+06 V"):
+        got(path)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ def virtual(seed: int, rows: int = 10_000, **built: float) -> Samples:
 
 
 def differing(one: Fingerprint, other: Fingerprint) -> int:
-    return (int(one.noise, 16) ^ int(other.noise, 16)).bit_count()
+    return (int(one.noise[-1], 16) ^ int(other.noise[-1], 16)).bit_count()
 
 
 FIRST = virtual(1)
@@ -33,6 +34,14 @@ def test_rounded_samples_are_the_same(digits: int) -> None:
 
 def test_a_copy_that_ends_earlier_is_the_same() -> None:
     assert Fingerprint.from_samples(FIRST.before(ROWS)) == Fingerprint.from_samples(FIRST)
+
+
+@pytest.mark.parametrize("rows", [64, 500, 6000])
+def test_a_copy_shorter_than_a_fingerprint_is_the_same(rows: int) -> None:
+    """Fewer samples than a fingerprint looks at are compared with as many of the other reading."""
+    early = Fingerprint.from_samples(FIRST.before(rows))
+    assert early.is_same(Fingerprint.from_samples(FIRST))
+    assert not early.is_same(Fingerprint.from_samples(virtual(2)))
 
 
 @pytest.mark.parametrize("seed", range(2, 12))
@@ -62,8 +71,18 @@ def test_share_of_signs_that_differ(angle: float) -> None:
 def test_json_and_back() -> None:
     found = Fingerprint.from_samples(FIRST)
     assert Fingerprint.from_dict(found.as_dict()) == found
-    for wrong in (None, [], {"noise": "ab", "volts": [1, 2]}, {"noise": 3, "volts": [1, 2]}, {"noise": "ab" * 16, "volts": [1]}):
-        assert Fingerprint.from_dict(wrong) is None
+    wrong: list[Any] = [
+        None,
+        [],
+        {"noise": ["ab"], "volts": [[1, 2]]},
+        {"noise": [3], "volts": [[1, 2]]},
+        {"noise": ["ab" * 16], "volts": [[1]]},
+        {"noise": ["ab" * 16], "volts": [[1, 2], [1, 2]]},
+        {"noise": ["ab" * 16] * 9, "volts": [[1, 2]] * 9},
+        {"noise": "ab" * 16, "volts": [1, 2]},
+    ]
+    for one in wrong:
+        assert Fingerprint.from_dict(one) is None
 
 
 def test_silence_is_like_nothing() -> None:

@@ -146,3 +146,25 @@ def test_records_that_hold_nothing_are_refused() -> None:
     for samples, words in ((far, "arrived"), (still, "outer shows no change"), (blank, "inner shows no change, or no numbers")):
         with pytest.raises(NoSine, match=words):
             sine_fit(samples, 5.0)
+
+
+@pytest.mark.parametrize("scale", [1e-160, 1e-305])
+def test_channels_that_hardly_change_are_refused_in_words(scale: float) -> None:
+    whole = record(1)
+    with pytest.raises(NoSine, match="inner shows no change"):
+        sine_fit(replace(whole, volts=scale * whole.volts), 5.0)
+
+
+def test_indices_however_large_give_the_same_fit() -> None:
+    whole = record(1)
+    late = sine_fit(replace(whole, index=whole.index + 2**62), 5.0)
+    assert late.amplitudes == pytest.approx(sine_fit(whole, 5.0).amplitudes, rel=1e-12)
+
+
+@pytest.mark.parametrize(("period", "left"), [(40, 4), (100, 12)])
+def test_a_record_of_which_most_of_each_cycle_is_cut_off_is_refused(period: int, left: int) -> None:
+    """Amplitudes 100 to 1000 times too large came of it, with as large a standard deviation, and a warning of numpy."""
+    whole = record(1, hum=0.0, frequency=RATE / period)
+    cut = np.repeat(whole.index[:, None] % period >= left, 2, axis=1)
+    with pytest.raises(NoSine, match="do not determine a sinusoid"):
+        sine_fit(replace(whole, saturated=cut), RATE / period)

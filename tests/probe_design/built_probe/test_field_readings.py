@@ -20,7 +20,7 @@ from tests.support.hw.benches import BENCH, films, sampled, scene, shares
 TOLD = {"ratio": 0.5, "ratio_uncertainty": 0.01, "ratio_noise": 0.012, "force": 0.01, "reference_force": 0.0101,
         "placement": [0.001, -0.002], "calibration_sha256": "ab",
         "ratio_phase": 0.01, "ratio_phase_uncertainty": 0.002,
-        "probe": probe_numbers(scene()), "fingerprint": {"noise": "ab" * 16, "volts": [0.1, 0.2]}}  # fmt: skip
+        "probe": probe_numbers(scene()), "fingerprint": {"noise": ["ab" * 16], "volts": [[0.1, 0.2]]}}  # fmt: skip
 NARROW = probe_numbers(scene()) | {"probe.gap": 5e-5}
 
 
@@ -71,7 +71,7 @@ def test_json_of_read() -> None:
         ("placement", [1.0], "placement"), ("placement", ["a", 2], "placement"), ("force", None, "force"),
         ("placement", [-1e308, 0.0], "placement"), ("placement", [10**400, 0.0], "placement"), ("force", 10**400, "force"),
         ("ratio_uncertainty", 1e200, "uncertainty"), ("calibration_sha256", ["a"], "calibration_sha256"),
-        ("fingerprint", None, "fingerprint"), ("fingerprint", {"noise": "xy", "volts": [1, 1]}, "fingerprint"),
+        ("fingerprint", None, "fingerprint"), ("fingerprint", {"noise": ["xy"], "volts": [[1, 1]]}, "fingerprint"),
         ("probe", [1], "probe"),
         ("probe", {"probe.gap": 10**400}, "not told"), ("probe", NARROW, "probe.gap is 5e-05 there"),
     ],
