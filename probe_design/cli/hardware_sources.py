@@ -32,7 +32,7 @@ from probe_design.built_probe.calibration_record import CalibrationRecord, Raw, 
 from probe_design.built_probe.probe_identity import probe_difference, probe_numbers
 from probe_design.built_probe.virtual_probe import RATE, SCALE, VirtualBench
 from probe_design.cli.arguments import number
-from probe_design.data.builtin import builtin_reading
+from probe_design.data.builtin import builtin_bench_scene
 
 SECONDS = 10.0  # of a live reading
 CHANNELS = 3
@@ -194,7 +194,7 @@ class HardwareSetup:
         record = None if calibration is None else read_record(calibration)
         known_scene, known_bench = (None, None) if record is None else (record.scene_read(), record.bench_read())
         setting = cls(
-            read_scene(scene) if scene is not None else known_scene or builtin_reading(),
+            read_scene(scene) if scene is not None else known_scene or builtin_bench_scene(),
             read_bench(bench) if bench is not None else known_bench or builtin_bench(),
             record,
             {f"{key}_sha256": sha256(path) for key, path in (("scene", scene), ("calibration", calibration)) if path is not None},

@@ -26,6 +26,11 @@ def builtin_reading() -> Scene:
     return builtin_scene().model_copy(update={"load": Load(force=LINEAR)})
 
 
+def builtin_bench_scene() -> Scene:
+    """Return the probe of the bench without a scene: the outer film of the paper's gives no charge that could be read."""
+    return typical_scenes()["on-axis"]
+
+
 def typical_scenes() -> dict[str, Scene]:
     """Return by name the built-in scene without its groove, and a probe over tumours on and off its axis, shallow and soft."""
     paper, scene = builtin_reading(), scene_from_toml(_text("typical.toml"), "typical.toml")

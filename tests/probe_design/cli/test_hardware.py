@@ -321,3 +321,13 @@ def test_ctrl_c_ends_cleanly(tmp_path: Path) -> None:
     assert (running.returncode, output) == (130, "")
     assert "Traceback" not in errors
     assert told("read", SCENE, "--replay", tmp_path / "long.probe", "--seconds", "1")["ratio"] > 0
+
+
+def test_without_a_scene_the_bench_has_a_probe_that_can_be_read(tmp_path: Path) -> None:
+    """The outer film of the paper's probe gives a charge below its noise, so that no calibration could be made of it."""
+    ended = run("calibrate", "--virtual", "-o", tmp_path / "probe.toml")
+    assert ended.returncode == 0, ended.stderr
+    ended = run("read", "--virtual", "--calibration", tmp_path / "probe.toml", "--json")
+    assert ended.returncode == 0, ended.stderr
+    reading = json.loads(ended.stdout)
+    assert abs(reading["z_ratio"]) < 5
