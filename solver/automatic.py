@@ -187,7 +187,6 @@ def _out_of_reach(
     text = f"{enough} or more for this scene{smaller} ({name} reaches {least(reached, 3)}{share}; {own})"
     if enough is None:
         text = f"none for this scene: errors are no smaller than the values (--evaluator {name} tells which)"
-    text = f"{text}; {fault.stopped}" if fault.stopped else text
     return OutOfReach(name, scene, accuracy, reached, stopped=fault.stopped, allowed=text)
 
 
