@@ -9,7 +9,7 @@ from dataclasses import replace
 from geometry.common.limits import most
 from geometry.scenes.scene import Scene
 from solver.planning.coarse_model import CoarseModel
-from solver.planning.loads import LARGEST_X, LoadRule, log_sensitivity_change, ratio_change
+from solver.planning.loads import LARGEST_X, LoadRule, ratio_change
 from solver.results.result import Decision, Effect
 
 NOBODY = "no linear evaluator"
@@ -32,7 +32,7 @@ def unmodelled(scene: Scene, rough: CoarseModel, accuracy: float, contact: bool)
 
 def _strained(scene: Scene, rule: LoadRule, force: float, accuracy: float) -> Iterator[Decision]:
     yield _gap_contact(force, rule, accuracy)
-    yield _finite_strain(_indented(scene, rule, force), rule.x(force), rule.covered, accuracy)
+    yield _finite_strain(scene, rule, force, accuracy)
 
 
 def _indented(scene: Scene, rule: LoadRule, force: float) -> str:
@@ -43,13 +43,13 @@ def _indented(scene: Scene, rule: LoadRule, force: float) -> str:
     return at if x < ALIKE * share else f"{at}, which strains as {x:.2g} of it would under stiff blocks on deep tissue"
 
 
-def _finite_strain(at: str, x: float, covered: float, accuracy: float) -> Decision:
-    """What an indentation may change that strains as x outer radii would."""
+def _finite_strain(scene: Scene, rule: LoadRule, force: float, accuracy: float) -> Decision:
+    """What a force, N, may change; where the rule knows nothing for the gap's sake, what strain alone may."""
+    at, x = _indented(scene, rule, force), rule.x(force)
     if x > LARGEST_X:
         return _decision("finite strain", math.inf, accuracy, f"{at}; beyond {LARGEST_X:g} nothing is known")
-    change, slope = ratio_change(x, covered), log_sensitivity_change(x)
-    changes = f"ratio, stresses and stiffness by at most {change:.2g}, log_sensitivity by {slope:.2g}"
-    return _decision("finite strain", change, accuracy, f"{at}, which changes {changes}")
+    changes = replace(rule, closure=math.inf).describe_changes(force, scene.target is not None)
+    return _decision("finite strain", ratio_change(x, rule.covered), accuracy, f"{at}, which changes {changes}")
 
 
 def _gap_contact(force: float, rule: LoadRule, accuracy: float) -> Decision:
