@@ -141,12 +141,12 @@ def refined(on: LoadedScene, good: Callable[[FilmForces], bool]) -> tuple[Loaded
     """
     found = on.at_scene_s_load()
     while not good(found.films):
-        finer = on.finer()
-        if finer is None:
-            break
         try:
+            finer = on.finer()
+            if finer is None:
+                break
             better = finer.at_scene_s_load()
-        except StoppedError:
+        except SolveError:  # what the rougher meshes found stays an answer, with its own error
             break
         except LimitReached as fault:
             return found, on, (Note("limit", str(fault)),)

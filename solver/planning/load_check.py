@@ -192,8 +192,7 @@ def effect(rule: LoadRule, force: float, promise: bool) -> str:
     """Describe in words what a force, N, changes beyond linear elasticity."""
     if not rule.knows(force):
         return "the effects of finite strain and of contact in the gap are unknown at this load"
-    text = f"finite strain may change ratio, stresses and stiffness by {rule.ratio_change(force):.2g}"
-    return f"{text}, log_sensitivity by {rule.log_sensitivity_change(force):.2g} of itself" if promise else text
+    return f"finite strain may change {rule.describe_changes(force, promise)}"
 
 
 def _within(force: float, limit: LargestLoad) -> bool:

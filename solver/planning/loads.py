@@ -217,3 +217,21 @@ class LoadRule:
             return log_sensitivity_change(self.x(force))
         own = abs(self.films[0] - self.films[1])
         return log_sensitivity_change(self.x(force)) * sensitivity_size(self.films) / own if own else math.inf
+
+    def describe_changes(self, force: float, promise: bool) -> str:
+        """Return in words how much a force, N, within what the rule knows changes at most.
+
+        Where the films' log-sensitivities may cancel, a fraction of their difference says nothing: the change itself is given.
+
+        Args:
+            force: N.
+            promise: whether there is a log-sensitivity.
+        """
+        changes = f"ratio, stresses and stiffness by at most {self.ratio_change(force):.2g}"
+        if not promise:
+            return changes
+        fraction = self.log_sensitivity_change(force)
+        change = f"{fraction:.2g} of itself"
+        if fraction > 1 and self.films is not None and any(self.films):
+            change = f"{log_sensitivity_change(self.x(force)) * sensitivity_size(self.films):.2g} (absolute)"
+        return f"{changes}, log_sensitivity by at most {change}"

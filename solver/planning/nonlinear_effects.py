@@ -9,7 +9,7 @@ from dataclasses import replace
 from geometry.common.limits import most
 from geometry.scenes.scene import Scene
 from solver.planning.coarse_model import CoarseModel
-from solver.planning.loads import LARGEST_X, LoadRule, log_sensitivity_change, ratio_change
+from solver.planning.loads import LARGEST_X, LoadRule, ratio_change
 from solver.results.result import Decision, Effect
 
 NOBODY = "no linear evaluator"
@@ -32,7 +32,7 @@ def unmodelled(scene: Scene, rough: CoarseModel, accuracy: float, contact: bool)
 
 def _strained(scene: Scene, rule: LoadRule, force: float, accuracy: float) -> Iterator[Decision]:
     yield _gap_contact(force, rule, accuracy)
-    yield _finite_strain(_indented(scene, rule, force), rule.x(force), rule.covered, accuracy)
+    yield _finite_strain(scene, rule, force, accuracy)
 
 
 def _indented(scene: Scene, rule: LoadRule, force: float) -> str:
@@ -43,13 +43,13 @@ def _indented(scene: Scene, rule: LoadRule, force: float) -> str:
     return at if x < ALIKE * share else f"{at}, equivalent to {x:.2g} of it under stiff blocks on deep tissue"
 
 
-def _finite_strain(at: str, x: float, covered: float, accuracy: float) -> Decision:
-    """Decide on finite strain at an indentation equivalent to x outer radii."""
+def _finite_strain(scene: Scene, rule: LoadRule, force: float, accuracy: float) -> Decision:
+    """Decide on finite strain under a force, N; where the rule knows nothing because of the gap, by the strain alone."""
+    at, x = _indented(scene, rule, force), rule.x(force)
     if x > LARGEST_X:
         return _decision("finite strain", math.inf, accuracy, f"{at}; beyond {LARGEST_X:g} the effect is unknown")
-    change, slope = ratio_change(x, covered), log_sensitivity_change(x)
-    changes = f"ratio, stresses and stiffness by at most {change:.2g}, log_sensitivity by {slope:.2g}"
-    return _decision("finite strain", change, accuracy, f"{at}, which changes {changes}")
+    changes = replace(rule, closure=math.inf).describe_changes(force, scene.target is not None)
+    return _decision("finite strain", ratio_change(x, rule.covered), accuracy, f"{at}, which changes {changes}")
 
 
 def _gap_contact(force: float, rule: LoadRule, accuracy: float) -> Decision:

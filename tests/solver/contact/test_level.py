@@ -16,6 +16,7 @@ from solver.answers import curve, evaluate, plan
 from solver.axisymmetric.level import Axisymmetric
 from solver.contact import path
 from solver.contact.level import ContactLevel
+from solver.contact.loaded import LoadedScene
 from solver.contact.model import ContactModel
 from solver.contact.newton import Equilibrium, solve
 from solver.contact.states import State
@@ -71,6 +72,19 @@ def test_small_loads_are_answered_as_linear_elements_do(interface: Literal["bond
             assert found.ratio == pytest.approx(linear.ratio, rel=found.error_estimate + linear.error_estimate)
             assert found.stiffness == pytest.approx(linear.stiffness, rel=1e-3)
             assert found.log_sensitivity == pytest.approx(linear.log_sensitivity, rel=5e-3)
+
+
+def test_a_finer_mesh_that_fails_leaves_what_rougher_ones_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on the finest mesh under a thin stiff skin, where the faces' pressures need too many rounds: it was refused."""
+
+    def fail(_: LoadedScene) -> LoadedScene:
+        raise SolveError("contact does not settle")
+
+    monkeypatch.setattr(LoadedScene, "finer", fail)
+    result = ContactLevel().evaluate(at(EXAMPLE, indentation=1e-6), 1e-4)
+    assert result.error_estimate is not None
+    assert 1e-4 < result.error_estimate < 1e-3
+    assert any("accuracy 0.0001 asked for" in note for note in result.warnings)
 
 
 def test_a_path_goes_on_from_points_that_lie_close_together() -> None:

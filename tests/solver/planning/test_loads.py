@@ -124,6 +124,28 @@ def test_cancelling_films_let_a_load_change_more_of_their_difference() -> None:
     assert nothing.largest(0.5, promise=True).by == "strain limit"
 
 
+def test_a_change_of_films_that_may_cancel_is_printed_as_a_finite_number() -> None:
+    """A thin soft layer inside a sphere, whose films' log-sensitivities cancel within their margin: "inf of itself"."""
+    rule = LoadRule(strain=1 / 5e-3, stiffness=100.0, closure=math.inf, films=(0.02, 0.02))
+    force = 0.0816 * 5e-3 * rule.stiffness
+    change = 0.2 * 0.02 * log_sensitivity_change(0.0816)
+    assert rule.describe_changes(force, True).endswith(f"log_sensitivity by at most {change:.2g} (absolute)")
+    apart = replace(rule, films=(0.05, 0.01)).describe_changes(force, True)
+    assert apart.endswith(f"log_sensitivity by at most {log_sensitivity_change(0.0816):.2g} of itself")
+    assert "log_sensitivity" not in rule.describe_changes(force, False)
+
+
+def test_plan_and_evaluate_print_the_same_change_by_a_load() -> None:
+    """A tumour far off the axis, whose effects on the two films nearly cancel: the plan ignored that they do."""
+    scene = read_scene(EXAMPLES / "scene.toml").model_copy(update={"load": Load(force=0.05)})
+    body = scene.inclusion[0].model_copy(update={"x": 0.03})
+    scene = scene.model_copy(update={"inclusion": (body,)})
+    strained = next(one.reason for one in plan(scene, 0.01).decisions if one.feature == "finite strain")
+    changes = strained.split("which changes ")[1]
+    assert changes.endswith("(absolute)")
+    assert any(str(note).endswith(changes) for note in evaluate(scene, "equivalent-inclusion", 0.01).warnings)
+
+
 def test_soft_blocks_count_as_much_as_their_own_strain() -> None:
     """Lubricated columns of incompressible neo-Hooke: nominal stress E/3 (l - l^-2) at the stretch l, against E e."""
     scene = named("axisymmetric", "homogeneous").scene

@@ -9,11 +9,13 @@ import pytest
 from benchmarks.plans.answers import OUTCOMES, outcome
 from benchmarks.plans.draws import KINDS, scenes
 from geometry import Load, Refusal, read_scene, scene_to_toml
-from solver import evaluate, plan
+from geometry.scenes.scene import Placement
+from solver import automatic, evaluate, plan
 from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.planning.load_check import load_rule
+from solver.planning.plan import plan as run_plan
 from solver.results.evaluator import OutOfReach
-from tests.support.paths import SCENE
+from tests.support.paths import EXAMPLES, SCENE
 from tests.support.program import run
 from tests.support.slow import slow_unless
 
@@ -65,6 +67,29 @@ def test_refusals_quote_what_was_asked_and_what_is_reached():
     found = plan(ellipsoid(1e-6), 0.001)
     assert found.evaluator is None
     assert str(found.refusal).startswith("accuracy = 0.001: allowed: 0.003")
+
+
+def test_solid_is_named_unasked_only_where_its_meshes_surely_suffice():
+    """Two tumours in a block: by half of it solid reaches 0.005; as a whole 0.016 within 2 GB, where plan named it unasked."""
+    scene = read_scene(EXAMPLES / "two-tumours.toml").model_copy(update={"placement": Placement(x=35e-3)})
+    first, second = scene.inclusion
+    whole = scene.model_copy(update={"inclusion": (first, second.model_copy(update={"y": 5e-3}))})
+    half, other = (run_plan(one, 0.01) for one in (scene, whole))
+    assert (half.evaluator, other.evaluator) == ("solid", "solid")
+    assert half.sure()
+    assert not other.sure()
+
+
+def test_a_refusal_names_what_stopped_the_evaluator_once(monkeypatch):
+    stopped = "memory = 2 GB: allowed: 3.1 GB or more for this scene"
+
+    def refuse(scene, accuracy, linear, tell, **_):
+        return [automatic.Missed(run_plan(scene, accuracy), OutOfReach("axisymmetric", scene, accuracy, 0.02, stopped=stopped))]
+
+    monkeypatch.setattr(automatic, "_first_to_answer", refuse)
+    with pytest.raises(OutOfReach) as fault:
+        evaluate(EXAMPLE, accuracy=0.01)
+    assert str(fault.value).count(stopped) == 1
 
 
 def test_a_load_beyond_linear_elasticity_off_the_axis_has_no_evaluator():
