@@ -1,6 +1,6 @@
-"""What a Dask worker runs: batches of a sweep, by worker processes that it keeps for a while.
+"""The task that a Dask worker runs: evaluate a batch of designs in a separate process.
 
-A process for each batch at a time, as on one computer: a design that crashes or takes too long leaves the Dask worker alone.
+The process is reused for later batches. A design that crashes or takes too long ends only this process, not the Dask worker.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from probe_design.sweeps.local_workers import WorkerProcess
 from probe_design.sweeps.rows import Job
 from probe_design.sweeps.workers import Outcome
 
-IDLE = 60.0  # seconds after which a process without work is ended
+IDLE = 60.0  # seconds without work after which a process is stopped
 
 
 class _Pool:
-    """Processes without work, by what they are for."""
+    """Worker processes without work, each with the job and limits that it was started for."""
 
     def __init__(self) -> None:
         self._idle: list[tuple[float, str, WorkerProcess]] = []
@@ -41,7 +41,7 @@ class _Pool:
             self._watch()
 
     def _watch(self) -> None:
-        """Look for old ones later, as long as there are any."""
+        """Check for idle processes later, as long as there are any."""
         if self._idle and not self._watched:
             self._watched = True
             timer = threading.Timer(IDLE, self._retire)
@@ -61,12 +61,12 @@ _POOL = _Pool()
 
 
 def answered(job: Job, limits: Limits, designs: Sequence[tuple[Value, ...]]) -> Outcome:
-    """Answer a batch.
+    """Evaluate a batch of designs in an idle or new worker process.
 
     Args:
-        job: what all designs share.
-        limits: of each design.
-        designs: values of the variables.
+        job: settings shared by all designs.
+        limits: time and memory of each design.
+        designs: values of the variables, one tuple per design.
     """
     name = json.dumps([asdict(job), asdict(limits)])
     worker = _POOL.lent(name) or WorkerProcess(job, limits)
