@@ -76,7 +76,7 @@ def _effects(request: dict[str, Any], answered: list[dict[str, Any]], y: Floats,
     effects = [(name, main_effect([row[name] for row in answered], y)) for name in request["names"]]
     lines = [(name, "-" if effect is None else f"{effect:.3g}") for name, effect in effects]
     note = "" if request["sample"]["kind"] != "saltelli" else " Sobol indices need a result for every design."
-    return _table(("variable", "share of the variance"), lines), Text(f"Variance of the mean over all other variables.{note}")
+    return _table(("variable", "share of the variance"), lines), Text(f"Main effects: what each variable explains alone.{note}")
 
 
 def main_effect(values: Sequence[object], y: Floats) -> float | None:
