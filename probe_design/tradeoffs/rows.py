@@ -82,7 +82,8 @@ def judged(rows: Sequence[Row], converging: Iterable[str]) -> tuple[Row, ...]:
     """Add true errors to the rows of one scene: the reference is the smallest stated error of a ``converging`` evaluator.
 
     With d the relative difference from the reference, e the reference's stated error and e' its unknown true one,
-    result / truth = (1 + d) (1 + e'), |e'| <= e, so that the true error lies between |d| - e |1 + d| and |d| + e |1 + d| (TR.1).
+
+        result / truth = (1 + d) (1 + e'), |e'| <= e,   |d| - e |1 + d| <= true error <= |d| + e |1 + d|   (TR.1)
     """
     levels = set(converging)
     candidates = [row for row in rows if row.evaluator in levels and row.ratio is not None and row.stated_error is not None]
