@@ -79,11 +79,13 @@ def _entry(error: Any, k: int, count: int) -> Any:
 
 
 def _allowed(place: str, errors: Errors) -> tuple[float, float]:
+    """Return the allowed relative and absolute difference, eq. RP.1."""
     both = sum(one for one in errors if _is_number(one) and one > 0)
     return (5 * both, SMALLEST) if "log_sensitivity" in place else (both, 0.0)
 
 
 def _agree(one: Any, other: Any, allowed: tuple[float, float]) -> bool:
+    """Return whether two leaves agree: texts and booleans exactly, numbers within the allowed difference."""
     if isinstance(one, str) and isinstance(other, str):
         return one == other or _quantities_agree(one, other)
     if not (_is_number(one) and _is_number(other)):

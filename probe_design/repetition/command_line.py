@@ -64,6 +64,7 @@ def _verb(cli: click.Group, words: list[str]) -> tuple[click.Command, list[str]]
 
 
 def _words(option: click.Option, value: Any, places: Mapping[str, str], output: Path) -> list[str]:
+    """Return the words of one option of the new command line."""
     name = max(option.opts, key=len)
     if option.name in LEFT:
         return []

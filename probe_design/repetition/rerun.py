@@ -142,5 +142,6 @@ def _counterpart(file: Path, folder: Path) -> Path | None:
 
 
 def _changed(before: Provenance, now: Provenance) -> list[str]:
+    """Describe the versions that differ between two runs."""
     old, new = ({"probe-design": one.get("program"), **(one.get("dependencies") or {})} for one in (before, now))
     return [f"{name} {old.get(name)} then, {new.get(name)} now" for name in {**old, **new} if old.get(name) != new.get(name)]

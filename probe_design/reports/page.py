@@ -132,7 +132,7 @@ def page(title: str, headline: str, sections: Sequence[Chapter], answer: dict[st
         headline: the result in a sentence.
         sections: in their order.
         answer: the JSON object that the command prints, with its ``provenance``, which is the last table of the page.
-        good: whether the result is positive: the banner of the headline is green, otherwise amber.
+        is_positive: whether the result is positive: the banner of the headline is green, otherwise amber.
     """
     block = answer["provenance"]
     text: str = _template().render(
@@ -147,6 +147,7 @@ def page(title: str, headline: str, sections: Sequence[Chapter], answer: dict[st
 
 
 def _origin(block: dict[str, Any]) -> PageTable:
+    """Build the table of provenance."""
     told = {**block, "dependencies": [f"{name} {version}" for name, version in block["dependencies"].items()]}
     command = block["command"]
     told["command"] = None if command is None else shlex.join(["probe-design", *command])

@@ -61,12 +61,14 @@ def asked(scene: Scene, title: str = "The scene") -> Chapter:
 
 
 def _shape(scene: Scene) -> Iterator[Part]:
+    """Build the rotating view of the probe and its tumours."""
     yield TurningView(
         bodies(scene), "The probe with a quarter left out, above its tumours, all to scale; the tissue is not shown."
     )
 
 
 def _plan(scene: Scene) -> Iterator[Part]:
+    """Build the table of modelled and neglected features."""
     from solver import plan
 
     decided = plan(scene)
@@ -78,6 +80,7 @@ def _plan(scene: Scene) -> Iterator[Part]:
 
 
 def _loads(scene: Scene) -> Iterator[Part]:
+    """Build the table of load limits."""
     from solver import plan
 
     rows = [
@@ -94,6 +97,7 @@ def _loads(scene: Scene) -> Iterator[Part]:
 
 
 def _curve(scene: Scene) -> Iterator[Part]:
+    """Draw ratio and log-sensitivity over the modulus of the tumour."""
     from solver.results.figures import curve_figure
 
     moduli = np.geomspace(1e3, 1e6, CURVE_POINTS)
@@ -104,6 +108,7 @@ def _curve(scene: Scene) -> Iterator[Part]:
 
 
 def _map(scene: Scene, noise: float) -> Iterator[Part]:
+    """Draw maps of detection and stiffness over diameter and depth."""
     from probe_design.maps.detectability import detectability
     from probe_design.maps.sphere_effects import Thresholds
     from probe_design.maps.target_grid import chosen_sizes
@@ -116,6 +121,7 @@ def _map(scene: Scene, noise: float) -> Iterator[Part]:
 
 
 def _sensitivities(scene: Scene) -> Iterator[Part]:
+    """Build the table of sensitivities."""
     found = _gradients(scene)
     rows = tuple(_row(scene, found, k) for k in range(len(found.variables)))
     yield Text("Change of ratio and stiffness in per cent, and of the log-sensitivity, for an increase of each number by 1 %.")
@@ -142,6 +148,7 @@ def _level(scene: Scene) -> Axisymmetric | EquivalentInclusion:
 
 
 def _row(scene: Scene, found: Gradients, k: int) -> tuple[str, ...]:
+    """Build the row of number ``k`` in the table of sensitivities."""
     name = found.variables[k]
     size = values(scene)[name]
     changes = (
@@ -152,6 +159,7 @@ def _row(scene: Scene, found: Gradients, k: int) -> tuple[str, ...]:
 
 
 def _stresses(scene: Scene) -> Iterator[Part]:
+    """Draw the vertical pressure in the meridian plane."""
     from probe_design.reports.stresses import stress_figure
 
     upright = scene.model_copy(update={"inclusion": ()}) if Axisymmetric().refusal(scene) is not None else scene

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from probe_design.reports.page import Code, Text
 
-DESIGN, PACKAGE = "design.toml", "workshop"  # in the folder of an optimisation: its result, and the folder of the package
+DESIGN, PACKAGE = "design.toml", "workshop"  # in the folder of an optimisation
 FOR_THE_WORKSHOP = (
     Text(
         "The package for the workshop has, besides the solids, dimensioned drawings with tolerances, film patterns, moulds, bill "

@@ -116,6 +116,7 @@ def _sliced(nodes: Floats, elements: Ints, body: int, values: Mapping[str, Float
 
 
 def _together(parts: list[Faces]) -> Faces:
+    """Merge faces into one set of points."""
     start = np.cumsum([0, *(len(part.points) for part in parts)])[:-1]
     return Faces(
         np.vstack([part.points for part in parts]),

@@ -25,7 +25,8 @@ PALE, PALER = (0.973, 0.875, 0.804), (0.985, 0.945, 0.915)
 LAYERS = ((0.93, 0.76, 0.66), (0.98, 0.91, 0.70), (0.88, 0.70, 0.70), (0.83, 0.80, 0.72))  # of tissue, in turn
 LUMPS = ((0.64, 0.23, 0.18), (0.45, 0.29, 0.58), (0.20, 0.50, 0.36), (0.60, 0.45, 0.05))  # inclusions, in turn
 WHOLE, NEAR = (0.01, 0.5, 0.53, 0.44), (0.61, 0.535, 0.335, 0.39)  # left, bottom, width, height of panels
-LEFTS, STRESS, BAR = (0.06, 0.565), (0.06, 0.36, 0.37), (0.075, 0.013, 0.34)  # lefts, then bottom, width and height
+# left edges of the two stress panels, then bottom, width and height
+LEFTS, STRESS, BAR = (0.06, 0.565), (0.06, 0.36, 0.37), (0.075, 0.013, 0.34)
 FAR = 15.0  # times the tube's radius: in wider tissue the probe is too small and gets an inset
 DESCENT = 0.07  # of the tube's radius: largest displacement as drawn
 
@@ -91,6 +92,7 @@ def colour(number: int) -> tuple[float, float, float]:
 
 
 def _title(states: SolidStates, motion: Floats) -> str:
+    """Describe the motion of the base and the film forces."""
     inner, outer = states.reactions[:2] @ motion
     each = [_rounded(amount, "m") for amount in motion[:2]]
     down = each[0] if motion[0] == motion[1] else f"{each[0]} (inner) and {each[1]} (outer)"
@@ -99,6 +101,7 @@ def _title(states: SolidStates, motion: Floats) -> str:
 
 
 def _whole(axes: Any, problem: Problem, cut: Faces, sizes: Sizes) -> None:
+    """Draw the mesh cut open, with an inset of the probe in wide tissue."""
     from matplotlib.patches import Patch
 
     shown = present(problem)

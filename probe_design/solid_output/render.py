@@ -51,6 +51,7 @@ def rendered(parts: Sequence[Faces], colour: Callable[[int], tuple[float, float,
 
 
 def _run(arrays: Path, picture: Path) -> None:
+    """Run the rendering program; raise ``MissingLibrary`` if it fails."""
     command = [sys.executable, "-P", str(PROGRAM), str(arrays), str(picture)]
     try:
         run = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=PATIENCE, check=False)
@@ -63,6 +64,7 @@ def _run(arrays: Path, picture: Path) -> None:
 
 
 def _cropped(picture: Path) -> Floats:
+    """Read a picture without its white margin."""
     from matplotlib.image import imread
 
     pixels = np.asarray(imread(picture), dtype=np.float64)[:, :, :3]

@@ -32,7 +32,8 @@ def render(arrays: str, picture: str) -> None:
     least = -NEAR * float(np.ptp(points, axis=0).max())
     if points[:, 1].min() < least:
         surface, edges = (part.clip(normal="y", origin=(0, least, 0), invert=False) for part in (surface, edges))
-    edges.points = edges.points + LIFT * np.ptp(points, axis=0).max() * np.array(VIEW)  # towards the camera
+    # moved towards the camera, so that surfaces do not hide them
+    edges.points = edges.points + LIFT * np.ptp(points, axis=0).max() * np.array(VIEW)
     plotter = pyvista.Plotter(off_screen=True, window_size=[width, height], lighting="none")
     plotter.add_light(pyvista.Light(position=LIGHT, focal_point=(0, 0, 0), light_type="scene light"))
     plotter.set_background("white")

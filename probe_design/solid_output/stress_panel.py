@@ -117,6 +117,7 @@ def _even(low: float, high: float) -> tuple[Any, Any]:
 
 
 def _logarithmic(low: float, high: float) -> tuple[Any, Any]:
+    """Return a logarithmic colour scale of at most two decades, and its norm."""
     from matplotlib.colors import LogNorm
 
     high = high if high > 0 else 1.0
@@ -133,6 +134,7 @@ def _plain(axis: Any) -> None:
 
 
 def _unit(largest: float) -> tuple[float, str]:
+    """Return the unit of a stress scale in Pa, and its name."""
     for unit, label in ((1e6, "MPa"), (1e3, "kPa")):
         if largest >= unit:
             return unit, label
@@ -140,5 +142,6 @@ def _unit(largest: float) -> tuple[float, str]:
 
 
 def _round_down(value: float) -> float:
+    """Round down to 1, 2 or 5 times a power of ten."""
     power = 10.0 ** np.floor(np.log10(value))
     return float(power * max(step for step in (1, 2, 5) if step * power <= value * (1 + 1e-9)))

@@ -48,6 +48,7 @@ def write_vtu(path: Path, states: SolidStates, motion: Sequence[float] | Floats)
 
 
 def _grid(states: SolidStates, motion: Floats) -> Any:
+    """Build the VTK grid with all fields."""
     import pyvista
 
     problem, solution = states.problem, fields(states, motion)

@@ -28,7 +28,8 @@ _ALLOWED = (
     "a condition such as 'probe.gap < 0.1 * probe.inner_radius': keys, numbers, '2 mm', + - * / **, < <= > >= == !=, and, or, not"
 )
 _SHOWN = ("m", "Pa", "N", "N/m", "rad", "m^2", "m^3", "C/N")
-LONGEST, DEEPEST = 1000, 100  # characters; nodes from the root of the syntax tree to its leaves (recursion stays safe)
+# characters; nodes from the root of the syntax tree to its leaves, so that recursion is safe
+LONGEST, DEEPEST = 1000, 100
 
 
 def satisfied(text: str, read: Read, count: int) -> NDArray[np.bool_]:
@@ -91,6 +92,7 @@ class _Condition:
         self._text, self._read = text, read
 
     def truth(self, node: ast.expr) -> Any:
+        """Evaluate a comparison or a logical expression in all designs."""
         if isinstance(node, ast.BoolOp):
             join = np.logical_and if isinstance(node.op, ast.And) else np.logical_or
             return join.reduce([np.broadcast_arrays(*map(self.truth, node.values))], axis=1)[0]
@@ -106,12 +108,14 @@ class _Condition:
         raise self._refused()
 
     def number(self, node: ast.expr) -> _Number:
+        """Evaluate an arithmetic expression in all designs; refuse values that are not finite."""
         result = self._number(node)
         if not np.all(np.isfinite(result.value)):
             raise InputError("constraints", self._text, "a condition whose sides are finite for every design")
         return result
 
     def _number(self, node: ast.expr) -> _Number:
+        """Evaluate an arithmetic node: a number, a quoted quantity, a key or an operation."""
         if isinstance(node, ast.Constant) and isinstance(node.value, int | float) and not isinstance(node.value, bool):
             return self._bare(node.value)
         if isinstance(node, ast.Constant) and isinstance(node.value, str):
@@ -127,11 +131,13 @@ class _Condition:
         raise self._refused()
 
     def _bare(self, value: float) -> _Number:
+        """Return a number without unit; 0 fits every unit."""
         if abs(value) > sys.float_info.max:
             raise InputError("constraints", self._text, "finite numbers")
         return _Number(np.float64(value), base_unit("") if value else None)
 
     def _computed(self, node: ast.BinOp) -> _Number:
+        """Evaluate an arithmetic operation with the unit of its result."""
         left, right = self.number(node.left), self.number(node.right)
         value = _ARITHMETIC[type(node.op)](left.value, right.value)
         if isinstance(node.op, ast.Add | ast.Sub):
@@ -156,6 +162,7 @@ class _Condition:
         raise InputError("constraints", self._text, f"sides of one unit, not {described}{remedy}")
 
     def _quantity(self, text: str) -> _Number:
+        """Read a quoted quantity such as '2 mm'."""
         try:
             return _Number(*measured(text))
         except ValueError as fault:

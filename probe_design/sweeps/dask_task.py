@@ -28,6 +28,7 @@ class _Pool:
         self._lock, self._watched = threading.Lock(), False
 
     def lent(self, name: str) -> WorkerProcess | None:
+        """Take an idle process for this job and these limits, or return None."""
         with self._lock:
             entry = next((one for one in self._idle if one[1] == name), None)
             if entry is None:
@@ -36,6 +37,7 @@ class _Pool:
             return entry[2]
 
     def back(self, name: str, worker: WorkerProcess) -> None:
+        """Keep a process for the next batch."""
         with self._lock:
             self._idle.append((monotonic(), name, worker))
             self._watch()
@@ -49,6 +51,7 @@ class _Pool:
             timer.start()
 
     def _retire(self) -> None:
+        """Stop processes that have been idle for long."""
         with self._lock:
             old = [one for one in self._idle if monotonic() - one[0] >= 0.9 * IDLE]
             self._idle, self._watched = [one for one in self._idle if one not in old], False

@@ -60,7 +60,7 @@ class DaskCrew:
         self._distributed, self._job, self._limits, self._address = extra("distributed"), job, limits, address
         self._log = log
         self._levels = {name: logging.getLogger(name).level for name in _LOUD}
-        self._hush(dict.fromkeys(_LOUD, logging.CRITICAL + 1))  # lost connections are handled here, without tracebacks
+        self._hush(dict.fromkeys(_LOUD, logging.CRITICAL + 1))  # lost connections are handled here
         self._out: list[_Out] = []
         self._usual: float | None = None
         self._counted, self._workers = -1.0, 1
@@ -139,6 +139,7 @@ class DaskCrew:
             return
 
     def _answer(self, out: _Out) -> FinishedBatch | None:
+        """Return a batch if one of its futures is finished; start it again if they were lost."""
         for future in list(out.futures):
             if future.status == "finished":
                 outcome = self._fetched(future)
@@ -171,6 +172,7 @@ class DaskCrew:
         return Outcome(refused=f"Dask workers cannot run this program, of this version ({reason})")
 
     def _fetched(self, future: Any) -> Outcome | None:
+        """Fetch the outcome of a finished future, or return None."""
         try:
             outcome: Outcome = future.result(timeout=FETCH)
             return outcome
@@ -178,6 +180,7 @@ class DaskCrew:
             return None
 
     def _fault(self, future: Any) -> BaseException | None:
+        """Fetch the exception of a failed future, or return None."""
         try:
             fault: BaseException | None = future.exception(timeout=5)
             return fault
@@ -185,6 +188,7 @@ class DaskCrew:
             return None
 
     def _done(self, out: _Out) -> None:
+        """Release the futures of a batch and update the usual duration."""
         self._out.remove(out)
         took = time.monotonic() - out.since
         self._usual = took if self._usual is None else 0.8 * self._usual + 0.2 * took
@@ -246,6 +250,7 @@ class DaskCrew:
         return found
 
     def _leave(self) -> None:
+        """Release all futures and close the client."""
         for out in self._out:
             for future in out.futures:
                 future.release()

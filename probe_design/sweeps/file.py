@@ -67,6 +67,7 @@ class Sweep:
         return [(number, values) for number, values in enumerate(drawn) if meets[number]]
 
     def _read(self, name: str, drawn: list[tuple[Value, ...]]) -> tuple[Any, str]:
+        """Return the values of a key in all designs, and their SI unit."""
         target = key(name, self.base)
         for column, one in enumerate(self.keys):
             if one.path == target.path:
@@ -142,6 +143,7 @@ def _with_whole_names(base: dict[str, Any]) -> dict[str, Any]:
 
 
 def _settings(tables: Mapping[str, Any]) -> tuple[str, float, bool]:
+    """Read evaluator, accuracy and ``linear``."""
     from solver.levels import AUTO, BUILT, check_accuracy
 
     evaluator, accuracy, linear = tables.get("evaluator", AUTO), tables.get("accuracy", 0.01), tables.get("linear", False)
@@ -164,6 +166,7 @@ def _limits(tables: Mapping[str, Any], units_required: bool) -> Limits:
 
 
 def _sample(table: object) -> DesignSampling:
+    """Read the table ``[sample]``."""
     if not isinstance(table, Mapping):
         raise InputError("sample", table, "a table, [sample]")
     for name in table:

@@ -89,6 +89,7 @@ class LocalCrew:
         self._errors.close()
 
     def _answer(self, worker: WorkerProcess, batch: Batch) -> FinishedBatch:
+        """Evaluate a batch in a worker; an unexpected error becomes an outcome too."""
         try:
             outcome = worker.answer([task.values for task in batch])
         except Exception as fault:  # without an outcome the pool would wait for ever
@@ -171,6 +172,7 @@ class WorkerProcess:
         return line
 
     def _overdue(self) -> None:
+        """Kill the process after its time limit."""
         self._late = True
         self.kill()
 
@@ -212,6 +214,7 @@ class WorkerProcess:
 
 
 def _started(errors: IO[bytes] | None, temporary: str) -> subprocess.Popen[bytes]:
+    """Start a worker process with one thread for linear algebra and its own folder for temporary files."""
     root = str(Path(__file__).parents[2])
     path = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
     return subprocess.Popen(
@@ -234,6 +237,7 @@ def _kill(process: subprocess.Popen[bytes]) -> None:
 
 
 def _stream(process: subprocess.Popen[bytes] | None, name: str) -> IO[Any]:
+    """Return a stream of a process; raise ``OSError`` if there is none."""
     stream: IO[Any] | None = getattr(process, name, None)
     if stream is None:
         raise OSError("no process")

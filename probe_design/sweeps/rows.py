@@ -135,6 +135,7 @@ class Job:
                 first += count
 
     def _answered(self, keys: tuple[Key, ...], designs: Sequence[tuple[Value, ...]]) -> Iterator[list[Row]]:
+        """Evaluate a part: together if possible, else one by one."""
         start = perf_counter()
         built = [_caught(lambda values=values: scene_of(self.base, keys, values)) for values in designs]  # type: ignore[misc]
         together = self._together([one for one in built if isinstance(one, Scene)])

@@ -153,6 +153,8 @@ def _tell_origin(swept: Swept, sweep: Sweep) -> None:
 
 
 def _both(log: Log, notice: Log) -> Log:
+    """Return a function that logs a line and passes it to the user."""
+
     def say(text: str) -> None:
         log(text)
         notice(text)
@@ -227,11 +229,13 @@ class _Run:
         return []
 
     def _commit(self, batch: Batch, rows: Sequence[Row]) -> None:
+        """Commit rows and count them by status."""
         self._store.add([(task.key, row) for task, row in zip(batch, rows, strict=True)])
         for task, row in zip(batch, rows, strict=True):
             self._counts[row["status"]] += task.count
 
     def _report(self) -> None:
+        """Report the progress."""
         done = sum(self._counts.values())
         rate = (done - self._before) / max(monotonic() - self._begun, 1e-9)
         counts = (self._counts["refused"], self._counts["failed"])
@@ -290,6 +294,7 @@ def _surfaces(sweep: Sweep, job: Job) -> bytes:
 
 @contextmanager
 def _crew(job: Job, scheduler: str | None, workers: int, *, limits: Limits, folder: Path, log: Log) -> Iterator[Crew]:
+    """Open the worker pool on a Dask cluster or this computer, and close it at the end."""
     crew: Crew
     if scheduler is None:
         crew = LocalCrew(job, workers, limits, folder / "workers.log")

@@ -26,7 +26,7 @@ from probe_design.sweeps.keys import Value
 from probe_design.sweeps.rows import COLUMNS, Row
 
 NAME, LOCK, DAMAGED = "sweep.sqlite", "sweep.lock", "sweep.sqlite.damaged"
-_DAMAGE = ("SQLITE_CORRUPT", "SQLITE_NOTADB", "SQLITE_ERROR")  # SQLITE_ERROR means a damaged table, as our queries are right
+_DAMAGE = ("SQLITE_CORRUPT", "SQLITE_NOTADB", "SQLITE_ERROR")  # the last: of a table that is damaged
 _NO_ROOM = ("SQLITE_FULL", "SQLITE_IOERR_SHMSIZE")
 
 
@@ -128,6 +128,7 @@ class Store:
 
     @contextmanager
     def _written(self) -> Iterator[sqlite3.Connection]:
+        """Open a transaction that is committed at the end, or rolled back on any exception."""
         self.check_place()
         with _store_errors(self.folder):
             try:
@@ -221,6 +222,7 @@ def _damaged(folder: Path, why: object) -> InputError:
 
 @contextmanager
 def _store_errors(folder: Path) -> Iterator[None]:
+    """Turn errors of SQLite into ``InputError`` for damage, ``StoreError`` otherwise."""
     try:
         yield
     except UnicodeDecodeError as fault:  # raised by an error message of SQLite about damaged tables

@@ -47,6 +47,7 @@ def write_page(folder: Path | str, path: Path) -> Path:
 
 
 def _counts(request: dict[str, Any], all_rows: list[dict[str, Any]]) -> PageTable:
+    """Build the table of the request and the counts of rows."""
     count = Counter(row["status"] for row in all_rows)
     lines = [
         ("designs", request["designs"]), ("ok", count["ok"]), ("refused", count["refused"]), ("failed", count["failed"]),

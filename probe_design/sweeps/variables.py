@@ -64,6 +64,7 @@ def variable(name: str, entry: object, base: Mapping[str, Any], *, kind: str, un
 
 
 def _listed(where: Key, table: Mapping[str, Any], units_required: bool) -> tuple[Value, ...]:
+    """Read a list of values."""
     values = table["values"].tolist() if isinstance(table["values"], np.ndarray) else table["values"]
     if not isinstance(values, list | tuple) or not 1 <= len(values) <= MOST_VALUES or len(table) > 1:
         raise InputError(f"{where.name}.values", values, "a list of values, alone")
@@ -74,6 +75,7 @@ def _listed(where: Key, table: Mapping[str, Any], units_required: bool) -> tuple
 
 
 def _bound(where: Key, table: Mapping[str, Any], end: str, units_required: bool) -> float:
+    """Read one end of a range."""
     if end not in table:
         raise InputError(f"{where.name}.{end}", Words("missing"), "from and to, or values")
     value = _one(where, table[end], f"{where.name}.{end}", units_required)

@@ -219,6 +219,7 @@ def _scatter(moved: Floats, drawn: Sampled | None, told: Result) -> dict[str, Ou
 
 
 def _lines(variables: tuple[Toleranced, ...], slope: Floats, drawn: Sampled | None, ratio: float) -> tuple[BudgetLine, ...]:
+    """Build the lines of the budget, the largest contribution to ln ratio first."""
     sds = np.array([one.sd for one in variables])
     moved = slope * sds
     tight = held(sds, moved[0], ratio)
@@ -232,12 +233,14 @@ def _lines(variables: tuple[Toleranced, ...], slope: Floats, drawn: Sampled | No
 
 
 def _part(slope: Floats, moved: Floats, j: int, indices: dict[str, Any]) -> BudgetPart:
+    """Build the effect of number ``j`` on one output; ``slope`` and ``moved`` are rows of that output."""
     variance = float((moved**2).sum())
     share = float(moved[j] ** 2 / variance) if variance else 0.0
     return BudgetPart(float(slope[j]), abs(float(moved[j])), share, **indices)
 
 
 def _indices(drawn: Sampled | None, k: int, j: int) -> dict[str, Any]:
+    """Return the Sobol indices of output ``k`` and number ``j``; empty without samples."""
     if drawn is None or drawn.sd[k] == 0:
         return {}
     low, high = (tuple(part[k, j].tolist()) for part in (drawn.first_interval, drawn.total_interval))

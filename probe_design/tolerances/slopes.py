@@ -68,6 +68,7 @@ def _of_length(scene: Scene, name: str, found: Gradients) -> Floats:
 
 
 def _gradients(scene: Scene, names: tuple[str, ...], accuracy: float) -> Gradients:
+    """Compute the evaluator's derivatives with respect to ``names``; refuse if one is missing."""
     with threadpool_limits(1, user_api="blas"):
         if level_of(scene) == "equivalent-inclusion":
             return tumour_gradients(scene, first_order(scene, sections(scene)), names)

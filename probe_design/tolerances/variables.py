@@ -125,6 +125,7 @@ def _of_blocks(name: str) -> bool:
 
 
 def _of_workshop(name: str, value: float, workshop: Workshop, origin: str) -> Toleranced:
+    """Build an uncertain number with the standard deviation of the bench's ``[workshop]``."""
     if name.endswith("modulus"):
         return Toleranced(name, "modulus", value, workshop.modulus * value, f"{origin}, [workshop] modulus")
     if name.endswith("poisson_ratio"):
@@ -133,6 +134,7 @@ def _of_workshop(name: str, value: float, workshop: Workshop, origin: str) -> To
 
 
 def _of_material(found: Mapping[str, Toleranced], block: str, what: str) -> dict[str, Toleranced]:
+    """Return a block's modulus with the standard deviation of a material in the catalogue."""
     name = f"probe.{block}.youngs_modulus"
     if name not in found:
         raise InputError("material", f"{block}={what}", "inner=NAME or outer=NAME, of a block")

@@ -60,6 +60,7 @@ def _bottom(grid: Any, count: int, column: int) -> Any:
 
 
 def _panel(axes: Any, name: str, rows: Sequence[Row]) -> None:
+    """Draw the panel of one scene."""
     answers = distinct(rows)
     _front(axes, answers)
     for row in answers:
@@ -88,6 +89,7 @@ def _front(axes: Any, answers: Sequence[Row]) -> None:
 
 
 def _answer(axes: Any, row: Row) -> None:
+    """Draw one row: stated error, true error or its upper limit, and the time of the next tumour."""
     colour, marker = COLOURS[row.evaluator], MARKERS[row.evaluator]
     x, stated = row.seconds_probe, _shown(row.stated_error)
     true = None if row.true_error is None else _shown(row.true_error if row.resolved else row.true_error_most)
@@ -121,6 +123,7 @@ def _shown(error: float | None) -> float:
 
 
 def _legend(figure: Any, study: Tradeoff) -> None:
+    """Draw the legend below the panels."""
     from matplotlib.lines import Line2D
 
     def line(label: str, marker: str = "", colour: str = "0.3", style: str = "", **more: Any) -> Line2D:

@@ -94,6 +94,7 @@ def judged(rows: Sequence[Row], converging: Iterable[str]) -> tuple[Row, ...]:
 
 
 def _compared(row: Row, reference: Row) -> Row:
+    """Add the true error of a row, eq. TR.1."""
     assert reference.ratio is not None
     own = reference.stated_error or 0.0
     same = row.evaluator == reference.evaluator
@@ -111,6 +112,7 @@ def _compared(row: Row, reference: Row) -> Row:
 
 
 def _sensitivity_error(value: float | None, reference: float | None) -> float | None:
+    """Return the error of a log-sensitivity relative to the reference, or to 1e-5 where that is smaller."""
     if value is None or reference is None:
         return None
     return abs(value - reference) / max(abs(reference), LEAST_SENSITIVITY)

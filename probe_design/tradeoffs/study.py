@@ -160,6 +160,7 @@ def _of_load(scene: Scene, linear: bool) -> tuple[str, ...]:
 def _of_scene(
     name: str, scene: Scene, solid: bool, *, progress: Progress, settings: Sequence[Setting], finest: Sequence[Setting]
 ) -> tuple[Row, ...]:
+    """Evaluate and time one scene with all settings, then compare with the reference."""
     total = len(settings) + len(finest) + len(SOLID) + 1
     rows: list[Row] = []
     for done, setting in enumerate(settings):

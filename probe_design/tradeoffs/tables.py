@@ -114,6 +114,7 @@ def _terminal(title: str, headings: Sequence[str], rows: Iterable[Cells]) -> Tab
 
 
 def _summary(study: Tradeoff, setting: Setting) -> Cells:
+    """Build the row of a setting: worst errors and median times over all scenes."""
     rows = [row for row in study.rows if row.setting == setting]
     answers = [row for row in rows if row.ratio is not None]
     if not answers:
@@ -139,6 +140,7 @@ def _each(row: Row) -> Cells:
 
 
 def _worst_true(answers: Sequence[Row]) -> str:
+    """Format the worst true error of a setting; ``*`` if a reference is of the same evaluator."""
     compared = [row for row in answers if row.true_error is not None]
     if not compared:
         return "reference" if any(row.reference for row in answers) else "-"
@@ -147,6 +149,7 @@ def _worst_true(answers: Sequence[Row]) -> str:
 
 
 def _true(row: Row) -> str:
+    """Format the true error of a row; ``<`` if only its upper limit is known."""
     if row.reference:
         return "reference"
     if row.true_error is None:

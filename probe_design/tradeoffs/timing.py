@@ -63,6 +63,7 @@ def timed(scene: Scene, rows: Sequence[Row]) -> tuple[Row, ...]:
 
 
 def _again(scene: Scene, row: Row, so_far: Times) -> Times:
+    """Time a setting once more, with a new probe and with another tumour."""
     try:
         probe = _timed(scene, row.setting)[1]
         tumour = (_timed(with_other_tumours(scene), row.setting)[1],) if scene.inclusion else ()
@@ -82,6 +83,7 @@ def with_other_tumours(scene: Scene) -> Scene:
 
 
 def _other(body: Inclusion) -> Inclusion:
+    """Return a smaller and stiffer tumour that lies inside the old one."""
     update: dict[str, object] = {"youngs_modulus": 1.01 * body.youngs_modulus}
     if body.diameter is not None:
         update |= {"diameter": 0.98 * body.diameter, "depth": body.depth - 0.005 * body.diameter}

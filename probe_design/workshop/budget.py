@@ -80,6 +80,7 @@ def _words(name: str) -> str:
 
 
 def _scatter(line: BudgetLine) -> Scatter:
+    """Build the line of a number that is no dimension of the drawings."""
     nominal = modulus(line.value) if line.kind == "modulus" else f"{line.value:.4g}"
     return Scatter(
         line.name,

@@ -145,10 +145,12 @@ def _kept(scene: Scene, sizes: dict[str, float], step: float) -> dict[str, float
 
 
 def _up(size: float, step: float) -> float:
+    """Round a size up to a multiple of the step."""
     return _times(math.ceil(size / step * (1 - 1e-9)), step)
 
 
 def _below(limit: float, step: float) -> float:
+    """Return the largest multiple of the step below a limit."""
     return _times(math.ceil(limit / step * (1 - 1e-9)) - 1, step)
 
 

@@ -37,7 +37,10 @@ def test_a_whole_report_in_a_browser(name: str, tmp_path: Path) -> None:
     scene = read_scene(EXAMPLES / name)
     sections = [told.asked(scene), *told.scene_sections(scene, 0.05)]
     refused = [
-        (one.title, part.text) for one in sections for part in one.parts if isinstance(part, Text) and "Not available" in part.text
+        (one.title, part.text)
+        for one in sections
+        for part in one.parts
+        if isinstance(part, Text) and "Not available" in part.text
     ]
     assert refused == []
     answer = evaluate(scene, accuracy=0.05, linear=True).as_dict()
