@@ -19,7 +19,7 @@ from pydantic_core import from_json
 from probe_design.sweeps.keys import Value
 from probe_design.sweeps.rows import COLUMNS, REAL, Row
 
-FORMAT = 3
+FORMAT = 3  # version of the schema, in SQLite's user_version
 TABLES = {
     "about": ("name TEXT PRIMARY KEY", "value TEXT"),
     "designs": ("number INTEGER PRIMARY KEY", "inputs TEXT", "key BLOB"),

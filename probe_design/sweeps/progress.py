@@ -11,7 +11,7 @@ from pathlib import Path
 from time import monotonic
 
 LOG = "sweep.log"
-EVERY = 10.0  # seconds between lines
+EVERY = 10.0  # seconds between lines of progress
 SILENT = 60.0  # seconds without a response between reports of it
 
 

@@ -16,10 +16,10 @@ from probe_design.reports.page import Chapter, PageTable, Picture, Text, page
 from probe_design.sweeps.results import UNITS, about, extra, origin, rows
 
 SHOWN = ("ratio", "log_sensitivity", "stiffness", "error_estimate")
-MOST_POINTS = 5000
+MOST_POINTS = 5000  # designs drawn in a scatter plot
 MOST_BESIDE = 4  # scatter plots in a line
 BINS = 10  # of a variable, for main effects of a sample
-SEED = 1  # of the bootstrap
+SEED = 1  # of the bootstrap for intervals of Sobol indices
 
 
 def write_page(folder: Path | str, path: Path) -> Path:

@@ -12,7 +12,7 @@ from geometry.common.errors import InputError, Words, one_of
 from probe_design.sweeps.keys import Key, Value, key
 from probe_design.sweeps.samples import Variable
 
-MOST_VALUES = 1_000_000
+MOST_VALUES = 1_000_000  # of one variable
 PARTS = ("values", "from", "to", "points", "scale")
 
 

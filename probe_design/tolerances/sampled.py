@@ -22,7 +22,7 @@ from probe_design.tolerances.variables import GAINS, Toleranced
 from solver.closed_form.designs import PROBE, forces, parameters
 
 OUTPUTS = ("ln_ratio", "ln_ratio_over_drawn_areas", "ln_stiffness", "log_sensitivity")
-PARAMETERS = {
+PARAMETERS = {  # parameters of the closed form that each uncertain number changes
     "probe.inner_radius": ("inner_radius",), "probe.gap": ("gap",), "probe.outer_radius": ("outer_radius",),
     "probe.height": ("inner_height", "outer_height"), "probe.inner_height": ("inner_height",),
     "probe.outer_height": ("outer_height",), "probe.inner.youngs_modulus": ("inner_modulus",),

@@ -17,7 +17,7 @@ COLOURS = {
 }  # fmt: skip
 MARKERS = {"closed-form": "D", "equivalent-inclusion": "s", "axisymmetric": "o", "solid": "^"}
 FLOOR = 1e-8  # smaller errors are drawn here
-MOST_PANELS = 30
+MOST_PANELS = 30  # scenes drawn; the title says if there are more
 
 
 def plot(study: Tradeoff, path: Path) -> Path:

@@ -42,7 +42,7 @@ SKIPPED = {
 }
 LINEAR = 0.01  # error of linear elasticity up to which a load is allowed
 UNCERTAIN = 0.01  # a reference with a larger stated error gives a warning
-TOLERANCES = (0.05, 0.01, 0.001)
+TOLERANCES = (0.05, 0.01, 0.001)  # relative errors for which the fastest setting is listed
 Progress = Callable[[str, int, int], None]
 
 
