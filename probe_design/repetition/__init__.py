@@ -1,1 +1,1 @@
-"""`rerun`: what made a file is done again, and its numbers are compared."""
+"""Command `rerun`: run the command that made a file again, and compare the numbers."""

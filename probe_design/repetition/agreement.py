@@ -1,10 +1,10 @@
-"""Whether numbers of two answers to one question agree: each within the errors that both state.
+"""Compare the numbers of two results of one command: they agree if they differ by no more than the errors that both state.
 
-With e and e' the error estimates that stand beside two values x and x', they agree where
+With e and e' the error estimates of two values x and x', and ROUNDING = 1e-6, they agree where
 
     |x - x'| <= (k (e + e') + ROUNDING) max(|x|, |x'|)                                               (RP.1)
 
-k is 1, and 5 for a log-sensitivity, which an accuracy promises five times as widely; without an error estimate e is 0.
+k is 1, and 5 for a log-sensitivity, for which an accuracy means five times the error; without an error estimate e is 0.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-ROUNDING = 1e-6  # relative: of other processors and libraries
-SMALLEST = 1e-5  # absolute, of a log-sensitivity, as the accuracy promises
-# what tells of a run and not of its answer, or in words what numbers say too
+ROUNDING = 1e-6  # relative: differences between processors and libraries
+SMALLEST = 1e-5  # absolute, of a log-sensitivity, as documented for the accuracy
+# keys that describe a run and not its result, or repeat numbers in words
 ASIDE = {
     "seconds", "provenance", "files", "folder", "answered", "warnings", "plan", "verdict", "remarks", "reason", "versions",
     "residual", "p_value", "date", "asked", "version", "program",
@@ -28,11 +28,11 @@ _QUANTITY = re.compile(r"\s*([+-]?[0-9.]+(?:[eE][+-]?[0-9]+)?)\s*([^\s0-9][^0-9]
 
 @dataclass(frozen=True)
 class Difference:
-    """A place at which two answers differ.
+    """A value in which two results differ.
 
     Attributes:
-        place: keys from the outside in, such as ``result.ratio``.
-        before, now: what stands there; None where nothing does.
+        place: path of keys, such as ``result.ratio``.
+        recorded, repeated: the two values; None if missing.
     """
 
     place: str
@@ -40,28 +40,28 @@ class Difference:
     now: object
 
     def __str__(self) -> str:
-        """Say it in one line."""
+        """Describe the difference in one line."""
         return f"{self.place}: {_short(self.before)} then, {_short(self.now)} now"
 
 
 def compared(before: Mapping[str, Any], now: Mapping[str, Any]) -> int:
-    """Count the numbers that both have."""
+    """Return the number of values that are compared."""
     return sum(1 for _ in _pairs(before, now, ""))
 
 
 def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[Difference]:
-    """Return the places at which two answers differ by more than their errors, eq. RP.1."""
+    """Return the values in which two results differ by more than their errors, eq. RP.1."""
     return [
         Difference(place, one, other) for place, one, other, allowed in _pairs(before, now, "") if not _agree(one, other, allowed)
     ]
 
 
-Errors = tuple[Any, Any]  # the error estimates beside two values: numbers, lists of them, or nothing
+Errors = tuple[Any, Any]  # error estimates of two values: numbers, lists of them, or None
 Pair = tuple[str, Any, Any, tuple[float, float]]
 
 
 def _pairs(one: Any, other: Any, place: str, errors: Errors = (None, None)) -> Iterator[Pair]:
-    """Yield the leaves of both trees: place, values, and what they may differ by, relative and absolute."""
+    """Yield the leaves of both trees: place, values, and their allowed difference, relative and absolute."""
     if isinstance(one, Mapping) and isinstance(other, Mapping):
         beside = one.get("error_estimate"), other.get("error_estimate")
         for key in [key for key in {**one, **other} if key not in ASIDE and key != "error_estimate"]:
@@ -74,16 +74,18 @@ def _pairs(one: Any, other: Any, place: str, errors: Errors = (None, None)) -> I
 
 
 def _entry(error: Any, k: int, count: int) -> Any:
-    """The error of an array's entry: its own, where there is one for each."""
+    """Return the error of entry ``k`` of an array: its own if there is one for each, else the common one."""
     return error[k] if isinstance(error, list) and len(error) == count else error
 
 
 def _allowed(place: str, errors: Errors) -> tuple[float, float]:
+    """Return the allowed relative and absolute difference, eq. RP.1."""
     both = sum(one for one in errors if _is_number(one) and one > 0)
     return (5 * both, SMALLEST) if "log_sensitivity" in place else (both, 0.0)
 
 
 def _agree(one: Any, other: Any, allowed: tuple[float, float]) -> bool:
+    """Return whether two leaves agree: texts and booleans exactly, numbers within the allowed difference."""
     if isinstance(one, str) and isinstance(other, str):
         return one == other or _quantities_agree(one, other)
     if not (_is_number(one) and _is_number(other)):
@@ -92,7 +94,7 @@ def _agree(one: Any, other: Any, allowed: tuple[float, float]) -> bool:
 
 
 def _quantities_agree(one: str, other: str) -> bool:
-    """Whether two texts are nearly one quantity, such as ``4.31 mm``."""
+    """Return whether two texts are the same quantity up to rounding, such as ``4.31 mm``."""
     left, right = _QUANTITY.fullmatch(one), _QUANTITY.fullmatch(other)
     if left is None or right is None or left[2] != right[2]:
         return False
@@ -104,5 +106,5 @@ def _short(value: object) -> str:
 
 
 def _is_number(value: Any) -> bool:
-    """Whether it is a finite number; integers of a damaged file may be larger than any."""
+    """Return whether a value is a finite number; integers in a damaged file may exceed the range of floats."""
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max

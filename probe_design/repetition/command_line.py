@@ -1,4 +1,4 @@
-"""The command line that made a file, to be run again: into another folder, as JSON, on files that are the same."""
+"""Build the command line that repeats a recorded one: into another folder, as JSON, on unchanged input files."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ import click
 from geometry.common.errors import InputError, Words
 from geometry.provenance.digest import file_digest
 
-LEFT = ("plot", "vtu", "report", "force", "scheduler")  # options for files that are not compared, and for who computes
+LEFT = ("plot", "vtu", "report", "force", "scheduler")  # not repeated: extra files, overwriting, clusters
 OUTPUT = "output"
-LIVE = ("device", "scope", "record")  # of what is read from a device, which no command repeats
+LIVE = ("device", "scope", "record")  # readings of a device cannot be repeated
 
 
 def rerun_words(cli: click.Group, words: list[str], inputs: Mapping[str, str], beside: Path, output: Path) -> list[str]:
-    """Return the words to run.
+    """Return the words of the command line to run.
 
     Args:
-        cli: the verbs.
-        words: that made the file.
-        inputs: SHA-256 of the files that they name.
-        beside: folder of the file that was made; those named are looked for here if not where the program runs.
-        output: takes the place of what ``--output`` named.
+        cli: the commands.
+        words: recorded command line.
+        inputs: SHA-256 of its input files, by name.
+        file_folder: folder of the recorded file; input files are searched there if not in the working directory.
+        output: replaces the value of ``--output``.
 
     Raises:
-        InputError: no such verb or option, or a file that is missing or has changed.
+        InputError: there is no such command or option, or an input file is missing or has changed.
     """
     places = {name: str(_found(name, sha, beside)) for name, sha in inputs.items()}
     verb, rest = _verb(cli, list(words))
@@ -37,7 +37,7 @@ def rerun_words(cli: click.Group, words: list[str], inputs: Mapping[str, str], b
     except click.ClickException as fault:
         raise InputError("file", Words("its command"), f"one that this version knows ({fault.format_message()})") from None
     if any(options.get(name) for name in LIVE):
-        raise InputError("file", Words(" ".join(words)), "what can be repeated: a reading of a device is not")
+        raise InputError("file", Words(" ".join(words)), "a command that can be repeated: a reading of a device cannot")
     again = [*words[: len(words) - len(rest)]]
     for option in (one for one in verb.params if isinstance(one, click.Option) and one.name in options):
         again += _words(option, options[str(option.name)], places, output)
@@ -48,12 +48,12 @@ def rerun_words(cli: click.Group, words: list[str], inputs: Mapping[str, str], b
 
 
 def _verb(cli: click.Group, words: list[str]) -> tuple[click.Command, list[str]]:
-    """The command that words begin with, and what follows."""
+    """Find the command at the beginning of ``words``; return it and the remaining words."""
     command: click.Command = cli
     while isinstance(command, click.Group):
         name = words.pop(0) if words else ""
         found = command.commands.get(name)
-        if found is None or name == "rerun":  # of itself there would be no end
+        if found is None or name == "rerun":  # would repeat itself without end
             raise InputError(
                 "file",
                 Words(f"made by {name!r}"),
@@ -64,6 +64,7 @@ def _verb(cli: click.Group, words: list[str]) -> tuple[click.Command, list[str]]
 
 
 def _words(option: click.Option, value: Any, places: Mapping[str, str], output: Path) -> list[str]:
+    """Return the words of one option of the new command line."""
     name = max(option.opts, key=len)
     if option.name in LEFT:
         return []
@@ -74,22 +75,22 @@ def _words(option: click.Option, value: Any, places: Mapping[str, str], output: 
 
 
 def _placed(text: str, places: Mapping[str, str]) -> str:
-    """An option's value with the file that it names, alone or before a comma, where that is found."""
+    """Replace the file name in an option's value, alone or before a comma, by the path where it exists now."""
     head, comma, tail = text.partition(",")
     return f"{places.get(head, head)}{comma}{tail}"
 
 
 def _listed(value: Any) -> list[Any]:
-    """The words of a value; click has a mark of its own for none."""
+    """Return the words of an option's value; click marks a missing value with an object of its own."""
     several = list(value) if isinstance(value, list | tuple) else [value]
     return [one for one in several if isinstance(one, str)]
 
 
 def _found(name: str, sha: str, beside: Path) -> Path:
-    """The file of that name and content."""
+    """Return the path of the file with a name and content."""
     for folder in (Path(), beside, beside.parent):
         if file_digest(folder / name) == sha:
             return folder / name
     there = any((folder / name).is_file() for folder in (Path(), beside, beside.parent))
     trouble = "another content than it had" if there else "missing"
-    raise InputError("input", name, f"the file that was asked about ({trouble} here and beside the file)")
+    raise InputError("input", name, f"the original input file ({trouble} here and in the folder of the file)")

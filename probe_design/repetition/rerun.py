@@ -1,4 +1,4 @@
-"""Does again what made a file, and compares."""
+"""Run the command that made a file again, and compare the numbers."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ from geometry.provenance.texts import block_of
 from probe_design.repetition.agreement import Difference, compared, differences
 from probe_design.repetition.command_line import rerun_words
 
-TABLES = {"results.csv": "rows", "tolerances.csv": "tolerances", "bill-of-materials.csv": "bill"}  # of a sweep; of an export
-WHOLE = "optimize.json"  # has all numbers of its folder, whatever else was put there
-NO_GAIN = 1  # the exit code of an answer that says no
+TABLES = {"results.csv": "rows", "tolerances.csv": "tolerances", "bill-of-materials.csv": "bill"}  # their keys
+WHOLE = "optimize.json"  # contains all numbers of its folder, whatever else is in it
+NO_GAIN = 1  # exit code of a command with a negative result
 
 
 class RerunError(ProbeError):
-    """What made a file cannot be done again."""
+    """The command that made a file fails now."""
 
 
 @dataclass(frozen=True)
 class Rerun:
-    """What came of doing it again.
+    """The comparison of a file with its repetition.
 
     Attributes:
-        command: what was run.
-        numbers: how many values were compared.
-        differences: those that differ by more than both errors.
-        changed: versions that are others now, as "numpy 2.3 then, 2.4 now".
-        provenance: of the rerun.
+        command: the repeated command line.
+        numbers: number of values compared.
+        differences: values that differ by more than their errors.
+        version_changes: such as "numpy 2.3 then, 2.4 now".
+        provenance: of the repetition.
     """
 
     command: tuple[str, ...]
@@ -54,7 +54,7 @@ class Rerun:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a user has to know."""
+        """Warnings that versions differ, one line each."""
         return tuple(f"versions differ: {text}" for text in self.changed)
 
     def as_dict(self) -> dict[str, Any]:
@@ -67,14 +67,14 @@ class Rerun:
 
 
 def rerun(file: Path, cli: click.Group) -> Rerun:
-    """Run the command that made a file or folder again, and compare their numbers.
+    """Run the command that made a file or folder again, and compare the numbers.
 
     Args:
-        file: JSON, TOML or page with its block of provenance; or the folder that such files are in.
-        cli: the verbs.
+        file: JSON, TOML or HTML page with its provenance; or the folder of such files.
+        cli: the commands.
 
     Raises:
-        InputError: it has no block, was made from Python, or of files that are others now.
+        InputError: it has no provenance, was made from Python, or its input files have changed.
         RerunError: the command fails now.
     """
     block, before = _told(file)
@@ -88,7 +88,7 @@ def rerun(file: Path, cli: click.Group) -> Rerun:
         made = _counterpart(file, Path(folder))
         now_block, now = (printed.get("provenance") or provenance(), printed) if made is None else _told(made)
     if block.get("scene") != now_block.get("scene"):
-        raise InputError("scene", Words("another one now"), f"the scene that was asked about, {block.get('scene')}")
+        raise InputError("scene", Words("another one now"), f"the scene of the file, {block.get('scene')}")
     count = compared(before, now)
     if count == 0:
         raise InputError("file", str(file), "a file with numbers beside its block of provenance")
@@ -96,14 +96,14 @@ def rerun(file: Path, cli: click.Group) -> Rerun:
 
 
 def _told(file: Path) -> tuple[Provenance, dict[str, Any]]:
-    """The block of a file or folder and the numbers beside it; of a folder with the rows of its tables."""
+    """Read provenance and numbers of a file or folder; those of a folder include the rows of its tables."""
     block, found = block_of(file)
     there = {name: file / name for name in TABLES if (file / name).is_file() and not (file / WHOLE).is_file()}
     return block, found | {TABLES[name]: list(_rows(path)) for name, path in there.items()}
 
 
 def _rows(path: Path) -> Iterator[dict[str, Any]]:
-    """The rows of a table by their headings without units, numbers where there are any."""
+    """Yield the rows of a CSV table by heading without unit; numbers are converted."""
     try:
         with path.open(encoding="utf-8", newline="") as file:
             for row in csv.DictReader(file, restkey=""):
@@ -120,19 +120,19 @@ def _number(text: str) -> float | str | None:
 
 
 def _printed(words: list[str]) -> dict[str, Any]:
-    """The JSON object that the program prints for these words; what it says meanwhile is passed on."""
+    """Run the program with these words and return the JSON object that it prints; its standard error is passed on."""
     ended = subprocess.run([sys.executable, "-m", "probe_design", *words], stdout=subprocess.PIPE, text=True, check=False)
     if ended.returncode not in (0, NO_GAIN):
-        raise RerunError(f"what made the file ends now with exit code {ended.returncode}: see above")
+        raise RerunError(f"the command that made the file ends now with exit code {ended.returncode}: see above")
     try:
         found = json.loads(ended.stdout)
     except ValueError:
-        raise RerunError("what made the file fails now: see above") from None
+        raise RerunError("the command that made the file fails now: see above") from None
     return found if isinstance(found, dict) else {}
 
 
 def _counterpart(file: Path, folder: Path) -> Path | None:
-    """The file of that name, or the only one of that kind, that was made again; None where the printed object is all there is."""
+    """Return the new file of the same name, or the only one with the same suffix; None if only the printed object is new."""
     if file.is_dir():
         return folder if any(folder.iterdir()) else None
     if (folder / file.name).is_file():
@@ -142,5 +142,6 @@ def _counterpart(file: Path, folder: Path) -> Path | None:
 
 
 def _changed(before: Provenance, now: Provenance) -> list[str]:
+    """Describe the versions that differ between two runs."""
     old, new = ({"probe-design": one.get("program"), **(one.get("dependencies") or {})} for one in (before, now))
     return [f"{name} {old.get(name)} then, {new.get(name)} now" for name in {**old, **new} if old.get(name) != new.get(name)]

@@ -1,1 +1,1 @@
-"""The report: one self-contained HTML file, for every verb that writes one."""
+"""Reports: one self-contained HTML file, for every command that writes one."""

@@ -1,7 +1,7 @@
-"""The probe over its tumours as triangles to be turned, from the meridian profile alone: no CAD is needed.
+"""Build triangle meshes of probe and tumours for the rotating view of a report, from the meridian profile; no CAD is needed.
 
-Lengths are in mm, z out of the tissue, the probe's axis through the origin's x and y as the scene places it. Of the probe the
-quarter x > 0, y < 0 is left out, so that its inside is seen; the groove is cut from the outer block's film end.
+Lengths are in mm. The z axis points out of the tissue; the probe stands where the scene places it. The quarter x > 0, y < 0 of
+the probe is left out to show its inside; the groove is cut from the film end of the outer block.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ COLOURS = {
     "inner": (0.86, 0.47, 0.20), "outer": (0.25, 0.51, 0.71), "film": (0.93, 0.78, 0.22), "base": (0.62, 0.64, 0.67),
     "tumour": (0.64, 0.23, 0.18),
 }  # fmt: skip
-STEP = math.pi / 36  # of the angle about the axis, at most
+STEP = math.pi / 36  # 5 degrees about the axis
 MM = 1e3
 Mesh = tuple[Floats, Ints]
 
 
 def bodies(scene: Scene) -> tuple[dict[str, Any], ...]:
-    """Return all bodies of ``probe_design.reports.page.TurningView``; an inclusion whose surface is a file is left out."""
+    """Build the bodies of a ``page.TurningView``; inclusions with a surface file are left out."""
     at, rotated = scene.placement, _rotation(scene.placement.tilt)
     shift = np.array([at.x, at.y, 0.0])
     shown = [(name, mesh[0] @ rotated.T + shift, mesh[1]) for name, mesh in probe_bodies(scene.probe)]
@@ -44,7 +44,7 @@ def bodies(scene: Scene) -> tuple[dict[str, Any], ...]:
 
 
 def probe_bodies(probe: Probe) -> Iterator[tuple[str, Mesh]]:
-    """Yield name and mesh, m, of each part of a probe whose blocks stand on z = 0, a quarter left out."""
+    """Yield name and mesh (m) of each part of a probe whose blocks stand on z = 0, with a quarter left out."""
     core, tube, groove = probe.core_height, probe.tube_height, probe.groove
     film = 0.0 if probe.film is None else probe.film.thickness
     r, hole, outside, top = probe.inner_radius, probe.hole_radius, probe.tube_radius, max(core, tube) + film
@@ -58,7 +58,7 @@ def probe_bodies(probe: Probe) -> Iterator[tuple[str, Mesh]]:
         ("outer", hole, outside, tube - depth, tube, free),
         ("film", 0.0, r, core, core + film, 0.0),
         ("film", hole, outside, tube, tube + film, free),
-        ("base", 0.0, r, core + film, top, 0.0),  # down to the lower of two blocks
+        ("base", 0.0, r, core + film, top, 0.0),  # reaches down to the lower of two blocks
         ("base", hole, outside, tube + film, top, 0.0),
         ("base", 0.0, outside, top, flange, 0.0),
         ("base", 0.0, sizes.flange_radius, flange, flange + sizes.thickness, 0.0),
@@ -68,15 +68,15 @@ def probe_bodies(probe: Probe) -> Iterator[tuple[str, Mesh]]:
 
 
 def ring(inner: float, outer: float, low: float, high: float, *, begin: float = 0.0, end: float = 1.5 * math.pi) -> Mesh:
-    """Return the closed surface of a rectangle of the meridian plane that turns from one angle to another.
+    """Build the closed surface of a ring sector: a rectangle of the meridian plane rotated between two angles.
 
     Args:
         inner: radius, m; 0 for a full disc.
         outer: radius, m.
-        low: of the rectangle, m.
-        high: likewise.
-        begin: angle, rad, from x towards y.
-        end: likewise, less than a turn beyond.
+        low: lower z, m.
+        high: upper z, m.
+        begin: first angle, rad, from x towards y.
+        end: last angle, rad, less than a turn beyond.
 
     Returns:
         vertices (n, 3) and triangles (m, 3), whose normals point outwards.
@@ -97,7 +97,7 @@ def ring(inner: float, outer: float, low: float, high: float, *, begin: float = 
 
 
 def ball() -> Mesh:
-    """Return a sphere of radius 1."""
+    """Build a sphere of radius 1."""
     count = round(math.pi / STEP / 2)
     polar, about = np.meshgrid(np.linspace(0, math.pi, count + 1), np.linspace(0, 2 * math.pi, 2 * count + 1), indexing="ij")
     places = np.stack([np.sin(polar) * np.cos(about), np.sin(polar) * np.sin(about), np.cos(polar)], axis=-1).reshape(-1, 3)
@@ -108,6 +108,6 @@ def ball() -> Mesh:
 
 
 def _rotation(tilt: float) -> Floats:
-    """About the y axis; a positive tilt lowers the +x side."""
+    """Return the rotation about the y axis; a positive tilt lowers the +x side."""
     c, s = math.cos(tilt), math.sin(tilt)
     return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])

@@ -1,7 +1,7 @@
-"""A report as one HTML file: what verbs put into sections becomes a page that needs no network and fits a phone.
+"""Build a report as one HTML file that needs no network and fits a phone.
 
-A verb makes ``Chapter``s of the parts below and calls ``page``; texts are escaped by the template. The JSON object of the answer,
-with its block of provenance, is inside, so that ``probe-design rerun`` can repeat the page.
+A command makes ``Chapter``s of the parts below and calls ``build_page``; the template escapes texts. The page contains the JSON
+object of the result with its provenance, so that ``probe-design rerun`` can repeat it.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_CONTROLS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")  # a name's, which a terminal obeys where a page is shown there
-SENTENCE = 24  # characters of a table's cell: what is longer breaks into lines
+_CONTROLS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")  # in names: a terminal that shows the page would obey them
+SENTENCE = 24  # characters of a table cell: longer text is wrapped
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Text:
 
 @dataclass(frozen=True)
 class Code:
-    """Text as it is, such as a scene file."""
+    """Preformatted text, such as a scene file."""
 
     text: str
     kind: str = "code"
@@ -48,7 +48,7 @@ class Code:
 
 @dataclass(frozen=True)
 class Items:
-    """A list; an item that is the name of a file beside the page is a link where ``links``."""
+    """A list; with ``links`` each item is a link to a file in the folder of the page."""
 
     items: tuple[str, ...]
     links: bool = False
@@ -57,7 +57,7 @@ class Items:
 
 @dataclass(frozen=True)
 class PageTable:
-    """Headings and rows of texts, which a reader can copy into a spreadsheet."""
+    """A table of texts, which a reader can copy into a spreadsheet."""
 
     headings: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
@@ -65,17 +65,17 @@ class PageTable:
 
     @property
     def wordy(self) -> list[bool]:
-        """Whether each column holds sentences, which break into lines, and not numbers or names, which do not."""
+        """Whether each column contains sentences, which are wrapped; numbers and names are not."""
         return [any(len(row[k]) > SENTENCE for row in self.rows) for k in range(len(self.headings))]
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture inside the page.
+    """A picture embedded in the page.
 
     Attributes:
-        source: a ``data:`` address.
-        alt: what it shows, in words.
+        source: a ``data:`` URL.
+        alt: description of what it shows.
     """
 
     source: str
@@ -84,14 +84,14 @@ class Picture:
 
     @classmethod
     def of(cls, figure: Figure, alt: str) -> Picture:
-        """Return a figure as a picture."""
+        """Convert a matplotlib figure to a picture."""
         drawn = io.BytesIO()
         figure.savefig(drawn, format="png", dpi=110)
         return cls._png(drawn.getvalue(), alt)
 
     @classmethod
     def read(cls, path: Path, alt: str) -> Picture:
-        """Return a .png file as a picture."""
+        """Read a .png file as a picture."""
         return cls._png(path.read_bytes(), alt)
 
     @classmethod
@@ -101,7 +101,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class TurningView:
-    """Bodies that turn, each with ``colour``, ``vertices`` (n, 3) and ``triangles`` (m, 3); see ``bodies.py``."""
+    """Bodies that a reader can rotate, each with ``colour``, ``vertices`` (n, 3) and ``triangles`` (m, 3); see ``bodies.py``."""
 
     bodies: tuple[dict[str, Any], ...]
     alt: str
@@ -118,28 +118,28 @@ Part = Text | Code | Items | PageTable | Picture | TurningView
 
 @dataclass(frozen=True)
 class Chapter:
-    """A heading and what stands below it."""
+    """A heading with the parts below it."""
 
     title: str
     parts: tuple[Part, ...]
 
 
 def page(title: str, headline: str, sections: Sequence[Chapter], answer: dict[str, Any], *, good: bool = True) -> str:
-    """Return the report as HTML.
+    """Build the report as HTML.
 
     Args:
         title: of the page.
-        headline: the answer in a sentence.
+        headline: the result in a sentence.
         sections: in their order.
-        answer: the JSON object that the verb prints, with its ``provenance``, which closes the page as a table.
-        good: whether the headline is what one hoped for: its banner is green, and amber otherwise.
+        answer: the JSON object that the command prints, with its ``provenance``, which is the last table of the page.
+        is_positive: whether the result is positive: the banner of the headline is green, otherwise amber.
     """
     block = answer["provenance"]
     text: str = _template().render(
         title=title,
         headline=headline,
         good=good,
-        sections=[*sections, Chapter("Where this comes from", (_origin(block),))],
+        sections=[*sections, Chapter("Provenance", (_origin(block),))],
         answer=html_script("answer", answer),
         script=resources.files("probe_design.data").joinpath("report.js").read_text(encoding="utf-8"),
     )
@@ -147,6 +147,7 @@ def page(title: str, headline: str, sections: Sequence[Chapter], answer: dict[st
 
 
 def _origin(block: dict[str, Any]) -> PageTable:
+    """Build the table of provenance."""
     told = {**block, "dependencies": [f"{name} {version}" for name, version in block["dependencies"].items()]}
     command = block["command"]
     told["command"] = None if command is None else shlex.join(["probe-design", *command])

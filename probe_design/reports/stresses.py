@@ -1,4 +1,4 @@
-"""The vertical pressure in probe and tissue under the load, in the meridian plane, as level axisymmetric finds it."""
+"""Draw the vertical pressure in probe and tissue under the load, in the meridian plane, from evaluator axisymmetric."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ MM = 1e3
 
 
 def pressures(states: BaseStates, scene: Scene) -> Floats:
-    """Return the mean of -sigma_zz over each element, Pa, shape (n,), under the scene's load.
+    """Compute the mean of -sigma_zz over each of n elements under the scene's load, Pa, shape (n,).
 
-    Averaged over a block it is that block's film stress, as every section of a block carries the film's force.
+    Its average over a block is the block's film stress, as every section of a block carries the force on its film.
     """
     model, total = states.model, float(states.forces.sum())
     n, s = len(model.mesh.body), len(model.shapes.degrees)
@@ -36,7 +36,7 @@ def pressures(states: BaseStates, scene: Scene) -> Floats:
 
 
 def stress_figure(states: BaseStates, scene: Scene) -> Figure:
-    """Draw the pressures to three outer radii about the axis, the probe's sections outlined by their colours."""
+    """Draw the pressures within three outer radii of the axis."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.collections import PolyCollection
     from matplotlib.figure import Figure

@@ -1,1 +1,1 @@
-"""Pictures and VTU files of 3D solutions."""
+"""Pictures and VTU files of three-dimensional solutions."""

@@ -1,4 +1,4 @@
-"""Evaluate a scene in three dimensions and write what stands behind the numbers: a VTU file, a picture."""
+"""Evaluate a scene in three dimensions and write its fields: a VTU file, a picture."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from solver.solid.level import SolidLevel, indentation
 def evaluated(
     scene: Scene, evaluator: str, accuracy: float, *, vtu: Path | None, picture: Path | None, tell: Callable[[str], None]
 ) -> Result:
-    """Evaluate by ``solid`` and write its finest mesh with displacements and stresses at the scene's load.
+    """Evaluate with ``solid`` and write its finest mesh with displacements and stresses at the scene's load.
 
     Args:
         scene: the scene.
-        evaluator: "solid"; no other level has a mesh of the whole scene.
+        evaluator: "solid"; no other evaluator has a mesh of the whole scene.
         accuracy: relative.
-        vtu: for ParaView, or None.
+        vtu: file for ParaView, or None.
         picture: a .png file, or None.
-        tell: called with a line before each piece of work.
+        tell: called with a line before each step.
 
     Raises:
-        InputError: another evaluator, or a file name that ends otherwise.
-        Refusal: see ``solver.solid.level.SolidLevel.answer``.
+        InputError: another evaluator, or a file name with another suffix.
+        Refusal: see ``solver.solid.level.SolidEvaluator.solve``.
     """
     from probe_design.solid_output.vtu import draw_solid, write_vtu
 
@@ -42,7 +42,7 @@ def evaluated(
             raise InputError("evaluator", evaluator, f"solid, for --{key}")
         if path.suffix.lower() != suffix:
             raise InputError(key, str(path), f"a file name that ends in {suffix}")
-        check_writable_file(path, key)  # what would fail after the work fails before it
+        check_writable_file(path, key)  # fail before the work, not after it
     start, level = perf_counter(), SolidLevel(tell=tell)
     solution = level.solved(scene, accuracy)
     result = level.answer_of(scene, solution, accuracy).result(level.name, scene, perf_counter() - start)

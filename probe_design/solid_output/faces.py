@@ -1,4 +1,4 @@
-"""The faces of a mesh of tetrahedra that a picture shows: its skin, and its section at y = 0."""
+"""Extract the faces of a tetrahedral mesh that a picture shows: its skin, and its section at y = 0."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from solver.solid.regions import Region
 
 NAMES = {INNER: "inner", OUTER: "outer", GROOVE: "groove", TISSUE: "tissue", BEYOND: "tissue beyond"}
 SPLIT = np.array([(0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)])  # a quadratic triangle as four flat ones
-RIM = np.array([(0, 3), (3, 1), (1, 4), (4, 2), (2, 5), (5, 0)])  # its sides
+RIM = np.array([(0, 3), (3, 1), (1, 4), (4, 2), (2, 5), (5, 0)])  # the sides of its six-node triangle, as pairs
 EIGHT = np.array([(0, 4, 6, 7), (4, 1, 5, 8), (6, 5, 2, 9), (7, 8, 9, 3), (6, 8, 4, 5), (6, 8, 5, 9), (6, 8, 9, 7), (6, 8, 7, 4)])
-ASIDE = 3.3e-6  # of the mesh's size: how far the section of a whole mesh is beside y = 0
+ASIDE = 3.3e-6  # offset of the section from y = 0 over the size of the mesh, so that it meets no node
 _AROUND = np.hstack([FACES, FACE_MIDDLES])
 
 
 @dataclass(frozen=True)
 class Faces:
-    """Flat triangles, and the lines in which they show the mesh.
+    """Flat triangles, the lines of the mesh on them, and fields at their points.
 
     Attributes:
         points: in m, shape (n, 3).
         triangles: of these points, shape (f, 3).
         body: of each triangle, as in ``Solid.body``, shape (f,).
         lines: sides of elements, pairs of points, shape (m, 2).
-        values: by name what is known at the points: ``displacement`` in m (n, 3), ``pressure`` and ``von_mises`` in Pa (n,).
+        values: fields at the points by name: ``displacement`` in m (n, 3), ``pressure`` and ``von_mises`` in Pa (n,).
     """
 
     points: Floats
@@ -41,7 +41,7 @@ class Faces:
 
 
 def name(number: int) -> str:
-    """What a region is called: ``tissue.layer[k]``, ``inclusion[i] in tissue.layer[k]``, ``inclusion[i] beyond`` the cylinder."""
+    """Return the name of a region, such as ``tissue.layer[k]``, ``inclusion[i] in tissue.layer[k]``, ``inclusion[i] beyond``."""
     body, layer, outside = Region.of(number)
     whole, within = NAMES.get(body) or f"inclusion[{body - INCLUSION}]", f"tissue.layer[{layer - 1}]"
     if layer:
@@ -50,12 +50,12 @@ def name(number: int) -> str:
 
 
 def present(problem: Problem) -> list[int]:
-    """Numbers of the bodies that are there: those of the mesh that have a material."""
+    """Return the numbers of the bodies of the mesh that have a material."""
     return [int(body) for body in np.unique(problem.solid.body) if int(body) in problem.materials]
 
 
 def skin(problem: Problem) -> Faces:
-    """The outside of all bodies that are there together; of a half, its plane of symmetry too."""
+    """Return the outer surface of all bodies together; for a half mesh it includes the plane of symmetry."""
     solid, faces, body = problem.solid, *_sides(problem, present(problem))
     _, index, count = np.unique(np.sort(faces[:, :3], axis=1), axis=0, return_index=True, return_counts=True)
     once = np.sort(index[count == 1])
@@ -63,7 +63,7 @@ def skin(problem: Problem) -> Faces:
 
 
 def section(problem: Problem, fields: SolidFields) -> Faces:
-    """The cut at y = 0, with fields averaged at the nodes of each body by itself: they jump where bodies meet."""
+    """Return the cut at y = 0; fields are averaged at the nodes of each body separately, as they jump between bodies."""
     solid, nodes = problem.solid, problem.solid.nodes
     parts = []
     for body in present(problem):
@@ -82,14 +82,14 @@ def section(problem: Problem, fields: SolidFields) -> Faces:
 
 
 def _sides(problem: Problem, bodies: list[int]) -> tuple[Ints, Ints]:
-    """The four quadratic faces of every element of some bodies, shape (4 t, 6), and their bodies (4 t,)."""
+    """Return the four quadratic faces of the t elements of some bodies, shape (4 t, 6), and their bodies (4 t,)."""
     inside = np.isin(problem.solid.body, bodies)
     faces = problem.solid.elements[inside][:, _AROUND].reshape(-1, 6)
     return faces, np.repeat(problem.solid.body[inside], len(_AROUND))
 
 
 def _flat(nodes: Floats, faces: Ints, body: Ints, values: Mapping[str, Floats] | None = None) -> Faces:
-    """Quadratic triangles (f, 6) as flat ones."""
+    """Split quadratic triangles (f, 6) into four flat ones each."""
     used, number = np.unique(faces, return_inverse=True)
     faces = number.reshape(-1, 6)
     lines = np.unique(np.sort(faces[:, RIM].reshape(-1, 2), axis=1), axis=0)
@@ -98,7 +98,7 @@ def _flat(nodes: Floats, faces: Ints, body: Ints, values: Mapping[str, Floats] |
 
 
 def _sliced(nodes: Floats, elements: Ints, body: int, values: Mapping[str, Floats]) -> Faces:
-    """Cut elements, each as eight flat ones, a hair beside y = 0, where no node lies."""
+    """Cut elements, split into eight flat tetrahedra each, slightly off y = 0, where no node lies."""
     import pyvista
 
     aside = {"normal": "y", "origin": (0, ASIDE * float(np.ptp(nodes, axis=0).max()), 0), "generate_triangles": True}
@@ -116,6 +116,7 @@ def _sliced(nodes: Floats, elements: Ints, body: int, values: Mapping[str, Float
 
 
 def _together(parts: list[Faces]) -> Faces:
+    """Merge faces into one set of points."""
     start = np.cumsum([0, *(len(part.points) for part in parts)])[:-1]
     return Faces(
         np.vstack([part.points for part in parts]),

@@ -1,4 +1,4 @@
-"""The picture of what the three-dimensional level solved: the mesh cut open, its gap from near, and two stresses on the cut."""
+"""Draw a solution of evaluator solid: the mesh cut open, a close-up of the gap, and two stresses on the cut."""
 
 from __future__ import annotations
 
@@ -20,14 +20,15 @@ from solver.solid.base_states import SolidStates, fields
 from solver.solid.problem import Problem
 from solver.solid.regions import Region
 
-SIZE, DPI = (12.5, 9.6), 140  # of the figure: inches, and dots in one
+SIZE, DPI = (12.5, 9.6), 140  # inches, and dots per inch
 PALE, PALER = (0.973, 0.875, 0.804), (0.985, 0.945, 0.915)
 LAYERS = ((0.93, 0.76, 0.66), (0.98, 0.91, 0.70), (0.88, 0.70, 0.70), (0.83, 0.80, 0.72))  # of tissue, in turn
 LUMPS = ((0.64, 0.23, 0.18), (0.45, 0.29, 0.58), (0.20, 0.50, 0.36), (0.60, 0.45, 0.05))  # inclusions, in turn
-WHOLE, NEAR = (0.01, 0.5, 0.53, 0.44), (0.61, 0.535, 0.335, 0.39)  # panels: left, bottom, width, height in the figure's
-LEFTS, STRESS, BAR = (0.06, 0.565), (0.06, 0.36, 0.37), (0.075, 0.013, 0.34)  # lefts, then bottom, width and height
-FAR = 15.0  # times the tube's radius: tissue wider than this leaves the probe too small, which is then shown larger beside it
-DESCENT = 0.07  # of the tube's radius: the largest displacement as it is drawn
+WHOLE, NEAR = (0.01, 0.5, 0.53, 0.44), (0.61, 0.535, 0.335, 0.39)  # left, bottom, width, height of panels
+# left edges of the two stress panels, then bottom, width and height
+LEFTS, STRESS, BAR = (0.06, 0.565), (0.06, 0.36, 0.37), (0.075, 0.013, 0.34)
+FAR = 15.0  # times the tube's radius: in wider tissue the probe is too small and gets an inset
+DESCENT = 0.07  # of the tube's radius: largest displacement as drawn
 
 
 @dataclass(frozen=True)
@@ -41,16 +42,16 @@ class Sizes:
 
     @classmethod
     def of(cls, problem: Problem) -> Sizes:
-        """Read off the mesh."""
+        """Read the sizes from the nodes of the mesh."""
         nodes, solid = problem.solid.nodes, problem.solid
         radius, core, ring = np.hypot(nodes[:, 0], nodes[:, 1]), solid.on([INNER]), solid.on([OUTER])
         return cls(radius[core].max(), radius[ring].min(), radius[ring].max(), nodes[core | ring, 2].max())
 
 
 def draw_solid(path: Path, states: SolidStates, motion: Sequence[float] | Floats) -> Path:
-    """Draw a motion of the base: the mesh cut open at y = 0, the gap from near, pressure and von Mises stress; returns ``path``.
+    """Draw the solution for a motion of the base: mesh cut open at y = 0, gap, pressure, von Mises stress; return ``path``.
 
-    Of a whole mesh, y >= 0 is shown. The stresses are drawn on the deformed cut, exaggerated by the factor above them.
+    A whole mesh is shown for y >= 0. The stresses are drawn on the deformed cut, exaggerated by the factor in their title.
 
     Args:
         path: of the picture.
@@ -58,7 +59,7 @@ def draw_solid(path: Path, states: SolidStates, motion: Sequence[float] | Floats
         motion: how far the inner and the outer block go down (m) and the base turns about y (rad), shape (3,).
 
     Raises:
-        InputError: the name's ending is of no known format.
+        InputError: the suffix of the file is of no known format.
         MissingLibrary: VTK finds no OpenGL to render with; the text names the package to install.
         OSError: the file cannot be written.
     """
@@ -81,7 +82,7 @@ def draw_solid(path: Path, states: SolidStates, motion: Sequence[float] | Floats
 
 
 def colour(number: int) -> tuple[float, float, float]:
-    """Red, green and blue of a region, from 0 to 1."""
+    """Return the colour of a region: red, green and blue from 0 to 1."""
     body, layer, _ = Region.of(number)
     if body >= INCLUSION:
         return LUMPS[(body - INCLUSION) % len(LUMPS)]
@@ -91,6 +92,7 @@ def colour(number: int) -> tuple[float, float, float]:
 
 
 def _title(states: SolidStates, motion: Floats) -> str:
+    """Describe the motion of the base and the film forces."""
     inner, outer = states.reactions[:2] @ motion
     each = [_rounded(amount, "m") for amount in motion[:2]]
     down = each[0] if motion[0] == motion[1] else f"{each[0]} (inner) and {each[1]} (outer)"
@@ -99,6 +101,7 @@ def _title(states: SolidStates, motion: Floats) -> str:
 
 
 def _whole(axes: Any, problem: Problem, cut: Faces, sizes: Sizes) -> None:
+    """Draw the mesh cut open, with an inset of the probe in wide tissue."""
     from matplotlib.patches import Patch
 
     shown = present(problem)
@@ -123,7 +126,7 @@ def _rounded(value: float, unit: str) -> str:
 
 
 def _near(axes: Any, cut: Faces, sizes: Sizes) -> None:
-    """The gap's mouth, its width an arrow."""
+    """Draw the gap at the tissue, with an arrow for its width."""
     from matplotlib.collections import PolyCollection
 
     gap, middle = (sizes.hole - sizes.inner) * MM, (sizes.inner + sizes.hole) / 2 * MM
@@ -142,7 +145,7 @@ def _near(axes: Any, cut: Faces, sizes: Sizes) -> None:
 
 
 def _window(cut: Faces, sizes: Sizes) -> tuple[float, float, float, float]:
-    """What the stresses are shown in, m: left, right, bottom, top: the probe, and inclusions within reach of it."""
+    """Return the window of the stress panels, m: left, right, bottom, top; it shows the probe and the inclusions near it."""
     inclusions = np.isin(cut.body, [number for number in np.unique(cut.body).tolist() if Region.of(number).body >= INCLUSION])
     lumps = cut.points[np.unique(cut.triangles[inclusions])]
     lumps = lumps[(np.abs(lumps[:, 0]) < 3 * sizes.tube) & (lumps[:, 2] > -4 * sizes.tube)]

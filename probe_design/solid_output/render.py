@@ -1,4 +1,4 @@
-"""Faces rendered in three dimensions, in a process of its own: VTK crashes where it finds no OpenGL, and says nothing."""
+"""Render faces in three dimensions in a separate process, as VTK crashes without a message where OpenGL is missing."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from probe_design.solid_output.faces import Faces
 
 PROGRAM = Path(__file__).with_name("render_process.py")
 SIZE = (1800, 1300)  # pixels
-PATIENCE = 300.0  # s: software renders a large mesh in a few
+PATIENCE = 300.0  # s: a software renderer needs a few for a large mesh
 REMEDY = "install OpenGL with its software renderer: apt install libegl1 libgl1 (Debian, Ubuntu), mesa-libEGL (Fedora)"
 
 
 def rendered(parts: Sequence[Faces], colour: Callable[[int], tuple[float, float, float]], close: float = 0.0) -> Floats:
-    """Picture of what the faces show in y >= 0, without its white margin, shape (height, width, 3) from 0 to 1.
+    """Render the part y >= 0 of faces without white margin; return pixels from 0 to 1, shape (height, width, 3).
 
     Args:
-        parts: what is drawn.
-        colour: of a body: red, green and blue from 0 to 1.
-        close: half the height of what is shown about the origin, m; 0 for all.
+        parts: faces to draw.
+        colour: returns red, green and blue of a body, from 0 to 1.
+        half_height: half the height of the view about the origin, m; 0 shows everything.
 
     Raises:
         MissingLibrary: VTK could not render; the text names the package to install.
@@ -51,6 +51,7 @@ def rendered(parts: Sequence[Faces], colour: Callable[[int], tuple[float, float,
 
 
 def _run(arrays: Path, picture: Path) -> None:
+    """Run the rendering program; raise ``MissingLibrary`` if it fails."""
     command = [sys.executable, "-P", str(PROGRAM), str(arrays), str(picture)]
     try:
         run = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=PATIENCE, check=False)
@@ -63,6 +64,7 @@ def _run(arrays: Path, picture: Path) -> None:
 
 
 def _cropped(picture: Path) -> Floats:
+    """Read a picture without its white margin."""
     from matplotlib.image import imread
 
     pixels = np.asarray(imread(picture), dtype=np.float64)[:, :, :3]

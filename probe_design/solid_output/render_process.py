@@ -1,7 +1,7 @@
-"""Render coloured triangles and lines in three dimensions: a program of its own, for VTK crashes where OpenGL is absent.
+"""Render coloured triangles and lines in three dimensions: a separate program, as VTK crashes where OpenGL is missing.
 
 Called as ``python -P render_process.py arrays.npz picture.png``; the arrays are those that ``render.py`` writes.
-It imports nothing of ours, so that it runs by its path alone.
+It imports nothing of this project, so that it can be run by its path.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ import numpy as np
 import pyvista
 
 VIEW = (-0.42, -1.0, 0.5)  # towards the camera
-LIGHT = (-0.45, -1.0, 0.95)  # shines from there: a cut and a top are both bright, and not alike
-NEAR = 1e-7  # of the mesh's size: points so close to y = 0 lie in it
-LIFT = 1e-3  # of the mesh's size: by how much lines are before their surfaces
+LIGHT = (-0.45, -1.0, 0.95)  # so that cut and top are both bright, but differently
+NEAR = 1e-7  # of the mesh's size: points this close to y = 0 count as in the plane
+LIFT = 1e-3  # of the mesh's size: lines are moved this far in front of their surfaces
 
 
 def render(arrays: str, picture: str) -> None:
-    """Draw what is in y >= 0, seen from the side of the cut and a little from above, on white.
+    """Draw the part y >= 0 on white, viewed from the side of the cut and slightly from above.
 
-    ``close``, where above zero, is half the height of what is shown about the origin, m.
+    A positive ``close`` in the arrays is half the height of the view about the origin, m.
     """
     with np.load(arrays) as data:
         points, triangles, colours, lines = (data[name] for name in ("points", "triangles", "colours", "lines"))
@@ -32,7 +32,8 @@ def render(arrays: str, picture: str) -> None:
     least = -NEAR * float(np.ptp(points, axis=0).max())
     if points[:, 1].min() < least:
         surface, edges = (part.clip(normal="y", origin=(0, least, 0), invert=False) for part in (surface, edges))
-    edges.points = edges.points + LIFT * np.ptp(points, axis=0).max() * np.array(VIEW)  # moves nothing in the picture
+    # moved towards the camera, so that surfaces do not hide them
+    edges.points = edges.points + LIFT * np.ptp(points, axis=0).max() * np.array(VIEW)
     plotter = pyvista.Plotter(off_screen=True, window_size=[width, height], lighting="none")
     plotter.add_light(pyvista.Light(position=LIGHT, focal_point=(0, 0, 0), light_type="scene light"))
     plotter.set_background("white")

@@ -1,4 +1,4 @@
-"""One stress on the deformed section of a solid, with colours that its singular corners do not wash out."""
+"""Draw one stress on the deformed section of a solid, with a colour scale that its singular corners do not dominate."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from geometry.cad.solids import MM
 from geometry.common.arrays import Floats
 from probe_design.solid_output.faces import Faces
 
-TAILS = (0.01, 0.99)  # shares of the shown area at which the colours end: singular corners lie beyond
-DECADES = 2.0  # of von Mises stress that are told apart at most
+TAILS = (0.01, 0.99)  # shares of the shown area at which the colour scale ends: singular corners are beyond
+DECADES = 2.0  # of von Mises stress in the colour scale, at most
 WORDS = {"pressure": "vertical pressure", "von_mises": "von Mises stress"}
 Window = tuple[float, float, float, float]  # left, right, bottom, top
 
 
 @dataclass(frozen=True)
 class Deformed:
-    """A section with its displacements exaggerated.
+    """A section with exaggerated displacements.
 
     Attributes:
         cut: as meshed.
-        points: moved, in mm, shape (n, 2).
+        points: displaced points, mm, shape (n, 2).
         factor: of exaggeration.
-        window: what is shown, mm.
+        window: shown part, mm.
     """
 
     cut: Faces
@@ -36,12 +36,12 @@ class Deformed:
 
     @property
     def scale(self) -> str:
-        """The factor in words."""
+        """The factor of exaggeration as text."""
         times = f"{self.factor:,.0f}".replace(",", " ") if self.factor >= 1 else f"{self.factor:g}"
         return "true to scale" if self.factor == 1 else f"× {times}"
 
     def ends(self, values: Floats) -> tuple[float, float]:
-        """Values (n,) between which all but the tails of the shown area lie."""
+        """Return the values, of ``values`` (n,), between which all but the tails of the shown area lie."""
         corners = self.points[self.cut.triangles]
         across, middle = corners[:, 1:] - corners[:, :1], corners.mean(axis=1)
         area = np.abs(across[:, 0, 0] * across[:, 1, 1] - across[:, 0, 1] * across[:, 1, 0])
@@ -55,22 +55,22 @@ class Deformed:
 
 
 def deformed(cut: Faces, largest: float, window: Window) -> Deformed:
-    """Exaggerate so that the largest displacement on the cut is drawn about ``largest`` m, by 1, 2 or 5 times a power of ten."""
+    """Exaggerate displacements by 1, 2 or 5 times a power of ten, so that the largest is drawn about ``largest`` m."""
     moved = cut.values["displacement"]
     length = float(np.linalg.norm(moved, axis=1).max())
     factor = _round_down(largest / length) if length > 0 else 1.0
-    if 0.1 <= factor < 1:  # large as they are: no need to lie
+    if 0.1 <= factor < 1:  # visible without exaggeration
         factor = 1.0
     left, right, bottom, top = (side * MM for side in window)
     return Deformed(cut, (cut.points + factor * moved)[:, [0, 2]] * MM, factor, (left, right, bottom, top))
 
 
 def draw_stress(axes: Any, beside: Any, shape: Deformed, name: str) -> None:
-    """Draw ``pressure`` in even colours, white at zero, or ``von_mises`` in logarithmic ones; ``beside`` takes their bar."""
+    """Draw ``pressure`` in linear colours, white at zero, or ``von_mises`` in logarithmic ones, and a colour bar."""
     low, high = shape.ends(shape.cut.values[name])
     unit, label = _unit(max(abs(low), abs(high)))
     colours, norm = _even(low / unit, high / unit) if name == "pressure" else _logarithmic(low / unit, high / unit)
-    values = np.maximum(shape.cut.values[name] / unit, norm.vmin)  # a logarithm takes no zero
+    values = np.maximum(shape.cut.values[name] / unit, norm.vmin)  # zero has no logarithm
     drawn = axes.tripcolor(*shape.points.T, shape.cut.triangles, values, shading="gouraud", cmap=colours, norm=norm)
     mesh_lines(axes, shape.points, shape.cut.lines, 0.25)
     mesh_lines(axes, shape.points, _outline(shape.cut.triangles), 1.1)
@@ -92,21 +92,21 @@ def mesh_lines(axes: Any, points: Floats, lines: NDArray[np.int64], width: float
 
 
 def in_millimetres(axes: Any) -> None:
-    """Name the axes of a section."""
+    """Label the axes of a section, mm."""
     axes.set_xlabel("x, mm", fontsize=9)
     axes.set_ylabel("z, mm", fontsize=9)
     axes.tick_params(labelsize=8)
 
 
 def _outline(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Sides of one triangle only: bodies share no points."""
+    """Return the sides that belong to one triangle only: outlines of all bodies, as bodies share no points."""
     sides = np.sort(triangles[:, [(0, 1), (1, 2), (2, 0)]].reshape(-1, 2), axis=1)
     sides, count = np.unique(sides, axis=0, return_counts=True)
     return np.asarray(sides[count == 1])
 
 
 def _even(low: float, high: float) -> tuple[Any, Any]:
-    """Blue to white below zero and white to red above, as dark per unit on both sides."""
+    """Return colours from blue over white at zero to red, with the same scale on both sides, and their norm."""
     from matplotlib import colormaps
     from matplotlib.colors import ListedColormap, Normalize
 
@@ -117,6 +117,7 @@ def _even(low: float, high: float) -> tuple[Any, Any]:
 
 
 def _logarithmic(low: float, high: float) -> tuple[Any, Any]:
+    """Return a logarithmic colour scale of at most two decades, and its norm."""
     from matplotlib.colors import LogNorm
 
     high = high if high > 0 else 1.0
@@ -124,7 +125,7 @@ def _logarithmic(low: float, high: float) -> tuple[Any, Any]:
 
 
 def _plain(axis: Any) -> None:
-    """Numbers in place of powers on a logarithmic axis of few decades."""
+    """Label a logarithmic axis of few decades with plain numbers in place of powers."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
@@ -133,6 +134,7 @@ def _plain(axis: Any) -> None:
 
 
 def _unit(largest: float) -> tuple[float, str]:
+    """Return the unit of a stress scale in Pa, and its name."""
     for unit, label in ((1e6, "MPa"), (1e3, "kPa")):
         if largest >= unit:
             return unit, label
@@ -140,5 +142,6 @@ def _unit(largest: float) -> tuple[float, str]:
 
 
 def _round_down(value: float) -> float:
+    """Round down to 1, 2 or 5 times a power of ten."""
     power = 10.0 ** np.floor(np.log10(value))
     return float(power * max(step for step in (1, 2, 5) if step * power <= value * (1 + 1e-9)))

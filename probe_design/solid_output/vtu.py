@@ -1,6 +1,6 @@
-"""What the three-dimensional level solved, to look at: a VTU file for ParaView, and a picture.
+"""Write solutions of evaluator solid: a VTU file for ParaView, and a picture.
 
-pyvista and matplotlib are imported by the functions that need them. Nothing here opens a window or needs a graphics card.
+pyvista and matplotlib are imported in the functions that need them. No function opens a window or needs a graphics card.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ HALF = "the half y >= 0 of a whole that is its own mirror image; film_forces are
 
 
 def write_vtu(path: Path, states: SolidStates, motion: Sequence[float] | Floats) -> Path:
-    """Write the fields of a motion of the base as quadratic tetrahedra for ParaView; returns ``path``.
+    """Write the fields for a motion of the base as quadratic tetrahedra for ParaView; return ``path``.
 
-    Bodies that are absent from the problem are left out; a half stays a half.
+    Bodies without a material are left out; a half mesh is written as a half.
 
     Points carry ``displacement`` (m). Cells carry ``body`` (a number, named by the field data ``body_number`` and ``body_name``),
     ``stress`` (their mean, Pa, tension positive, in VTK's order XX YY ZZ XY YZ XZ), ``von_mises`` and ``pressure`` (vertical, Pa,
@@ -48,6 +48,7 @@ def write_vtu(path: Path, states: SolidStates, motion: Sequence[float] | Floats)
 
 
 def _grid(states: SolidStates, motion: Floats) -> Any:
+    """Build the VTK grid with all fields."""
     import pyvista
 
     problem, solution = states.problem, fields(states, motion)

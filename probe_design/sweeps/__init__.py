@@ -1,1 +1,1 @@
-"""``sweep``: file, designs, rows, store; workers local or on Dask."""
+"""Command ``sweep``: its file, designs, rows and store; worker pools on this computer or a Dask cluster."""

@@ -1,4 +1,4 @@
-"""Workers of a Dask cluster: they answer, this process alone writes; workers may die, the scheduler may start anew."""
+"""Worker pool on a Dask cluster. Workers evaluate, only this process writes. Workers may die and the scheduler may restart."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from probe_design.sweeps.results import extra
 from probe_design.sweeps.rows import Job
 from probe_design.sweeps.workers import Batch, CrewError, FinishedBatch, Outcome
 
-PATIENCE = 600.0  # seconds to wait for a scheduler that is gone
-TRY = 5.0  # seconds for a connection, and for each question before there is a client
-CONNECT = 20.0  # seconds for a client in all, whatever answers at the address, or does not
-POLL = 0.05
-FETCH = 5.0  # seconds for rows to come from the worker that has them; it may stand still
-ASK = 2.0  # seconds that the scheduler has to say how many workers there are
-AHEAD = 2  # batches for each worker, so that none waits for the next
-FAULTS = 4  # of Dask's workers with one batch that are no death, as of those without this program, before the sweep ends
-SLOW, LEAST = 5.0, 5.0  # a batch that takes that many times the usual, and seconds, is given to another worker too at the end
-_LOUD = ("distributed", "distributed.client", "tornado.application", "asyncio")  # loggers that tell of connections lost
+PATIENCE = 600.0  # seconds to wait for a lost scheduler to return
+TRY = 5.0  # seconds for a connection, and for each request before there is a client
+CONNECT = 20.0  # seconds in all to create a client, whatever runs at the address
+POLL = 0.05  # seconds between looks at the futures
+FETCH = 5.0  # seconds to fetch rows from a worker, which may hang
+ASK = 2.0  # seconds for the scheduler to return the number of workers
+AHEAD = 2  # batches queued for each worker, so that none waits for the next
+FAULTS = 4  # errors of Dask with one batch, other than the death of a worker, before the sweep ends
+SLOW, LEAST = 5.0, 5.0  # times the usual duration, and seconds: slower batches are duplicated
+_LOUD = ("distributed", "distributed.client", "tornado.application", "asyncio")  # loggers that report lost connections
 
 
 @dataclass
 class _Out:
-    """A batch that is out, as one or more futures."""
+    """A batch that the cluster works on, as one or more futures."""
 
     batch: Batch
     since: float
@@ -42,16 +42,16 @@ class _Out:
 
 
 class DaskCrew:
-    """The workers of a scheduler."""
+    """The worker pool of a Dask scheduler; see ``workers.WorkerPool``."""
 
     def __init__(self, job: Job, address: str, limits: Limits, log: Callable[[str], None]) -> None:
-        """Connect.
+        """Connect to a scheduler.
 
         Args:
-            job: what all designs share.
+            job: settings shared by all designs.
             address: of the scheduler.
-            limits: of each design.
-            log: called with a line when the scheduler goes and comes back.
+            limits: time and memory of each design.
+            log: called with a line when the scheduler is lost and when it returns.
 
         Raises:
             InputError: there is no scheduler at the address.
@@ -60,7 +60,7 @@ class DaskCrew:
         self._distributed, self._job, self._limits, self._address = extra("distributed"), job, limits, address
         self._log = log
         self._levels = {name: logging.getLogger(name).level for name in _LOUD}
-        self._hush(dict.fromkeys(_LOUD, logging.CRITICAL + 1))  # a connection that is lost is no news here, nor a traceback
+        self._hush(dict.fromkeys(_LOUD, logging.CRITICAL + 1))  # lost connections are handled here
         self._out: list[_Out] = []
         self._usual: float | None = None
         self._counted, self._workers = -1.0, 1
@@ -68,13 +68,13 @@ class DaskCrew:
         try:
             _check_address(address)
             self._client: Any = self._connected()
-        except Exception as fault:  # Dask raises what it likes, up to a MemoryError for what is no length of a message
+        except Exception as fault:  # Dask may raise anything, even MemoryError for a bad message length
             self._hush(self._levels)
             reason = " ".join(str(fault).split())[:120] or "no answer in time"
             raise InputError("scheduler", address, f"the address of a Dask scheduler, tcp://host:8786 ({reason})") from None
 
     def size(self) -> int:
-        """Return how many batches the cluster can work on now; workers come and go."""
+        """Return how many batches the cluster can evaluate at once now; asked at most once a second."""
         if time.monotonic() - self._counted > 1.0:
             try:
                 threads = self._client.sync(self._client.scheduler.ncores, workers=None, callback_timeout=ASK)
@@ -90,22 +90,22 @@ class DaskCrew:
         return self._workers
 
     def free(self) -> int:
-        """Return how many more batches the cluster may be given."""
+        """Return how many more batches can be submitted."""
         return AHEAD * self.size() - len(self._out)
 
     def give(self, batch: Batch) -> None:
-        """Hand a batch to the scheduler."""
+        """Submit a batch to the scheduler."""
         out = _Out(batch, time.monotonic())
         self._out.append(out)
         self._submit(out)
 
     def take(self, seconds: float) -> list[FinishedBatch]:
-        """Wait for answers, at most that long; reconnect to a scheduler that has gone."""
+        """Wait at most ``seconds`` for finished batches; reconnect to a lost scheduler."""
         until = time.monotonic() + seconds
         while True:
             if self._client.status != "running":
                 self._again()
-            self.size()  # one that stands still is told of
+            self.size()  # reports a scheduler that hangs
             finished = [answer for out in list(self._out) if (answer := self._answer(out)) is not None]
             if finished or not self._out:
                 self._answers.heard()
@@ -116,22 +116,22 @@ class DaskCrew:
             time.sleep(POLL)
 
     def _waits(self, text: str, remedy: str) -> None:
-        """Say what is wrong with the scheduler; that nothing else is heard either is no news then."""
+        """Report a problem of the scheduler; silent workers are then not reported as well."""
         self._scheduler.tell(f"the Dask scheduler {self._address} {text}", remedy)
         self._answers.heard()
 
     def _missed(self) -> None:
-        """Say that no worker answers, where they take longer than they should."""
+        """Report that no batch has finished for longer than expected."""
         enough = self._limits.seconds if self._usual is None else SLOW * self._usual
         self._answers.tell("no Dask worker has answered", "see to them", after=enough)
 
     def close(self) -> None:
-        """Leave the cluster; what it works on is cancelled."""
+        """Disconnect from the cluster; running batches are cancelled."""
         self._leave()
         self._hush(self._levels)
 
     def _submit(self, out: _Out) -> None:
-        """Start a batch once more; a scheduler that has gone is noticed when answers are awaited."""
+        """Start one more attempt at a batch; a lost scheduler is noticed later, in ``collect``."""
         try:
             designs = tuple(task.values for task in out.batch)
             out.futures.append(self._client.submit(answered, self._job, self._limits, designs, pure=False))
@@ -139,6 +139,7 @@ class DaskCrew:
             return
 
     def _answer(self, out: _Out) -> FinishedBatch | None:
+        """Return a batch if one of its futures is finished; start it again if they were lost."""
         for future in list(out.futures):
             if future.status == "finished":
                 outcome = self._fetched(future)
@@ -149,7 +150,7 @@ class DaskCrew:
             if outcome is not None:
                 self._done(out)
                 return FinishedBatch(out.batch, outcome)
-            out.futures.remove(future)  # its worker went before the answer was fetched, or something of Dask's own
+            out.futures.remove(future)  # its worker died before the rows were fetched, or Dask failed
             if not out.futures:
                 out.since = time.monotonic()
                 self._submit(out)
@@ -158,8 +159,8 @@ class DaskCrew:
         return None
 
     def _failed(self, out: _Out, future: Any) -> Outcome | None:
-        """What a future without answer says of its batch; None where that is to be tried again."""
-        if future.status != "error":  # cancelled or lost, with its scheduler
+        """Return the outcome of a failed future, or None if the batch is to be tried again."""
+        if future.status != "error":  # cancelled or lost together with the scheduler
             return None
         fault = self._fault(future)
         if isinstance(fault, self._distributed.scheduler.KilledWorker):
@@ -171,13 +172,15 @@ class DaskCrew:
         return Outcome(refused=f"Dask workers cannot run this program, of this version ({reason})")
 
     def _fetched(self, future: Any) -> Outcome | None:
+        """Fetch the outcome of a finished future, or return None."""
         try:
             outcome: Outcome = future.result(timeout=FETCH)
             return outcome
-        except Exception:  # whatever happened to it on its way, it is computed again
+        except Exception:  # whatever went wrong on the way: the batch is computed again
             return None
 
     def _fault(self, future: Any) -> BaseException | None:
+        """Fetch the exception of a failed future, or return None."""
         try:
             fault: BaseException | None = future.exception(timeout=5)
             return fault
@@ -185,14 +188,15 @@ class DaskCrew:
             return None
 
     def _done(self, out: _Out) -> None:
+        """Release the futures of a batch and update the usual duration."""
         self._out.remove(out)
         took = time.monotonic() - out.since
         self._usual = took if self._usual is None else 0.8 * self._usual + 0.2 * took
         for future in out.futures:
-            future.release()  # Dask stops what nobody wants any more
+            future.release()  # Dask stops futures that nobody holds
 
     def _hurry(self) -> None:
-        """Give batches that take far too long to another worker too, when workers have nothing else to do."""
+        """Give batches that take far too long to a second worker, when workers are idle."""
         if self._usual is None or self.free() <= 0:
             return
         for out in self._out:
@@ -201,7 +205,7 @@ class DaskCrew:
                 self._submit(out)
 
     def _again(self) -> None:
-        """Connect anew and hand out everything that was out."""
+        """Reconnect to the scheduler and submit all unfinished batches again."""
         self._log("the Dask scheduler is gone")
         self._leave()
         until = time.monotonic() + PATIENCE
@@ -209,7 +213,7 @@ class DaskCrew:
             try:
                 self._client = self._connected()
                 break
-            except Exception:  # as in the beginning
+            except Exception:  # any, as in __init__
                 if time.monotonic() > until:
                     reason = f"{self._address}: no scheduler for {PATIENCE:g} s; all rows are kept, start again"
                     raise CrewError(reason) from None
@@ -226,7 +230,7 @@ class DaskCrew:
             logging.getLogger(name).setLevel(level)
 
     def _connected(self) -> Any:
-        """Return a client. Raises whatever Dask does where there is no scheduler, ``TimeoutError`` where nothing is said."""
+        """Return a client. Raises whatever Dask raises where there is no scheduler, ``TimeoutError`` without a response."""
         done: SimpleQueue[Any] = SimpleQueue()
 
         def connect() -> None:
@@ -246,6 +250,7 @@ class DaskCrew:
         return found
 
     def _leave(self) -> None:
+        """Release all futures and close the client."""
         for out in self._out:
             for future in out.futures:
                 future.release()
@@ -256,7 +261,7 @@ class DaskCrew:
 
 
 def _check_address(address: str) -> None:
-    """Raise ``ValueError`` for an address of which Dask would say so with a traceback, after half a minute."""
+    """Raise ``ValueError`` for a malformed address at once: Dask needs half a minute, and prints a traceback."""
     addressing, backends = extra("distributed.comm.addressing"), extra("distributed.comm.registry").backends
     scheme, place = addressing.parse_address(address)
     if scheme not in backends:
@@ -266,13 +271,13 @@ def _check_address(address: str) -> None:
 
 
 async def _greet(address: str) -> None:
-    """Ask who is there: Dask's own client waits for ever for an answer, and leaves much behind where there is none."""
+    """Check that a Dask scheduler runs at an address: Dask's own client would wait for ever, and leaves threads behind."""
     async with extra("distributed.core").rpc(address, timeout=TRY) as remote:
         try:
             identity = await remote.identity()
-        except (OSError, TypeError, ImportError):  # there is no connection, or no such kind of one
+        except (OSError, TypeError, ImportError):  # no connection, or no such protocol
             raise
-        except Exception:  # whatever comes of what it takes for the length of a message
+        except Exception:  # another protocol: a wrong message length may raise anything
             raise ConnectionError("what answers there is no Dask scheduler") from None
     if identity.get("type") != "Scheduler":
         raise ConnectionError(f"what answers there is a Dask {identity.get('type')}")

@@ -1,4 +1,4 @@
-"""What a sweep asks for, as TOML or as the same tables in Python; every refusal is one line."""
+"""Read and check the specification of a sweep, as a TOML file or as the same tables in Python."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ _KEYS = ("scene", "evaluator", "accuracy", "linear", "time_limit", "memory_limit
 
 @dataclass(frozen=True)
 class Sweep:
-    """A checked sweep; SI units.
+    """A checked specification of a sweep; SI units.
 
     Attributes:
         base: the tables of the scene that is varied.
-        variables: what is varied.
+        variables: the varied keys with their values or ranges.
         sample: how the designs are drawn.
         evaluator, accuracy, linear: as in ``solver.evaluate``.
-        constraints: conditions that designs must meet; see ``probe_design.sweeps.constraints``.
-        limits: of time and memory, that each design may take.
+        constraints: conditions that designs must satisfy; see ``probe_design.sweeps.constraints``.
+        limits: time and memory of each design.
     """
 
     base: Mapping[str, Any]
@@ -54,10 +54,10 @@ class Sweep:
         return tuple(one.key for one in self.variables)
 
     def designs(self) -> list[tuple[int, tuple[Value, ...]]]:
-        """Return number and values of every design that meets the constraints.
+        """Return number and values of every design that satisfies the constraints.
 
         Raises:
-            InputError: a constraint is none, or no design meets them all.
+            InputError: a constraint is malformed, or no design satisfies them all.
         """
         drawn = self.sample.designs(self.variables)
         meets = np.ones(len(drawn), dtype=bool)
@@ -68,23 +68,24 @@ class Sweep:
         return [(number, values) for number, values in enumerate(drawn) if meets[number]]
 
     def _read(self, name: str, drawn: list[tuple[Value, ...]]) -> tuple[Any, str]:
+        """Return the values of a key in all designs, and their SI unit."""
         target = key(name, self.base)
         for column, one in enumerate(self.keys):
             if one.path == target.path:
                 values: list[Any] = [row[column] for row in drawn]
                 if all(isinstance(value, float) for value in values):
                     return np.array(values), target.unit
-        value = at_path(changed(self.base, self.keys, drawn[0]), target.path)  # without what a variable takes the place of
+        value = at_path(changed(self.base, self.keys, drawn[0]), target.path)  # without keys that a variable replaces
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise InputError("constraints", name, "keys that hold a number, in the scene or as a variable")
         return value, target.unit
 
 
 def read_sweep(path: Path | str) -> Sweep:
-    """Read a sweep file; names of files in it are relative to its folder.
+    """Read a sweep file; file names in it are relative to its folder.
 
     Raises:
-        InputError: the file is missing, no TOML, or says something that is not allowed.
+        InputError: the file is missing, is not TOML, or a value is not allowed.
     """
     found = read_tables(path, "sweep file")
     check_kind(found, str(path), "sweep file", "a sweep file, with scene and [variables]")
@@ -92,15 +93,15 @@ def read_sweep(path: Path | str) -> Sweep:
 
 
 def sweep_from_dict(tables: Mapping[str, Any], folder: Path | str = ".", units_required: bool = False) -> Sweep:
-    """Check a sweep given as the tables of a sweep file.
+    """Check the tables of a sweep file and return the sweep.
 
     Args:
         tables: as in the file; ``scene`` may be a ``Scene``, numbers are in SI units.
-        folder: that file names are relative to.
+        folder: to which file names are relative.
         units_required: whether a bare number is refused where a unit belongs.
 
     Raises:
-        InputError: something is not allowed.
+        InputError: a key or value is not allowed.
     """
     for name in tables:
         if name not in _KEYS:
@@ -136,7 +137,7 @@ def sweep_from_dict(tables: Mapping[str, Any], folder: Path | str = ".", units_r
 
 
 def _with_whole_names(base: dict[str, Any]) -> dict[str, Any]:
-    """The tables of a scene with surface files by their whole path, as workers may run elsewhere."""
+    """Return the tables of a scene with absolute paths of surface files: workers may run in another folder."""
     bodies = [
         {**body, "surface": str(Path(body["surface"]).absolute())} if body.get("surface") else body
         for body in base.get("inclusion", ())
@@ -145,6 +146,7 @@ def _with_whole_names(base: dict[str, Any]) -> dict[str, Any]:
 
 
 def _settings(tables: Mapping[str, Any]) -> tuple[str, float, bool]:
+    """Read evaluator, accuracy and ``linear``."""
     from solver.levels import AUTO, BUILT, check_accuracy
 
     evaluator, accuracy, linear = tables.get("evaluator", AUTO), tables.get("accuracy", 0.01), tables.get("linear", False)
@@ -158,7 +160,7 @@ def _settings(tables: Mapping[str, Any]) -> tuple[str, float, bool]:
 
 
 def _limits(tables: Mapping[str, Any], units_required: bool) -> Limits:
-    """The limits of each design; those that hold here where the sweep has none."""
+    """Read the limits of each design; default to those of this process."""
     time, memory = tables.get("time_limit"), tables.get("memory_limit")
     return Limits(
         seconds=limits().seconds if time is None else TIME.read("time_limit", time, units_required),
@@ -167,6 +169,7 @@ def _limits(tables: Mapping[str, Any], units_required: bool) -> Limits:
 
 
 def _sample(table: object) -> DesignSampling:
+    """Read the table ``[sample]``."""
     if not isinstance(table, Mapping):
         raise InputError("sample", table, "a table, [sample]")
     for name in table:
@@ -185,7 +188,7 @@ def _sample(table: object) -> DesignSampling:
 
 
 def scene_of(base: Mapping[str, Any], keys: tuple[Key, ...], values: tuple[Value, ...]) -> Scene:
-    """Build the scene of one design. Raises ``InputError`` where it is refused."""
+    """Build the scene of one design. Raises ``InputError`` if the scene is not valid."""
     try:
         return Scene.model_validate(changed(base, keys, values), context=SI)
     except ValidationError as refused:

@@ -1,8 +1,8 @@
-"""Whether a store is what sweeps have written, and what can be saved of one that is not.
+"""Detect damage of a store, and save the sound results of a damaged one.
 
-SQLite checks how its pages hang together, not what stands in them: a row with a flipped bit is read as any other. So each row of
-each table ends with a checksum over all that stands before it: CRC-32, which misses no single bit and no run of up to 32 of them
-(Peterson & Brown, Proc. IRE 49 (1961) 228-235). Readers check the rows that they hand out, a writer the whole store as it begins.
+SQLite checks the structure of its pages, not their content: a row with a flipped bit is read as any other. So each row ends
+with a checksum of its values: CRC-32, which detects every single-bit error and every burst of up to 32 bits (Peterson & Brown,
+Proc. IRE 49 (1961) 228-235). Readers check each row that they return; a writer checks the whole store when it opens it.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from pydantic_core import from_json
 from probe_design.sweeps.keys import Value
 from probe_design.sweeps.rows import COLUMNS, REAL, Row
 
-FORMAT = 3
+FORMAT = 3  # version of the schema, in SQLite's user_version
 TABLES = {
     "about": ("name TEXT PRIMARY KEY", "value TEXT"),
     "designs": ("number INTEGER PRIMARY KEY", "inputs TEXT", "key BLOB"),
@@ -31,7 +31,7 @@ Stored = tuple[Any, ...]
 
 
 class _Variable(BaseModel):
-    """One variable of a sweep, as a store has it."""
+    """One variable of a sweep, as stored."""
 
     model_config = ConfigDict(strict=True, extra="allow")
 
@@ -43,7 +43,7 @@ class _Variable(BaseModel):
 
 
 class _About(BaseModel):
-    """What readers of a store rely on; more may stand there."""
+    """The request of a sweep, as stored: the entries that readers need; more are allowed."""
 
     model_config = ConfigDict(strict=True, extra="allow")
 
@@ -62,56 +62,56 @@ _INPUTS: TypeAdapter[tuple[Value, ...]] = TypeAdapter(tuple[Value, ...])
 
 
 def insertion(table: str) -> str:
-    """Return the statement that adds sealed rows; one whose key is there already is left as it is."""
+    """Return the SQL statement that adds sealed rows; a row whose key exists already is not replaced."""
     return f"INSERT OR IGNORE INTO {table} VALUES ({', '.join('?' * (len(TABLES[table]) + 1))})"
 
 
 def sealed(*values: Any) -> Stored:
-    """Return the values of a row, as SQLite will give them back, with their checksum at the end."""
+    """Return the values of a row, as SQLite returns them, followed by their checksum."""
     return (*values, zlib.crc32(ascii(values).encode()))
 
 
 def sealed_result(key: bytes, row: Row) -> Stored:
-    """Return a result as a sealed row; SQLite gives floats back in columns of numbers, and no -0.0."""
+    """Return a result as a sealed row. Numbers become floats without -0.0, as SQLite returns them."""
     numbers = {name: float(row[name]) + 0.0 for name in REAL if row[name] is not None}
     return sealed(key, *(numbers.get(name, row[name]) for name in COLUMNS))
 
 
 def is_sound(row: Stored) -> bool:
-    """Whether a row is one that ``sealed`` has made."""
+    """Return whether the checksum of a row is right."""
     return row == sealed(*row[:-1])
 
 
 def opened(row: Stored) -> Stored:
-    """Return the values of a row. Raises ``ValueError`` where they are not what was written."""
+    """Return the values of a row without the checksum. Raises ``ValueError`` if the checksum is wrong."""
     if not is_sound(row):
         raise ValueError("a row is not what was written")
     return row[:-1]
 
 
 def about(rows: Iterable[Stored]) -> dict[str, Any]:
-    """Return what a sweep was asked from the rows that say so; empty without any. Raises ``ValueError`` where it cannot be."""
+    """Return the request of a sweep from the rows of table ``about``; empty without rows. Raises ``ValueError`` if damaged."""
     told = {name: from_json(value) for name, value in map(opened, rows)}
     return _About.model_validate(told).model_dump() if told else {}
 
 
 def inputs(text: str) -> tuple[Value, ...]:
-    """Return the values of a design's variables. Raises ``ValueError`` where there are none."""
+    """Return the values of a design's variables from JSON. Raises ``ValueError`` if the text is damaged."""
     return _INPUTS.validate_json(text)
 
 
 def fault_of_schema(connection: sqlite3.Connection, version: int) -> str:
-    """Say that tables are not as they were made, in a store of some format; nothing if they are."""
+    """Return a text if the tables are not those of this format, else an empty text."""
     found = [text for (text,) in connection.execute("SELECT sql FROM sqlite_master ORDER BY name")]
     return "" if found == (_SCHEMA if version else []) else "its tables are others"
 
 
 def fault_of_whole(connection: sqlite3.Connection) -> str:
-    """Say what is wrong with pages, what the sweep was asked, or how many designs there are; nothing if nothing is.
+    """Return what is wrong with the pages, the request or the number of designs; an empty text if nothing is.
 
     Raises:
-        sqlite3.Error: it is too much for SQLite.
-        ValueError: what the sweep was asked is not what was written.
+        sqlite3.Error: the damage is too much for SQLite.
+        ValueError: the stored request is damaged.
     """
     text = " ".join(connection.execute("PRAGMA integrity_check(1)").fetchone()[0].split())
     if text != "ok":
@@ -122,7 +122,7 @@ def fault_of_whole(connection: sqlite3.Connection) -> str:
 
 
 def fault_of_rows(connection: sqlite3.Connection) -> str:
-    """Say in which table a row is not what was written; nothing if all are. Raises ``sqlite3.Error`` where one cannot be read."""
+    """Return which table has a damaged row; an empty text if none. Raises ``sqlite3.Error`` if a row cannot be read."""
     for name in TABLES:
         if not all(map(is_sound, connection.execute(f"SELECT * FROM {name}"))):
             return f"a row of {name} is not what was written"
@@ -130,14 +130,14 @@ def fault_of_rows(connection: sqlite3.Connection) -> str:
 
 
 def saved(connection: sqlite3.Connection) -> int:
-    """Write in place of a damaged store, in one commit, those of its results that are whole; return how many.
+    """Replace a damaged store by one with its sound results, in one commit; return their number.
 
-    What the sweep was asked is left out: whoever goes on with it knows.
+    The request is left out: the sweep that goes on writes it again.
 
     Raises:
-        sqlite3.Error: it cannot be written.
+        sqlite3.Error: the store cannot be written.
     """
-    connection.text_factory = lambda raw: raw.decode(errors="surrogateescape")  # what is no text is no reason to stop reading
+    connection.text_factory = lambda raw: raw.decode(errors="surrogateescape")  # damaged text must not stop the reading
     with closing(sqlite3.connect("", isolation_level=None)) as whole:  # a temporary file
         whole.executescript(CREATE)
         whole.execute("BEGIN")
@@ -151,6 +151,6 @@ def saved(connection: sqlite3.Connection) -> int:
 
 
 def _readable(connection: sqlite3.Connection, order: str) -> Iterator[Stored]:
-    """Results from one end, up to a page that cannot be read."""
+    """Yield results from one end of the table, up to the first page that cannot be read."""
     with suppress(sqlite3.Error):
         yield from connection.execute(f"SELECT * FROM results ORDER BY key {order}")

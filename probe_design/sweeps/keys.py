@@ -1,4 +1,4 @@
-"""Keys of a scene file such as ``inclusion[0].depth``: where they stand, of what kind their value is, a scene with others."""
+"""Keys of a scene file such as ``inclusion[0].depth``: find them, read their values, replace them in a scene."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from geometry.scenes.units import Quantity
 Path = tuple[str | int, ...]
 Value = float | str | bool
 _PART = re.compile(r"([a-z][a-z0-9_]*)((?:\[[0-9]{1,4}\])*)")
-# of each pair, in one table, a scene file has one line: a new value takes the other away
+# pairs of keys of one table that exclude each other: setting one removes the other
 _EITHER = (
     ("area_ratio", "outer_radius"),
     ("height", "inner_height"),
     ("height", "outer_height"),
     ("force", "indentation"),
-    *(("material", number) for number in NUMBERS),  # a named material has the catalogue's; a varied one is none of it
+    *(("material", number) for number in NUMBERS),  # a varied modulus is no longer that of the named material
 )
 
 
@@ -35,8 +35,8 @@ class Key:
 
     Attributes:
         name: as the user wrote it.
-        path: where it stands in the tables of a scene.
-        quantity: what its text is read as; None where it has no unit.
+        path: table names, list indices and the key, from the top of a scene file.
+        quantity: the quantity that its values are; None for keys without a unit.
     """
 
     name: str
@@ -45,20 +45,19 @@ class Key:
 
     @property
     def unit(self) -> str:
-        """The SI unit of its values; empty where they have none."""
+        """The SI unit of its values; empty if they have none."""
         return self.quantity.si if self.quantity else ""
 
     @property
     def shown(self) -> str:
-        """The unit in which people read its values; empty where they have none."""
+        """The unit in which its values are displayed; empty if they have none."""
         return self.quantity.unit if self.quantity else ""
 
     def value(self, entry: object, where: str, units_required: bool) -> Value:
-        """Return a value as a scene in SI units has it.
+        """Convert an entry of a sweep file to a value in SI units.
 
         Raises:
-            InputError: it is neither finite number, text, true nor false, a text whose unit does not fit, or a number without
-                the unit that is required.
+            InputError: the entry is not a finite number, text or boolean, its unit does not fit, or a required unit is missing.
         """
         if isinstance(entry, bool) or (isinstance(entry, str) and self.quantity is None):
             return entry
@@ -72,14 +71,14 @@ class Key:
 
 
 def key(name: str, base: Mapping[str, Any]) -> Key:
-    """Find a key of a scene.
+    """Find a key of a scene by its name.
 
     Args:
         name: such as ``probe.gap``, ``inclusion[0].depth``; ``inclusion.depth`` where there is one inclusion.
         base: the tables of the scene.
 
     Raises:
-        InputError: a scene has no such key, or this one has not the table that the key stands in.
+        InputError: no scene has such a key, or this scene does not have the table that contains it.
     """
     parts = [_PART.fullmatch(part) for part in name.split(".")]
     if None in parts:
@@ -97,7 +96,7 @@ def key(name: str, base: Mapping[str, Any]) -> Key:
 
 
 def changed(base: Mapping[str, Any], keys: tuple[Key, ...], values: tuple[Value, ...]) -> dict[str, Any]:
-    """Return the tables of a scene with other values under ``keys``; ``base`` stays as it is."""
+    """Return the tables of a scene with new values of ``keys``; ``base`` is not modified."""
     data = dict(base)
     for one in keys:
         for pair in _EITHER:
@@ -110,7 +109,7 @@ def changed(base: Mapping[str, Any], keys: tuple[Key, ...], values: tuple[Value,
 
 
 def at_path(base: Mapping[str, Any], path: Path) -> object:
-    """Return what stands under a path, or None."""
+    """Return the entry at a path, or None."""
     place: Any = base
     for part in path:
         try:
@@ -121,7 +120,7 @@ def at_path(base: Mapping[str, Any], path: Path) -> object:
 
 
 def _with(place: Any, path: Path, value: Value) -> Any:
-    """A copy with another value; only what is on the way is copied."""
+    """Return a copy with a new value at a path; only the tables along the path are copied."""
     if not path:
         return value
     if isinstance(place, list | tuple):
@@ -134,7 +133,7 @@ def _with(place: Any, path: Path, value: Value) -> Any:
 
 
 def _without(place: Any, path: Path) -> Any:
-    """A copy without what stands under a path, if anything does; only what is on the way is copied."""
+    """Return a copy without the entry at a path, if there is one; only the tables along the path are copied."""
     first, *others = path
     if isinstance(place, list | tuple):
         return [_without(one, tuple(others)) if k == first else one for k, one in enumerate(place)]
@@ -144,7 +143,7 @@ def _without(place: Any, path: Path) -> Any:
 
 
 def _quantity(name: str, path: Path, base: Mapping[str, Any]) -> Quantity | None:
-    """The quantity under a path, found along the models of a scene."""
+    """Return the quantity of the key at a path, from the annotations of the scene's pydantic models."""
     kind: Any = Scene
     for depth, part in enumerate(path):
         models = _models(kind)
@@ -168,14 +167,14 @@ def _quantity(name: str, path: Path, base: Mapping[str, Any]) -> Quantity | None
 
 
 def _models(kind: Any) -> list[type[BaseModel]]:
-    """The models that an annotation names."""
+    """Return the pydantic models in a type annotation."""
     if isinstance(kind, type) and issubclass(kind, BaseModel):
         return [kind]
     return [model for one in get_args(kind) for model in _models(one)]
 
 
 def _noted(kind: Any) -> list[Quantity]:
-    """The quantities that an annotation names."""
+    """Return the quantities in a type annotation."""
     own = [note for note in getattr(kind, "__metadata__", ()) if isinstance(note, Quantity)]
     inner = get_args(kind) if get_origin(kind) is not None or isinstance(kind, type(Union[int, str])) else ()  # noqa: UP007
     return own + [note for one in inner for note in _noted(one)]

@@ -1,6 +1,6 @@
-"""Workers on this computer: processes, and a thread here that waits for each.
+"""Worker pool on this computer: processes, and one thread here that waits for each.
 
-Where a process has ended another is started: what dies or takes too long takes only itself along.
+A process that has ended is replaced by a new one, so that a crash or a time limit costs only the design that caused it.
 """
 
 from __future__ import annotations
@@ -26,25 +26,25 @@ from probe_design.sweeps.keys import Value
 from probe_design.sweeps.rows import Job, Row
 from probe_design.sweeps.workers import Batch, FinishedBatch, Outcome
 
-# libraries read these when they are loaded; MKL's bits depend on where arrays lie unless it is told otherwise
+# read by libraries when they are loaded; without MKL_CBWR, MKL's last bits depend on the alignment of arrays
 _ENVIRONMENT = {f"{one}_NUM_THREADS": "1" for one in ("OMP", "OPENBLAS", "MKL", "NUMEXPR", "VECLIB")} | {
     "MKL_CBWR": "AUTO,STRICT"
 }
-GRACE = 5.0  # seconds that a worker has to say by itself that its time is over, and what it was doing
-STARTS = 3  # attempts, each with a process that ends before it asks for work
+GRACE = 5.0  # seconds for a worker to report by itself that its time is over
+STARTS = 3  # attempts to start a process
 
 
 class LocalCrew:
-    """Worker processes."""
+    """A pool of worker processes; see ``workers.WorkerPool``."""
 
     def __init__(self, job: Job, workers: int, limits: Limits, errors: Path) -> None:
-        """Make a crew; processes are started when they are needed.
+        """Create the pool; processes are started when they are needed.
 
         Args:
-            job: what all designs share.
-            workers: how many processes.
-            limits: of each design.
-            errors: file for what libraries write to standard error.
+            job: settings shared by all designs.
+            workers: number of processes.
+            limits: time and memory of each design.
+            errors: file for the standard error of the processes.
         """
         self._path, self._errors = errors, errors.open("ab")
         self._answers: queue.SimpleQueue[tuple[WorkerProcess, FinishedBatch]] = queue.SimpleQueue()
@@ -53,22 +53,22 @@ class LocalCrew:
         self._all = tuple(self._idle)
 
     def free(self) -> int:
-        """Return how many workers have nothing to do."""
+        """Return the number of idle workers."""
         return len(self._idle)
 
     def size(self) -> int:
-        """Return how many workers there are."""
+        """Return the number of workers."""
         return len(self._all)
 
     def give(self, batch: Batch) -> None:
-        """Hand a batch to a free worker."""
+        """Give a batch to an idle worker."""
         worker = self._idle.pop()
         thread = threading.Thread(target=lambda: self._answers.put((worker, self._answer(worker, batch))), daemon=True)
         self._threads = [one for one in self._threads if one.is_alive()] + [thread]
         thread.start()
 
     def take(self, seconds: float) -> list[FinishedBatch]:
-        """Wait for answers, at most that long."""
+        """Wait at most ``seconds`` for finished batches."""
         finished: list[FinishedBatch] = []
         try:
             while True:
@@ -89,34 +89,35 @@ class LocalCrew:
         self._errors.close()
 
     def _answer(self, worker: WorkerProcess, batch: Batch) -> FinishedBatch:
+        """Evaluate a batch in a worker; an unexpected error becomes an outcome too."""
         try:
             outcome = worker.answer([task.values for task in batch])
-        except Exception as fault:  # a thread that ends without an answer is waited for in vain
+        except Exception as fault:  # without an outcome the pool would wait for ever
             outcome = Outcome(refused=f"{type(fault).__name__}: {fault}")
         if outcome.refused:
-            outcome = replace(outcome, refused=f"{outcome.refused}; {self._path} may tell why")
+            outcome = replace(outcome, refused=f"{outcome.refused}; see {self._path}")
         return FinishedBatch(batch, outcome)
 
 
 class WorkerProcess:
-    """A process of ``worker_main``, started when it is needed and again when it has ended."""
+    """A process that runs ``worker_main``; started when it is needed, and again after it has ended."""
 
     def __init__(self, job: Job, limits: Limits, errors: IO[bytes] | None = None) -> None:
-        """Note what it is for.
+        """Store the settings; the process is started later.
 
         Args:
-            job: what all designs share.
-            limits: of each design.
-            errors: file for what libraries write to standard error; without it, where this process writes its own.
+            job: settings shared by all designs.
+            limits: time and memory of each design.
+            errors: file for the standard error of the process; by default that of this process.
         """
         self._job, self._parts = json.dumps([asdict(job), asdict(limits)]), job.parts
         self._seconds, self._errors = limits.seconds, errors
         self._process: subprocess.Popen[bytes] | None = None
-        self._folder: TemporaryDirectory[str] | None = None  # for its temporary files: what is killed removes none
+        self._folder: TemporaryDirectory[str] | None = None  # for its temporary files, which a killed process does not remove
         self._late = self._closed = False
 
     def answer(self, designs: Sequence[tuple[Value, ...]]) -> Outcome:
-        """Have designs answered; waits for it."""
+        """Evaluate designs in the process; waits for their rows."""
         if self._process is None and not any(self._begun() for _ in range(STARTS)):
             return Outcome(refused="no worker process starts")
         if self._closed:
@@ -127,7 +128,7 @@ class WorkerProcess:
             self._send(json.dumps(designs))
             while len(rows) < len(designs):
                 end = ends[bisect(ends, len(rows))]
-                whole = len(rows) in (0, *ends)  # else the rest of a part is answered one by one
+                whole = len(rows) in (0, *ends)  # else the designs of this part are evaluated one by one
                 expected = end - len(rows) if whole else 1
                 reply = json.loads(self._line(expected))
                 if "refused" in reply:
@@ -141,22 +142,22 @@ class WorkerProcess:
         return Outcome(tuple(rows))
 
     def kill(self) -> None:
-        """End it; whoever waits for it goes on."""
+        """Kill the process; a thread that waits for it goes on."""
         if (process := self._process) is not None:
             _kill(process)
 
     def stop(self) -> None:
-        """End it for good; before, ``close`` and whoever waits."""
+        """Kill the process and clean up; call ``close`` and join waiting threads first."""
         self.kill()
         self._ended()
 
     def close(self) -> None:
-        """Start no work any more."""
+        """Kill the process and accept no more work."""
         self._closed = True
         self.kill()
 
     def _line(self, count: int) -> bytes:
-        """The next line, that of ``count`` designs; a process that does not itself notice that it takes too long is ended."""
+        """Read the next line, that of ``count`` designs; kill the process if it exceeds its time limit without noticing."""
         stream = _stream(self._process, "stdout")
         watch = threading.Timer(count * self._seconds + min(GRACE, self._seconds), self._overdue)
         watch.start()
@@ -165,17 +166,18 @@ class WorkerProcess:
         finally:
             watch.cancel()
             watch.join()
-        if line and self._late:  # answered at the last moment: the process is gone, and no design is to blame
+        if line and self._late:  # a line came at the last moment: the process is gone, but no design is to blame
             self._late = False
             self._ended()
         return line
 
     def _overdue(self) -> None:
+        """Kill the process after its time limit."""
         self._late = True
         self.kill()
 
     def _begun(self) -> bool:
-        """Start a process; say whether it came as far as to ask for work."""
+        """Start a process; return whether it became ready for work."""
         try:
             self._folder = TemporaryDirectory(prefix="sweep-", ignore_cleanup_errors=True)
             self._process = _started(self._errors, self._folder.name)
@@ -193,12 +195,12 @@ class WorkerProcess:
         stream.flush()
 
     def _ended(self) -> str:
-        """Clear the process away and say how it ended."""
+        """Release the ended process and return how it ended."""
         process, self._process = self._process, None
         if process is None:
-            return "the worker process could not be asked"
+            return "the worker process was not running"
         try:
-            code = process.wait(5)  # its own end, not ours, is what the row tells
+            code = process.wait(5)  # the row reports the exit code of the process itself, not of our kill
         except subprocess.TimeoutExpired:
             _kill(process)
             code = process.wait()
@@ -212,6 +214,7 @@ class WorkerProcess:
 
 
 def _started(errors: IO[bytes] | None, temporary: str) -> subprocess.Popen[bytes]:
+    """Start a worker process with one thread for linear algebra and its own folder for temporary files."""
     root = str(Path(__file__).parents[2])
     path = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
     return subprocess.Popen(
@@ -225,7 +228,7 @@ def _started(errors: IO[bytes] | None, temporary: str) -> subprocess.Popen[bytes
 
 
 def _kill(process: subprocess.Popen[bytes]) -> None:
-    """End a process, and with it those that mesh for it, where the system knows groups of processes."""
+    """Kill a process and its child processes (meshers); on Windows the process only."""
     if sys.platform == "win32":
         process.kill()
     else:
@@ -234,6 +237,7 @@ def _kill(process: subprocess.Popen[bytes]) -> None:
 
 
 def _stream(process: subprocess.Popen[bytes] | None, name: str) -> IO[Any]:
+    """Return a stream of a process; raise ``OSError`` if there is none."""
     stream: IO[Any] | None = getattr(process, name, None)
     if stream is None:
         raise OSError("no process")

@@ -1,4 +1,4 @@
-"""How far a sweep is, and the lines in its log that say so."""
+"""Progress of a sweep, and its log file."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from pathlib import Path
 from time import monotonic
 
 LOG = "sweep.log"
-EVERY = 10.0  # seconds between lines
-SILENT = 60.0  # seconds without a sign of life after which that is told, and told again
+EVERY = 10.0  # seconds between lines of progress
+SILENT = 60.0  # seconds without a response between reports of it
 
 
 @dataclass(frozen=True)
@@ -21,10 +21,10 @@ class Progress:
 
     Attributes:
         total: designs.
-        done: with a row, those of earlier runs among them.
-        refused, failed: of these.
-        rate: rows a second in this run; 0 before the first.
-        workers: that work on it.
+        done: designs with a row, including those of earlier runs.
+        refused, failed: how many of these were refused, failed.
+        rate: rows per second in this run; 0 before the first.
+        workers: number of workers.
     """
 
     total: int
@@ -36,11 +36,11 @@ class Progress:
 
     @property
     def left(self) -> float | None:
-        """Seconds that remain at this rate; None before the first row."""
+        """Remaining time at this rate, s; None before the first row."""
         return (self.total - self.done) / self.rate if self.rate else None
 
     def line(self) -> str:
-        """Say it in one line."""
+        """Describe the progress in one line."""
         left = "-" if self.left is None else f"{self.left:.0f} s"
         counts = f"{self.done} of {self.total} done, {self.refused} refused, {self.failed} failed"
         return f"{counts}, {self.rate:.3g} rows/s on {self.workers} workers, {left} left"
@@ -50,18 +50,18 @@ Tell = Callable[[Progress], None]
 
 
 class Silence:
-    """Since when nothing has been heard of something; that is said once a minute: it may go on, or somebody has to see to it."""
+    """Report once a minute that something has not responded for some time."""
 
     def __init__(self, say: Callable[[str], None]) -> None:
         self._say = say
         self.heard()
 
     def heard(self) -> None:
-        """Begin anew."""
+        """Restart the clock after a response."""
         self._since, self._told = monotonic(), 0
 
     def tell(self, text: str, remedy: str, after: float = 0.0) -> None:
-        """Say it if it is time, and not before so many seconds."""
+        """Log ``text`` with the silent time and a remedy, once a minute and not before ``min_silence`` seconds."""
         silent = monotonic() - self._since
         if silent >= max((self._told + 1) * SILENT, after):
             self._told = int(silent // SILENT)
@@ -75,7 +75,7 @@ def logged(folder: Path, tell: Tell | None) -> Iterator[tuple[Tell, Callable[[st
     with (folder / LOG).open("a", encoding="utf-8") as log:
 
         def line(text: str) -> None:
-            with contextlib.suppress(OSError):  # a full disk is for the store to tell
+            with contextlib.suppress(OSError):  # the store reports a full disk
                 log.write(f"{datetime.now(UTC).isoformat(timespec='seconds')} {text}\n")
                 log.flush()
 

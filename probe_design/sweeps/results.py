@@ -1,4 +1,4 @@
-"""The rows of a sweep as tables: pandas, xarray, Parquet and CSV, also while the sweep runs."""
+"""Return or write the rows of a sweep as pandas, xarray, Parquet or CSV, also while the sweep runs."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ UNITS = {
     "charge_outer": "C", "equivalent_modulus": "Pa", "error_estimate": "", "residual": "", "seconds": "s",
     "time_limit": "s", "memory_limit": "byte",
 }  # fmt: skip
-_FORMULA = tuple("=+-@\t\r\n＝＋－＠")  # what makes a spreadsheet take a text for a formula
+_FORMULA = tuple("=+-@\t\r\n＝＋－＠")  # a spreadsheet runs a text that begins with one of these as a formula
 
 
 def extra(name: str) -> Any:
-    """Import a library of the extra ``sweep``.
+    """Import a library of the optional dependencies ``sweep``.
 
     Raises:
         MissingLibrary: it is not installed.
@@ -43,7 +43,7 @@ def extra(name: str) -> Any:
 
 
 def about(folder: Path | str) -> dict[str, Any]:
-    """Return what the sweep in a folder was asked. Raises ``InputError``, ``StoreError``."""
+    """Return the request of the sweep in a folder. Raises ``InputError``, ``StoreError``."""
     with reading(Path(folder)) as store:
         request = store.about()
     if not request:
@@ -52,7 +52,7 @@ def about(folder: Path | str) -> dict[str, Any]:
 
 
 def rows(folder: Path | str) -> Iterator[dict[str, Any]]:
-    """Yield the row of every answered design by number: number, key, the variables, then ``rows.COLUMNS``; SI units.
+    """Yield the rows of all evaluated designs by number: number, key, variables, then ``rows.ROW_COLUMNS``; SI units.
 
     Raises:
         InputError: the folder holds no sweep.
@@ -65,7 +65,7 @@ def rows(folder: Path | str) -> Iterator[dict[str, Any]]:
 
 
 def units(folder: Path | str) -> dict[str, str]:
-    """Return the SI unit of each column that has one or is a pure number."""
+    """Return the SI unit of each column of numbers; empty for dimensionless ones."""
     return {one["name"]: one["unit"] for one in about(folder)["variables"]} | UNITS
 
 
@@ -86,10 +86,10 @@ def dataframe(folder: Path | str) -> pd.DataFrame:
 
 
 def dataset(folder: Path | str) -> xr.Dataset:
-    """Return a sweep as a labelled set of arrays with units in the ``attrs`` of each.
+    """Return the rows of a sweep as an xarray dataset with the unit of each array in its ``attrs``.
 
-    Of a grid the dimensions are the variables, and designs without an answer are NaN; of a sample the one dimension is
-    ``design``, the number, and the variables are coordinates along it.
+    The dimensions of a grid are the variables, and designs without a result are NaN. A sample has the one dimension ``design``
+    (the number), along which the variables are coordinates.
 
     Raises:
         MissingLibrary: xarray or pandas is not installed.
@@ -105,7 +105,7 @@ def dataset(folder: Path | str) -> xr.Dataset:
         count = 1
         for length in shape:
             count *= length
-        whole = frame.reindex(range(count))  # designs that constraints left out come in without values
+        whole = frame.reindex(range(count))  # adds the designs that constraints excluded, without values
         arrays = {name: (names, whole[name].to_numpy().reshape(shape)) for name in columns}
         labelled = xarray.Dataset(arrays, coords=dict(zip(names, axes, strict=True)))
     else:
@@ -119,7 +119,7 @@ def dataset(folder: Path | str) -> xr.Dataset:
 
 
 def origin(folder: Path | str) -> Provenance:
-    """Return the block of provenance that a sweep has left when it ended; while it runs, of what asks."""
+    """Return the provenance of a finished sweep; while it runs, that of this process."""
     with suppress(InputError, ValueError, KeyError, TypeError):
         told: Provenance = json.loads(read_text(Path(folder) / "provenance.json", "provenance"))["provenance"]
         return told
@@ -127,9 +127,9 @@ def origin(folder: Path | str) -> Provenance:
 
 
 def to_csv(folder: Path | str, path: Path) -> Path:
-    """Write the rows as CSV, whole or not at all; units stand in the headings. Needs no extra library.
+    """Write the rows as CSV with units in the headings; needs no optional library. The file is written whole or not at all.
 
-    Texts that a spreadsheet would run as formulas have ``'`` before them, see ``no_formula``.
+    Texts that a spreadsheet would run as formulas are preceded by ``'``; see ``escape_formula``.
     """
     unit = units(folder)
     names = ["number", "key", *about(folder)["names"], *COLUMNS]
@@ -141,7 +141,7 @@ def to_csv(folder: Path | str, path: Path) -> Path:
 
 
 def no_formula(cell: Any) -> Any:
-    """Put ``'`` before a text by whose first sign a spreadsheet takes it for a formula; numbers stay as they are.
+    """Put ``'`` before a text that a spreadsheet would run as a formula; return numbers unchanged.
 
     Source: https://owasp.org/www-community/attacks/CSV_Injection
     """
@@ -149,7 +149,7 @@ def no_formula(cell: Any) -> Any:
 
 
 def to_parquet(folder: Path | str, path: Path) -> Path:
-    """Write the rows as Parquet, whole or not at all.
+    """Write the rows as Parquet. The file is written whole or not at all.
 
     Raises:
         MissingLibrary: pandas or pyarrow is not installed.

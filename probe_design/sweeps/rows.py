@@ -1,4 +1,4 @@
-"""One design in, one row out, in whatever process; every fault becomes a row with its type and reason."""
+"""Evaluate the designs of a sweep in any process: one row per design; an error becomes a row with its type and reason."""
 
 from __future__ import annotations
 
@@ -28,15 +28,16 @@ OUTPUTS = (
     "stress_inner", "stress_outer", "ratio", "log_sensitivity", "stiffness", "charge_inner", "charge_outer",
     "equivalent_modulus", "error_estimate", "residual",
 )  # fmt: skip
-LIMITS = ("time_limit", "memory_limit")  # s and bytes, of a row that this limit stopped, or kept from a finer answer
+LIMITS = ("time_limit", "memory_limit")  # s and bytes: the limit that stopped a design, or kept it from a finer result
 REAL = (*OUTPUTS, *LIMITS, "seconds")
 COLUMNS = ("status", "type", "reason", *LIMITS, "evaluator", *OUTPUTS, "plan", "warnings", "seconds")
-ROOT = Path(__file__).parents[2]
-SOURCES = {".py", ".npy", ".json"}  # that results depend on
-LIBRARIES = ("numpy", "scipy", "rslab", "py-mkl-pardiso", "netgen-mesher", "pytetwild")  # likewise, to the last bit
-PIECE = 128  # closed-form designs at once: more are no faster
-MODULI = 64  # moduli and loads of a design at once: more are hardly faster, and a kill may cost them
-CURVE = {("inclusion", 0, "youngs_modulus"), ("load", "force"), ("load", "indentation")}  # keys that one curve answers
+ROOT = Path(__file__).parents[2]  # contains the packages whose sources are hashed
+SOURCES = {".py", ".npy", ".json"}  # files on which results depend
+LIBRARIES = ("numpy", "scipy", "rslab", "py-mkl-pardiso", "netgen-mesher", "pytetwild")  # change results in the last bits
+PIECE = 128  # closed-form designs evaluated at once: more are no faster
+MODULI = 64  # moduli and loads of a design at once: more are hardly faster, and a kill may lose them
+# keys whose values the axisymmetric evaluator covers with one curve
+CURVE = {("inclusion", 0, "youngs_modulus"), ("load", "force"), ("load", "indentation")}
 AUTO = "auto"
 Row = dict[str, Any]
 T = TypeVar("T")
@@ -44,13 +45,13 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Job:
-    """What all designs of a sweep share.
+    """Settings shared by all designs of a sweep.
 
     Attributes:
         base: the tables of the scene that is varied.
         names: the keys of the variables.
         evaluator, accuracy, linear: as in ``solver.evaluate``.
-        version: of the software that is to answer; see ``version``.
+        version: of the software that must evaluate them; see ``compute_version``.
     """
 
     base: Mapping[str, Any]
@@ -62,7 +63,7 @@ class Job:
 
     @classmethod
     def of(cls, sweep: Sweep) -> Job:
-        """Return the job of a sweep, for this software."""
+        """Return the job of a sweep, with the version of this software."""
         names = tuple(one.name for one in sweep.keys)
         return cls(sweep.base, names, sweep.evaluator, sweep.accuracy, sweep.linear, version())
 
@@ -72,20 +73,20 @@ class Job:
         return tuple(key(name, self.base) for name in self.names)
 
     def digest(self, keys: tuple[Key, ...], values: tuple[Value, ...]) -> bytes:
-        """Return the SHA-256 of one design's scene, of evaluator, accuracy, ``linear`` and version.
+        """Compute the SHA-256 that identifies one design's result: scene, evaluator, accuracy, ``linear`` and version.
 
-        The scene stands for itself as JSON with sorted keys, floats written so that they read back the same; surface files
-        count by what they hold, not by their name.
+        The scene is hashed as JSON with sorted keys and exact floats; surface files enter with their content, not their
+        name.
         """
         scene = changed(self.base, keys, values)
         bodies = [_with_content(body) if body.get("surface") else body for body in scene.get("inclusion", ())]
         return _digest([scene | {"inclusion": bodies}, self.evaluator, self.accuracy, self.linear, self.version])
 
     def alike(self, designs: Sequence[tuple[Value, ...]]) -> list[Hashable]:
-        """Return for each design what those that are answered at once share; nothing where each is answered by itself.
+        """Return a group key for each design; designs with the same key can be evaluated together.
 
-        Formulas take arrays of any designs; finite elements answer all moduli of the one inclusion, and all loads, of a probe on
-        its tissue by one curve.
+        The closed form takes arrays of any designs. The finite elements compute all moduli of a single inclusion, and all loads,
+        of one probe and tissue from one curve. Other designs have a key of their own.
         """
         if self.evaluator == "closed-form":
             return [()] * len(designs)
@@ -96,13 +97,13 @@ class Job:
         return [*every] if len(own) < len(self.names) else [*range(len(designs))]
 
     def parts(self, designs: Sequence[tuple[Value, ...]]) -> list[int]:
-        """Return how many designs, one after the other, are answered at once each time."""
+        """Return the sizes of consecutive parts of ``designs`` that are evaluated together."""
         most = PIECE if self.evaluator == "closed-form" else MODULI
         runs = [len(list(run)) for _, run in groupby(self.alike(designs))]
         return [min(most, run - first) for run in runs for first in range(0, run, most)]
 
     def load(self) -> None:
-        """Import what answers and build the scene once, so that it is no part of the first row's cost."""
+        """Import the evaluator and build the scene once, so that the first row is not charged for it."""
         from solver import levels
 
         _caught(lambda: scene_of(self.base, (), ()))
@@ -114,13 +115,13 @@ class Job:
             levels.evaluator(self.evaluator)
 
     def pieces(self, designs: Sequence[tuple[Value, ...]]) -> Iterator[list[Row]]:
-        """Answer designs, ``parts`` at a time, with one thread for linear algebra, so that the bits are the same everywhere.
+        """Evaluate designs part by part; yield the rows of each part, or single rows where a part cannot be evaluated together.
 
-        A part of which not all can be answered together is answered one by one. Each design may take what
-        ``geometry.common.resources.limits`` says; those that are answered together have their number of times.
+        Linear algebra uses one thread, so that results are the same to the last bit on every machine. Each design has the limits
+        ``geometry.common.resources.limits``; n designs that are evaluated together have n times its time.
 
         Raises:
-            InputError: this software is not that of the job.
+            InputError: this software has another version than the job.
         """
         from solver.linalg.threads import one_thread
 
@@ -134,6 +135,7 @@ class Job:
                 first += count
 
     def _answered(self, keys: tuple[Key, ...], designs: Sequence[tuple[Value, ...]]) -> Iterator[list[Row]]:
+        """Evaluate a part: together if possible, else one by one."""
         start = perf_counter()
         built = [_caught(lambda values=values: scene_of(self.base, keys, values)) for values in designs]  # type: ignore[misc]
         together = self._together([one for one in built if isinstance(one, Scene)])
@@ -149,7 +151,7 @@ class Job:
             start = perf_counter()
 
     def _together(self, scenes: Sequence[Scene]) -> list[Result | Exception] | None:
-        """Answers to several scenes at once; None where that is not possible for all of them."""
+        """Evaluate several scenes together; return None if that is not possible for all of them."""
         from solver.many import together
 
         if not scenes:
@@ -164,7 +166,7 @@ class Job:
 
 
 def _caught(made: Callable[[], T]) -> T | Exception:
-    """What is made, or the fault: whatever one design does, the next ones are answered."""
+    """Return the result of ``compute`` or the exception that it raised, so that the next designs are still evaluated."""
     try:
         return made()
     except Exception as fault:
@@ -172,7 +174,7 @@ def _caught(made: Callable[[], T]) -> T | Exception:
 
 
 def _row(result: Result | Exception, seconds: float) -> Row:
-    """The row of a result, or of a design that was refused or failed."""
+    """Build the row of a result, or of a design that was refused or failed."""
     from solver.results.warnings import of_kind
 
     if isinstance(result, Exception):
@@ -188,7 +190,7 @@ def _row(result: Result | Exception, seconds: float) -> Row:
 
 
 def _stopped(fault: Exception) -> Row:
-    """The limits without which a design may have an answer."""
+    """Return the limits that stopped a design: with larger ones it may have a result."""
     from solver.results.evaluator import OutOfReach
 
     if isinstance(fault, LimitReached):
@@ -197,19 +199,19 @@ def _stopped(fault: Exception) -> Row:
 
 
 def _either() -> Row:
-    """Both limits, where it is not told which of them stopped a design."""
+    """Return both limits, for a design of which it is not known which one stopped it."""
     return {"time_limit": limits().seconds, "memory_limit": limits().memory}
 
 
 def blank(status: str, kind: str, reason: str, seconds: float) -> Row:
-    """Return the row of a design that has no answer."""
+    """Build the row of a design without a result."""
     line = " ".join(reason.split())[:2000]
     return dict.fromkeys(COLUMNS) | {"status": status, "type": kind, "reason": line, "seconds": seconds}
 
 
 @cache
 def version() -> str:
-    """Return the software's version, a digest of the sources and data that results depend on, and the versions of libraries."""
+    """Return the software's version, a digest of the sources and data on which results depend, and the versions of libraries."""
     digest = hashlib.sha256()
     for package in ("geometry", "solver"):
         for path in sorted(path for path in (ROOT / package).rglob("*") if path.suffix in SOURCES):
@@ -221,7 +223,7 @@ def version() -> str:
 def _version_of(name: str) -> str:
     try:
         return metadata.version(name)
-    except metadata.PackageNotFoundError:  # not installed, or run from its folder
+    except metadata.PackageNotFoundError:  # not installed, or run from its source folder
         return "0"
 
 
@@ -230,7 +232,7 @@ def _digest(value: object) -> bytes:
 
 
 def _with_content(body: Mapping[str, Any]) -> dict[str, Any]:
-    """An inclusion with a digest of its surface file in place of the name."""
+    """Return an inclusion with the digest of its surface file in place of the file name."""
     path = Path(str(body["surface"]))
     try:
         stamp = path.stat()
@@ -240,4 +242,4 @@ def _with_content(body: Mapping[str, Any]) -> dict[str, Any]:
     return {**body, "surface": content or f"{path}, which cannot be read"}
 
 
-_content = lru_cache(maxsize=64)(lambda path, *_: file_digest(path))  # by when it was changed, and its size
+_content = lru_cache(maxsize=64)(lambda path, *_: file_digest(path))  # cached by path, modification time and size

@@ -1,4 +1,4 @@
-"""A sweep from its file to its store: what has a row is kept, what has none is answered in batches, whoever dies meanwhile."""
+"""Run a sweep: evaluate in batches every design that has no row in the store yet, even if workers die meanwhile."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-SECONDS = 0.5  # of work in a batch: some hundred times the cost of handing it out, and what a kill may cost
-LARGEST = 2000  # designs in a batch
+SECONDS = 0.5  # of work in a batch: some hundred times the cost of submitting it; a kill may lose it
+LARGEST = 2000  # designs in a batch, at most
 Log = Callable[[str], None]
 ORIGIN = "provenance.json"
 FORMULAS = "closed-form"
-TRIES = 2  # workers that may die with a design on its own before it counts as failed
+TRIES = 2  # workers that may die with a design alone in its batch before it counts as failed
 
 
 @dataclass(frozen=True)
@@ -45,12 +45,12 @@ class Swept(Notebook):
     """A finished sweep.
 
     Attributes:
-        folder: where its store is.
-        designs: how many it has, with a row each.
-        left_out: designs that do not meet the constraints; they have no row.
-        ok, refused, failed: rows by status.
-        answered: rows that this run added; the others were there.
-        seconds: what this run took.
+        folder: of its store.
+        designs: number of designs, each with a row.
+        left_out: number of designs that do not satisfy the constraints; they have no row.
+        ok, refused, failed: number of rows by status.
+        answered: number of rows that this run added.
+        seconds: wall clock of this run.
     """
 
     folder: Path
@@ -93,23 +93,24 @@ def sweep(
     retry_failed: bool = False,
     notice: Log | None = None,
 ) -> Swept:
-    """Answer every design of a sweep that has no row in ``output`` yet.
+    """Evaluate every design of a sweep that has no row in ``output`` yet.
 
     Args:
         specification: the name of a sweep file, or its tables; numbers are then in SI units and ``scene`` may be a ``Scene``.
         output: folder of the store.
-        scheduler: address of a Dask scheduler, ``tcp://host:8786``; processes on this computer without.
-        workers: how many processes; one for each processor without.
-        progress: called with the state after each batch.
-        retry_failed: whether designs whose row is ``failed`` are answered anew; what becomes of them takes the row's place. Those
-            that a limit stopped which is larger now, or kept from a finer answer, are in any case.
-        notice: called with a line of what the sweep waits for, such as a Dask scheduler that stands still.
+        scheduler: address of a Dask scheduler, ``tcp://host:8786``; by default processes on this computer are used.
+        workers: number of processes; by default one for each processor.
+        progress: called with a ``Progress`` after each batch.
+        retry_failed: whether designs whose row is ``failed`` are evaluated again; the new row replaces the old one. Designs that
+            were stopped, or kept from a finer result, by a limit that is larger now are always evaluated again.
+        notice: called with a line when the sweep has to wait, such as for a Dask scheduler that does not respond.
 
     Raises:
-        InputError: the sweep is not allowed, or another process is writing to the folder.
-        StoreError: the store cannot be read or written, or is moved or deleted meanwhile; committed rows are kept.
-        CrewError: workers do not start, have another version of this program, or the scheduler is gone for good; likewise.
-        KeyboardInterrupt: likewise.
+        InputError: the specification is not valid, or another process is writing to the folder.
+        StoreError: the store cannot be read or written, or is moved or deleted meanwhile. Committed rows are kept.
+        WorkerPoolError: workers do not start, have another version of this program, or the scheduler is lost for good.
+            Committed rows are kept.
+        KeyboardInterrupt: committed rows are kept.
     """
     start = monotonic()
     checked = specification if isinstance(specification, Sweep) else _checked(specification)
@@ -125,11 +126,11 @@ def sweep(
             say(store.mended)
         total, left_out = _begun(store, checked, job)
         if stopped := store.forget_limited(checked.limits):
-            log(f"forgets {stopped} rows that smaller limits stopped, or kept from a finer answer")
+            log(f"forgets {stopped} rows that smaller limits stopped, or kept from a finer result")
         if retry_failed:
             log(f"forgets {store.forget('failed')} failed rows")
         tasks = _in_order(job, [Task(key, values, count) for count, values, key in store.missing()])
-        log(f"begins: {total} designs, {len(tasks)} to be answered, version {job.version}")
+        log(f"begins: {total} designs, {len(tasks)} to be evaluated, version {job.version}")
         if tasks:
             processes = min(workers or _processors(), len(tasks))
             with _crew(job, scheduler, processes, limits=checked.limits, folder=folder, log=say) as crew:
@@ -144,7 +145,7 @@ def sweep(
 
 
 def _tell_origin(swept: Swept, sweep: Sweep) -> None:
-    """Write where the rows come from beside them, with their counts."""
+    """Write the counts and the provenance of the rows to ``provenance.json`` in the folder of the sweep."""
     scene = Scene.model_validate(sweep.base, context=SI)
     origin = provenance(scene, evaluator=sweep.evaluator, accuracy=sweep.accuracy, seed=sweep.sample.seed)
     told = {name: getattr(swept, name) for name in ("designs", "left_out", "ok", "refused", "failed")}
@@ -152,6 +153,8 @@ def _tell_origin(swept: Swept, sweep: Sweep) -> None:
 
 
 def _both(log: Log, notice: Log) -> Log:
+    """Return a function that logs a line and passes it to the user."""
+
     def say(text: str) -> None:
         log(text)
         notice(text)
@@ -160,16 +163,16 @@ def _both(log: Log, notice: Log) -> Log:
 
 
 class _Run:
-    """The work of one run."""
+    """One run of a sweep: gives batches to the worker pool and commits their rows."""
 
     def __init__(self, store: Store, crew: Crew, tell: Tell, log: Log, *, total: int, seconds: float) -> None:
         self._store, self._crew, self._tell, self._log, self._total, self._seconds = store, crew, tell, log, total, seconds
         self._begun, self._counts = monotonic(), store.counts()
         self._before = sum(self._counts.values())
-        self._cost = SECONDS  # seconds a row, as measured; a first batch is one design
+        self._cost = SECONDS  # seconds per row, as measured; the first batch is one design
 
     def answer(self, tasks: list[Task]) -> None:
-        """Answer all of them."""
+        """Evaluate all tasks; return when each has a row."""
         waiting, alone, out = deque(tasks), deque[Task](), 0
         self._report()
         while waiting or alone or out:
@@ -186,7 +189,7 @@ class _Run:
             self._report()
 
     def _batch(self, waiting: deque[Task]) -> Batch:
-        """The next designs: half a second of work, less towards the end so that all workers end together, none by halves."""
+        """Take the next batch: half a second of work, less at the end so that all workers end together; groups stay whole."""
         share = len(waiting) / (2 * max(1, self._crew.size()))
         count = max(1, min(int(SECONDS / self._cost), LARGEST, int(share)))
         batch = [waiting.popleft() for _ in range(min(count, len(waiting)))]
@@ -195,7 +198,7 @@ class _Run:
         return tuple(batch)
 
     def _taken(self, answer: FinishedBatch) -> tuple[list[Task], list[Task]]:
-        """Commit rows; return the designs that nobody worked on yet, and those that another worker must try, each alone."""
+        """Commit the rows of a batch; return its tasks that were not started, and those to be tried again, each alone."""
         outcome, count = answer.outcome, len(answer.outcome.rows)
         if outcome.refused:
             raise CrewError(outcome.refused)
@@ -205,11 +208,12 @@ class _Run:
             self._cost = max(0.5 * (self._cost + cost), 1e-6)
         begun, rest = answer.batch[: count + outcome.held], answer.batch[count + outcome.held :]
         again = self._again(begun[count:], outcome) if outcome.held else []
-        broken = [task for task in rest if begun and None is not task.group == begun[-1].group]  # others of it were alone
+        # the rest of a group whose first designs were evaluated one by one
+        broken = [task for task in rest if begun and None is not task.group == begun[-1].group]
         return list(rest[len(broken) :]), [*again, *broken]
 
     def _again(self, held: Batch, outcome: Outcome) -> list[Task]:
-        """Of designs with which a worker ended those that are tried again, each alone; that which ended it becomes a row."""
+        """Return the tasks to be tried again, each alone, after a worker ended with them; a design that ended it gets a row."""
         why = f"longer than {self._seconds:g} s" if outcome.late else outcome.ended
         self._log(f"a worker ended with {len(held)} designs: {why}")
         if len(held) > 1:
@@ -225,11 +229,13 @@ class _Run:
         return []
 
     def _commit(self, batch: Batch, rows: Sequence[Row]) -> None:
+        """Commit rows and count them by status."""
         self._store.add([(task.key, row) for task, row in zip(batch, rows, strict=True)])
         for task, row in zip(batch, rows, strict=True):
             self._counts[row["status"]] += task.count
 
     def _report(self) -> None:
+        """Report the progress."""
         done = sum(self._counts.values())
         rate = (done - self._before) / max(monotonic() - self._begun, 1e-9)
         counts = (self._counts["refused"], self._counts["failed"])
@@ -237,7 +243,7 @@ class _Run:
 
 
 def _in_order(job: Job, tasks: list[Task]) -> list[Task]:
-    """Tasks by their numbers, but behind the first of those that are answered at once the others; formulas take any."""
+    """Return tasks by number, but with those that can be evaluated together next to each other; the closed form takes any."""
     if job.evaluator == FORMULAS:
         return tasks
     groups: dict[Hashable, list[Task]] = defaultdict(list)
@@ -252,7 +258,7 @@ def _checked(specification: Mapping[str, Any] | Path | str) -> Sweep:
 
 
 def _begun(store: Store, sweep: Sweep, job: Job) -> tuple[int, int]:
-    """Note the designs unless they are noted already; returns how many there are and how many constraints left out."""
+    """Store request and designs unless they are stored already; return the numbers of designs and of excluded ones."""
     drawn = sweep.sample.count(sweep.variables)
     digest = hashlib.sha256(repr((replace(sweep, limits=Limits()), job)).encode() + _surfaces(sweep, job)).hexdigest()
     about = store.about()
@@ -265,7 +271,7 @@ def _begun(store: Store, sweep: Sweep, job: Job) -> tuple[int, int]:
 
 
 def _about(sweep: Sweep, job: Job) -> dict[str, Any]:
-    """What readers of the store need to know."""
+    """Return the request of a sweep as readers of the store need it."""
     grid = sweep.sample.kind == "grid"
     variables = [
         {
@@ -282,12 +288,13 @@ def _about(sweep: Sweep, job: Job) -> dict[str, Any]:
 
 
 def _surfaces(sweep: Sweep, job: Job) -> bytes:
-    """Content of the surface files of the scene."""
+    """Return a digest of the base scene with its surface files; empty if it has none."""
     return job.digest((), ()) if any(body.get("surface") for body in sweep.base.get("inclusion", ())) else b""
 
 
 @contextmanager
 def _crew(job: Job, scheduler: str | None, workers: int, *, limits: Limits, folder: Path, log: Log) -> Iterator[Crew]:
+    """Open the worker pool on a Dask cluster or this computer, and close it at the end."""
     crew: Crew
     if scheduler is None:
         crew = LocalCrew(job, workers, limits, folder / "workers.log")
@@ -302,5 +309,5 @@ def _crew(job: Job, scheduler: str | None, workers: int, *, limits: Limits, fold
 
 
 def _processors() -> int:
-    """Processors that this process may use."""
+    """Return the number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -1,4 +1,4 @@
-"""Which designs a sweep asks for: a grid, or points of the unit cube, a column for each variable, the same every time."""
+"""Draw the designs of a sweep: a grid, or a reproducible sample of the unit cube with one column per variable."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from probe_design.sweeps.keys import Key, Value
 
 SAMPLED = ("sobol", "latin-hypercube", "saltelli")
 KINDS = ("grid", *SAMPLED)
-MOST = 10_000_000
+MOST = 10_000_000  # designs of a sweep
 
 
 @dataclass(frozen=True)
 class Variable:
-    """What a sweep varies: a list of values, or a range.
+    """A variable of a sweep: a key with a list of values, or a range.
 
     Attributes:
         key: of the scene.
-        values: of a grid, or what a sample draws from, each as likely.
-        low, high: the range that a sample draws from, where there are no values; SI.
-        log: whether it is even in the logarithm.
+        values: of a grid; of a sample the values drawn, each equally likely.
+        low, high: range of a sample without ``values``; SI.
+        log: whether the range is uniform in the logarithm.
     """
 
     key: Key
@@ -34,7 +34,7 @@ class Variable:
     log: bool = False
 
     def at(self, share: float) -> Value:
-        """Return the value at a share of its range, from 0 to 1."""
+        """Return the value at a fraction of the range, from 0 to 1."""
         if self.values:
             return self.values[min(int(share * len(self.values)), len(self.values) - 1)]
         if self.log:
@@ -47,9 +47,9 @@ class DesignSampling:
     """How the designs are drawn.
 
     Attributes:
-        kind: of KINDS. ``saltelli`` draws n (d + 2) designs, from which Sobol indices follow.
-        n: points; of a grid no matter.
-        seed: of the generator.
+        kind: one of ``SAMPLE_KINDS``. ``saltelli`` draws n (d + 2) designs of d variables, for Sobol indices.
+        n: number of points; unused by a grid.
+        seed: of the random generator.
     """
 
     kind: str = "grid"
@@ -60,7 +60,7 @@ class DesignSampling:
         """Return the values of all variables, a tuple for each design; in a grid the last variable changes fastest.
 
         Raises:
-            InputError: there are too many.
+            InputError: there are too many designs.
         """
         count = self.count(variables)
         if count > MOST:
@@ -75,26 +75,26 @@ class DesignSampling:
         return list(zip(*columns, strict=True))
 
     def count(self, variables: tuple[Variable, ...]) -> int:
-        """Return how many designs that makes."""
+        """Return the number of designs, without constraints."""
         if self.kind == "grid":
             return int(np.prod([float(len(one.values)) for one in variables]))
         return self.n * (len(variables) + 2) if self.kind == "saltelli" else self.n
 
     def _shares(self, d: int) -> Floats:
-        """Points of the unit cube, shape (designs, d)."""
+        """Draw points of the unit cube, shape (designs, d)."""
         from scipy.stats import qmc
 
         columns = 2 * d if self.kind == "saltelli" else d
         engine = qmc.LatinHypercube(d, rng=self.seed) if self.kind == "latin-hypercube" else qmc.Sobol(columns, rng=self.seed)
         with warnings.catch_warnings():
-            # any n is allowed; docs/guides/sweep.md says that powers of 2 are better
+            # any n is allowed; docs/guides/sweep.md recommends powers of 2
             warnings.simplefilter("ignore", UserWarning)
             points: Floats = engine.random(self.n)
         return _saltelli(points) if self.kind == "saltelli" else points
 
 
 def _saltelli(points: Floats) -> Floats:
-    """For each point (A, B) the designs A, A with one variable of B for each in turn, B: the order that SALib expects.
+    """Return, for each point (A, B): A, A with one variable of B for each variable in turn, B; the order that SALib expects.
 
     Saltelli et al., Computer Physics Communications 181 (2010) 259-270, table 2, radial design.
     """

@@ -1,9 +1,9 @@
-"""The rows of a sweep on disk: one SQLite file in which a committed row stays, whatever happens next.
+"""The store of a sweep: one SQLite file from which no crash removes a committed row.
 
-SQLite, for it is part of Python, one file, and says what it promises: with a write-ahead log and ``synchronous = FULL`` a commit
-returns when the log is on the disk (fsync), so that ``kill -9`` and power loss cost what was not committed and nothing else; a
-commit that finds the disk full is rolled back whole (https://www.sqlite.org/wal.html, https://www.sqlite.org/atomiccommit.html).
-Whether the file is still what was written ``integrity`` tells.
+SQLite is part of Python, writes one file and documents its guarantees: with a write-ahead log and ``synchronous = FULL`` a commit
+returns when the log is on the disk (fsync), so that ``kill -9`` and power loss lose only what was not committed; a commit on a
+full disk is rolled back whole (https://www.sqlite.org/wal.html, https://www.sqlite.org/atomiccommit.html). Module ``integrity``
+detects damage of the file.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ from probe_design.sweeps.keys import Value
 from probe_design.sweeps.rows import COLUMNS, Row
 
 NAME, LOCK, DAMAGED = "sweep.sqlite", "sweep.lock", "sweep.sqlite.damaged"
-_DAMAGE = ("SQLITE_CORRUPT", "SQLITE_NOTADB", "SQLITE_ERROR")  # the last of a file of an unknown format: our queries are right
+_DAMAGE = ("SQLITE_CORRUPT", "SQLITE_NOTADB", "SQLITE_ERROR")  # the last: of a table that is damaged
 _NO_ROOM = ("SQLITE_FULL", "SQLITE_IOERR_SHMSIZE")
 
 
 class StoreError(ProbeError):
-    """The store could not be read or written; what was committed before is kept."""
+    """The store could not be read or written; rows committed before are kept."""
 
 
 class Store:
-    """The store of one folder; of rows that are written, none is ever changed, and none goes unless it is asked for anew.
+    """The open store of one folder. Written rows are never changed, and only deleted to be evaluated again.
 
     Attributes:
-        folder: where it is.
-        mended: what was wrong with it and what became of that, a line; empty where nothing was.
+        folder: of the store.
+        repair_note: what was damaged and how it was repaired, one line; empty if nothing was.
     """
 
     def __init__(self, folder: Path, connection: sqlite3.Connection, mended: str = "") -> None:
@@ -47,13 +47,13 @@ class Store:
         self._place = _place(folder)
 
     def about(self) -> dict[str, Any]:
-        """Return what the sweep was asked; empty before it began. Raises ``InputError`` where it is damaged."""
+        """Return the request of the sweep; empty before it began. Raises ``InputError`` if it is damaged."""
         rows = self._all("SELECT * FROM about")
         with _intact(self.folder):
             return integrity.about(rows)
 
     def begin(self, about: Mapping[str, Any], designs: Sequence[tuple[int, tuple[Value, ...], bytes]]) -> None:
-        """Note which designs the sweep has, in place of those of another sweep in this folder; its rows stay."""
+        """Store the request and designs of a sweep, replacing those of an earlier sweep in this folder; result rows stay."""
         with self._written() as connection:
             connection.execute("DELETE FROM about")
             connection.execute("DELETE FROM designs")
@@ -62,7 +62,7 @@ class Store:
             connection.executemany(insertion("designs"), rows)
 
     def missing(self) -> list[tuple[int, tuple[Value, ...], bytes]]:
-        """Return of the designs without a row how many are the same, their values and their key."""
+        """Return count (of identical designs), values and key of the designs without a row."""
         query = (
             "SELECT count(*), inputs, key FROM designs WHERE NOT EXISTS"
             " (SELECT 1 FROM results WHERE results.key = designs.key) GROUP BY key ORDER BY min(number)"
@@ -72,44 +72,44 @@ class Store:
             return [(count, integrity.inputs(text), key) for count, text, key in found]
 
     def add(self, rows: Sequence[tuple[bytes, Row]]) -> int:
-        """Commit rows; one whose key is there already is left as it is. Returns how many were new."""
+        """Commit rows and return how many were new; a row whose key exists already is not replaced."""
         before = self._connection.total_changes
         with self._written() as connection:
             connection.executemany(insertion("results"), [sealed_result(key, row) for key, row in rows])
         return self._connection.total_changes - before
 
     def forget(self, status: str) -> int:
-        """Take away the rows of this sweep's designs with a status, so that they are missing again; returns how many."""
+        """Delete the rows of this sweep's designs with a status, so that they are evaluated again; return how many."""
         with self._written() as connection:
             query = "DELETE FROM results WHERE status = ? AND key IN (SELECT key FROM designs)"
             return connection.execute(query, (status,)).rowcount
 
     def forget_limited(self, limits: Limits) -> int:
-        """Take away the rows of this sweep's designs that name a limit which is larger now, see ``rows.LIMITS``; how many."""
+        """Delete rows of this sweep that a now larger limit stopped, see ``rows.LIMIT_COLUMNS``; return how many."""
         with self._written() as connection:
             query = "DELETE FROM results WHERE (time_limit < ? OR memory_limit < ?) AND key IN (SELECT key FROM designs)"
             return connection.execute(query, (limits.seconds, limits.memory)).rowcount
 
     def check_place(self) -> None:
-        """Make sure that the file is where it was opened: what is written to one that is gone is lost.
+        """Check that the file is still where it was opened: rows written to a deleted file would be lost.
 
         Raises:
-            StoreError: it is gone, or another one is there.
+            StoreError: the file is gone, or another one is in its place.
         """
         if _place(self.folder) != self._place:
             raise StoreError(f"{self.folder / NAME}: moved or deleted during the sweep, and with it the rows committed before")
 
     def counts(self) -> dict[str, int]:
-        """Return how many designs have a row, by its status."""
+        """Return the number of designs with a row, by status."""
         query = "SELECT status, count(*) FROM designs JOIN results USING (key) GROUP BY status"
         return {"ok": 0, "refused": 0, "failed": 0} | dict(self._all(query))
 
     def rows(self) -> Iterator[tuple[int, tuple[Value, ...], bytes, Row]]:
-        """Yield number, values, key and row of every design that has one, by number. Raises ``InputError`` if damaged."""
+        """Yield number, values, key and row of every design with a row, by number. Raises ``InputError`` if damaged."""
         with _store_errors(self.folder), _intact(self.folder):
             fault = integrity.fault_of_whole(self._connection)
             for row in self._connection.execute("SELECT * FROM results WHERE key NOT IN (SELECT key FROM designs)"):
-                integrity.opened(row)  # one whose key is damaged is no design's
+                integrity.opened(row)  # a row with a damaged key belongs to no design: check it too
         if fault:
             raise _damaged(self.folder, fault)
         width = len(integrity.TABLES["designs"]) + 1
@@ -128,6 +128,7 @@ class Store:
 
     @contextmanager
     def _written(self) -> Iterator[sqlite3.Connection]:
+        """Open a transaction that is committed at the end, or rolled back on any exception."""
         self.check_place()
         with _store_errors(self.folder):
             try:
@@ -142,14 +143,14 @@ class Store:
 
 @contextmanager
 def writing(folder: Path) -> Iterator[Store]:
-    """Open the store of a folder for writing, making both if needed; no other process can meanwhile.
+    """Open the store of a folder for writing; create both if needed; lock out other writers.
 
-    One that is damaged is written anew from its rows that are whole, and kept under another name.
+    A damaged store is kept under another name and replaced by one with its sound rows.
 
     Raises:
-        InputError: another process is writing, or the store is of another format, or damaged where its tables are named.
+        InputError: another process is writing, the store has another format, or its schema is damaged.
         StoreError: the store cannot be read or written.
-        OSError: the folder cannot be made.
+        OSError: the folder cannot be created.
     """
     folder.mkdir(parents=True, exist_ok=True)
     existed = (folder / NAME).exists()
@@ -170,8 +171,8 @@ def reading(folder: Path) -> Iterator[Store]:
     """Open the store of a folder for reading, also while a sweep writes.
 
     Raises:
-        InputError: there is none, or one of another format.
-        StoreError: it cannot be read.
+        InputError: there is no store, or it has another format.
+        StoreError: the store cannot be read.
     """
     if not (folder / NAME).is_file():
         raise InputError("folder", str(folder), "a folder that a sweep was written to")
@@ -179,7 +180,7 @@ def reading(folder: Path) -> Iterator[Store]:
         connection = sqlite3.connect(folder / NAME, isolation_level=None, timeout=30)
         try:
             connection.execute("PRAGMA query_only = 1")
-            connection.execute("BEGIN")  # all that is read is of one moment
+            connection.execute("BEGIN")  # all reads see the same state
             if not _check_format(folder, connection):
                 raise InputError("folder", str(folder), "a folder of a sweep that has begun")
             yield Store(folder, connection)
@@ -189,7 +190,7 @@ def reading(folder: Path) -> Iterator[Store]:
 
 @contextmanager
 def _alone(folder: Path) -> Iterator[None]:
-    """Hold a lock that ends with the process, also by ``kill -9``: SQLite's own, on a file beside the store."""
+    """Lock a folder until the process ends, also by ``kill -9``: SQLite's own lock on a second file."""
     try:
         lock = sqlite3.connect(folder / LOCK, isolation_level=None, timeout=0)
     except sqlite3.Error as fault:
@@ -208,7 +209,7 @@ def _alone(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def _intact(folder: Path) -> Iterator[None]:
-    """Raise ``InputError`` where what is read is not what a sweep has written."""
+    """Turn an error of reading damaged data into ``InputError``."""
     try:
         yield
     except (ValueError, TypeError):
@@ -221,9 +222,10 @@ def _damaged(folder: Path, why: object) -> InputError:
 
 @contextmanager
 def _store_errors(folder: Path) -> Iterator[None]:
+    """Turn errors of SQLite into ``InputError`` for damage, ``StoreError`` otherwise."""
     try:
         yield
-    except UnicodeDecodeError as fault:  # of what SQLite itself says of damaged tables
+    except UnicodeDecodeError as fault:  # raised by an error message of SQLite about damaged tables
         raise _damaged(folder, fault.reason) from None
     except sqlite3.Error as fault:
         if _is_damage(fault):
@@ -234,10 +236,10 @@ def _store_errors(folder: Path) -> Iterator[None]:
 
 
 def _check_format(folder: Path, connection: sqlite3.Connection) -> int:
-    """Return the format of a store, 0 of one without tables.
+    """Return the format of a store, 0 if it has no tables yet.
 
     Raises:
-        InputError: it is another program's, or its tables are not as they were made.
+        InputError: another program wrote the file, or its schema is damaged.
     """
     version = int(connection.execute("PRAGMA user_version").fetchone()[0])
     if version not in (0, integrity.FORMAT):
@@ -248,13 +250,13 @@ def _check_format(folder: Path, connection: sqlite3.Connection) -> int:
 
 
 def _made(connection: sqlite3.Connection, existed: bool) -> str:
-    """Make the tables of a store; say so where a file without any was there."""
+    """Create the tables of a store; return a note if an empty file existed."""
     connection.executescript(integrity.CREATE)
-    return f"{NAME} was empty: all designs are answered" if existed else ""
+    return f"{NAME} was empty: all designs are evaluated" if existed else ""
 
 
 def _mended(folder: Path, connection: sqlite3.Connection) -> str:
-    """Write what is whole of a damaged store in its place; say so, or nothing where it is whole."""
+    """Replace a damaged store by its sound rows and return a note; return an empty text if it is undamaged."""
     fault = _fault(connection)
     if not fault:
         return ""
@@ -264,11 +266,11 @@ def _mended(folder: Path, connection: sqlite3.Connection) -> str:
     count = integrity.saved(connection)
     if again := _fault(connection):
         raise _damaged(folder, again)
-    return f"{NAME} was damaged ({fault}) and is now {DAMAGED}: {count} whole rows are kept, the others answered again"
+    return f"{NAME} was damaged ({fault}) and is now {DAMAGED}: {count} whole rows are kept, the others are evaluated again"
 
 
 def _fault(connection: sqlite3.Connection) -> str:
-    """Say what is damaged in a store whose tables are as they were made; nothing if nothing is."""
+    """Return what is damaged in a store whose schema is right; an empty text if nothing is."""
     try:
         return integrity.fault_of_whole(connection) or integrity.fault_of_rows(connection)
     except (sqlite3.Error, UnicodeDecodeError, ValueError, TypeError) as fault:
@@ -278,12 +280,12 @@ def _fault(connection: sqlite3.Connection) -> str:
 
 
 def _is_damage(fault: sqlite3.Error) -> bool:
-    """Whether SQLite found something wrong in the file; of what it cannot decode Python complains, without SQLite's name."""
+    """Return whether an error means a damaged file; Python's own decoding errors have no SQLite name and count as damage."""
     return getattr(fault, "sqlite_errorname", "SQLITE_CORRUPT").startswith(_DAMAGE)
 
 
 def _place(folder: Path) -> tuple[int, int] | None:
-    """Which file is the store's now; None where there is none."""
+    """Return device and inode of the store's file; None if there is none."""
     try:
         found = (folder / NAME).stat()
     except OSError:
@@ -292,8 +294,8 @@ def _place(folder: Path) -> tuple[int, int] | None:
 
 
 def _flush(folder: Path) -> None:
-    """Make the file's name durable too."""
-    if os.name != "nt":  # Windows opens no folders
+    """Sync the folder to disk, so that the file's name survives a power loss too."""
+    if os.name != "nt":  # Windows cannot open folders
         handle = os.open(folder, os.O_RDONLY)
         try:
             os.fsync(handle)

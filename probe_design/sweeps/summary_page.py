@@ -1,4 +1,4 @@
-"""The summary page of a sweep: counts, pictures, what each variable does, Sobol indices where the sample allows them."""
+"""Write the summary page of a sweep: counts, scatter plots, main effects, and Sobol indices of a Saltelli sample."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from probe_design.reports.page import Chapter, PageTable, Picture, Text, page
 from probe_design.sweeps.results import UNITS, about, extra, origin, rows
 
 SHOWN = ("ratio", "log_sensitivity", "stiffness", "error_estimate")
-MOST_POINTS = 5000
-MOST_BESIDE = 4  # pictures in a line
-BINS = 10  # of a variable, for means over it
-SEED = 1  # of the bootstrap
+MOST_POINTS = 5000  # designs drawn in a scatter plot
+MOST_BESIDE = 4  # scatter plots in a line
+BINS = 10  # of a variable, for main effects of a sample
+SEED = 1  # of the bootstrap for intervals of Sobol indices
 
 
 def write_page(folder: Path | str, path: Path) -> Path:
@@ -47,6 +47,7 @@ def write_page(folder: Path | str, path: Path) -> Path:
 
 
 def _counts(request: dict[str, Any], all_rows: list[dict[str, Any]]) -> PageTable:
+    """Build the table of the request and the counts of rows."""
     count = Counter(row["status"] for row in all_rows)
     lines = [
         ("designs", request["designs"]), ("ok", count["ok"]), ("refused", count["refused"]), ("failed", count["failed"]),
@@ -58,36 +59,36 @@ def _counts(request: dict[str, Any], all_rows: list[dict[str, Any]]) -> PageTabl
 
 
 def _reasons(all_rows: list[dict[str, Any]]) -> list[Chapter]:
-    """The commonest reasons why there is no answer."""
+    """Build the table of the commonest reasons why designs have no result."""
     reasons = Counter((row["status"], row["type"], row["reason"]) for row in all_rows if row["status"] != "ok")
     lines = [(count, *reason) for reason, count in reasons.most_common(20)]
-    return [Chapter("Without an answer", (_table(("rows", "status", "type", "reason"), lines),))] if lines else []
+    return [Chapter("Designs without a result", (_table(("rows", "status", "type", "reason"), lines),))] if lines else []
 
 
 def _effects(request: dict[str, Any], answered: list[dict[str, Any]], y: Floats, complete: bool) -> tuple[PageTable | Text, ...]:
-    """Share of the variance that each variable explains on its own, and Sobol indices."""
+    """Build the table of main effects, or of Sobol indices if the sample is complete and of kind ``saltelli``."""
     if len(y) < 2 or np.ptp(y) == 0.0:
         return (Text("The same for all designs."),)
     if request["sample"]["kind"] == "saltelli" and complete:
         indices = sobol_indices(y, len(request["names"]))
         table = [(name, *(f"{low:.3g}" for low in one)) for name, one in zip(request["names"], indices, strict=True)]
-        heads = ("variable", "first order", "+-", "total", "+-")
+        heads = ("variable", "first order", "±", "total", "±")
         return _table(heads, table), Text("Sobol indices, 95 % intervals.")
     effects = [(name, main_effect([row[name] for row in answered], y)) for name in request["names"]]
     lines = [(name, "-" if effect is None else f"{effect:.3g}") for name, effect in effects]
-    note = "" if request["sample"]["kind"] != "saltelli" else " Sobol indices need an answer for every design."
-    return _table(("variable", "share of the variance"), lines), Text(f"Of the means over each variable alone.{note}")
+    note = "" if request["sample"]["kind"] != "saltelli" else " Sobol indices need a result for every design."
+    return _table(("variable", "share of the variance"), lines), Text(f"Main effects: what each variable explains alone.{note}")
 
 
 def main_effect(values: Sequence[object], y: Floats) -> float | None:
-    """Return the variance of the means of ``y`` over one variable as a share of its variance, from 0 to 1.
+    """Compute the main effect of a variable: the variance of the conditional means of ``y`` over its variance, from 0 to 1.
 
-    For a sample, means are over bins of equally many designs, so that noise of about bins / designs is added; for a grid over
-    its values. Cut at one design a bin, where every variable would seem to explain everything: then None.
+    Means are taken at each value of a grid, and over bins of equally many designs of a sample, which adds noise of about
+    bins / designs. None if there are fewer than two designs per bin, where every variable would seem to explain everything.
 
     Args:
-        values: of the variable, one for each design.
-        y: the output, shape (designs,), not all the same.
+        values: of the variable, one per design.
+        y: the output, shape (designs,), not constant.
     """
     levels, bins = np.unique(np.array(values), return_inverse=True)
     if len(levels) > 2 * BINS:
@@ -101,11 +102,11 @@ def main_effect(values: Sequence[object], y: Floats) -> float | None:
 
 
 def sobol_indices(y: Floats, d: int) -> list[tuple[float, float, float, float]]:
-    """Return for each variable its first-order index, its 95 % half-width, its total index, its half-width.
+    """Return for each variable its first-order Sobol index and total index, each followed by its 95 % half-width.
 
     Args:
         y: the output of all designs of a Saltelli sample, in its order, shape (n (d + 2),).
-        d: how many variables.
+        d: number of variables.
 
     Raises:
         MissingLibrary: SALib is not installed.
@@ -119,7 +120,7 @@ def sobol_indices(y: Floats, d: int) -> list[tuple[float, float, float, float]]:
 
 
 def _picture(name: str, variables: list[Any], answered: list[Any], y: Floats) -> Picture:
-    """Scatter over each variable, in the unit in which people read it."""
+    """Draw an output against each variable, in its display unit."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

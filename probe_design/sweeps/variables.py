@@ -1,4 +1,4 @@
-"""What a sweep varies, read from the tables of its file."""
+"""Read the variables of a sweep from the tables of its file."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from geometry.common.errors import InputError, Words, one_of
 from probe_design.sweeps.keys import Key, Value, key
 from probe_design.sweeps.samples import Variable
 
-MOST_VALUES = 1_000_000
+MOST_VALUES = 1_000_000  # of one variable
 PARTS = ("values", "from", "to", "points", "scale")
 
 
 def variable(name: str, entry: object, base: Mapping[str, Any], *, kind: str, units_required: bool, folder: Path) -> Variable:
-    """Check one variable.
+    """Read and check one variable.
 
     Args:
         name: its key.
         entry: its values, or a table.
         base: the tables of the scene.
-        kind: of the sample; in a grid ranges need points.
+        kind: of the sample; ranges of a grid need ``points``.
         units_required: whether a bare number is refused where a unit belongs.
-        folder: that names of surface files are relative to.
+        folder: to which names of surface files are relative.
 
     Raises:
-        InputError: something is not allowed.
+        InputError: a key or value is not allowed.
     """
     where = key(name, base)
     if isinstance(entry, list | tuple | np.ndarray):
@@ -55,7 +55,7 @@ def variable(name: str, entry: object, base: Mapping[str, Any], *, kind: str, un
         )
     if kind != "grid":
         if "points" in entry:
-            raise InputError(f"{name}.points", entry["points"], "none but in a grid: sample.n says how many")
+            raise InputError(f"{name}.points", entry["points"], "none except in a grid: sample.n is the number of points")
         return Variable(where, (), low, high, scale == "log")
     points = whole(f"{name}.points", entry.get("points"), 2, MOST_VALUES)
     values = np.geomspace(low, high, points) if scale == "log" else np.linspace(low, high, points)
@@ -64,6 +64,7 @@ def variable(name: str, entry: object, base: Mapping[str, Any], *, kind: str, un
 
 
 def _listed(where: Key, table: Mapping[str, Any], units_required: bool) -> tuple[Value, ...]:
+    """Read a list of values."""
     values = table["values"].tolist() if isinstance(table["values"], np.ndarray) else table["values"]
     if not isinstance(values, list | tuple) or not 1 <= len(values) <= MOST_VALUES or len(table) > 1:
         raise InputError(f"{where.name}.values", values, "a list of values, alone")
@@ -74,6 +75,7 @@ def _listed(where: Key, table: Mapping[str, Any], units_required: bool) -> tuple
 
 
 def _bound(where: Key, table: Mapping[str, Any], end: str, units_required: bool) -> float:
+    """Read one end of a range."""
     if end not in table:
         raise InputError(f"{where.name}.{end}", Words("missing"), "from and to, or values")
     value = _one(where, table[end], f"{where.name}.{end}", units_required)
@@ -87,7 +89,7 @@ def _one(where: Key, value: object, name: str, units_required: bool) -> Value:
 
 
 def whole(name: str, value: object, low: int, high: int) -> int:
-    """Check a whole number. Raises ``InputError``."""
+    """Check an integer from ``low`` to ``high`` and return it. Raises ``InputError``."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or not low <= value <= high:
         raise InputError(name, Words("missing") if value is None else value, f"a whole number from {low} to {high}")
     return int(value)

@@ -1,6 +1,6 @@
-"""The program of a worker process: job and limits, then batches of designs on standard input, their rows on standard output.
+"""The program of a worker process: reads job, limits and batches of designs from standard input, writes rows to standard output.
 
-One JSON value a line, whose floats read back the same. It ends when its input does: with whoever started it.
+Each line is one JSON value with exact floats. The program ends when its input ends, that is with the process that started it.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
     from probe_design.sweeps.keys import Value
     from probe_design.sweeps.rows import Job
 
-ENOUGH = 2.0  # seconds after which a batch is given back: rows that wait for its end are not on the disk
+ENOUGH = 2.0  # seconds after which the rest of a batch is returned: rows are committed only when a batch ends
 
 
 def main() -> None:
-    """Answer until there is no more to answer."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the one who started it to act on
+    """Evaluate batches until the input ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process that started this one handles Ctrl-C
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)  # what libraries print is no answer
+    os.dup2(2, 1)  # what libraries print goes to standard error
     from geometry.common.errors import InputError
     from geometry.common.resources import Limits, limited
     from probe_design.sweeps.rows import Job
@@ -51,7 +51,7 @@ def main() -> None:
 
 
 def _answer(job: Job, designs: list[list[Value]], tell: Callable[[Any], None]) -> None:
-    """Tell the rows of a batch, piece by piece, as long as there is time."""
+    """Evaluate a batch and send its rows part by part, until the time for a batch is over."""
     until = monotonic() + ENOUGH
     for rows in job.pieces([tuple(values) for values in designs]):
         enough = monotonic() > until

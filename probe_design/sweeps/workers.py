@@ -1,4 +1,4 @@
-"""Who answers batches of designs, and what comes back from them."""
+"""Interface of worker pools, which evaluate batches of designs, and the outcomes that they return."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from probe_design.sweeps.rows import Row
 
 @dataclass(frozen=True)
 class Task:
-    """A design to be answered.
+    """A design to be evaluated.
 
     Attributes:
         key: of its row.
         values: of the variables.
-        count: of designs that are the same.
-        deaths: how many workers died with it.
-        group: number that those share which are answered at once, and belong in one batch; None where any may be.
+        count: number of identical designs.
+        deaths: number of workers that died with it.
+        group: number of a group that is evaluated together, in one batch; None where any designs can be.
     """
 
     key: bytes
@@ -30,7 +30,7 @@ class Task:
 
 
 class CrewError(ProbeError):
-    """No worker can answer: what is wrong is none of the designs."""
+    """The workers cannot run, for a reason that is not in the designs."""
 
 
 Batch = tuple[Task, ...]
@@ -38,14 +38,14 @@ Batch = tuple[Task, ...]
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a worker made of the designs of a batch.
+    """What became of the designs of a batch.
 
     Attributes:
-        rows: of the first ones.
-        held: how many after these it was working on when it ended; 0 if nothing happened to them.
-        ended: how it ended.
-        late: whether it was ended for taking too long.
-        refused: why no worker can ever answer.
+        rows: of the first designs.
+        unfinished: number of designs after these that the worker evaluated when it ended; 0 if it did not end.
+        failure: how the worker ended.
+        is_late: whether the worker was killed because it took too long.
+        refusal: why no worker can evaluate any design.
     """
 
     rows: tuple[Row, ...] = ()
@@ -57,31 +57,31 @@ class Outcome:
 
 @dataclass(frozen=True)
 class FinishedBatch:
-    """A batch that is back, and what became of it."""
+    """A finished batch and its outcome."""
 
     batch: Batch
     outcome: Outcome
 
 
 class Crew(Protocol):
-    """Workers, here or elsewhere."""
+    """A pool of workers on this computer or a cluster."""
 
     def free(self) -> int:
-        """Return how many more batches they could begin now."""
+        """Return how many more batches can be submitted now."""
         ...
 
     def size(self) -> int:
-        """Return how many there are."""
+        """Return the number of workers."""
         ...
 
     def give(self, batch: Batch) -> None:
-        """Hand out a batch."""
+        """Give a batch to a worker."""
         ...
 
     def take(self, seconds: float) -> list[FinishedBatch]:
-        """Wait for answers, at most that long."""
+        """Wait at most ``seconds`` for finished batches."""
         ...
 
     def close(self) -> None:
-        """Stop them; what they work on is lost."""
+        """Stop all workers; unfinished batches are lost."""
         ...

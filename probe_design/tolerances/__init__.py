@@ -1,1 +1,1 @@
-"""What a probe that is not quite as drawn does to its readings, and which of its numbers must be held how tightly."""
+"""Command ``tolerances``: how manufacturing tolerances scatter the readings of a probe, and how tight each must be."""

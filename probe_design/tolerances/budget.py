@@ -1,12 +1,14 @@
-"""The uncertainty budget of a probe as built: how far its readings may be off, by what, and what must be held how tightly.
+"""Uncertainty budget of a probe as built: the scatter of its readings, its sources, and the tolerances that it needs.
 
-To first order, with what one standard deviation t_j of each number moves an output, and each number's share of the variance:
+To first order, with t_j the standard deviation of the uncertain number x_j, y an output, a_j the contribution of x_j to y and
+share_j its share of the variance of y:
 
     sd(y)^2 = sum_j a_j^2,   a_j = t_j dy/dx_j,   share_j = a_j^2 / sd(y)^2.   (TO.4)
 
-``sampled.py`` says beside it how much curvature and interplay add. Held alone, a number j would have to be within x / |dy/dx_j|
-for the ratio to be within x. With all of them off together the tolerances tau_j with sum_j (tau_j dy/dx_j)^2 = x^2 that cost
-least, each being the dearer the tighter it is against what the workshop holds anyway (a cost of t_j / tau_j), are
+Module ``sample_statistics`` estimates how much nonlinearity and interactions add. If number j alone were uncertain, a standard
+deviation x of the output would allow it x / |dy/dx_j|. For all of them together, the standard deviations tau_j with
+sum_j (tau_j dy/dx_j)^2 = x^2 that minimise the cost sum_j t_j / tau_j (the cost rises as tau_j falls below the workshop's usual
+t_j) are
 
     tau_j = t_j x |a_j|^(-2/3) / (sum_k |a_k|^(2/3))^(1/2).   (TO.5)
 """
@@ -35,22 +37,22 @@ from solver.planning.load_check import with_warning
 from solver.results.result import Result
 from solver.results.warnings import of_kind
 
-ACCURACY = 1e-3  # of the outputs whose derivatives are taken
-LINEAR = 0.01  # accuracy at which a load is warned of
-SAMPLES = (64, 65536)
-OF_SLOPES = 5.0  # the error of derivatives in units of that of the ratio: what DESIGN promises of the log-sensitivity
+ACCURACY = 1e-3  # of the finite elements that give the outputs and their derivatives
+LINEAR = 0.01  # a load for which linear elasticity is less accurate than this gives a warning
+SAMPLES = (64, 65536)  # lowest and highest number of samples
+OF_SLOPES = 5.0  # error of derivatives over that of the ratio: the bound that DESIGN states for the log-sensitivity
 
 
 @dataclass(frozen=True)
 class BudgetPart:
-    """What one number does to one output.
+    """The effect of one uncertain number on one output.
 
     Attributes:
         derivative: dy/dx, per SI unit.
         contribution: |a_j|, eq. TO.4.
         share: of the output's variance, to first order.
-        first, total: Sobol indices; None where there are none.
-        first_interval, total_interval: 95 %.
+        first, total: Sobol indices; None without samples.
+        first_interval, total_interval: 95 % intervals of the indices.
     """
 
     derivative: float
@@ -64,12 +66,12 @@ class BudgetPart:
 
 @dataclass(frozen=True)
 class BudgetLine:
-    """One line of the budget.
+    """One line of the budget: an uncertain number and its effects.
 
     Attributes:
-        name, kind, value, sd, source: see ``Toleranced``.
-        held: eq. TO.5, SI: its standard deviation for the ratio asked; None where it is exact or does not matter.
-        alone: its standard deviation if all else were as drawn.
+        name, kind, value, sd, source: see ``UncertainNumber``.
+        held: eq. TO.5, SI: the standard deviation needed for the requested one of ln ratio; None if it is exact or has no effect.
+        alone: the standard deviation allowed if all other numbers were exact.
         outputs: by name.
     """
 
@@ -85,14 +87,14 @@ class BudgetLine:
 
 @dataclass(frozen=True)
 class OutputScatter:
-    """By how much one output scatters between built probes.
+    """The scatter of one output between built probes.
 
     Attributes:
         sd: to first order.
-        sampled: ``sd`` times q of eq. TO.2, so with curvature and interplay; None where there are no samples.
-        sampled_error: half-width of its 95 % interval by the number of samples.
-        error_estimate: bound on the relative error of ``sd``: q - 1, the samples' own error and that of the derivatives;
-            None where there are no samples, or the level warns that it cannot tell the log-sensitivity as exactly.
+        sampled: ``sd`` times q of eq. TO.2, which includes nonlinearity and interactions; None without samples.
+        sampled_error: half-width of its 95 % interval, from the number of samples.
+        error_estimate: bound on the relative error of ``sd``: |q - 1|, the sampling error and that of the derivatives; None
+            without samples, or if the evaluator warns that its log-sensitivity is less accurate.
     """
 
     sd: float
@@ -106,14 +108,15 @@ class ToleranceBudget:
     """An uncertainty budget, SI units.
 
     Attributes:
-        evaluator: whose derivatives were taken.
-        seconds: what it cost.
-        ratio: standard deviation of ln ratio that ``held`` and ``alone`` are for.
-        nominal: what the probe as drawn reads: ratio, stiffness, log_sensitivity.
-        outputs: scatter by output: ``ln_ratio`` as ``evaluate`` has it, of the built areas; ``ln_ratio_over_drawn_areas``, as it
-            is read where nobody measured them; ``ln_stiffness``, by both films; ``log_sensitivity``, absolute.
+        evaluator: that computed the derivatives.
+        seconds: wall clock.
+        ratio: standard deviation of ln ratio to which ``held`` and ``alone`` refer.
+        nominal: results of the probe as drawn: ratio, stiffness (N/m), log_sensitivity.
+        outputs: scatter by output: ``ln_ratio`` of stresses on the built areas, as in ``evaluate``;
+            ``ln_ratio_over_drawn_areas``, as measured when the built areas are not known; ``ln_stiffness``, of both films
+            together; ``log_sensitivity``, absolute.
         lines: the budget, the largest share of ln_ratio first.
-        samples: designs of the closed form that were evaluated.
+        samples: number of designs evaluated with the closed form.
         warnings: one line each.
     """
 
@@ -135,22 +138,22 @@ def tolerances(
     scene: Scene, ratio: float = 0.01, *, bench: Bench | None = None, materials: Mapping[str, str] = MappingProxyType({}),
     given: Mapping[str, Any] = MappingProxyType({}), samples: int = 1024, seed: int = 0,
 ) -> ToleranceBudget:  # fmt: skip
-    """Return the uncertainty budget of a scene's probe as built.
+    """Compute the uncertainty budget of a scene's probe as built.
 
-    Linear elasticity: a load beyond it is warned of, as ``evaluate`` does.
+    Linear elasticity is assumed; a load beyond its range gives a warning, as in ``evaluate``.
 
     Args:
-        scene: of a kind that ``axisymmetric`` or ``equivalent-inclusion`` takes.
-        ratio: standard deviation of ln ratio that is allowed, 0.01 for 1 %.
-        bench: see ``probe_design.tolerances.variables.toleranced``.
-        materials: of the blocks "inner" and "outer", by names of the catalogue: how well their moduli are known.
-        given: standard deviations by names, see ``probe_design.tolerances.variables.toleranced``.
-        samples: a power of 2 from 64 to 65536; see ``sampled``.
+        scene: one that ``axisymmetric`` or ``equivalent-inclusion`` can evaluate.
+        ratio: allowed standard deviation of ln ratio, 0.01 for 1 %.
+        bench: see ``probe_design.tolerances.uncertain_numbers.list_uncertain_numbers``.
+        materials: names in the catalogue of the materials of the blocks "inner" and "outer", for the scatter of their moduli.
+        given: standard deviations by name, see ``list_uncertain_numbers``.
+        samples: a power of 2 from 64 to 65536; see ``sample_probes``.
         seed: of the samples.
 
     Raises:
-        InputError: a number out of range, or see ``toleranced``.
-        Refusal: the scene is of another kind, or its films do not both feel a pressure.
+        InputError: a number is out of range, or see ``list_uncertain_numbers``.
+        Refusal: no such evaluator takes the scene, or a film is not under pressure.
     """
     start = perf_counter()
     _check(ratio, samples)
@@ -166,7 +169,7 @@ def tolerances(
     notes = [str(one) for one in told.warnings]
     if drawn is None:
         notes.append(
-            f"no samples: closed-form takes {why}" if why else "no samples: some built probes are beyond the closed form"
+            f"no samples: closed-form takes {why}" if why else "no samples: the closed form has no result for some built probes"
         )
     return ToleranceBudget(
         level, perf_counter() - start, ratio, {key: getattr(told, key) for key in ("ratio", "stiffness", "log_sensitivity")},
@@ -175,7 +178,7 @@ def tolerances(
 
 
 def by_heights(scene: Scene) -> Scene:
-    """Return the scene with a height of each block, which are made each by itself; an elastic base lies on both and has one."""
+    """Return the scene with separate heights of the blocks, which are made separately; unchanged with an elastic base."""
     height = scene.probe.height
     if height is None or not scene.probe.base.rigid:
         return scene
@@ -184,7 +187,7 @@ def by_heights(scene: Scene) -> Scene:
 
 
 def held(sds: Floats, contributions: Floats, allowed: float) -> Floats:
-    """Return eq. TO.5: the standard deviations that cost least, infinite for what contributes nothing; shapes (v,)."""
+    """Return the standard deviations of minimum cost, eq. TO.5; infinite for numbers without contribution; shapes (v,)."""
     size = np.abs(contributions)
     scale = np.power(size, -2 / 3, out=np.full_like(size, np.inf), where=size > 0)
     return np.where(size > 0, np.where(size > 0, sds, 1.0) * allowed * scale / np.sqrt((size ** (2 / 3)).sum() or 1.0), np.inf)
@@ -198,7 +201,7 @@ def _check(ratio: float, samples: int) -> None:
 
 
 def _scatter(moved: Floats, drawn: Sampled | None, told: Result) -> dict[str, OutputScatter]:
-    """The scatter of the outputs that the scene has."""
+    """Build the scatter of the outputs that the scene has."""
     found, model = {}, OF_SLOPES * (told.error_estimate or 0.0)
     vague = bool(of_kind(told.warnings, "sensitivity"))
     for k, name in enumerate(OUTPUTS):
@@ -210,12 +213,13 @@ def _scatter(moved: Floats, drawn: Sampled | None, told: Result) -> dict[str, Ou
             continue
         bend = float(drawn.bend[k])
         error = bend * float(drawn.sd_error[k] / drawn.sd[k])
-        unknown = vague and name == "log_sensitivity"  # its own error is beyond what was asked, and so is its derivatives'
+        unknown = vague and name == "log_sensitivity"  # beyond the requested accuracy, and so are its derivatives
         found[name] = OutputScatter(sd, sd * bend, sd * error, None if unknown else abs(bend - 1) + error + model)
     return found
 
 
 def _lines(variables: tuple[Toleranced, ...], slope: Floats, drawn: Sampled | None, ratio: float) -> tuple[BudgetLine, ...]:
+    """Build the lines of the budget, the largest contribution to ln ratio first."""
     sds = np.array([one.sd for one in variables])
     moved = slope * sds
     tight = held(sds, moved[0], ratio)
@@ -229,12 +233,14 @@ def _lines(variables: tuple[Toleranced, ...], slope: Floats, drawn: Sampled | No
 
 
 def _part(slope: Floats, moved: Floats, j: int, indices: dict[str, Any]) -> BudgetPart:
+    """Build the effect of number ``j`` on one output; ``slope`` and ``moved`` are rows of that output."""
     variance = float((moved**2).sum())
     share = float(moved[j] ** 2 / variance) if variance else 0.0
     return BudgetPart(float(slope[j]), abs(float(moved[j])), share, **indices)
 
 
 def _indices(drawn: Sampled | None, k: int, j: int) -> dict[str, Any]:
+    """Return the Sobol indices of output ``k`` and number ``j``; empty without samples."""
     if drawn is None or drawn.sd[k] == 0:
         return {}
     low, high = (tuple(part[k, j].tolist()) for part in (drawn.first_interval, drawn.total_interval))

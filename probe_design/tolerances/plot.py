@@ -1,4 +1,4 @@
-"""The picture of an uncertainty budget: what each number moves the ratio, and its shares to first order and by samples."""
+"""Draw an uncertainty budget: contribution of each number to the ratio, and its share of the variance."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def plot(budget: ToleranceBudget, path: Path) -> Path:
     left, right = figure.subplots(1, 2, sharey=True)
     left.barh(rows, [100 * part.contribution for part in parts], color="tab:blue")
     left.set_yticks(rows, [line.name for line in lines])
-    left.set_xlabel("moves the ratio by, % (one standard deviation)")
+    left.set_xlabel("change of the ratio by one standard deviation, %")
     right.plot([part.share for part in parts], rows, "s", color="tab:blue", label="share, first order")
     drawn = [
         (row, part) for row, part in zip(rows, parts, strict=True) if part.total is not None and part.total_interval is not None

@@ -1,6 +1,7 @@
-"""The budget beyond first order: many built probes by the closed form, their scatter and their Sobol indices.
+"""Scatter and Sobol indices beyond first order, from samples of built probes with the closed form.
 
-One formula answers for samples and for slopes, so that what curvature and interplay add is told from the same model:
+Samples and derivatives come from the same model, so that their quotient q measures what nonlinearity and interactions add. With
+y an output, x the uncertain numbers as functions of standard normal variables eta (eq. TO.1):
 
     q = sd(y(x(eta))) / (sum_j (dy/d eta_j)^2)^(1/2),   dy/d eta_j by complex steps.   (TO.2)
 """
@@ -21,31 +22,31 @@ from probe_design.tolerances.variables import GAINS, Toleranced
 from solver.closed_form.designs import PROBE, forces, parameters
 
 OUTPUTS = ("ln_ratio", "ln_ratio_over_drawn_areas", "ln_stiffness", "log_sensitivity")
-PARAMETERS = {
+PARAMETERS = {  # parameters of the closed form that each uncertain number changes
     "probe.inner_radius": ("inner_radius",), "probe.gap": ("gap",), "probe.outer_radius": ("outer_radius",),
     "probe.height": ("inner_height", "outer_height"), "probe.inner_height": ("inner_height",),
     "probe.outer_height": ("outer_height",), "probe.inner.youngs_modulus": ("inner_modulus",),
     "probe.inner.poisson_ratio": ("inner_poisson",), "probe.outer.youngs_modulus": ("outer_modulus",),
     "probe.outer.poisson_ratio": ("outer_poisson",),
 }  # fmt: skip
-LEVEL = 0.95  # of intervals
-RESAMPLED = 300  # times, for the intervals of indices
-EACH = 128  # points of one at least: a shorter sequence is no sample in ten dimensions
-REPEATS = 8  # scrambled samples, whose differences tell the error of a standard deviation
+LEVEL = 0.95  # of all intervals
+RESAMPLED = 300  # for the intervals of indices
+EACH = 128  # points: a shorter Sobol sequence samples ten dimensions poorly
+REPEATS = 8  # scrambled sequences, whose differences give the error of a standard deviation
 STEP = 1e-30  # complex: exact to rounding
 
 
 @dataclass(frozen=True)
 class Sampled:
-    """What samples of built probes say of each of ``OUTPUTS``; v variables.
+    """Statistics of the four ``OUTPUT_NAMES`` over samples of built probes; v variables.
 
     Attributes:
-        slopes: dy/d eta by the closed form, shape (4, v).
+        derivatives: dy/d eta of the closed form, shape (4, v).
         sd: standard deviations of the outputs, shape (4,).
         sd_error: half-widths of their 95 % intervals, shape (4,).
         first, total: Sobol indices, shape (4, v).
-        first_interval, total_interval: 95 % by bootstrap, shape (4, v, 2).
-        designs: how many were evaluated.
+        first_interval, total_interval: 95 % bootstrap intervals, shape (4, v, 2).
+        designs: number of designs evaluated.
     """
 
     slopes: Floats
@@ -59,18 +60,18 @@ class Sampled:
 
     @property
     def bend(self) -> Floats:
-        """The q of eq. TO.2, shape (4,); 1 where nothing moves an output."""
+        """The q of eq. TO.2, shape (4,); 1 for an output that no variable affects."""
         line = np.sqrt((self.slopes**2).sum(axis=1))
         return np.asarray(np.divide(self.sd, line, out=np.ones_like(line), where=line > 0), dtype=float)
 
 
 def sampled(scene: Scene, variables: Sequence[Toleranced], samples: int, seed: int) -> Sampled | None:
-    """Sample built probes, or return None where the formulas break down for some of them.
+    """Sample built probes with the closed form; return None if it has no finite result for some of them.
 
     Args:
-        scene: by its outer radius; of a kind that ``closed-form`` takes.
-        variables: v of them.
-        samples: n, a power of 2: n (v + 2) designs tell the indices, n or 1024 the standard deviations.
+        scene: given by its outer radius; one that ``closed-form`` can evaluate.
+        variables: the v uncertain numbers.
+        samples: n, a power of 2. Indices use n (v + 2) designs, standard deviations max(n, 1024).
         seed: of the scrambled Sobol sequences.
     """
     outputs, d = _outputs(scene, variables), len(variables)
@@ -92,10 +93,10 @@ def sampled(scene: Scene, variables: Sequence[Toleranced], samples: int, seed: i
 def _indices(
     outputs: Callable[[Any], Any], moving: Any, d: int, samples: int, seed: int
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """First-order and total indices, shape (4, d), and their intervals, (4, d, 2); 0 for outputs that nothing moves."""
+    """Compute first-order and total indices (4, d) and their intervals (4, d, 2); 0 for outputs that no variable affects."""
     found = sobol_indices(func=lambda eta: outputs(eta)[moving], n=samples, dists=[norm()] * d, rng=np.random.default_rng(seed))
     with np.errstate(all="ignore"), warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of what does not move an output there is nothing to resample: its interval is itself
+        warnings.simplefilter("ignore")  # a variable without effect gives NaN: its interval is its index
         ends = found.bootstrap(confidence_level=LEVEL, n_resamples=RESAMPLED)
     parts = []
     for index, one in ((found.first_order, ends.first_order), (found.total_order, ends.total_order)):
@@ -105,14 +106,14 @@ def _indices(
 
 
 def _spread(moving: Any, part: Floats) -> Floats:
-    """Rows of the outputs that move, among all; 0 for the others."""
+    """Expand rows of the affected outputs to all outputs; 0 for the others."""
     whole = np.zeros((len(OUTPUTS), *part.shape[1:]))
     whole[moving] = part
     return whole
 
 
 def _outputs(scene: Scene, variables: Sequence[Toleranced]) -> Callable[[Any], Any]:
-    """Return eta, shape (v, n), real or complex -> ``OUTPUTS``, shape (4, n)."""
+    """Return the function eta, shape (v, n), real or complex -> the four outputs, shape (4, n)."""
     shape, nominal = parameters(scene)
 
     def outputs(eta: Any) -> Any:
@@ -125,7 +126,7 @@ def _outputs(scene: Scene, variables: Sequence[Toleranced]) -> Callable[[Any], A
                 columns[PROBE.index(key)] = one.drawn(row)
         radius, gap = PROBE.index("inner_radius"), PROBE.index("gap")
         columns[gap] = stay_open((columns[gap] - columns[radius] + nominal[radius]) / nominal[gap]) * nominal[gap]
-        with np.errstate(all="ignore"):  # designs that the formulas cannot answer are NaN
+        with np.errstate(all="ignore"):  # designs without a result become NaN
             matrix, slope = forces(shape, columns)
             return _read(matrix, slope, columns, gains)
 
@@ -133,16 +134,16 @@ def _outputs(scene: Scene, variables: Sequence[Toleranced]) -> Callable[[Any], A
 
 
 def stay_open(gap: Any) -> Any:
-    """Return gaps over the drawn one that stay above 0, of any shape, real or complex: g from 1 on, e^(g - 1) below.
+    """Map relative gaps (gap over drawn gap) to positive ones: g for g >= 1, e^(g - 1) below; any shape, real or complex.
 
-    The hole stays where the inner block's radius is off, eq. TO.6, so that the blocks of some draws would overlap.
+    The hole's radius is independent of the inner block's, eq. TO.6, so that the blocks of some draws would overlap.
     """
     below = np.where(np.real(gap) < 1.0, gap, 1.0)
     return np.where(np.real(gap) < 1.0, np.exp(below - 1.0), gap)
 
 
 def _read(matrix: Any, slope: Any, columns: Any, gains: Any) -> Any:
-    """What is read of film forces, shape (n, 2, 2), through gains whose logarithms have shape (2, n)."""
+    """Compute the four outputs from film forces, shape (n, 2, 2), and logarithms of the gains, shape (2, n)."""
     inner, gap, outer = columns[:3]
     totals, change = matrix.sum(axis=2).T, slope.sum(axis=2).T
     drawn = np.log(totals[0]) - np.log(totals[1]) + gains[0] - gains[1]

@@ -1,11 +1,12 @@
-"""First order by finite elements: exact derivatives of what is read by everything that may be off.
+"""Derivatives of the outputs with respect to all uncertain numbers, from the finite elements.
 
-Gains g_i multiply what is read: with F_i the films' forces and A_i areas, built or drawn,
+With F_i the force on film i (1 inner, 2 outer), g_i its gain and A_i its area, built or drawn,
 
     ln ratio = ln(g_1 F_1 A_2 / (g_2 F_2 A_1)),   ln stiffness = ln(g_1 F_1 + g_2 F_2) - ln indentation.   (TO.3)
 
-A scene has radii and the gap; a workshop makes three radii: the inner block's, the hole's and the outer one. With S = dy/dx of
-the scene's numbers, derivatives by the inner block's radius r_2 while the hole's r_h stays, and by r_h while r_2 stays, are
+A scene has radii and the gap; a workshop makes three radii: the inner block's r_2, the hole's r_h and the outer one. With y
+an output and S_radius, S_gap its derivatives with respect to the scene's inner radius and gap, the derivatives with respect to
+r_2 at fixed r_h, and with respect to r_h at fixed r_2, are
 
     dy/dr_2 = S_radius - S_gap,   dy/dr_h = S_gap.   (TO.6)
 """
@@ -30,10 +31,10 @@ from solver.equivalent_inclusion.level import EquivalentInclusion
 
 
 def level_of(scene: Scene) -> str:
-    """Return the level whose derivatives are taken.
+    """Return the name of the evaluator that computes the derivatives.
 
     Raises:
-        Refusal: neither ``axisymmetric`` nor ``equivalent-inclusion`` takes the scene.
+        Refusal: neither ``axisymmetric`` nor ``equivalent-inclusion`` can evaluate the scene.
     """
     if Axisymmetric().refusal(scene) is None:
         return "axisymmetric"
@@ -42,13 +43,14 @@ def level_of(scene: Scene) -> str:
 
 
 def slopes(scene: Scene, variables: Sequence[Toleranced], accuracy: float) -> Floats:
-    """Return dy / dx of ``sampled.OUTPUTS`` by variables, per SI unit, shape (4, v); of the inner radius and the gap by eq. TO.6.
+    """Return the derivatives of the four outputs with respect to v uncertain numbers, per SI unit, shape (4, v).
 
-    Beside the axis what surface and blocks send back of a tumour's field is left out: slopes of the log-sensitivity are then good
-    to some tenth where the cover is half a diameter.
+    Those of the inner radius and the gap follow eq. TO.6. Off the axis, reflections of a tumour's field at the surface and the
+    blocks are neglected: the derivatives of the log-sensitivity then have errors of some 10 % where the overburden is half a
+    diameter.
 
     Raises:
-        Refusal: see ``level_of``; or a block's height cannot be moved alone, as an elastic base lies on both films.
+        Refusal: see ``choose_evaluator``; or a block's height has no derivative of its own, as an elastic base lies on both.
     """
     names = tuple(dict.fromkeys([*(one.name for one in variables if one.kind != "gain"), GAP]))
     found = _gradients(scene, names, accuracy)
@@ -60,12 +62,13 @@ def slopes(scene: Scene, variables: Sequence[Toleranced], accuracy: float) -> Fl
 
 
 def _of_length(scene: Scene, name: str, found: Gradients) -> Floats:
-    """Derivatives of ``OUTPUTS`` by a number of the scene as a workshop makes it, SI: eq. TO.6."""
+    """Return the derivatives of the outputs with respect to a length as the workshop makes it, SI: eq. TO.6."""
     own = _of_number(scene, name, found)
     return own - _of_number(scene, GAP, found) if name == RADIUS else own
 
 
 def _gradients(scene: Scene, names: tuple[str, ...], accuracy: float) -> Gradients:
+    """Compute the evaluator's derivatives with respect to ``names``; refuse if one is missing."""
     with threadpool_limits(1, user_api="blas"):
         if level_of(scene) == "equivalent-inclusion":
             return tumour_gradients(scene, first_order(scene, sections(scene)), names)
@@ -77,7 +80,7 @@ def _gradients(scene: Scene, names: tuple[str, ...], accuracy: float) -> Gradien
 
 
 def _of_number(scene: Scene, name: str, found: Gradients) -> Floats:
-    """Derivatives of ``OUTPUTS`` by a number of the scene, SI."""
+    """Return the derivatives of the outputs with respect to a number of the scene, SI."""
     place = found.variables.index(name)
     by = {output: float(part[0, place]) for output, part in found.derivatives.items()}
     value = {output: float(part[0]) for output, part in found.values.items()}
@@ -88,13 +91,13 @@ def _of_number(scene: Scene, name: str, found: Gradients) -> Floats:
 
 
 def _of_gain(one: Toleranced, shares: Floats) -> Floats:
-    """The ratio is read as gain_inner / gain_outer times itself, the stiffness as the gains' mean by each film's share."""
+    """Return the derivatives with respect to a gain, eq. TO.3; ``shares`` are the films' shares of the total force."""
     place = GAINS.index(one.name)
     return np.array([1.0 - 2 * place, 1.0 - 2 * place, shares[place], 0.0])
 
 
 def _by_areas(scene: Scene, name: str) -> float:
-    """Derivative of ln(A_inner / A_outer), which turns a ratio of stresses into one of forces over areas that stay as drawn."""
+    """Return the derivative of ln(A_inner / A_outer), which converts a ratio of stresses to one over the drawn areas."""
     probe = scene.probe
     ring = probe.outer_area / math.pi
     by_ring = {

@@ -1,6 +1,7 @@
-"""What may be off in a built probe, and by how much: lengths, moduli and Poisson's ratios of its blocks, its films' gains.
+"""Uncertain numbers of a built probe: lengths, moduli and Poisson's ratios of its blocks, and gains of its films.
 
-With eta standard normal, each number is distributed so that no draw is impossible and the first order is t eta:
+With eta standard normal, x0 (nu0) the drawn value, t its standard deviation and a = ln(2 nu0 / (1 - 2 nu0)), each number is
+distributed so that no draw is impossible and its first order is t eta:
 
     x = x0 e^(t eta / x0)  of lengths, moduli and gains;   nu = 1 / (2 + 2 e^(-a - s eta)),  s = t / (nu0 (1 - 2 nu0))   (TO.1)
 """
@@ -27,25 +28,25 @@ from probe_design.built_probe.bench import Bench, Channels, Workshop
 Kind = Literal["length", "modulus", "poisson_ratio", "gain"]
 GAINS = ("film.inner.gain", "film.outer.gain")
 RADIUS, GAP = "probe.inner_radius", "probe.gap"
-BLOCKS = {  # of each length: which block it is of, and whether it lies across the mould's parting plane
+BLOCKS = {  # of each length: its block, and whether it crosses the parting plane of the mould
     "probe.inner_radius": ("inner", False), "probe.gap": ("outer", False), "probe.outer_radius": ("outer", False),
     "probe.height": ("inner", True), "probe.inner_height": ("inner", True), "probe.outer_height": ("outer", True),
 }  # fmt: skip
 MM = 1e3
-LARGEST = 2.0  # standard deviation of a logarithm
+LARGEST = 2.0  # standard deviation of a logarithm, at most
 SHARE = f"a relative standard deviation from 0 to {LARGEST:g}, such as 0.02 or 2 %"
 RATIO = "a standard deviation from 0 to 0.1, such as 0.003"
 
 
 @dataclass(frozen=True)
 class Toleranced:
-    """A number of the probe that may be off.
+    """A number of the probe that varies between built probes.
 
     Attributes:
-        name: its key in the scene file; of a film's gain one of ``GAINS``.
-        kind: what it is.
-        value: as drawn, SI; 1 of a gain.
-        sd: standard deviation of the built one, SI; of ln E of a modulus times it.
+        name: its key in the scene file; for the gain of a film one of ``GAIN_NAMES``.
+        kind: length, modulus, Poisson's ratio or gain.
+        value: as drawn, SI; 1 for a gain.
+        sd: standard deviation of the built value, SI; for a modulus E that of ln E, times E.
         source: where the standard deviation comes from.
     """
 
@@ -56,7 +57,7 @@ class Toleranced:
     source: str
 
     def drawn(self, eta: Any) -> Any:
-        """Return eq. TO.1 at eta, real or complex, of any shape."""
+        """Return the value at standard normal ``eta``, eq. TO.1; real or complex, any shape."""
         if self.kind != "poisson_ratio":
             return self.value * np.exp(self.sd / self.value * eta)
         if self.sd == 0.0 or self.value == 0.0:
@@ -68,20 +69,20 @@ class Toleranced:
 def toleranced(
     scene: Scene, bench: Bench | None = None, materials: Mapping[str, str] | None = None, given: Mapping[str, Any] | None = None
 ) -> tuple[Toleranced, ...]:
-    """Return what may be off in a scene's probe, which is given by its outer radius.
+    """Return the uncertain numbers of a scene's probe, which is given by its outer radius.
 
-    Lengths are off by what the process of their block allows (``geometry.workshop.processes``), the gap by what the hole's radius
-    is; a modulus that is the catalogue's by what the catalogue says, any other as a measured one.
+    Lengths vary by the tolerance of the process of their block (``geometry.workshop.processes``), the gap by that of the hole's
+    radius. A modulus from the catalogue varies as the catalogue states, any other as a measured one.
 
     Args:
         scene: see ``probe_design.built_probe.block_predictions.by_outer_radius``.
-        bench: whose ``[channels]`` hold, and whose ``[workshop]`` does for lengths and measured numbers; left out: see above.
-        materials: of the blocks "inner" and "outer", by names of the catalogue: how well their moduli are known.
-        given: standard deviations by names, in place of these: text with its unit, "5 %", or SI numbers, relative ones of moduli
-            and gains.
+        bench: its ``[channels]`` give the gains, its ``[workshop]`` lengths and measured numbers; by default as above.
+        materials: names in the catalogue of the materials of the blocks "inner" and "outer", for the scatter of their moduli.
+        given: standard deviations by name, which replace the above: text with a unit, "5 %", or SI numbers; relative for
+            moduli and gains.
 
     Raises:
-        InputError: no such block, material or name, or what is given is no standard deviation.
+        InputError: there is no such block, material or name, or a given value is no standard deviation.
     """
     workshop, channels = (Workshop(), Channels()) if bench is None else (bench.workshop, bench.channels)
     origin = "built-in bench" if bench is None else "bench"
@@ -99,13 +100,13 @@ def toleranced(
 
 
 def tabulated(scene: Scene) -> dict[str, str]:
-    """Return the names of the blocks' materials whose moduli are the catalogue's, and so not measured, by block."""
+    """Return, by block, the names of materials whose moduli come from the catalogue and are not measured."""
     blocks = {"inner": scene.probe.inner.unmeasured, "outer": scene.probe.outer.unmeasured}
     return {block: one.name for block, one in blocks.items() if one is not None}
 
 
 def _of_process(scene: Scene, one: Toleranced) -> Toleranced:
-    """A length as its block's process makes it; radii are made as diameters."""
+    """Return a length with the tolerance of its block's process; radii are made as diameters."""
     block, closure = BLOCKS[one.name]
     process = part_materials(scene.probe)[block].process
     radius = scene.probe.hole_radius if one.name == GAP else one.value
@@ -119,11 +120,12 @@ def _of_process(scene: Scene, one: Toleranced) -> Toleranced:
 
 
 def _of_blocks(name: str) -> bool:
-    """Whether a number of the scene is a block's: films and base are bought or hardly matter."""
+    """Return whether a number belongs to a block: films and base are bought, or hardly matter."""
     return name.startswith("probe.") and not name.startswith(("probe.film.", "probe.base.")) and name != "probe.area_ratio"
 
 
 def _of_workshop(name: str, value: float, workshop: Workshop, origin: str) -> Toleranced:
+    """Build an uncertain number with the standard deviation of the bench's ``[workshop]``."""
     if name.endswith("modulus"):
         return Toleranced(name, "modulus", value, workshop.modulus * value, f"{origin}, [workshop] modulus")
     if name.endswith("poisson_ratio"):
@@ -132,6 +134,7 @@ def _of_workshop(name: str, value: float, workshop: Workshop, origin: str) -> To
 
 
 def _of_material(found: Mapping[str, Toleranced], block: str, what: str) -> dict[str, Toleranced]:
+    """Return a block's modulus with the standard deviation of a material in the catalogue."""
     name = f"probe.{block}.youngs_modulus"
     if name not in found:
         raise InputError("material", f"{block}={what}", "inner=NAME or outer=NAME, of a block")
@@ -143,7 +146,7 @@ def _of_material(found: Mapping[str, Toleranced], block: str, what: str) -> dict
 
 
 def _read(one: Toleranced, entry: Any) -> float:
-    """A standard deviation as it is given, SI."""
+    """Read a given standard deviation, SI."""
     key = f"tolerance.{one.name}"
     if one.kind == "length":
         sd = LENGTH.read(key, entry, units_required=isinstance(entry, str)) if entry not in (0, "0") else 0.0

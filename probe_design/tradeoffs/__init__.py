@@ -1,1 +1,1 @@
-"""``tradeoff``: every level timed and judged on scenes."""
+"""Command ``tradeoff``: time every evaluator on scenes and compare its errors with a reference."""

@@ -1,4 +1,4 @@
-"""What `probe-design tradeoff` leaves behind: a page, a plot, a JSON file and a report."""
+"""Write the files of `probe-design tradeoff`: a Markdown page, a plot, a JSON file and a report."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ NAMES = ("tradeoff.png", "tradeoff.md", "tradeoff.json", "report.html")
 
 
 def write_all(study: Tradeoff, folder: Path) -> list[Path]:
-    """Write everything into ``folder``, all of it or nothing; returns the paths.
+    """Write all files into ``folder``, all or none; return their paths.
 
     Raises:
         OSError: the folder cannot be written.
@@ -36,17 +36,17 @@ def write_all(study: Tradeoff, folder: Path) -> list[Path]:
 
 
 def _report(study: Tradeoff, picture: Path, summary: dict[str, Any]) -> str:
-    """The same as a page."""
+    """Build the report as HTML."""
     scenes = [asked(scene, f"The scene {name}") for name, scene in study.scenes.items()]
     refusals = [f"{row.scene}, {row.evaluator}: {row.reason}" for row in study.rows if row.reason is not None]
     silent = (*(f"{name}: {why}" for name, why in study.skipped.items()), *dict.fromkeys(refusals))
     sections = (
-        Chapter("Error against time", (Picture.read(picture, "error against time of every level and setting"),)),
+        Chapter("Error against time", (Picture.read(picture, "error against time of every evaluator and setting"),)),
         Chapter("Every setting", (PageTable(SUMMARY, tuple(summary_cells(study))), Text(NOTES.replace("`", "")))),
         Chapter("The cheapest for each scene", (PageTable(CHOICES, tuple(choice_cells(study))),)),
-        Chapter("Every answer", (PageTable(EACH, tuple(row_cells(study))),)),
-        Chapter("Not asked, or no answer", (Items(silent or ("nothing",)),)),
+        Chapter("Every result", (PageTable(EACH, tuple(row_cells(study))),)),
+        Chapter("Not evaluated, or no result", (Items(silent or ("nothing",)),)),
         *scenes,
     )
-    headline = f"{len(study.rows)} answers of {len(study.scenes)} scenes, timed and judged."
+    headline = f"{len(study.rows)} results of {len(study.scenes)} scenes, timed and compared with a reference."
     return html("Speed against accuracy", headline, sections, summary)

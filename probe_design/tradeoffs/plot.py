@@ -1,4 +1,4 @@
-"""The picture of the trade: for each scene, stated and true errors against time, with the Pareto front."""
+"""Draw stated and true errors against time for each scene, with the Pareto front."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ COLOURS = {
     "closed-form": "tab:green", "equivalent-inclusion": "tab:orange", "axisymmetric": "tab:blue", "solid": "tab:purple",
 }  # fmt: skip
 MARKERS = {"closed-form": "D", "equivalent-inclusion": "s", "axisymmetric": "o", "solid": "^"}
-FLOOR = 1e-8  # errors below are drawn here
-MOST_PANELS = 30
+FLOOR = 1e-8  # smaller errors are drawn here
+MOST_PANELS = 30  # scenes drawn; the title says if there are more
 
 
 def plot(study: Tradeoff, path: Path) -> Path:
@@ -41,7 +41,7 @@ def plot(study: Tradeoff, path: Path) -> Path:
     for axes in grid.flat[len(names) :]:
         axes.set_axis_off()
     for column in range(across):
-        _bottom(grid, len(names), column).set_xlabel("time of one answer, s")
+        _bottom(grid, len(names), column).set_xlabel("time of one evaluation, s")
     for axes in grid[:, 0]:
         axes.set_ylabel("relative error of the ratio")
     left = "" if len(names) == len(study.scenes) else f" (the first {len(names)} of {len(study.scenes)} scenes)"
@@ -51,7 +51,7 @@ def plot(study: Tradeoff, path: Path) -> Path:
 
 
 def _bottom(grid: Any, count: int, column: int) -> Any:
-    """The lowest panel in use of a column; it shows its own axis where there are empty ones below."""
+    """Return the lowest used panel of a column, with its x labels on: the panels below it may be empty."""
     across = grid.shape[1]
     row = (count - 1 - column) // across
     axes = grid[row, column]
@@ -60,6 +60,7 @@ def _bottom(grid: Any, count: int, column: int) -> Any:
 
 
 def _panel(axes: Any, name: str, rows: Sequence[Row]) -> None:
+    """Draw the panel of one scene."""
     answers = distinct(rows)
     _front(axes, answers)
     for row in answers:
@@ -72,13 +73,13 @@ def _panel(axes: Any, name: str, rows: Sequence[Row]) -> None:
     silent = {row.evaluator for row in rows} - {row.evaluator for row in answers}
     if silent:
         axes.text(
-            0.98, 0.97, f"no answer: {', '.join(sorted(silent))}", transform=axes.transAxes, ha="right", va="top", fontsize=7.5,
+            0.98, 0.97, f"no result: {', '.join(sorted(silent))}", transform=axes.transAxes, ha="right", va="top", fontsize=7.5,
             color="0.35",
         )  # fmt: skip
 
 
 def _front(axes: Any, answers: Sequence[Row]) -> None:
-    """Steps: with so much time the stated error can be had down to the line."""
+    """Draw the Pareto front as steps: the smallest stated error that is available within a time."""
     front = pareto(answers)
     if not front:
         return
@@ -88,6 +89,7 @@ def _front(axes: Any, answers: Sequence[Row]) -> None:
 
 
 def _answer(axes: Any, row: Row) -> None:
+    """Draw one row: stated error, true error or its upper limit, and the time of the next tumour."""
     colour, marker = COLOURS[row.evaluator], MARKERS[row.evaluator]
     x, stated = row.seconds_probe, _shown(row.stated_error)
     true = None if row.true_error is None else _shown(row.true_error if row.resolved else row.true_error_most)
@@ -102,7 +104,7 @@ def _answer(axes: Any, row: Row) -> None:
 
 
 def _labels(axes: Any, answers: Sequence[Row]) -> None:
-    """Write the accuracies asked for, as many as have room."""
+    """Label points with the requested accuracy, where labels do not overlap."""
     taken: list[tuple[float, float]] = []
     white = {"facecolor": "white", "edgecolor": "none", "alpha": 0.6, "pad": 0.3}
     for row in answers:
@@ -121,6 +123,7 @@ def _shown(error: float | None) -> float:
 
 
 def _legend(figure: Any, study: Tradeoff) -> None:
+    """Draw the legend below the panels."""
     from matplotlib.lines import Line2D
 
     def line(label: str, marker: str = "", colour: str = "0.3", style: str = "", **more: Any) -> Line2D:
@@ -128,7 +131,8 @@ def _legend(figure: Any, study: Tradeoff) -> None:
 
     levels = dict.fromkeys(row.evaluator for row in study.rows if row.ratio is not None)
     handles = [
-        line(level if level == "closed-form" else f"{level}: accuracy asked", MARKERS[level], COLOURS[level]) for level in levels
+        line(level if level == "closed-form" else f"{level}: requested accuracy", MARKERS[level], COLOURS[level])
+        for level in levels
     ]
     handles += [
         line("stated error", "o"),

@@ -1,4 +1,4 @@
-"""What was measured of one setting on one scene, and what follows from many of them: true errors, Pareto front, cheapest."""
+"""Errors and times of one setting on one scene, and what follows from many: true errors, Pareto front, cheapest setting."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 Error = Literal["stated_error", "true_error_most"]
-LEAST_SENSITIVITY = 1e-5  # smaller log-sensitivities are compared with this: no level promises more, README
+LEAST_SENSITIVITY = 1e-5  # smaller values are compared with this: no evaluator states a smaller error, see README
 
 
 @dataclass(frozen=True)
 class Setting:
-    """An evaluator and the accuracy asked of it.
+    """An evaluator and its requested accuracy.
 
     Attributes:
-        accuracy: relative; None for one that does not heed it.
+        accuracy: relative; None for an evaluator that ignores it.
     """
 
     evaluator: str
@@ -25,24 +25,24 @@ class Setting:
 
 @dataclass(frozen=True)
 class Row:
-    """What one setting said of one scene, what it cost and how wrong it was; None where ``reason`` says why.
+    """Result, time and errors of one setting on one scene; None where there is no result, see ``reason``.
 
     Attributes:
         scene: its name.
         evaluator, accuracy: see ``Setting``.
         ratio, log_sensitivity: see ``solver.Result``.
-        stated_error: bound on the relative error of the ratio, as the answer itself states it.
-        seconds_first: wall clock of the first answer to the scene in the run; it includes what a process builds only once.
-        seconds_probe: median for a probe and a mesh of which nothing is kept; the first answer's where that is all there is.
-        seconds_tumour: median for another tumour under a probe that it has just met; None where there is no tumour.
-        reason: why there is no answer.
-        reference: whether this is the answer that the scene's others are compared with.
-        same_level: whether the reference is the same evaluator's: the comparison shows its convergence, and none of the errors
-            that its settings share.
+        stated_error: bound on the relative error of the ratio, as stated by the result.
+        seconds_first: wall clock of the first evaluation of the scene; includes what a process computes only once.
+        seconds_probe: median for a new probe and mesh, with nothing cached; that of the first evaluation if there is no other.
+        seconds_tumour: median for another tumour under the same probe; None without a tumour.
+        reason: why there is no result.
+        reference: whether this is the result with which the others of the scene are compared.
+        same_level: whether the reference is of the same evaluator: the comparison then shows its convergence, but no error that
+            all its settings share.
         true_error: relative difference of the ratio from the reference's.
-        true_error_least, true_error_most: what the error can be, as the reference may be off by its own stated error.
+        true_error_least, true_error_most: limits of the true error, as the reference has a stated error itself.
         log_sensitivity_error: difference of the log-sensitivity from the reference's, relative to it or, where it is smaller, to
-            1e-5. A result does not state how exact its log-sensitivity is, so that the reference's own error is not counted.
+            1e-5. The error of the reference's log-sensitivity is not stated, and so not counted.
     """
 
     scene: str
@@ -64,25 +64,26 @@ class Row:
 
     @property
     def setting(self) -> Setting:
-        """The evaluator and the accuracy asked of it."""
+        """The evaluator and its requested accuracy."""
         return Setting(self.evaluator, self.accuracy)
 
     @property
     def held(self) -> bool:
-        """Whether the stated error can be no smaller than the true one."""
+        """Whether the stated error may cover the true one: it is not below ``true_error_least``."""
         return self.true_error_least is None or self.stated_error is None or self.true_error_least <= self.stated_error
 
     @property
     def resolved(self) -> bool:
-        """Whether the true error is above what the reference itself may be off."""
+        """Whether the true error is larger than the error of the reference."""
         return self.true_error is not None and bool(self.true_error_least)
 
 
 def judged(rows: Sequence[Row], converging: Iterable[str]) -> tuple[Row, ...]:
-    """Compare the rows of one scene with the one of least stated error among those of ``converging`` evaluators.
+    """Add true errors to the rows of one scene: the reference is the smallest stated error of a ``converging`` evaluator.
 
-    With d the difference and e the reference's stated error, answer / truth = (1 + d) (1 + e'), |e'| <= e, so that the true
-    error lies between |d| - e |1 + d| and |d| + e |1 + d| (TR.1).
+    With d the relative difference from the reference, e the reference's stated error and e' its unknown true one,
+
+        result / truth = (1 + d) (1 + e'), |e'| <= e,   |d| - e |1 + d| <= true error <= |d| + e |1 + d|   (TR.1)
     """
     levels = set(converging)
     candidates = [row for row in rows if row.evaluator in levels and row.ratio is not None and row.stated_error is not None]
@@ -93,6 +94,7 @@ def judged(rows: Sequence[Row], converging: Iterable[str]) -> tuple[Row, ...]:
 
 
 def _compared(row: Row, reference: Row) -> Row:
+    """Add the true error of a row, eq. TR.1."""
     assert reference.ratio is not None
     own = reference.stated_error or 0.0
     same = row.evaluator == reference.evaluator
@@ -110,13 +112,14 @@ def _compared(row: Row, reference: Row) -> Row:
 
 
 def _sensitivity_error(value: float | None, reference: float | None) -> float | None:
+    """Return the error of a log-sensitivity relative to the reference, or to 1e-5 where that is smaller."""
     if value is None or reference is None:
         return None
     return abs(value - reference) / max(abs(reference), LEAST_SENSITIVITY)
 
 
 def distinct(rows: Iterable[Row]) -> tuple[Row, ...]:
-    """Leave out rows whose evaluator gave the same answer when it was asked for less: their times differ by chance."""
+    """Leave out rows with the same ratio as a coarser setting of their evaluator: their times differ only by chance."""
     first: dict[tuple[str, str, float | None], Row] = {}
     for row in rows:
         if row.ratio is not None:
@@ -125,7 +128,7 @@ def distinct(rows: Iterable[Row]) -> tuple[Row, ...]:
 
 
 def pareto(rows: Iterable[Row], error: Error = "stated_error") -> tuple[Row, ...]:
-    """Return the rows that no other beats in time without a larger error, fastest first; time is ``seconds_probe``."""
+    """Return the Pareto front of ``seconds_probe`` and error, fastest first."""
     costs = [(row.seconds_probe, getattr(row, error), row) for row in rows]
     ranked = sorted(((s, e, row) for s, e, row in costs if s is not None and e is not None), key=lambda one: one[:2])
     front: list[Row] = []

@@ -1,8 +1,7 @@
-"""What accuracy costs on the user's own scenes: every evaluator and setting, timed, its stated error held against its true one.
+"""Measure what accuracy costs on the user's scenes: time, stated error and true error of every evaluator and setting.
 
-True errors are differences from the finest converged answer that any level reaches for the scene, which carries its own
-stated error: below that a true error is not resolved. Times are wall clock: of them, ratios are what holds from machine to
-machine.
+True errors are differences from the finest converged result of any evaluator. This reference has a stated error itself, below
+which true errors are not resolved. Times are wall clock; only their ratios carry over to other machines.
 """
 
 from __future__ import annotations
@@ -33,29 +32,29 @@ SETTINGS = (
     Setting("axisymmetric", 0.0001),
 )
 FINEST = (Setting("axisymmetric", 1e-5), Setting("equivalent-inclusion", 1e-4))
-FINE_ENOUGH = 1e-5  # stated error of a reference beyond which the next of FINEST is not asked
+FINE_ENOUGH = 1e-5  # a reference with a smaller stated error is fine enough
 SOLID = (Setting("solid", 0.03), Setting("solid", 0.01), Setting("solid", 0.003))
 CONVERGING = ("equivalent-inclusion", "axisymmetric", "solid")
 SKIPPED = {
     "published": "gives an equivalent modulus, no ratio to compare",
-    "contact": "answers loads beyond linear elasticity, where the others are not true",
-    "solid": "takes minutes: asked only with --solid, or where nothing else takes the scene",
+    "contact": "is for loads beyond linear elasticity, where the other evaluators are not accurate",
+    "solid": "takes minutes: used only with --solid, or where no other evaluator takes the scene",
 }
-LINEAR = 0.01  # accuracy at which a load is allowed
-UNCERTAIN = 0.01  # stated error of a reference beyond which it is said
-TOLERANCES = (0.05, 0.01, 0.001)
+LINEAR = 0.01  # error of linear elasticity up to which a load is allowed
+UNCERTAIN = 0.01  # a reference with a larger stated error gives a warning
+TOLERANCES = (0.05, 0.01, 0.001)  # relative errors for which the fastest setting is listed
 Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
 class Tradeoff:
-    """The trade of speed for accuracy on some scenes.
+    """Speed against accuracy of all evaluators on some scenes.
 
     Attributes:
         scenes: by name.
         rows: one for each scene and setting, in that order.
-        skipped: evaluators that were not asked everywhere, with the reason.
-        warnings: of loads beyond which linear elasticity, to which all errors refer, says little.
+        skipped: evaluators that were not used for every scene, with the reason.
+        warnings: of loads for which linear elasticity, to which all errors refer, is not accurate.
     """
 
     scenes: Mapping[str, Scene]
@@ -69,22 +68,22 @@ class Tradeoff:
 
     @property
     def settings(self) -> tuple[Setting, ...]:
-        """The settings that were asked, those of one level together, coarse ones first."""
+        """The settings that were used, by evaluator, coarse ones first."""
         settings = {row.setting for row in self.rows}
         return tuple(sorted(settings, key=lambda one: (BUILT.index(one.evaluator), -(one.accuracy or 1.0))))
 
     @property
     def broken(self) -> tuple[Row, ...]:
-        """Rows whose stated error is below the least that the true one can be: defects of their evaluator."""
+        """Rows whose stated error is below the lower limit of the true one: defects of their evaluator."""
         return tuple(row for row in self.rows if not row.held)
 
     @property
     def uncertain(self) -> tuple[Row, ...]:
-        """References that may themselves be off by more than 1 %: the true errors of their scenes are not known."""
+        """References with a stated error above 1 %: the true errors of their scenes are not known."""
         return tuple(row for row in self.rows if row.reference and (row.stated_error or 0.0) > UNCERTAIN)
 
     def choices(self) -> Iterator[tuple[str, float, Row | None, Row | None]]:
-        """Yield scene, tolerance and the fastest answers within it: by what they state, and by their true error."""
+        """Yield scene, tolerance and the fastest rows within it: by stated error, and by true error."""
         for name in self.scenes:
             rows = distinct(self.of(name))
             for tolerance in TOLERANCES:
@@ -122,20 +121,20 @@ def tradeoff(
     *,
     linear: bool = False,
 ) -> Tradeoff:
-    """Answer scenes by every evaluator and setting; time the answers; compare them with the finest.
+    """Evaluate scenes with every evaluator and setting, time them, and compare the results with the finest one.
 
     Args:
         scenes: by name.
-        solid: whether to ask the three-dimensional level too, which takes minutes a scene. It is asked anyway where no other
-            level that converges takes the scene.
-        progress: called with a scene's name, the settings that are done and their number.
-        settings: what is timed.
-        finest: asked in turn for a reference until one states an error of at most 1e-5; timed once.
-        linear: whether to take scenes whose load is beyond what linear elasticity, to which all errors refer, allows at 1 %.
+        solid: whether to use the three-dimensional evaluator too, which takes minutes per scene. It is used anyway where no
+            other converging evaluator takes the scene.
+        progress: called with a scene's name, the number of finished settings and the total.
+        settings: the timed settings.
+        finest: settings tried in turn until one states an error of at most 1e-5, for the reference; timed once.
+        linear: whether to accept loads for which linear elasticity, to which all errors refer, is less accurate than 1 %.
 
     Raises:
         InputError: there is no scene.
-        Refusal: no evaluator takes any of the scenes; a load is beyond what linear elasticity allows.
+        Refusal: no evaluator takes any of the scenes, or a load is beyond the limit of linear elasticity.
     """
     if not scenes:
         raise InputError("SCENE", Words("none"), "one scene or more")
@@ -151,7 +150,7 @@ def tradeoff(
 
 
 def _of_load(scene: Scene, linear: bool) -> tuple[str, ...]:
-    """What is said of a scene's load; ``Refusal`` where it is beyond the limit, unless ``linear``."""
+    """Return the warnings about a scene's load; raise ``Refusal`` beyond the limit of linear elasticity unless ``linear``."""
     rule, promise = load_rule(scene), scene.target is not None
     if not linear:
         check_load(scene, rule, LINEAR, promise)
@@ -161,6 +160,7 @@ def _of_load(scene: Scene, linear: bool) -> tuple[str, ...]:
 def _of_scene(
     name: str, scene: Scene, solid: bool, *, progress: Progress, settings: Sequence[Setting], finest: Sequence[Setting]
 ) -> tuple[Row, ...]:
+    """Evaluate and time one scene with all settings, then compare with the reference."""
     total = len(settings) + len(finest) + len(SOLID) + 1
     rows: list[Row] = []
     for done, setting in enumerate(settings):
@@ -182,7 +182,7 @@ def _of_scene(
 
 
 def _least(rows: list[Row]) -> float:
-    """The least stated error of the levels that converge."""
+    """Return the smallest stated error of the converging evaluators."""
     stated = (row.stated_error for row in rows if row.evaluator in CONVERGING and row.ratio is not None)
     return min((error for error in stated if error is not None), default=math.inf)
 

@@ -1,4 +1,4 @@
-"""The trade of speed for accuracy as tables: for README and other pages, and for the terminal."""
+"""Tables of speed against accuracy: as Markdown, for the HTML report and for the terminal."""
 
 from __future__ import annotations
 
@@ -25,37 +25,36 @@ EACH = (
     "scene", "evaluator", "accuracy asked", "ratio", "stated error", "true error", "log-sensitivity off by", "first answer, s",
     "new probe, s", "next tumour, s",
 )  # fmt: skip
-# signs that mean something to Markdown: anywhere, beside words, or at the beginning of a line
+# signs with a meaning in Markdown: anywhere, beside words, or at the beginning of a line
 _MARKS = re.compile(r"[\\`*\[\]~$]|(?<!\w)_|_(?!\w)|^[#+-]|(?<=^\d)[.)]|(?<=^\d\d)[.)]")
-TEXT = ("evaluator", *CHOICES)  # columns of words; numbers stand to the right
+TEXT = ("evaluator", *CHOICES)  # left-aligned columns; numbers are right-aligned
 NOTES = """\
 Stated error: the bound on the relative error of the ratio that comes with each answer. True error: difference from the
-reference, the finest answer of any level that converges; `<`: no more than that, as the difference is below the reference's
-own stated error. `*`: for some scenes the reference is of the same level: the difference shows how far that has converged, and
-no error that all its settings share; equivalent-inclusion and axisymmetric share the probe on tissue without tumours.
+reference, the finest result of any converging evaluator; `<`: at most this, as the difference is below the reference's own stated
+error. `*`: for some scenes the reference is of the same evaluator: the difference then shows its convergence, but no error that
+all its settings share; equivalent-inclusion and axisymmetric share the model of the probe on tissue without tumours.
 Log-sensitivity off by: relative to the reference's, or to 1e-5 where that is smaller; the reference's own error is not counted.
-First answer: with all that a process builds only once. New probe: nothing is kept of another. Next tumour: another
-one under the same probe. Slowest: of the new probes. Times are medians of wall clock: of them, ratios are what holds from
-machine to machine."""
+First answer: includes what a process computes only once. New probe: nothing is cached. Next tumour: another one under the same
+probe. Slowest: of the new probes. Times are medians of wall clock; only their ratios carry over to other machines."""
 
 
 def summary_cells(study: Tradeoff) -> list[Cells]:
-    """Return a line for each setting: the worst errors over all scenes, and the median times."""
+    """Return a table row for each setting: the worst errors over all scenes, and the median times."""
     return [_summary(study, setting) for setting in study.settings]
 
 
 def choice_cells(study: Tradeoff) -> list[Cells]:
-    """Return for each scene and tolerance the cheapest answer that states to be within it, and the cheapest that is."""
+    """Return, for each scene and tolerance, the fastest setting with its stated error within it, and with its true error."""
     return [(name, f"{100 * tolerance:g} %", _chosen(stated), _chosen(true)) for name, tolerance, stated, true in study.choices()]
 
 
 def row_cells(study: Tradeoff) -> list[Cells]:
-    """Return a line for each scene and setting that answered."""
+    """Return a table row for each scene and setting with a result."""
     return [_each(row) for row in study.rows if row.ratio is not None]
 
 
 def page(study: Tradeoff, picture: str) -> str:
-    """Return all of it as a page of Markdown; ``picture`` is the name of the plot's file."""
+    """Build the page with all tables in Markdown; ``picture`` is the file name of the plot."""
     refusals = [f"- {literal(f'{row.scene}, {row.evaluator}: {row.reason}')}" for row in study.rows if row.reason is not None]
     skipped = [f"- {literal(f'{name}: {why}')}" for name, why in study.skipped.items()]
     return "\n\n".join(
@@ -66,43 +65,43 @@ def page(study: Tradeoff, picture: str) -> str:
             NOTES,
             "## The cheapest for each scene",
             markdown(CHOICES, _scenes_literal(choice_cells(study))),
-            "## Every answer",
+            "## Every result",
             markdown(EACH, _scenes_literal(row_cells(study))),
-            "## Not asked, or no answer",
+            "## Not evaluated, or no result",
             "\n".join((*skipped, *dict.fromkeys(refusals))) + "\n",
         )
     )
 
 
 def literal(text: str) -> str:
-    """Return what Markdown shows as a line of text from anywhere: no HTML, no links, no emphasis, no codes for terminals."""
+    """Escape untrusted text so that Markdown shows it literally: no HTML, links, emphasis or terminal codes."""
     return _MARKS.sub(r"\\\g<0>", escape(printable(text), quote=False))
 
 
 def _scenes_literal(rows: Iterable[Cells]) -> list[Cells]:
-    """Rows that begin with a scene's name."""
+    """Escape the first cell, a scene's name, of each row."""
     return [(literal(name), *others) for name, *others in rows]
 
 
 def markdown(headings: Sequence[str], rows: Iterable[Cells]) -> str:
-    """Return a table of Markdown."""
+    """Build a table in Markdown."""
     head = ["| " + " | ".join(headings) + " |", "|---" * len(headings) + "|"]
     return "\n".join([*head, *("| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows)])
 
 
 def summary_table(study: Tradeoff) -> Table:
-    """Return the summary for the terminal: what fits into 80 columns of it."""
+    """Build the summary for the terminal: the columns that fit into 80 characters."""
     columns = [0, 1, 2, 3, 4, 7, 8]
     rows = [tuple(row[k] for k in columns) for row in summary_cells(study)]
-    return _terminal("what each setting reaches and costs", BRIEF, rows)
+    return _terminal("errors and times of each setting", BRIEF, rows)
 
 
 def choice_table(study: Tradeoff) -> Table:
-    """Return for the terminal the cheapest answer that states to be within each tolerance; each scene is named once."""
+    """Build the table of the fastest setting within each stated tolerance, for the terminal; each scene is named once."""
     rows = [row[:3] for row in choice_cells(study)]
     before = ["", *(row[0] for row in rows)]
     shown = [("" if row[0] == name else row[0], *row[1:]) for row, name in zip(rows, before, strict=False)]
-    return _terminal("the cheapest answer to each scene", CHOICES[:3], shown)
+    return _terminal("the fastest setting for each scene", CHOICES[:3], shown)
 
 
 def _terminal(title: str, headings: Sequence[str], rows: Iterable[Cells]) -> Table:
@@ -115,6 +114,7 @@ def _terminal(title: str, headings: Sequence[str], rows: Iterable[Cells]) -> Tab
 
 
 def _summary(study: Tradeoff, setting: Setting) -> Cells:
+    """Build the row of a setting: worst errors and median times over all scenes."""
     rows = [row for row in study.rows if row.setting == setting]
     answers = [row for row in rows if row.ratio is not None]
     if not answers:
@@ -140,6 +140,7 @@ def _each(row: Row) -> Cells:
 
 
 def _worst_true(answers: Sequence[Row]) -> str:
+    """Format the worst true error of a setting; ``*`` if a reference is of the same evaluator."""
     compared = [row for row in answers if row.true_error is not None]
     if not compared:
         return "reference" if any(row.reference for row in answers) else "-"
@@ -148,6 +149,7 @@ def _worst_true(answers: Sequence[Row]) -> str:
 
 
 def _true(row: Row) -> str:
+    """Format the true error of a row; ``<`` if only its upper limit is known."""
     if row.reference:
         return "reference"
     if row.true_error is None:

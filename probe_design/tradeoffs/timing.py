@@ -1,6 +1,6 @@
-"""One setting on one scene, timed: the first answer, a new probe, another tumour under the same probe.
+"""Time one setting on one scene: the first evaluation, a new probe, another tumour under the same probe.
 
-Each has a workspace of its own, so that nothing is at hand that another answer kept.
+Each timing has a workspace of its own, so that nothing is cached by another one.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from solver import Result, Workspace, evaluator
 from solver.linalg.workspace import using
 
 REPEATS = 9  # at most
-ENOUGH = 0.75  # s: what took as long in all is repeated no more
+ENOUGH = 0.75  # s: no repeats after this total time
 
 
 def first(name: str, scene: Scene, setting: Setting) -> Row:
-    """Return the first answer of a setting, or the row of its refusal."""
+    """Evaluate a scene with a setting for the first time; return its row, or the row of its refusal."""
     row = Row(name, setting.evaluator, setting.accuracy)
     try:
         with using(Workspace()):
@@ -47,12 +47,12 @@ class Times:
 
     @property
     def enough(self) -> bool:
-        """Whether more repeats would say little."""
+        """Whether no more repeats are needed."""
         return len(self.probe) >= REPEATS or sum(self.probe + self.tumour) >= ENOUGH
 
 
 def timed(scene: Scene, rows: Sequence[Row]) -> tuple[Row, ...]:
-    """Repeat the settings that have answered, in turns, so that what else the machine does slows all of them alike."""
+    """Repeat the settings that have a result in turns, so that other load on the machine slows all of them equally."""
     times = [Times() for _ in rows]
     for _ in range(REPEATS):
         for index, row in enumerate(rows):
@@ -63,10 +63,11 @@ def timed(scene: Scene, rows: Sequence[Row]) -> tuple[Row, ...]:
 
 
 def _again(scene: Scene, row: Row, so_far: Times) -> Times:
+    """Time a setting once more, with a new probe and with another tumour."""
     try:
         probe = _timed(scene, row.setting)[1]
         tumour = (_timed(with_other_tumours(scene), row.setting)[1],) if scene.inclusion else ()
-    except ProbeError:  # the scene lies at the end of what the level takes
+    except ProbeError:  # the scene is at a limit of what the evaluator takes
         return so_far
     return Times((*so_far.probe, probe), (*so_far.tumour, *tumour))
 
@@ -82,6 +83,7 @@ def with_other_tumours(scene: Scene) -> Scene:
 
 
 def _other(body: Inclusion) -> Inclusion:
+    """Return a smaller and stiffer tumour that lies inside the old one."""
     update: dict[str, object] = {"youngs_modulus": 1.01 * body.youngs_modulus}
     if body.diameter is not None:
         update |= {"diameter": 0.98 * body.diameter, "depth": body.depth - 0.005 * body.diameter}
@@ -99,7 +101,7 @@ def _timed(scene: Scene, setting: Setting) -> tuple[Result, float]:
 
 @contextmanager
 def no_kept_meshes() -> Iterator[None]:
-    """Keep volume meshes of the block in a folder of its own, so that none made before falsifies a time."""
+    """Use an empty folder as mesh cache within the block, so that cached meshes do not falsify times."""
     before = os.environ.get(FOLDER)
     with tempfile.TemporaryDirectory(prefix="probe-design-", ignore_cleanup_errors=True) as folder:
         os.environ[FOLDER] = folder

@@ -1,4 +1,4 @@
-"""What the ratio leaves each dimension of a drawing, and what else scatters it: the uncertainty budget in a workshop's words."""
+"""Convert the uncertainty budget of the ratio to tolerances of the dimensions in the workshop's drawings."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from geometry.workshop.tolerance import RECTANGULAR, Budget, Scatter
 from probe_design.tolerances.budget import BudgetLine, tolerances
 
 MM = 1e3
-SAMPLES = 64  # the least: of the budget only the first order is used here
-SHARP = "What the ratio leaves the dimensions is of the probe with sharp lower edges: no level differentiates round ones."
+SAMPLES = 64  # the minimum: only the first-order part of the budget is used here
+SHARP = "The tolerances from the ratio are those of a probe with sharp lower edges: no evaluator has derivatives for round ones."
 DIMENSIONS = {
     "probe.inner_radius": ("inner_radius",),
     "probe.gap": ("gap", "hole_radius"),
@@ -26,24 +26,24 @@ DIMENSIONS = {
 
 
 def ratio_budget(scene: Scene, tolerance: float) -> Budget:
-    """Return what the ratio leaves the dimensions of a scene's probe.
+    """Compute the deviations of a probe's dimensions that a standard deviation of the ratio allows.
 
     Args:
-        scene: whose probe.
-        tolerance: standard deviation of ln ratio that dimensions, moduli and gains together may make: 0.01 for 1 %.
+        scene: of the probe.
+        tolerance: allowed standard deviation of ln ratio from dimensions, moduli and gains together: 0.01 for 1 %.
 
     Returns:
-        A budget without numbers, and its remark, where no level has derivatives of the scene.
+        The budget; without numbers, but with a remark, if no evaluator has derivatives for the scene.
 
     Raises:
-        InputError: no such tolerance.
+        InputError: the tolerance is not above 0 and below 1.
     """
     check_tolerance(tolerance)
     edge = scene.contact.edge_radius
     sharp = scene.model_copy(update={"contact": scene.contact.model_copy(update={"edge_radius": 0.0})}) if edge else scene
     try:
         lines = tolerances(sharp, tolerance, samples=SAMPLES).lines
-    except InputError as fault:  # of a kind that no level differentiates, or read by one film alone
+    except InputError as fault:  # no evaluator has its derivatives, or only one film is under pressure
         return Budget(100 * tolerance, remark=f"No dimension is bound by the ratio: {fault}")
     return from_lines(scene.probe, lines, tolerance, SHARP if edge else "")
 
@@ -55,9 +55,9 @@ def check_tolerance(tolerance: float) -> None:
 
 
 def from_lines(probe: Probe, lines: tuple[BudgetLine, ...], tolerance: float, remark: str = "") -> Budget:
-    """Return the budget of the drawings from the lines of an uncertainty budget.
+    """Build the budget of the drawings from the lines of an uncertainty budget.
 
-    A deviation allowed either way, anything within it being as likely, is sqrt(3) standard deviations (JCGM 100:2008, 4.3.7).
+    A deviation is the half-width of a uniform distribution: sqrt(3) standard deviations (JCGM 100:2008, 4.3.7).
     """
     drawn = {name: line for line in lines for name in DIMENSIONS.get(line.name, ())}
     sizes = {"hole_radius": probe.hole_radius, "gap": probe.gap}
@@ -73,13 +73,14 @@ def from_lines(probe: Probe, lines: tuple[BudgetLine, ...], tolerance: float, re
 
 
 def _words(name: str) -> str:
-    """Write ``probe.outer.youngs_modulus`` as "outer block's modulus"."""
+    """Describe a number in words: ``probe.outer.youngs_modulus`` becomes "outer block's modulus"."""
     _, part, number = name.split(".")
     what = {"youngs_modulus": "modulus", "poisson_ratio": "Poisson's ratio"}.get(number, number)
     return f"{part} {'film' if name.startswith('film') else 'block'}'s {what}"
 
 
 def _scatter(line: BudgetLine) -> Scatter:
+    """Build the line of a number that is no dimension of the drawings."""
     nominal = modulus(line.value) if line.kind == "modulus" else f"{line.value:.4g}"
     return Scatter(
         line.name,

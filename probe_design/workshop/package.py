@@ -1,4 +1,4 @@
-"""A scene's probe as files for the workshop: one call from Python, and what the verb `export` does."""
+"""Write a scene's probe as files for the workshop: called from Python and by the command `export`."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ Tell = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Exported:
-    """What was written.
+    """The exported files and what a user needs to know about them.
 
     Attributes:
-        scene: whose probe it is: the one that was given, or the rounded one.
+        scene: the given scene, or the rounded one.
         files: their paths, the STEP files of the parts first.
-        rounding: what was rounded and what it costs; None where nothing was asked for.
-        remarks: what a user has to know, one line each.
+        rounding: what was rounded and what it costs; None without ``step``.
+        remarks: for the user, one line each.
     """
 
     scene: Scene
@@ -63,27 +63,27 @@ def export(
     beside: Callable[[Scene], dict[str, Writer]] = lambda scene: {},
     tell: Tell = lambda text: None,
 ) -> Exported:
-    """Write STEP files, drawings, film patterns, moulds, lists and the order of assembly of a scene's probe into a folder.
+    """Write STEP files, drawings, film patterns, moulds, lists and assembly instructions of a scene's probe into a folder.
 
-    All of them or none; see ``geometry.cad.export.export`` and ``geometry.workshop.package.writers``.
+    All files are written or none; see ``geometry.cad.export.export`` and ``geometry.workshop.package.writers``.
 
     Args:
-        scene: whose probe.
-        folder: for the files, made if needed.
-        step: m, to which sizes are rounded; None: they stay. See ``probe_design.workshop.rounding.rounded``.
-        force: whether parts of another design that are there are replaced.
-        tolerance: standard deviation of ln ratio that the tolerances may make: 0.01 for 1 %.
+        scene: of the probe.
+        folder: for the files, created if needed.
+        step: m, sizes are rounded to its multiples; None: not rounded. See ``probe_design.workshop.rounding.round_sizes``.
+        force: whether to replace parts of another design in the folder.
+        tolerance: standard deviation of ln ratio that the tolerances may cause: 0.01 for 1 %.
         casting: how the blocks are cast.
-        beside: what else is written, for the scene as it is built.
-        tell: called with a line before each long piece of work.
+        extra_writers: returns further files to write, for the scene as built.
+        tell: called with a line before each long step.
 
     Raises:
-        ExportError: a file does not hold what the scene says.
-        InputError: the folder holds another design, or the scene, step or casting is none.
+        ExportError: a written file does not agree with the scene.
+        InputError: the folder contains another design, or the scene, step or casting is not valid.
         MissingLibrary: CAD cannot be loaded.
         OSError: the folder cannot be written.
     """
-    check_writable(folder)  # what would fail after the work fails before it
+    check_writable(folder)  # fail before the work, not after it
     check_tolerance(tolerance)
     mould_sizes(scene.probe, scene.contact.edge_radius, casting.shrinkage, casting.draft)
     rounding = None if step is None else rounded(scene, step)
@@ -91,10 +91,10 @@ def export(
     edge = built.contact.edge_radius
     if not force:
         check_same(folder, built.probe, edge)
-    tell("what the ratio leaves the dimensions")
+    tell("tolerances of the dimensions from the ratio")
     budget = ratio_budget(built, tolerance)
     if rounding is not None:
-        tell("what the rounding costs")
+        tell("cost of the rounding")
         rounding = costed(rounding, scene)
     tell("solids, drawings, patterns and moulds")
     files: dict[str, Writer] = {"drawing.png": partial(draw, built.probe, edge_radius=edge), **beside(built)}
@@ -106,7 +106,7 @@ def export(
 
 
 def missing_films(probe: Probe) -> tuple[str, ...]:
-    """Return the warning that a probe is built without sensors, where it is."""
+    """Return the warning that a probe is built without sensors, if it is."""
     if probe.film is not None:
         return ()
     return ("the probe has no sensors: the scene has no [probe.film], so the base lies on the blocks; add that table",)

@@ -1,4 +1,4 @@
-"""Sizes rounded to a step that is machined, and what that costs: the ratio and its log-sensitivity before and after."""
+"""Round sizes of a probe to a step that can be machined; compare ratio and log-sensitivity before and after."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from geometry.scenes.scene_file import scene_from_dict, scene_to_dict
 from solver import Result, evaluate
 
 LEAST_WALL = 0.5e-3
-"""m: a wall that was as thick stays so, one that was thinner becomes no thinner; the limit of `optimize`."""
+"""m: a wall is not rounded below this thickness, a thinner one not below its own; the limit of `optimize`."""
 
 LEVELS = (("axisymmetric", 1e-3), ("equivalent-inclusion", 1e-2), ("auto", 1e-2), ("closed-form", 1e-2))
-"""Evaluators that tell what a rounding costs, with the accuracy that is asked of them: the first that takes both scenes. What
-these leave out, such as a groove, is in their errors, and the same before and after; a solid's minutes would tell no more."""
+"""Evaluators for the cost of a rounding, with their accuracy: the first that takes both scenes is used. What they leave out, such
+as a groove, is in their errors and the same before and after, so that a solid of several minutes would add nothing."""
 
 
 @dataclass(frozen=True)
 class SizeChange:
-    """A size that was rounded: its key in the scene file, and both values in m."""
+    """A rounded size: its key in the scene file, and both values in m."""
 
     key: str
     before: float
@@ -32,7 +32,7 @@ class SizeChange:
 
 @dataclass(frozen=True)
 class RoundingCost:
-    """What an evaluator says of a design; None where it has no such number."""
+    """Results of a design that show the cost of rounding; None where there is no such result."""
 
     ratio: float | None
     log_sensitivity: float | None
@@ -45,11 +45,11 @@ class Rounding:
     """A rounded scene.
 
     Attributes:
-        step: to which its sizes were rounded, m.
+        step: sizes are multiples of it, m.
         scene: the rounded one.
-        changes: what was rounded, in the order of the scene file; without sizes that were multiples of the step already.
-        before, after: what it costs; None where no evaluator takes the scene.
-        remark: why, then.
+        changes: rounded sizes in the order of the scene file, without those that were multiples of the step already.
+        before, after: results before and after rounding; None if no evaluator takes the scenes.
+        remark: why there are no results.
     """
 
     step: float
@@ -67,13 +67,13 @@ class Rounding:
 
 
 def rounded(scene: Scene, step: float) -> Rounding:
-    """Round radii, gap, heights, groove and base of a scene's probe to multiples of ``step`` (m), its cost not yet told.
+    """Round radii, gap, heights, groove and base of a scene's probe to multiples of ``step`` (m), without its cost.
 
-    The outer radius takes the place of ``area_ratio``. The wall keeps its limit, see ``LEAST_WALL``; the groove stays inside its
-    block. The film's thickness is the maker's and the round edges are the tool's: they stay.
+    The outer radius replaces ``area_ratio``. The wall keeps its limit, see ``MIN_WALL_M``; the groove stays inside its block. The
+    thickness of the film is given by its maker and the round edges by the tool: they are not rounded.
 
     Raises:
-        InputError: a size is below half the step, or the rounded scene is none.
+        InputError: a size is below half the step, or the rounded scene is not valid.
     """
     step = LENGTH.read("step", step, units_required=False)
     before = _sizes(scene.probe)
@@ -88,7 +88,7 @@ def rounded(scene: Scene, step: float) -> Rounding:
 
 
 def costed(rounding: Rounding, scene: Scene) -> Rounding:
-    """Return a rounding of ``scene`` with what it costs, by the first of ``LEVELS`` that takes both."""
+    """Add the results before and after to a rounding of ``scene``, by the first of ``COST_EVALUATORS`` that takes both."""
     for name, accuracy in LEVELS:
         try:
             before, after = (evaluate(one, name, accuracy, linear=True) for one in (scene, rounding.scene))
@@ -104,7 +104,7 @@ def _reading(result: Result) -> RoundingCost:
 
 
 def _sizes(probe: Probe) -> dict[str, float]:
-    """Return what is rounded, by its key, m; the base's sizes only where the probe has or needs them."""
+    """Return the sizes to be rounded by key, m; those of the base only where the probe has or needs them."""
     base = base_sizes(probe)
     sizes = {"probe.inner_radius": probe.inner_radius, "probe.gap": probe.gap, "probe.outer_radius": probe.tube_radius}
     if probe.height is not None:
@@ -122,12 +122,12 @@ def _nearest(size: float, step: float) -> float:
 
 
 def _times(count: int, step: float) -> float:
-    """Return a multiple of the step as a file would have it: 3 times 0.1 mm is 0.3 mm."""
+    """Return a multiple of the step without rounding noise: 3 times 0.1 mm is 0.3 mm, not 0.30000000000000004 mm."""
     return float(f"{count * step:.12g}")
 
 
 def _kept(scene: Scene, sizes: dict[str, float], step: float) -> dict[str, float]:
-    """Move rounded sizes by steps until what held between them holds again."""
+    """Move rounded sizes by steps until the limits between them hold again."""
     probe = scene.probe
     hole = sizes["probe.inner_radius"] + sizes["probe.gap"]
     wall = min(LEAST_WALL, probe.tube_radius - probe.hole_radius)
@@ -145,15 +145,17 @@ def _kept(scene: Scene, sizes: dict[str, float], step: float) -> dict[str, float
 
 
 def _up(size: float, step: float) -> float:
+    """Round a size up to a multiple of the step."""
     return _times(math.ceil(size / step * (1 - 1e-9)), step)
 
 
 def _below(limit: float, step: float) -> float:
+    """Return the largest multiple of the step below a limit."""
     return _times(math.ceil(limit / step * (1 - 1e-9)) - 1, step)
 
 
 def _with(scene: Scene, sizes: dict[str, float]) -> Scene:
-    """Return the scene with other sizes, checked as a file is."""
+    """Return the scene with new sizes, checked as a file is."""
     tables = scene_to_dict(scene)
     tables["probe"].pop("area_ratio", None)
     for key, size in sizes.items():
