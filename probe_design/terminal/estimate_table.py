@@ -1,4 +1,4 @@
-"""An estimate as a person reads it: a table and a sentence."""
+"""Present an estimate: a table, a sentence and advice."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from probe_design.estimation.strength import Interval
 
 
 def sentence(estimate: Estimate) -> str:
-    """Say what was found, in one sentence or two."""
+    """Return the estimate in one or two sentences."""
     name = NAMES.get(estimate.unknown, estimate.unknown)
     if estimate.value is not None:
         value, interval = shown(estimate.unknown, estimate.value), _between(estimate.unknown, estimate.interval)
@@ -25,7 +25,7 @@ def sentence(estimate: Estimate) -> str:
 
 
 def advice(estimate: Estimate) -> list[str]:
-    """Say what to measure next, and what is expected of it, a line each; nothing where it was not asked."""
+    """Return the advice what to measure next, with expected intervals, one line each; nothing if it was not requested."""
     found = estimate.next
     if found is None:
         return []
