@@ -25,7 +25,7 @@ any_probe_option = click.option("--any-probe", is_flag=True, help="Take readings
 loads_option = click.option(
     "--loads",
     is_flag=True,
-    help="Compute by contact the loads at which the gap closes and linear theory ends; some seconds more.",
+    help="Compute by contact the loads at which the gap closes and linear theory ends; takes seconds.",
 )
 
 
@@ -42,7 +42,7 @@ def _frequency(ctx: click.Context, parameter: click.Parameter, text: str | None)
 frequency_option = click.option(
     "--frequency",
     callback=_frequency,
-    help='Frequency of the load, "5 Hz": compute the phase of the ratio from the loss factors.',
+    help='Frequency of the load, "5 Hz": compute the phase of the ratio by loss factors.',
 )
 """For evaluate: a frequency in Hz, or None."""
 F = TypeVar("F", bound=Callable[..., Any])

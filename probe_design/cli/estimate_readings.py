@@ -135,7 +135,7 @@ def _loaded(scene: Scene, found: list[FieldReading], warnings: list[str]) -> Sce
     force = scene.load.force
     if force is None or not math.isfinite(largest) or largest <= MORE * force:
         return scene
-    warnings.append(f"load read: {largest:.4g} N, more than the scene's {force:.4g} N: taken in its place")
+    warnings.append(f"the measured load {largest:.4g} N is above the scene's {force:.4g} N and replaces it")
     return scene.model_copy(update={"load": Load(force=largest)})
 
 

@@ -57,8 +57,8 @@ def evaluate(
     auto                  chosen by plan: the cheapest of the last four that can model the scene
                           and reaches --accuracy; refuses where none does
 
-    All but contact are exact for small loads. Beyond linear_limit_load a named evaluator warns; auto uses contact if that can model
-    the scene, and refuses if not. With --linear, error_estimate counts the possible effect of finite strain instead.
+    All but contact are exact for small loads. Beyond linear_limit_load a named evaluator warns; auto uses contact if that can
+    model the scene, and refuses if not. With --linear, error_estimate counts the possible effect of finite strain instead.
     """  # noqa: D301
     from geometry.scenes.scene_file import read_scene
     from probe_design.terminal.console import result_table, saying

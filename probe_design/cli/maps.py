@@ -84,9 +84,7 @@ def scan(
 @click.command()
 @SCENE
 @noise_option
-@click.option(
-    "--seen", default="3", show_default=True, help="Change of the ratio over the noise from which a tumour is detected."
-)
+@click.option("--seen", default="3", show_default=True, help="Change of the ratio over noise from which a tumour is detected.")
 @click.option(
     "--resolved", default=f"{RESOLVED:g}", show_default=True, help="Standard deviation of ln E_object up to which it is resolved."
 )

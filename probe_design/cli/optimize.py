@@ -69,7 +69,8 @@ def optimize(
     SCENE's load is an upper limit. In the search each design has the largest load that is within this limit, changes the ratio by
     at most 1 % through finite strain, and is at most 1/20 of the force that closes the gap. Where SCENE's load is above that,
     contact evaluates the initial design and the candidates under the best load up to it (one tumour on the axis), with an open
-    gap and up to half an outer radius deep. The table lists the active limits, the limit of the force, and the effect of more load.
+    gap and up to half an outer radius deep. The table lists the active limits, the limit of the force, and the effect of more
+    load.
     """  # noqa: D301
     from probe_design.design_search.question import question
     from probe_design.populations.design_file import Design

@@ -53,7 +53,7 @@ def sweep(
         print_json(swept.as_dict() | {"files": [str(file) for file in files]})
         return
     print(
-        f"{swept.designs} designs: {swept.ok} ok, {swept.refused} refused, {swept.failed} failed; {swept.answered} answered now"
+        f"{swept.designs} designs: {swept.ok} ok, {swept.refused} refused, {swept.failed} failed; {swept.answered} evaluated now"
     )
     message(f"wrote {', '.join(file.name for file in files)} to {output}")
 

@@ -27,8 +27,8 @@ def tradeoff(scenes: tuple[Path, ...], output: Path, solid: bool, linear: bool, 
     """Measure the cost of accuracy on your scenes: time, stated error and true error of every evaluator and setting.
 
     True errors are differences from the most accurate result of all evaluators that converge, which has a stated error, too.
-    Allow half a minute per scene. Without SCENE, five built-in scenes are used: the paper's probe without its groove, and another probe
-    over a tumour on its axis, off its axis, shallow and soft.
+    Allow half a minute per scene. Without SCENE, five built-in scenes are used: the paper's probe without its groove, and
+    another probe over a tumour on its axis, off its axis, shallow and soft.
 
     \b
     probe-design tradeoff -o out

@@ -43,7 +43,7 @@ class NextCandidate:
             return f"{keys} from ultrasound, to {100 * ULTRASOUND:g} %"
         what = "ratio and stiffness" if self.reading.stiffness else "ratio"
         if self.reading.blank:
-            return f"{what} where there is no tumour (blank = true)"
+            return f"{what} over tumour-free tissue (blank = true)"
         return f"{what} at x = {1e3 * self.reading.x:.4g} mm, y = {1e3 * self.reading.y:.4g} mm"
 
 

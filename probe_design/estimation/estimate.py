@@ -9,8 +9,8 @@ An unknown counts as *identifiable* where the interval is bounded at both ends i
 is at most ``MAX_END_RATIOS``; otherwise the value is None and ``reason`` explains it.
 
 Search range: moduli from 1e-3 to 1e6 times the tissue's, diameters from 1/100 of the largest that fits, depths at which the
-target fits, numbers of the tissue from 1/8 to 8 times the scene's; of these only values at which the error of the model's ratio is at
-most 30 %.
+target fits, numbers of the tissue from 1/8 to 8 times the scene's; of these only values at which the error of the model's ratio
+is at most 30 %.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def estimate(
     known = checked(scene, nuisances, unknown)
     data, notes = usable(scene, Measurements.of(readings))
     if unknown in OF_TARGET and data.is_blank.all():
-        raise InputError("reading.blank", Words("true in every reading"), f"one over the inclusion whose {unknown} is asked")
+        raise InputError("reading.blank", Words("true in every reading"), f"one over the inclusion of unknown {unknown}")
     model = TargetModel(scene, data, accuracy_for(accuracy, data))
     useless = data.is_stiffness & (model.stiffness_error > data.noise)
     if useless.any():

@@ -230,9 +230,9 @@ class TargetModel:
 def check_kind(scene: Scene, of_target: bool = True) -> None:
     """Raise ``Refusal`` or ``InputError`` where nothing can be estimated for a scene; ``is_of_target``: of its target."""
     if of_target and not scene.inclusion:
-        raise InputError("inclusion", Words("none"), "at least one inclusion, about which something is to be estimated")
+        raise InputError("inclusion", Words("none"), "at least one inclusion, of which a number is to be estimated")
     if of_target and scene.target is None:
-        raise InputError("inclusion.target", Words("none of several"), "target = true in the inclusion that is asked about")
+        raise InputError("inclusion.target", Words("none of several"), "target = true in the inclusion to be estimated")
     why = EquivalentInclusion().refusal(scene)
     if why is not None:
         raise Refusal("evaluator", EquivalentInclusion().name, why)

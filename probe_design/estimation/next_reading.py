@@ -96,7 +96,7 @@ def next_reading(model: TargetModel, unknown: str, nuisances: Mapping[str, float
     track, columns = _track(model, unknown, nuisances, allowed)
     present = np.arange(len(model.data.value))
     if not track.runs:
-        return NextReading(None, None, "no reading of this probe can: the model tells nothing of it", (), 0)
+        return NextReading(None, None, "no reading of this probe can: the model cannot predict the readings", (), 0)
     draws = _Draws.of(track, present, columns, seed)
     found = [draws.expected(one, np.append(present, own)) for one, own in zip(allowed, columns, strict=True)]
     ranked = sorted(found, key=lambda one: one.score)
@@ -121,7 +121,7 @@ def _verdict(best: ExpectedInterval | None, together: ExpectedInterval, told: bo
     if best is not None and (told or best.identifiable >= LIKELY):
         return f"measure this: {best.told}"
     if best is not None and together.identifiable >= LIKELY:
-        return f"measure this: {best.told}; then the others: no single reading is expected to tell it, all together are"
+        return f"measure this: {best.told}; then the others: no single reading is expected to suffice, all together are"
     chance = f"all that may be read together would with a probability of {together.identifiable:.2g}"
     return f"no reading of this probe can, at this noise: {chance}"
 

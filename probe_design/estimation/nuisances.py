@@ -171,7 +171,7 @@ def _moved(model: TargetModel, nuisances: Mapping[str, float], at: dict[str, Flo
         why = f"one that leaves {name} = {new[name]:.4g} possible ({fault})"
         raise InputError(f"nuisance.{name}", Words(f"{sd:g}"), why) from None
     if not (found.resolved & (found.agrees == middle.agrees)).all():  # a change of sign would make logarithms incomparable
-        raise InputError(f"nuisance.{name}", sd, "a smaller one: the model cannot tell what is read where it is so far off")
+        raise InputError(f"nuisance.{name}", sd, "a smaller one: the model cannot predict readings at so large a deviation")
     return np.asarray(found.value - middle.value)
 
 

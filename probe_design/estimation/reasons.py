@@ -118,7 +118,7 @@ def _reason(findings: Findings, interval: Interval, widest: float) -> str:
     if low is None and high is None:
         change = np.expm1(np.ptp(findings.values))
         change = f"over all of them the ratio changes by {change:.2g} of itself, its noise is {data.noise[data.first]:.2g}"
-        return f"any {name} explains what was read: {change}"
+        return f"any {name} explains the readings: {change}"
     for end, value, ends in ((0, low, 0), (1, high, -1)):
         if value is None:
             return _open(findings, ENDS[findings.unknown.rpartition(".")[2]][end], ends)
@@ -136,9 +136,9 @@ def _open(findings: Findings, how: str, end: int) -> str:
         first = findings.model.data.first
         ratio = np.exp(findings.track.predicted.value[end, first]) * findings.model.data.sign[first]
         why = f"the ratio saturates at {ratio:.4g}, too near the reading for its noise"
-        return f"a body however {how} explains what was read: {why}"
+        return f"even an extremely {how} body explains the readings: {why}"
     what = "a body" if findings.unknown in OF_TARGET else findings.name
-    return f"{what} as {how} as fits explains what was read"
+    return f"{what} as {how} as the scene allows explains the readings"
 
 
 def _unexplained(findings: Findings) -> str:
@@ -179,7 +179,7 @@ def _warnings(findings: Findings, fitted: DepthAndStrength | None) -> Iterator[s
     yield from _not_searched(findings)
     if fitted is not None and findings.unknown != "depth" and not _contains(fitted.depth_interval, findings.model.target.depth):
         stated = shown("depth", findings.model.target.depth)
-        yield f"the scan says another depth than the scene's {stated}, with which {findings.name} was estimated"
+        yield f"the readings fit another depth than the scene's {stated}, with which {findings.name} was estimated"
 
 
 def _not_searched(findings: Findings) -> Iterator[str]:
@@ -191,7 +191,7 @@ def _not_searched(findings: Findings) -> Iterator[str]:
     first, last = np.flatnonzero(good)[[0, -1]]
     parts = [f"below {shown(findings.unknown, u[first])}"] if first else []
     parts += [f"above {shown(findings.unknown, u[last])}"] if last < len(u) - 1 else []
-    parts += ["at some places between"] if not good[first:last].all() else []
+    parts += ["at some values between"] if not good[first:last].all() else []
     yield f"not searched {' and '.join(parts)}: {findings.nothing} there"
 
 

@@ -1,8 +1,8 @@
 """A line over the tissue along which the probe moves: allowed positions, tumours relative to the probe, effect of the sides.
 
 The evaluator models the tissue as a cylinder of the same area about the probe's axis, at any position of the probe, and bounds
-the error by the inscribed and the circumscribed cylinder. With the distance from the tissue's middle the first shrinks and the second
-grows, so that the bound at the farthest of some positions holds at all of them.
+the error by the inscribed and the circumscribed cylinder. With the distance from the tissue's middle the first shrinks and the
+second grows, so that the bound at the farthest of some positions holds at all of them.
 """
 
 from __future__ import annotations

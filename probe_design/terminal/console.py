@@ -109,7 +109,7 @@ def threshold_table(maps: Detectability) -> Table:
     noise = f"noise {maps.noise:g} on the ratio"
     title = f"{maps.evaluator}, {len(maps.depth)} depths x {len(maps.diameter)} diameters in {maps.seconds:.2g} s, {noise}"
     table = _table(title=title)
-    for heading in ("depth, mm", "largest that fits, mm", "seen from, mm", "resolved from, mm"):
+    for heading in ("depth, mm", "largest that fits, mm", "detected from, mm", "resolved from, mm"):
         table.add_column(heading, justify="right")
     for depth, *columns in list(zip(maps.depth, maps.change, maps.seen, maps.resolved, strict=True))[
         :: -(-len(maps.depth) // MAP_ROWS)

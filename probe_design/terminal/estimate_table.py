@@ -20,7 +20,7 @@ def sentence(estimate: Estimate) -> str:
     if estimate.strength is not None:
         size = " (the scene's)" if estimate.strength_interval is None else _sized(estimate.strength_interval)
         instead.append(f"strength {estimate.strength * 1e9:.4g} mm^3{size}")
-    left = f" What can be told: {', '.join(instead)}." if instead else ""
+    left = f" What can be estimated: {', '.join(instead)}." if instead else ""
     return f"{name} is not identifiable: {estimate.reason}.{left}"
 
 
@@ -39,7 +39,7 @@ def advice(estimate: Estimate) -> list[str]:
 
 def _expected(unknown: str, one: ExpectedInterval) -> str:
     apart = "open in most cases" if one.width is None else f"ends a factor of {one.width:.3g} apart"
-    return f"{_between(unknown, one.interval)}, {apart}; told with a probability of {one.identifiable:.2g}"
+    return f"{_between(unknown, one.interval)}, {apart}; identifiable with a probability of {one.identifiable:.2g}"
 
 
 def estimate_table(estimate: Estimate) -> Table:

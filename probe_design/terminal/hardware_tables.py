@@ -107,7 +107,7 @@ def sentences(check: Check) -> list[str]:
         lines.append(f"not tested: {names}: {reason}")
     if check.cancelling:
         pairs = (_together(one) for one in check.cancelling[:MOST_PAIRS])
-        lines.append(f"not seen where off together, in tolerances, likewise with both signs changed: {'; '.join(pairs)}")
+        lines.append(f"not detected if off together, in tolerances, likewise with both signs changed: {'; '.join(pairs)}")
     return lines
 
 
