@@ -60,7 +60,7 @@ def estimate(
         accuracy: of the evaluator, relative; default: a quarter of the smallest noise of the ratios, within 5e-4 and 0.01.
         linear: whether to use linear elasticity at any load. The intervals then count the possible effect of finite strain. By
             default that effect is below the smallest noise of the ratios, and ``contact`` predicts the readings at larger loads:
-            see ``loaded_track.py``.
+            see ``under_load.py``.
         nuisances: relative standard deviations, 0.2 or "20 %", of uncertain numbers, by their keys in the scene file; see
             ``probe_design.estimation.nuisances``.
         advise: whether ``next`` states what to measure next.
