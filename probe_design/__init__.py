@@ -1,25 +1,25 @@
 """Design, check and export tactile palpation probes, from Python as from the command line.
 
-A scene says which probe is pressed on which tissue: ``geometry.Scene``, or a TOML file (docs/reference/scene-file.md).
-Numbers are in SI units. What a user calls:
+A scene describes a probe and the tissue that it is pressed on: ``geometry.Scene``, or a TOML file (docs/reference/scene-file.md).
+Numbers are in SI units. The public functions:
 
-    evaluate       what both films feel, and how well their ratio tells E_object
-    evaluate_many  the same of many scenes, in order: designs that differ in moduli or loads come from one curve
-    plan           which model answers a scene at which accuracy, and what it leaves out
+    evaluate       film stresses, their ratio and its sensitivity to the tumour's modulus
+    evaluate_many  the same for many scenes, in order; designs that differ in moduli or loads share one curve
+    plan           which evaluator reaches a given accuracy for a scene, and which features it neglects
     curve          ratio and log-sensitivity over the target's Young's modulus
-    load           the same, and the gap's walls, under rising loads
-    scan           what the probe reads along a line over the tissue
-    detectability  which tumours it sees, and of which it tells the stiffness
-    estimate       from readings to modulus, diameter or depth
-    optimize       a better probe for a population of tumours, or for the one of a scene
-    sweep          thousands of designs, answered once each
-    export         the probe as the workshop needs it: STEP, drawings, film patterns, moulds, lists
+    load           ratio, log-sensitivity and the gap between the blocks under rising loads
+    scan           readings of the probe along a line over the tissue
+    detectability  which tumours the probe detects, and which it resolves in stiffness
+    estimate       modulus, diameter or depth from readings
+    optimize       search a better probe for a population of tumours, or for the tumour of a scene
+    sweep          evaluate thousands of designs, each once
+    export         write the files for the workshop: STEP, drawings, film patterns, moulds, lists
 
     >>> from probe_design import evaluate
     >>> evaluate("examples/scene.toml", evaluator="closed-form").ratio  # doctest: +SKIP
 
-Results are frozen; in a notebook they show themselves, ``plot()`` draws those that have a picture, ``to_dataset()`` returns
-arrays with their labels and units.
+Results are immutable. A notebook displays them as tables, ``plot()`` draws those that have a picture, and ``to_dataset()``
+returns arrays with labels and units.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ _ROOMS |= {"evaluate_many": "solver.many", "sweep": "probe_design.sweeps.run"}
 
 
 def __getattr__(name: str) -> object:
-    """Import what is asked for by name only then: the command line's help needs none of it."""
+    """Import a public name when it is first used; the help of the command line needs none of them."""
     if name in __all__:
         from importlib import import_module
 
@@ -59,5 +59,5 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    """What a user calls: the rooms are imported by their names."""
+    """List the public names; subpackages are imported by their own names."""
     return sorted([*__all__, "__all__", "__doc__", "__file__", "__name__", "__path__"])

@@ -1,14 +1,14 @@
-"""The program, as ``probe-design`` and ``python -m probe_design``: signals are listened to before all else is imported."""
+"""Entry point of ``probe-design`` and ``python -m probe_design``. Signal handlers are installed before other imports."""
 
 import os
 import sys
 
 
 def main() -> None:
-    """Run the command line and end the process: 0 good, 1 failure, 2 bad input, 128 + signal; never a traceback."""
+    """Run the command line and exit: 0 success, 1 failure, 2 bad input, 128 + signal number; never a traceback."""
     try:
         from probe_design.process.interrupts import leave, minded
-    except KeyboardInterrupt:  # nobody listens yet
+    except KeyboardInterrupt:  # no handler is installed yet
         print("probe-design: interrupted; nothing half-written is left", file=sys.stderr)
         sys.exit(130)
     leave(minded(_run))
@@ -27,15 +27,15 @@ def _run() -> int:
 
 
 def _open_streams() -> None:
-    """Open standard streams that are closed: the next file would take their place, and hold what libraries print.
+    """Open standard streams that are closed, as the next file opened would take their number and receive printed text.
 
-    What is written to standard output then fails, as it would on the closed stream; the other two are empty and silent.
+    Writing to standard output then fails, as on the closed stream. Standard input is empty; standard error discards its text.
     """
     for number, name, flags in ((0, "stdin", os.O_RDONLY), (1, "stdout", os.O_RDONLY), (2, "stderr", os.O_WRONLY)):
         try:
             os.fstat(number)
         except OSError:
-            os.set_inheritable(os.open(os.devnull, flags), True)  # the least number that is free
+            os.set_inheritable(os.open(os.devnull, flags), True)  # opens at the lowest free number, which is this one
             setattr(sys, name, os.fdopen(number, "w" if number else "r", closefd=False))
 
 

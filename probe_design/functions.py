@@ -1,4 +1,4 @@
-"""What the verbs of the command line do, as functions: scenes or their files in, results out; numbers in SI units."""
+"""Public functions that correspond to the commands: take scenes or scene files, return results in SI units."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ NOTHING: Mapping[str, Any] = MappingProxyType({})
 
 
 def read(scene: Scene | Path | str) -> Scene:
-    """Return a scene, or that of a file.
+    """Return a scene as it is, or read it from a file.
 
     Raises:
-        InputError: it is neither, or the file cannot be used.
+        InputError: the argument is neither a scene nor a file name, or the file cannot be read.
     """
     if isinstance(scene, Scene):
         return scene
@@ -47,20 +47,20 @@ def scan(
     scene: Scene | Path | str, *, along: str = "x", positions: ArrayLike | None = None, at: float | None = None,
     accuracy: float = 0.01, linear: bool = False, progress: Callable[[int, int], None] | None = None,
 ) -> Scan:  # fmt: skip
-    """Say what the probe reads along a line over the tissue; tumours stay where they are.
+    """Compute readings of the probe along a line over the tissue; the tumours stay in place.
 
     Args:
         scene: spheres, bonded or frictionless, no tilt; or the name of a scene file.
         along: "x" or "y", the axis along which the probe moves.
-        positions: of the probe's axis along the line, m, shape (n,); left out: 41 from -20 mm to 20 mm.
-        at: where the line lies along the other axis, m; left out: the scene's placement.
+        positions: of the probe's axis along the line, m, shape (n,); default: 41 from -20 mm to 20 mm.
+        at: coordinate of the line along the other axis, m; default: the scene's placement.
         accuracy: relative, on ratio, stresses and stiffness; above 0, below 1.
-        linear: whether to answer linearly at any load, see ``solver.evaluate``.
-        progress: called with positions done and all, where there are many.
+        linear: whether to use linear elasticity at any load, see ``solver.evaluate``.
+        progress: called with the number of positions done and their total, where there are many.
 
     Raises:
-        InputError: no such axis; the probe would leave the tissue.
-        Refusal: the scene is of a kind that the level cannot take; its load is beyond what linear elasticity allows.
+        InputError: the axis is unknown, or the probe would leave the tissue.
+        Refusal: the evaluator cannot model the scene, or its load is beyond the range of linear elasticity.
 
     Example:
         >>> from probe_design import scan
@@ -79,23 +79,23 @@ def detectability(
     noise: float = NOISE, seen: float = 3.0, resolved: float = RESOLVED, accuracy: float | None = None, linear: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> Detectability:  # fmt: skip
-    """Say which tumours the probe sees, and of which it resolves the stiffness: maps over depth and diameter.
+    """Map which tumours the probe detects, and which it resolves in stiffness, over depth and diameter.
 
     Args:
-        scene: with a target, whose material and place beside the probe's axis are kept; or the name of a scene file.
-        depths: from the surface to the centre, m, shape (k,); left out: ``points`` that probe and target suggest.
-        diameters: m, shape (m,); likewise.
-        points: of each that is left out.
+        scene: with a target, whose material and lateral offset are kept; or the name of a scene file.
+        depths: from the surface to the centre, m, shape (k,); default: ``points`` values chosen from probe and target.
+        diameters: m, shape (m,); default: likewise.
+        points: number of default depths, and of default diameters.
         noise: relative standard deviation of one reading of the ratio.
-        seen: change of the ratio, times the noise, from which a tumour is seen.
-        resolved: standard deviation of ln E_object up to which its stiffness is.
-        accuracy: relative, of the ratio; left out: the noise, from 5e-4 to 0.01.
-        linear: whether to answer linearly at any load, see ``solver.evaluate``.
-        progress: called with spheres done and all, of those that take long.
+        seen: change of the ratio, in multiples of the noise, from which a tumour is detected.
+        resolved: standard deviation of ln E_object up to which the stiffness is resolved.
+        accuracy: relative, of the ratio; default: the noise, within 5e-4 and 0.01.
+        linear: whether to use linear elasticity at any load, see ``solver.evaluate``.
+        progress: called with the number of spheres done and their total, for the spheres that take long.
 
     Raises:
-        InputError: no target, or sizes or thresholds that are none.
-        Refusal: the scene is of a kind that the level cannot take; its load is beyond what linear elasticity allows.
+        InputError: the scene has no target, or a size or threshold is not allowed.
+        Refusal: the evaluator cannot model the scene, or its load is beyond the range of linear elasticity.
     """
     from probe_design.maps.detectability import detectability as run
     from probe_design.maps.sphere_effects import Thresholds
@@ -114,23 +114,23 @@ def estimate(
     stiffness_noise: float | None = None, readings: tuple[Reading, ...] | Path | str | None = None,
     unknown: str = "youngs_modulus", accuracy: float | None = None, linear: bool = False, nuisances: Mapping[str, Any] = NOTHING,
 ) -> Estimate:  # fmt: skip
-    """Say what was pressed on: one unknown of the target or the tissue with its 95 % interval.
+    """Estimate one unknown of the target or the tissue from readings, with its 95 % interval.
 
     Args:
-        scene: everything else, taken as known; or the name of a scene file.
-        ratio: stress_inner / stress_outer as it was read at the scene's placement; or ``readings``, one of the two.
-        noise: relative standard deviation of a ratio, where readings do not say.
-        stiffness: force on the base per indentation as it was read beside the ratio, N/m.
-        stiffness_noise: relative standard deviation of a stiffness; left out: that of the ratio.
-        readings: several, or the name of a .toml or .csv file of them; see ``probe-design estimate --help``.
+        scene: all other parameters, taken as known; or the name of a scene file.
+        ratio: measured stress_inner / stress_outer at the scene's placement. Give either ``ratio`` or ``readings``.
+        noise: relative standard deviation of a ratio, for readings that do not state it.
+        stiffness: force on the base per indentation, measured together with the ratio, N/m.
+        stiffness_noise: relative standard deviation of a stiffness; default: that of the ratio.
+        readings: several readings, or the name of a .toml or .csv file; see ``probe-design estimate --help``.
         unknown: youngs_modulus, diameter or depth of the target, or a number of the tissue, "tissue.layer[0].thickness".
-        accuracy: of the model's ratio, relative; left out: a quarter of the least noise, from 5e-4 to 0.01.
-        linear: whether linear elasticity answers at any load.
-        nuisances: relative standard deviations, 0.2 or "20 %", of numbers of the scene that are known roughly, by their keys.
+        accuracy: of the model's ratio, relative; default: a quarter of the smallest noise, within 5e-4 and 0.01.
+        linear: whether to use linear elasticity at any load.
+        nuisances: relative standard deviations, 0.2 or "20 %", of uncertain numbers of the scene, by their keys.
 
     Raises:
-        InputError: no such unknown, reading or nuisance.
-        Refusal: the scene is of a kind that cannot be estimated, or its load is beyond what the models take.
+        InputError: an unknown, reading or nuisance is not allowed.
+        Refusal: nothing can be estimated for this kind of scene, or its load is beyond the range of the models.
     """
     from probe_design.estimation.estimate import estimate as run
     from probe_design.estimation.readings import one_reading, read_readings
@@ -149,28 +149,28 @@ def optimize(
     starts: int = 8, evaluator: str | None = None, noise: float = NOISE, force: bool = False,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> Optimum | PopulationOptimum:  # fmt: skip
-    """Find a better probe, for a design file's tumours or for the one of a scene, and prove it by finite elements.
+    """Find a better probe for the tumours of a design file or for the tumour of a scene, and verify it by finite elements.
 
-    Of a scene the load is a limit: where linear elasticity does not answer for it, level ``contact`` judges designs under the
-    best of all loads up to it.
+    The load of a scene is an upper limit. Where it is beyond linear elasticity, ``contact`` evaluates each design under the best
+    load up to that limit.
 
     Args:
-        design: a ``Design`` or the tables of a design file, or the start as a ``Scene``, or the name of a file of either; left
-            out: the built-in design file. A design file says itself what ``outer_radius`` to ``noise`` say for a scene.
-        output: folder for the design, STEP files and report; left out: nothing is written.
-        outer_radius: limit of the probe's outer radius, m; left out: 1.4 times the start's.
-        starts: local searches.
-        evaluator: who judges and polishes, "axisymmetric" or "equivalent-inclusion"; left out: what the scene asks for.
+        design: a ``Design`` or the tables of a design file, or the initial ``Scene``, or the name of a file of either; default:
+            the built-in design file. A design file states by its own keys what ``outer_radius`` to ``noise`` state for a scene.
+        output: folder for the design, STEP files and report; default: nothing is written.
+        outer_radius: upper limit of the probe's outer radius, m; default: 1.4 times the initial one.
+        starts: number of local searches.
+        evaluator: verifies and refines the candidates, "axisymmetric" or "equivalent-inclusion"; default: chosen by the scene.
         noise: relative standard deviation of one reading of the ratio.
-        force: whether parts of another design that ``output`` holds are replaced.
-        progress: called with a stage's name, the steps done and their number.
+        force: whether parts of another design in ``output`` are replaced.
+        progress: called with the name of a stage, the number of steps done and their total.
 
     Returns:
-        the start, all judged designs and the best; ``status`` says whether there is a gain.
+        the initial design, all verified designs and the best; ``status`` states whether there is a gain.
 
     Raises:
-        InputError: no target, a load of 0, no room for a design, no such evaluator; ``output`` holds another design.
-        Refusal: closed form or judge cannot take the scene.
+        InputError: no target, a load of 0, no allowed design, no such evaluator; or ``output`` holds another design.
+        Refusal: the closed form or the verifying evaluator cannot model the scene.
     """
     from geometry.common.files import check_writable
     from probe_design.design_search.question import question
@@ -190,7 +190,7 @@ def optimize(
 
 
 def _refuse_settings(outer_radius: float | None, starts: int, evaluator: str | None, noise: float) -> None:
-    """Refuse what a design file says by its tables."""
+    """Refuse settings that a design file states by its own keys."""
     given = {"outer_radius": (outer_radius, None), "starts": (starts, 8), "evaluator": (evaluator, None), "noise": (noise, NOISE)}
     for key, (value, usual) in given.items():
         if value != usual:
@@ -214,24 +214,24 @@ def export(
     shrinkage: float | None = None, draft: float | None = None, force: bool = False,
     progress: Callable[[str], None] | None = None,
 ) -> Exported:  # fmt: skip
-    """Write the probe as the workshop needs it: STEP, drawings, film patterns, moulds, lists (docs/guides/workshop.md).
+    """Write the files for the workshop: STEP, drawings, film patterns, moulds, lists (docs/guides/workshop.md).
 
     Args:
         scene: whose probe; or the name of a scene file.
         output: folder for the files, made if needed.
-        step: m, to which sizes are rounded, 1e-4 for 0.1 mm; left out: they stay.
-        tolerance: standard deviation of ln ratio that the drawings' tolerances may make: 0.01 for 1 %.
-        shrinkage: linear, of the elastomer while it cures, for the moulds; left out: 0.001.
-        draft: of the moulds' walls, at most, rad; left out: half a degree.
-        force: whether parts of another design that the folder holds are replaced.
-        progress: called with a line before each long piece of work.
+        step: sizes are rounded to multiples of this length, m, such as 1e-4; default: no rounding.
+        tolerance: standard deviation of ln ratio that the tolerances of the drawings may cause together: 0.01 for 1 %.
+        shrinkage: relative linear shrinkage of the elastomer while it cures, for the moulds; default: 0.001.
+        draft: maximum draft angle of the moulds' walls, rad; default: half a degree.
+        force: whether parts of another design in the folder are replaced.
+        progress: called with a line of text before each long step.
 
     Returns:
-        the scene as it is built, the files' paths, and what the rounding costs.
+        the scene as built, the paths of the files, and the effect of the rounding.
 
     Raises:
-        ExportError: a part, read back, is not what the parameters say; no file is left.
-        InputError: the folder holds another design; no such step, tolerance, shrinkage or draft.
+        ExportError: a part that was read back differs from its parameters; no file is left.
+        InputError: the folder holds another design, or step, tolerance, shrinkage or draft is not allowed.
         MissingLibrary: CAD cannot be loaded.
 
     Example:
@@ -249,9 +249,9 @@ def export(
 
 
 def _lengths(given: ArrayLike | None, usual: Floats) -> Floats:
-    """What is given as an array, or what is usual."""
+    """Return given lengths as an array of shape (n,), or the default."""
     return usual if given is None else np.atleast_1d(np.asarray(given, dtype=float))
 
 
 def _silent(stage: str, done: int = 0, total: int = 0) -> None:
-    """Tell nobody."""
+    """Accept a progress report and discard it."""

@@ -1,6 +1,6 @@
-"""Text from the command line as numbers; heavy imports wait until they are needed.
+"""Options and arguments of the commands, and their conversion to numbers. Heavy imports are delayed until they are needed.
 
-Each function raises ``InputError``, one line, for what is none.
+Each function raises ``InputError`` for a text that is not allowed.
 """
 
 from __future__ import annotations
@@ -17,18 +17,20 @@ if TYPE_CHECKING:
     from geometry.common.resources import Limits
 
 linear_option = click.option(
-    "--linear", is_flag=True, help="Answer loads beyond linear elasticity too, what is known of the effect counted in the error."
+    "--linear", is_flag=True, help="Use linear elasticity at any load; error_estimate counts the known effect of finite strain."
 )
-"""Of the verbs that refuse such loads without it."""
+"""For commands that otherwise refuse loads beyond linear elasticity."""
 any_probe_option = click.option("--any-probe", is_flag=True, help="Take readings and calibrations of other serial numbers, too.")
-"""Of the verbs that read the built probe."""
+"""For commands that read a built probe."""
 loads_option = click.option(
-    "--loads", is_flag=True, help="Tell by level contact at which load the gap closes and linear theory ends; some seconds more."
+    "--loads",
+    is_flag=True,
+    help="Compute by contact the loads at which the gap closes and linear theory ends; takes seconds.",
 )
 
 
-force_option = click.option("--force", is_flag=True, help="Replace parts of another design that the folder holds.")
-"""Of the verbs that write parts."""
+force_option = click.option("--force", is_flag=True, help="Replace parts of another design in the folder.")
+"""For commands that write parts."""
 
 
 def _frequency(ctx: click.Context, parameter: click.Parameter, text: str | None) -> float | None:
@@ -38,36 +40,38 @@ def _frequency(ctx: click.Context, parameter: click.Parameter, text: str | None)
 
 
 frequency_option = click.option(
-    "--frequency", callback=_frequency, help='Of a sinusoidal load, "5 Hz": tell the phase of the ratio by the loss factors.'
+    "--frequency",
+    callback=_frequency,
+    help='Frequency of the load, "5 Hz": compute the phase of the ratio by loss factors.',
 )
-"""Of evaluate; Hz, or None."""
+"""For evaluate: a frequency in Hz, or None."""
 F = TypeVar("F", bound=Callable[..., Any])
 
 
 class NamedCommands(click.Group):
-    """Commands; one that does not exist is refused with those that do."""
+    """A group of commands. An unknown command is refused with the list of known ones."""
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
-        """Look a command up."""
+        """Find a command by its name, or raise a usage error that lists the known commands."""
         if args[0] in self.commands:
             return super().resolve_command(ctx, args)
-        kind = "verb" if ctx.parent is None else ctx.info_name
+        kind = "command" if ctx.parent is None else ctx.info_name
         from geometry.common.errors import one_of
 
         raise click.UsageError(f"{kind} = {args[0]!r}: allowed: {one_of(args[0], self.commands)}")
 
 
 class FileName(click.Path):
-    """The name of a file or folder, which is text: libraries, records and pages can hold no other."""
+    """The name of a file or folder in UTF-8, as libraries, records and pages cannot store any other."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the path; an empty name is none, not the folder that the program runs in."""
+        """Return the path. An empty name is refused, as it would otherwise mean the current folder."""
         from geometry.common.errors import InputError
 
         key = "path" if param is None else max(param.opts, key=len).lstrip("-")
         try:
             value.encode()
-        except UnicodeEncodeError:  # what Python makes of bytes that are no UTF-8
+        except UnicodeEncodeError:  # bytes that are not UTF-8, as Python represents them
             raise InputError(key, value, "the name of a file or folder, in UTF-8") from None
         if not value:
             raise InputError(key, value, "the name of a file or folder")
@@ -75,7 +79,7 @@ class FileName(click.Path):
 
 
 def completed(*words: str) -> Callable[[click.Context, click.Parameter, str], list[str]]:
-    """Return what a shell asks for the words that an option may have; the option itself refuses others with more to say."""
+    """Return the shell completion of an option with given words; the option itself refuses other words."""
     return lambda ctx, parameter, begun: [word for word in words if word.startswith(begun)]
 
 
@@ -83,26 +87,26 @@ FILE_NAME = FileName(path_type=Path)
 
 
 def noise_option(command: F) -> F:
-    """Add the option --noise, which means the same to every verb that has it; a text, or None for the default."""
+    """Add the option --noise, a text or None for the default. It has the same meaning for every command."""
     text = f"Relative standard deviation of one reading of the ratio.  [default: {NOISE:g}]"
     return click.option("--noise", help=text)(command)
 
 
 def noise_of(text: str | None) -> float:
-    """Read the noise of a ratio; the default where there is none."""
+    """Return the noise of a ratio as a number, or the default."""
     return NOISE if text is None else checked_noise(fraction("noise", text, ALLOWED))
 
 
 def limiting(verb: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a verb the options ``--memory`` and ``--time``: what every answer that it asks for may take."""
+    """Add the options ``--memory`` and ``--time``, the limits of each evaluation, to a command."""
     for name, default in (("time", "120 s"), ("memory", "2 GB")):
-        text = f"{name.capitalize()} that an answer may take.  [default: {default}]"
+        text = f"{name.capitalize()} that one evaluation may take.  [default: {default}]"
         verb = click.option(f"--{name}", callback=_limited, expose_value=False, help=text)(verb)
     return verb
 
 
 def _limited(ctx: click.Context, parameter: click.Parameter, text: str | None) -> None:
-    """Set one limit for the verb."""
+    """Set one limit while the command runs."""
     from geometry.common.resources import limited, limits
 
     if text is not None:
@@ -110,7 +114,7 @@ def _limited(ctx: click.Context, parameter: click.Parameter, text: str | None) -
 
 
 def with_limits(held: Limits, *, time: str | None = None, memory: str | None = None) -> Limits:
-    """Return limits with others in place of those that are given, such as ``"60 s"`` and ``"4 GB"``."""
+    """Return limits with time and memory replaced by given texts, such as ``"60 s"`` and ``"4 GB"``."""
     from dataclasses import replace
 
     from geometry.scenes.units import MEMORY, TIME
@@ -121,28 +125,28 @@ def with_limits(held: Limits, *, time: str | None = None, memory: str | None = N
 
 
 def number(key: str, text: str, allowed: str) -> float:
-    """Read a number; whether it is in range is for those to say who use it."""
+    """Return a text as a number; the caller checks its range."""
     from geometry.scenes import units
 
     return units.number(key, text, allowed)
 
 
 def fraction(key: str, text: str, allowed: str = "a number above 0 and below 1, such as 0.01 or 1 %") -> float:
-    """Read a fraction such as ``"0.01"`` or ``"1 %"``; whether it is in range is for those to say who use it."""
+    """Return a fraction such as ``"0.01"`` or ``"1 %"`` as a number; the caller checks its range."""
     from geometry.scenes import units
 
     return units.fraction(key, text, allowed)
 
 
 def length(key: str, text: str) -> float:
-    """Read a length such as ``"5 mm"``, in m."""
+    """Return a length such as ``"5 mm"`` in m."""
     from geometry.scenes.probe import LENGTH
 
     return LENGTH.read(key, text)
 
 
 def position(key: str, text: str) -> float:
-    """Read a position such as ``"-20 mm"``, in m."""
+    """Return a position such as ``"-20 mm"`` in m."""
     from typing import get_args
 
     from geometry.scenes.probe import Position
@@ -151,7 +155,7 @@ def position(key: str, text: str) -> float:
 
 
 def modulus(key: str, text: str) -> float:
-    """Read a modulus such as ``"1 kPa"``, in Pa."""
+    """Return a modulus such as ``"1 kPa"`` in Pa."""
     from geometry.scenes.units import MODULUS
 
     return MODULUS.read(key, text)

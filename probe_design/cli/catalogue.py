@@ -1,4 +1,4 @@
-"""``probe-design tissue list|show`` and ``material list|show``: built-in numbers with their sources."""
+"""The commands ``tissue list|show`` and ``material list|show``: built-in numbers with their sources."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def tissues_listed(as_json: bool) -> None:
 @click.argument("name")
 @json_option
 def tissue_shown(name: str, as_json: bool) -> None:
-    """Print the table [tissue] of NAME, ready for a scene file: each number below its scatter and source."""
+    """Print the table [tissue] of NAME for a scene file; a comment above each number gives its scatter and source."""
     from probe_design.data.tissues import tissue as find
 
     found = find(name)
@@ -62,7 +62,7 @@ def material() -> None:
 @material.command("list")
 @json_option
 def materials_listed(as_json: bool) -> None:
-    """List the built-in materials: Young's modulus, the standard deviation of its logarithm, what it is."""
+    """List the built-in materials: Young's modulus, the standard deviation of its logarithm, a description."""
     from geometry.scenes.catalogue import materials, modulus_text
 
     found = materials()
@@ -75,11 +75,11 @@ def materials_listed(as_json: bool) -> None:
 
 @material.command("show")
 @click.argument("name")
-@click.option("--thinner", help="Share of thinner of an Ecoflex, such as 0.3.")
+@click.option("--thinner", help="Fraction of thinner of an Ecoflex, such as 0.3.")
 @click.option("--ratio", help="Parts of base to one of agent of Sylgard 184, such as 20.")
 @json_option
 def material_shown(name: str, thinner: str | None, ratio: str | None, as_json: bool) -> None:
-    """Print a table for a scene file of NAME: each number below its tolerance, sources, test methods and licences."""
+    """Print a table of NAME for a scene file, with comments on tolerance, sources, test methods and licences."""
     from geometry.scenes.catalogue import find_material as find
     from probe_design.cli.arguments import number
 
@@ -93,4 +93,5 @@ def material_shown(name: str, thinner: str | None, ratio: str | None, as_json: b
 
 
 def _brief(told: dict[str, object]) -> dict[str, object]:
+    """Return the entries of a material that the list shows."""
     return {key: told[key] for key in ("kind", "about", "youngs_modulus", "poisson_ratio", "log_sd", "recipe")}

@@ -1,4 +1,4 @@
-"""The verb `estimate`."""
+"""The command `estimate`."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("scene", type=FILE_NAME)
 @click.argument("more", nargs=-1, metavar="")
-@click.option("--ratio", help="stress_inner / stress_outer as it was read at the scene's placement.")
+@click.option("--ratio", help="Measured stress_inner / stress_outer at the scene's placement.")
 @noise_option
-@click.option("--stiffness", help="Force on the base per indentation as it was read beside --ratio, N/m.")
+@click.option("--stiffness", help="Measured force on the base per indentation, together with --ratio, N/m.")
 @click.option("--stiffness-noise", help="Relative standard deviation of a stiffness.  [default: that of the ratio]")
 @click.option("--readings", "file", type=FILE_NAME, help="In place of --ratio: a .toml or .csv file, see below.")
 @click.option(
     "--reading",
     "reading",
     multiple=True,
-    help="In place of --ratio: recordings, or what read --json has printed, each with its place: 'run.probe, x=-8 mm'.",
+    help="In place of --ratio: recordings or output of read --json, each with its place: 'run.probe, x=-8 mm'.",
 )
-@click.option("--calibration", type=FILE_NAME, help="Of recordings: what calibrate has written.")
+@click.option("--calibration", type=FILE_NAME, help="Of recordings: calibration file that calibrate has written.")
 @click.option("--bench", type=FILE_NAME, help="Of recordings: TOML file of load and amplifier.")
 @click.option("--column", multiple=True, help="Of recordings by other programs: 'inner=CH1 mV'; see read --help.")
 @click.option("--rate", help="Of recordings without times: samples per second, '10 kHz'.")
@@ -41,9 +41,9 @@ if TYPE_CHECKING:
     help="youngs_modulus, diameter or depth of the target, or a number of the tissue, tissue.layer[0].thickness.",
 )
 @click.option(
-    "--nuisance", "nuisance", multiple=True, help='What is known roughly, "tissue.layer[0].thickness = 20 %"; may be repeated.'
+    "--nuisance", "nuisance", multiple=True, help='An uncertain number, "tissue.layer[0].thickness = 20 %" (sd); may be repeated.'
 )
-@click.option("--next", "advise", is_flag=True, help="Say which reading would narrow the interval most, and to what.")
+@click.option("--next", "advise", is_flag=True, help="Report which further reading would narrow the interval most, and to what.")
 @click.option("--accuracy", help="Relative error that the model's ratio may have.  [default: 1/4 of --noise, at most 0.01]")
 @linear_option
 @any_probe_option
@@ -55,13 +55,13 @@ def estimate(
     more: tuple[str, ...], calibration: Path | None, bench: Path | None, column: tuple[str, ...], rate: str | None, advise: bool,
     any_probe: bool,
 ) -> None:  # fmt: skip
-    """Say what was pressed on: E_object, diameter or depth of SCENE's target, or a layer of its tissue, with its 95 % interval.
+    """Estimate E_object, diameter or depth of SCENE's target, or a layer of its tissue, from readings, with its 95 % interval.
 
-    Everything else in the scene is taken as known, but for what --nuisance gives a relative standard deviation. Where the
-    unknown cannot be told the reason is given, and what can be told instead: depth and strength D^3 (c-1) / (1 + beta (c-1)),
-    c = E_object/E_tissue. That is an answer: exit code 0.
+    All other numbers of the scene are taken as known, except those with a relative standard deviation by --nuisance. Where the
+    unknown is not identifiable, the reason is given, together with depth and strength D^3 (c-1) / (1 + beta (c-1)),
+    c = E_object/E_tissue, which may still be identifiable. The exit code is 0 then, too.
 
-    At loads beyond linear elasticity level contact predicts what was read on the axis of one tumour, in half a minute or more.
+    At loads beyond linear elasticity, contact predicts the readings on the axis of one tumour, in half a minute or more.
 
     \b
     probe-design estimate scene.toml --ratio 0.62 --noise 0.05
@@ -70,8 +70,8 @@ def estimate(
     probe-design estimate scene.toml --readings scan.csv --nuisance "tissue.layer[0].thickness = 20 %"
     probe-design estimate scene.toml --calibration probe.toml --reading over.probe "beside.h5, x=30 mm, blank=true"
 
-    A reading brings its own noise; what its calibration is off by never averages out among those that share it. Its place is what
-    stands behind the file's name, else what it tells itself, else the scene's.
+    A recording states its own noise. The error of a calibration does not average out over the readings that share it. The place
+    of a reading is the one given after the file's name, else the one stored in the file, else the scene's.
 
     \b
     scan.csv holds one press a line (or scan.toml, tables [[reading]] with these keys):
@@ -79,9 +79,9 @@ def estimate(
     -8 mm, 0 mm, 0.55,  0.05,  79 N/m,    0.02,            false
     0 mm,  0 mm, 0.62,  0.05,  81 N/m,    0.02,            false
     30 mm, 0 mm, 0.51,  0.05,  78 N/m,    0.02,            true
-    x and y are the probe's axis in the scene's frame; blank is true where there is no tumour: what is not known of the tissue
-    moves that reading too, and so counts less. Every column but ratio may be left out. ratio_phase and ratio_phase_sd, angles
-    such as 1.8 deg, are the ratio's phase as read tells it: they count where the scene has loss factors.
+    x and y are the probe's axis in the scene's frame. blank is true for a reading over tumour-free tissue: the uncertainty of the
+    tissue affects that reading too, and so weighs less. Every column but ratio may be left out. ratio_phase and ratio_phase_sd,
+    angles such as 1.8 deg, are the ratio's phase as read reports it; they are used where the scene has loss factors.
     """  # noqa: D301
     from dataclasses import replace
 
@@ -109,7 +109,7 @@ def estimate(
 
 
 def _named(text: str) -> tuple[str, str]:
-    """Split "tissue.layer[0].thickness = 20 %"."""
+    """Split a text such as "tissue.layer[0].thickness = 20 %" into key and value."""
     from geometry.common.errors import InputError
 
     name, equals, value = (part.strip() for part in text.partition("="))
@@ -119,7 +119,7 @@ def _named(text: str) -> tuple[str, str]:
 
 
 def _check_alone(beside: dict[str, object]) -> None:
-    """Refuse what says otherwise than files of readings do."""
+    """Refuse options whose values the files of --reading state themselves."""
     from geometry.common.errors import InputError
 
     for key, value in beside.items():
@@ -130,6 +130,7 @@ def _check_alone(beside: dict[str, object]) -> None:
 def _readings(
     scene: Scene, file: Path | None, *, ratio: str | None, noise: str | None, stiffness: str | None, stiffness_noise: str | None
 ) -> tuple[Reading, ...]:
+    """Return the readings of --ratio or --readings."""
     from geometry.common.errors import InputError, Words
     from probe_design.estimation.readings import one_reading, read_readings
 

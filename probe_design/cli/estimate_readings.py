@@ -1,4 +1,4 @@
-"""From files of readings to what an estimate takes: calibration, positions and noise in one chain."""
+"""Convert the files of `estimate --reading` to readings: calibration, positions and noise."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ from probe_design.estimation.readings import Reading, one_reading
 
 KEYS = ("x", "y", "blank")
 FORM = "a file and, behind commas, its place: 'run.probe, x=-8 mm, y=0 mm, blank=true'"
-MORE = 1.05  # times the scene's load: what is pressed harder is judged at its own load
+MORE = 1.05  # times the scene's load: a reading under a larger load is evaluated at its own load
 
 
 @dataclass(frozen=True)
 class Sources:
-    """How recordings are read: what the verb `read` is told by the same options."""
+    """Options for recordings, with the same meaning as for the command `read`."""
 
     bench: Path | None = None
     calibration: Path | None = None
@@ -48,16 +48,17 @@ class Sources:
 
 
 def field_readings(scene: Path, texts: tuple[str, ...], sources: Sources) -> tuple[Scene, tuple[Reading, ...], list[str]]:
-    """Return the scene, under the load that was read where that is larger, the readings over it and warnings.
+    """Return the scene, the readings and warnings; the scene's load is raised to the largest measured load.
 
     Args:
         scene: file of the scene.
-        texts: of each reading, FORM; the file is a recording, a file of another program, or what `read --json` has printed.
-        sources: how recordings are read.
+        texts: one for each reading, of the form ``READING_FORM``; the file is a recording, a file of another program, or the
+            output of `read --json`.
+        options: for recordings.
 
     Raises:
-        InputError: a file or place is not what it should be, or a reading is of another probe, or given twice.
-        HardwareError: a recording from which no ratio can be told.
+        InputError: a file or place is not allowed, or a reading is of another probe, or given twice.
+        HardwareError: no ratio can be computed from a recording.
     """
     setting = HardwareSetup.of(scene, sources.bench, sources.calibration)
     split = [_split(text) for text in texts]
@@ -71,7 +72,7 @@ def field_readings(scene: Path, texts: tuple[str, ...], sources: Sources) -> tup
         boards[str(path)] = clean_serial(told.get("serial"))
         found.append(field_reading(told, path.name, setting.scene))
         expected = expected_load(setting.scene)
-        if expected is not None:  # a recording's is checked as it is read, what was printed before is not
+        if expected is not None:  # the load of a recording is checked while reading it; the load in a JSON file is checked here
             check_expected(abs(found[-1].force), 0.0, expected, expected, f"{path.name} shows")
         warnings += [f"{path.name}: {text}" for text in told.get("warnings", []) if isinstance(text, str)]
     check_different("reading", [(str(path), one.fingerprint) for (path, _), one in zip(split, found, strict=True)])
@@ -82,6 +83,7 @@ def field_readings(scene: Path, texts: tuple[str, ...], sources: Sources) -> tup
 
 
 def _split(text: str) -> tuple[Path, dict[str, str]]:
+    """Return the file and the place entries of a text of the form ``READING_FORM``."""
     if os.path.exists(text):
         return Path(text), {}
     name, *places = text.split(",")
@@ -95,14 +97,14 @@ def _split(text: str) -> tuple[Path, dict[str, str]]:
 
 
 def _check_there(paths: list[Path]) -> None:
-    """Refuse what is no file."""
+    """Refuse names of files that do not exist."""
     for path in paths:
         if not os.path.isfile(path):
             raise InputError("reading", str(path), f"a file that is there; {FORM}")
 
 
 def _recorded(path: Path, setting: HardwareSetup, sources: Sources) -> dict[str, Any]:
-    """The JSON object of `read` for a recording, its prediction left out."""
+    """Return the JSON object of `read` for a recording, without the prediction."""
     gains = None if setting.calibration is None else setting.calibration.gains().warmed(setting.bench.channels.warming)
     at = None if setting.calibration is None else setting.calibration.frequency
     rate = None if sources.rate is None else read_rate(sources.rate)
@@ -116,7 +118,7 @@ def _recorded(path: Path, setting: HardwareSetup, sources: Sources) -> dict[str,
 
 
 def _reading(scene: Scene, found: FieldReading, spread: float, place: dict[str, str]) -> Reading:
-    """One press: at the place that is given, else at the one that the reading tells, else at the scene's."""
+    """Return one reading, at its given place, else at the place stored in its file, else at the scene's."""
     x, y = found.placement or (scene.placement.x, scene.placement.y)
     x, y = (position(key, place[key]) if key in place else own for key, own in (("x", x), ("y", y)))
     there = scene.model_copy(update={"placement": scene.placement.model_copy(update={"x": x, "y": y})})
@@ -128,16 +130,17 @@ def _reading(scene: Scene, found: FieldReading, spread: float, place: dict[str, 
 
 
 def _loaded(scene: Scene, found: list[FieldReading], warnings: list[str]) -> Scene:
+    """Return the scene under the largest measured load, if that is clearly above the scene's load; add a warning then."""
     largest = max(abs(one.force) for one in found)
     force = scene.load.force
     if force is None or not math.isfinite(largest) or largest <= MORE * force:
         return scene
-    warnings.append(f"load read: {largest:.4g} N, more than the scene's {force:.4g} N: taken in its place")
+    warnings.append(f"the measured load {largest:.4g} N is above the scene's {force:.4g} N and replaces it")
     return scene.model_copy(update={"load": Load(force=largest)})
 
 
 def checked_texts(texts: tuple[str, ...], more: tuple[str, ...]) -> tuple[str, ...]:
-    """Return all readings that the command line names; what stands behind the last --reading belongs to it.
+    """Return the texts of all --reading options, and of the files that follow the last one.
 
     Raises:
         InputError: files without --reading.

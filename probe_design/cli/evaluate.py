@@ -1,4 +1,4 @@
-"""The verbs `evaluate`, `plan`, `curve` and `tolerances`: what one scene says."""
+"""The commands `evaluate`, `plan`, `curve` and `tolerances`, which take one scene."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ EVALUATORS = "auto, published, closed-form, equivalent-inclusion, axisymmetric, 
     default="auto",
     show_default=True,
     shell_complete=completed(*EVALUATORS.split(", ")),
-    help=f"Level of fidelity: {EVALUATORS}.",
+    help=f"Model to use: {EVALUATORS}.",
 )
 @click.option("--accuracy", default="0.01", show_default=True, help="Relative error that ratio, stresses and stiffness may have.")
 @linear_option
@@ -43,7 +43,7 @@ def evaluate(
     scene: Path, evaluator: str, accuracy: str, linear: bool, loads: bool, frequency: float | None, vtu: Path | None,
     picture: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
-    """Say what both films feel, and how well their ratio tells E_object.
+    """Compute the film stresses, their ratio and its sensitivity to the tumour's modulus.
 
     \b
     published             the paper's equations as printed: an equivalent modulus, no stresses
@@ -51,14 +51,14 @@ def evaluate(
     equivalent-inclusion  finite elements and scattering, 0.3 to 5 s, 1e-2 to 1e-3: tumours anywhere
     axisymmetric          finite elements, 0.1 to 10 s, 1e-2 to 1e-4: one sphere on the probe's axis
     contact               finite elements at finite strain, walls in contact, 2 to 20 s, 5e-3 to 2e-2:
-                          one sphere on the probe's axis, loads that a hand makes
+                          one sphere on the probe's axis, loads of a hand
     solid                 3D finite elements, 10 to 100 s, 1e-2 to 3e-3: groove, edges, tilt, tumours
                           of any shape, from STL and STEP files too
-    auto                  what plan says: the cheapest of the last four that takes the scene and
-                          reaches --accuracy; refuses rather than answer worse
+    auto                  chosen by plan: the cheapest of the last four that can model the scene
+                          and reaches --accuracy; refuses where none does
 
-    All but contact are exact for small loads. Beyond linear_limit_load an evaluator that is named warns; auto has contact answer
-    if it can, refuses if not, or with --linear counts in error_estimate what finite strain may change.
+    All but contact are exact for small loads. Beyond linear_limit_load a named evaluator warns; auto uses contact if that can
+    model the scene, and refuses if not. With --linear, error_estimate counts the possible effect of finite strain instead.
     """  # noqa: D301
     from geometry.scenes.scene_file import read_scene
     from probe_design.terminal.console import result_table, saying
@@ -94,10 +94,10 @@ def evaluate(
 def curve(
     scene: Path, low: str, high: str, points: int, accuracy: str, linear: bool, picture: Path | None, as_json: bool
 ) -> None:
-    """Say how ratio and log-sensitivity depend on the inclusion's Young's modulus.
+    """Compute how ratio and log-sensitivity depend on the inclusion's Young's modulus.
 
-    With one sphere on the probe's axis all moduli follow exactly from one factorisation, so that a thousand cost as much as
-    ten; with tumours elsewhere each modulus costs some 10 to 100 ms.
+    With one sphere on the probe's axis all moduli follow exactly from one factorisation, so that a thousand take as long as ten.
+    With tumours elsewhere each modulus takes some 10 to 100 ms.
     """
     from geometry.scenes.scene_file import read_scene
     from probe_design.maps.curve_plot import plot
@@ -115,7 +115,7 @@ def curve(
 
 
 def _moduli(low: str, high: str, points: int) -> Any:
-    """Moduli from ``low`` to ``high``, both met exactly."""
+    """Return logarithmically spaced moduli that contain ``low`` and ``high`` exactly, Pa, shape (points,)."""
     import numpy as np
 
     from geometry.common.errors import InputError
@@ -135,12 +135,12 @@ def _moduli(low: str, high: str, points: int) -> Any:
 @limiting
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def plan(scene: Path, accuracy: str, loads: bool, as_json: bool) -> None:
-    """Say which model of SCENE meets --accuracy at the least cost, what it leaves out, and why.
+    """Report which model of SCENE reaches --accuracy at the lowest cost, which features it neglects, and the reasons.
 
-    This is what evaluate does without --evaluator: where it refuses, so does plan (exit code 2). Every feature that could be left
-    out is listed with what it changes of the ratio, of the stresses and of the stiffness; what is not linear is bounded at the
-    scene's load, and the largest load that auto answers linearly is told. The evaluator named was
-    asked and reaches the accuracy, but for solid where that is sure without.
+    evaluate without --evaluator does the same: where it refuses, so does plan (exit code 2). Every feature that may be neglected
+    is listed with its effect on the ratio, on the stresses and on the stiffness. Nonlinear effects are bounded at the scene's
+    load, and the largest load for which auto uses a linear evaluator is printed. The evaluator has been run and reaches the
+    accuracy; solid is not run where its accuracy is certain without.
     """
     from geometry.scenes.scene_file import read_scene
     from probe_design.terminal.console import plan_lines, plan_table, working
@@ -155,11 +155,11 @@ def plan(scene: Path, accuracy: str, loads: bool, as_json: bool) -> None:
 
 @click.command()
 @click.argument("scene", type=FILE_NAME)
-@click.option("--ratio", default="0.01", show_default=True, help="Standard deviation of the ratio that is allowed, relative.")
+@click.option("--ratio", default="0.01", show_default=True, help="Allowed relative standard deviation of the ratio.")
 @click.option("--tolerance", multiple=True, help='A standard deviation: "probe.gap = 10 um", 5 % of a modulus or gain.')
-@click.option("--material", multiple=True, help="What a block is made of, inner=dragon-skin-30: how well its modulus is known.")
-@click.option("--bench", type=FILE_NAME, help="TOML file whose [workshop] and [channels] hold instead.")
-@click.option("--samples", default=1024, show_default=True, type=int, help="Of the Sobol indices: a power of 2.")
+@click.option("--material", multiple=True, help="Material of a block, inner=dragon-skin-30: sets the sd of its modulus.")
+@click.option("--bench", type=FILE_NAME, help="TOML file whose [workshop] and [channels] replace the built-in ones.")
+@click.option("--samples", default=1024, show_default=True, type=int, help="Samples for the Sobol indices: a power of 2.")
 @click.option("--plot", "picture", type=FILE_NAME, help="Draw the budget to this .png, .svg or .pdf file.")
 @limiting
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
@@ -167,10 +167,10 @@ def tolerances(
     scene: Path, ratio: str, tolerance: tuple[str, ...], material: tuple[str, ...], bench: Path | None, samples: int,
     picture: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
-    """Say how far SCENE's probe as built may read off, by what, and what must be held how tightly for --ratio.
+    """Compute how manufacturing tolerances of SCENE's probe change its ratio, and which tolerances --ratio requires.
 
-    Radii and heights are off by what casting or machining keeps, moduli by what the catalogue says of a named material, gains by
-    5 %; or by --bench, --tolerance and --material. To first order by exact derivatives; beside it samples by the closed form.
+    Radii and heights have the tolerances of casting or machining, moduli those of the catalogue for a named material, gains 5 %;
+    or those of --bench, --tolerance and --material. To first order by exact derivatives, and by samples of the closed form.
     """
     from geometry.scenes.scene_file import read_scene
     from probe_design.built_probe.bench import read_bench
@@ -192,7 +192,7 @@ def tolerances(
 
 
 def _named(kind: str, text: str) -> tuple[str, str]:
-    """Split "probe.gap = 10 um"."""
+    """Split a text such as "probe.gap = 10 um" into key and value."""
     from geometry.common.errors import InputError
 
     name, equals, value = (part.strip() for part in text.partition("="))

@@ -1,4 +1,4 @@
-"""The verb `export`: what a workshop needs of a scene's probe."""
+"""The command `export`: write the files that a workshop needs to build a scene's probe."""
 
 from __future__ import annotations
 
@@ -21,28 +21,28 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("scene", type=FILE_NAME)
 @click.option("-o", "--output", type=FILE_NAME, required=True, help="Folder for the files.")
-@click.option("--step", help='Round radii, gap and heights to what is machined, "0.1 mm", and say what it costs.')
-@click.option("--tolerance", default="0.01", show_default=True, help="Of the ratio, relative sd: what the tolerances may make.")
-@click.option("--shrinkage", help="Linear, of the elastomer while it cures, for the moulds.  [default: 0.001]")
-@click.option("--draft", help='Of the moulds\' walls, at most.  [default: "0.5 deg"]')
+@click.option("--step", help='Round radii, gap and heights to multiples of this, "0.1 mm", and report the effect.')
+@click.option("--tolerance", default="0.01", show_default=True, help="Relative sd of the ratio that the tolerances may cause.")
+@click.option("--shrinkage", help="Linear shrinkage of the elastomer while it cures, for the moulds.  [default: 0.001]")
+@click.option("--draft", help='Maximum draft angle of the moulds\' walls.  [default: "0.5 deg"]')
 @force_option
-@click.option("--fixture", is_flag=True, help="Besides pin, ring and sleeve to calibrate with, and a page to print.")
+@click.option("--fixture", is_flag=True, help="Write also pin, ring and sleeve for the calibration, and a page to print.")
 @click.option("--bench", type=FILE_NAME, help="TOML file of load, amplifier and references, for that page.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def export(
     scene: Path, output: Path, step: str | None, tolerance: str, shrinkage: str | None, draft: str | None, force: bool,
     fixture: bool, bench: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
-    """Write what a workshop needs of SCENE's probe; docs/guides/workshop.md tells each file.
+    """Write the files that a workshop needs to build SCENE's probe; docs/guides/workshop.md describes each file.
 
     STEP files (AP242, millimetres) of parts, assembly and the moulds' halves, each read back and measured; a dimensioned drawing
     of each as DXF and PDF; film patterns with electrodes, leads and tabs as DXF; bill of materials, tolerances, assembly order.
 
-    What SCENE leaves open and a part needs, such as the base's thickness, is assumed and marked; parts.json tells it too, and
-    whose parts they are: a folder that holds another design is refused.
+    A size that a part needs and SCENE does not give, such as the base's thickness, is assumed and marked, also in parts.json.
+    parts.json identifies the design, and a folder that holds another design is refused.
 
     With --fixture also pin.step, ring.step and sleeve.step, which press on one block alone, centred to 0.05 mm, and
-    calibration.pdf, one page: the references of the bench in their order, loads, expected signals, commands.
+    calibration.pdf, one page with the references of the bench in their order, loads, expected signals and commands.
     """
     from geometry.scenes.scene_file import read_scene
     from probe_design.terminal.console import saying
@@ -62,6 +62,7 @@ def export(
 
 
 def _casting(shrinkage: str | None, draft: str | None) -> Casting:
+    """Return shrinkage and draft angle as numbers, or their defaults."""
     from geometry.scenes.units import Quantity
     from geometry.scenes.units import number as plain
     from geometry.workshop.mould_sizes import DRAFT, MOST_DRAFT, SHRINKAGE
@@ -73,7 +74,7 @@ def _casting(shrinkage: str | None, draft: str | None) -> Casting:
 
 
 def _to_calibrate(fixture: bool, bench: Path | None, name: str, scene: Scene) -> dict[str, Writer]:
-    """What writes the fixture and the page, if they are asked for."""
+    """Return the writers of the fixture and of the calibration page, if --fixture is given."""
     if not fixture:
         return {}
     from probe_design.built_probe.bench import builtin_bench, read_bench
@@ -83,6 +84,7 @@ def _to_calibrate(fixture: bool, bench: Path | None, name: str, scene: Scene) ->
 
 
 def _tell(told: Exported, output: Path) -> None:
+    """Report assumed sizes, the effect of rounding, warnings and the files written."""
     from probe_design.terminal.console import message, warn
     from probe_design.terminal.rounding_lines import rounding_lines
 

@@ -1,4 +1,4 @@
-"""The verbs of the built probe: `read`, `calibrate`, `check` and `doctor`."""
+"""The commands for a built probe: `read`, `calibrate`, `check` and `doctor`."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ if TYPE_CHECKING:
 Verb = Callable[..., None]
 
 
-_RESUME = click.option("--resume", is_flag=True, help="Take the recordings that --record has written before; read the rest.")
+_RESUME = click.option("--resume", is_flag=True, help="Use the recordings that --record has written before; read the others.")
 
 
 def _with_source(verb: Verb, resumes: bool = False) -> Verb:
-    """Add the options that all verbs of the built probe have, and --resume to those of several readings."""
+    """Add the options of all commands for a built probe, and --resume to those with several readings."""
     options = (
         click.argument("scene", type=FILE_NAME, required=False),
         click.option(
-            "--virtual", is_flag=True, help="Read a probe that is not there: the solver's prediction, noise, hum, drift."
+            "--virtual", is_flag=True, help="Read a simulated probe: the solver's prediction with noise, hum and drift."
         ),
         click.option(
             "--replay",
@@ -41,10 +41,10 @@ def _with_source(verb: Verb, resumes: bool = False) -> Verb:
         click.option(
             "--column",
             multiple=True,
-            help="Of such a file: 'inner=CH1 mV', for inner, outer, force, time: the column's name or number and what one of its "
-            "numbers is worth; or a TOML file that says so. Of an oscilloscope: 'force=4', the channel.",
+            help="Of such a file: 'inner=CH1 mV', for inner, outer, force, time: the column's name or number and the unit of its "
+            "numbers; or a TOML file with the same. Of an oscilloscope: 'force=4', the channel.",
         ),
-        click.option("--rate", help="Samples per second, '10 kHz': a device is asked for it; a file without times has it."),
+        click.option("--rate", help="Samples per second, '10 kHz': requested from a device; assumed for a file without times."),
         click.option("--device", help="usb, usb:SERIAL, serial:PORT or visa:RESOURCE.  [default: usb, the only probe connected]"),
         click.option("--seconds", help="How long to read.  [default: 10; a recording to its end]"),
         click.option(
@@ -54,8 +54,8 @@ def _with_source(verb: Verb, resumes: bool = False) -> Verb:
         ),
         *([_RESUME] if resumes else []),
         click.option("--bench", type=FILE_NAME, help="TOML file of load, amplifier and references."),
-        click.option("--built", multiple=True, help="How the virtual probe differs: 'probe.gap=0.12 mm'."),
-        click.option("--seed", default=0, show_default=True, type=click.IntRange(0, 2**31), help="Of the virtual probe's noise."),
+        click.option("--built", multiple=True, help="Deviation of the virtual probe from the drawing: 'probe.gap=0.12 mm'."),
+        click.option("--seed", default=0, show_default=True, type=click.IntRange(0, 2**31), help="Seed of its noise."),
         linear_option,
         click.option("--json", "as_json", is_flag=True, help="Print one JSON object."),
     )
@@ -67,15 +67,15 @@ def _with_source(verb: Verb, resumes: bool = False) -> Verb:
 @click.command()
 @_with_source
 @any_probe_option
-@click.option("--calibration", type=FILE_NAME, help="What calibrate has written.")
+@click.option("--calibration", type=FILE_NAME, help="Calibration file that calibrate has written.")
 @click.option("--accuracy", default="0.01", show_default=True, help="Relative error that the prediction may have.")
 def read(
     scene: Path | None, bench: Path | None, calibration: Path | None, accuracy: str, linear: bool, as_json: bool, **source: Any
 ) -> None:
-    """Read the probe under a sinusoidal load: ratio and stresses, beside what is predicted for SCENE.
+    """Read the probe under a sinusoidal load: ratio and stresses, compared with the prediction for SCENE.
 
-    Live numbers and curves run on a terminal, plain lines elsewhere; the reading ends by itself. Without SCENE the
-    calibration's scene is taken, or the built-in one.
+    A terminal shows live numbers and curves; otherwise plain lines are printed. The reading ends by itself. Without SCENE the
+    calibration's scene is used, or the built-in one.
 
     \b
     probe-design read scene.toml --virtual
@@ -99,7 +99,7 @@ def read(
     origin, setting = SampleSource(**source), HardwareSetup.of(scene, bench, calibration)
     length, (recording,) = origin.length, origin.recordings(1)
     (opener,) = origin.openers(lambda: (on_scene(setting, origin, accuracy),), 1, sys.stderr.isatty())
-    with opener() as reader:  # what is not there, or another probe's, is missed before anything is computed
+    with opener() as reader:  # a missing device or another probe is refused before anything is computed
         serial = board_serial(reader.header.source)
         of_boards = check_serials(setting.boards({"the reading": serial}), origin.any_probe)
         with working("predicting"):
@@ -115,7 +115,7 @@ def read(
         frequency = setting.bench.load.frequency
         check_rate(frequency, reader.header.rate)
         running = RunningFit(frequency, setting.bench.force is not None)
-        with following(lambda samples: judge(reading(samples, setting.bench, at))) as follow:  # from here on samples come
+        with following(lambda samples: judge(reading(samples, setting.bench, at))) as follow:  # the reading begins
             collected(setting.described_by(reader), length, recording, running, show=follow, last=followed(frequency))
     measurement = running_reading(running, setting.bench, at)
     result = judge(measurement)
@@ -138,10 +138,10 @@ WAIT = click.option("--wait", help="Seconds to change each reference in, without
 @WAIT
 @click.option("-o", "--output", type=FILE_NAME, required=True, help="New file for the calibration record.")
 def calibrate(scene: Path | None, bench: Path | None, output: Path, linear: bool, as_json: bool, **source: Any) -> None:
-    """Tell gains, cross-talk and offsets of SCENE's probe from readings on the bench's references.
+    """Calibrate a built probe: determine gains, cross-talk and offsets from readings on the bench's references.
 
-    Each reference is read in turn: with a device, the program asks for it. Refused are gaps, saturation, too few cycles
-    and films that warm up. With a force channel gains are absolute; without, relative to each other.
+    Each reference is read in turn; with a device, the program asks for each. Readings with gaps, saturation or too few cycles are
+    refused, and so are films that warm up. With a force channel the gains are absolute, otherwise relative to each other.
 
     \b
     probe-design calibrate scene.toml --virtual -o probe.toml
@@ -179,17 +179,18 @@ def calibrate(scene: Path | None, bench: Path | None, output: Path, linear: bool
 @partial(_with_source, resumes=True)
 @any_probe_option
 @WAIT
-@click.option("--calibration", type=FILE_NAME, help="What calibrate has written.")
+@click.option("--calibration", type=FILE_NAME, help="Calibration file that calibrate has written.")
 @click.option("-o", "--output", type=FILE_NAME, help="New file for the result, as JSON.")
 @click.option("--report", type=FILE_NAME, help="File for the result as a page, .html.")
 def check(
     scene: Path | None, bench: Path | None, calibration: Path | None, output: Path | None, report: Path | None, linear: bool,
     as_json: bool, **source: Any,
 ) -> None:  # fmt: skip
-    """Check a built probe against its drawing, by the bench's blocks of tissue; what is out of tolerance is named.
+    """Check a built probe against its drawing by readings on blocks of tissue, and name the dimension out of tolerance.
 
-    Says which variables were tested, which were not, and why. Exit code 1 if the readings contradict that the probe is within the
-    workshop's tolerances. Without --calibration gains are nominal, with the bench's tolerances, and hardly anything is tested.
+    Reports which variables were tested, which were not, and the reasons. The exit code is 1 if the readings contradict that the
+    probe is within the workshop's tolerances. Without --calibration the gains are nominal, with the bench's tolerances, and
+    hardly any variable can be tested.
 
     \b
     probe-design check --virtual --calibration probe.toml
@@ -226,7 +227,7 @@ def check(
 
         with saying("the report") as tell:
             page = check_report(result, setting.scene, told, tell)
-    if output is not None:  # both once both are there: the page takes seconds, in which a signal may come
+    if output is not None:  # both files are written last: computing the page takes seconds, in which a signal may end the program
         write_text(output, json.dumps(told, allow_nan=False, indent=1) + "\n")
     if report is not None:
         write_text(report, page)
@@ -250,11 +251,11 @@ def check(
 @click.command()
 @_with_source
 def doctor(scene: Path | None, bench: Path | None, linear: bool, as_json: bool, **source: Any) -> None:
-    """Say what is installed, found and permitted for reading probes, and test the channels of one.
+    """Report what is installed, connected and permitted for reading probes, and test the channels of a probe.
 
-    Looks at libusb, udev rules, probes, serial ports, VISA and versions; what is missing comes with its remedy. The probe on USB,
-    or what --device, --virtual or --replay names, is then read under the bench's load: noise against what resistor and converter
-    must have, polarity, load, clipping, mains. Exit code 1 where something is at fault.
+    Checks libusb, udev rules, probes, serial ports, VISA and versions; each problem comes with its remedy. The probe on USB, or
+    the one of --device, --virtual or --replay, is then read under the bench's load, and its noise is compared with the noise of
+    resistor and converter; polarity, load, clipping and mains hum are tested too. The exit code is 1 after a fault.
 
     \b
     probe-design doctor
@@ -288,7 +289,7 @@ def doctor(scene: Path | None, bench: Path | None, linear: bool, as_json: bool, 
 
 
 def _channels(origin: SampleSource, setting: HardwareSetup, length: float | None, plugged: bool) -> list[Finding]:
-    """Test the channels of a probe, if there is one to be tested."""
+    """Return the findings of a test of a probe's channels; none where no probe is connected."""
     from hw.common.errors import HardwareError, InvalidSource
     from probe_design.doctor.finding import Finding
     from probe_design.doctor.self_test import self_test
@@ -308,7 +309,8 @@ def _channels(origin: SampleSource, setting: HardwareSetup, length: float | None
 
 
 def _tell_written(recording: Path | None) -> None:
+    """Report the file of a recording, if it was written."""
     from probe_design.terminal.console import message
 
-    if recording is not None and recording.exists():  # a full disk leaves none of HDF5; a warning says so
+    if recording is not None and recording.exists():  # on a full disk no HDF5 file is written, and a warning says so
         message(f"wrote {recording}")

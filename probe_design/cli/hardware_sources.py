@@ -1,4 +1,4 @@
-"""What `read`, `calibrate` and `check` have in common: which scene, bench and calibration, and where samples come from."""
+"""Scene, bench, calibration and the source of samples, which `read`, `calibrate`, `check` and `doctor` share."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ from probe_design.built_probe.virtual_probe import RATE, SCALE, VirtualBench
 from probe_design.cli.arguments import number
 from probe_design.data.builtin import builtin_bench_scene
 
-SECONDS = 10.0  # of a live reading
+SECONDS = 10.0  # duration of a live reading
 CHANNELS = 3
 SOURCES = "one of --virtual, --replay and --device"
-ATTEMPTS = 3  # at one reading, of a live device
+ATTEMPTS = 3  # for one reading with a live device
 
 Opener = Callable[[], Reader]
 
 
 @dataclass(frozen=True)
 class SampleSource:
-    """Where samples come from, as the command line says it: recordings first, the rest live, by default the only probe on USB."""
+    """Sources of samples given on the command line: recordings first, then a device, by default the only probe on USB."""
 
     virtual: bool = False
     replay: tuple[Path, ...] = ()
@@ -74,17 +74,17 @@ class SampleSource:
 
     @property
     def more(self) -> bool:
-        """Whether anything but recordings is read."""
+        """Whether a device or the virtual probe is read, besides recordings."""
         return not self.replay or self.virtual or self.device is not None
 
     @property
     def live(self) -> bool:
-        """Whether a real device is read, on which somebody has to change what is pressed."""
+        """Whether a real device is read, for which a person has to change the references."""
         return self.more and not self.virtual
 
     @property
     def length(self) -> float | None:
-        """How long to read, s; None: a recording as long as it is."""
+        """Duration of a reading, s; None for a whole recording."""
         if self.seconds is None:
             return SECONDS if self.more else None
         length = number("seconds", self.seconds, "a number of seconds above 0, up to 1e6")
@@ -94,7 +94,7 @@ class SampleSource:
 
     @property
     def pause(self) -> float | None:
-        """Seconds to change a reference in, s; None: until Enter is pressed."""
+        """Time to change a reference, s; None: until Enter is pressed."""
         if self.wait is None:
             return None
         pause = number("wait", self.wait, "a number of seconds from 0 to 86400")
@@ -105,10 +105,15 @@ class SampleSource:
     def openers(
         self, signals: Callable[[], tuple[Callable[[Floats], Floats], ...]], count: int, pace: bool
     ) -> tuple[Opener, ...]:
-        """Return what opens a reader for each of ``count`` readings; ``signals`` are the virtual probe's.
+        """Return for each of ``count`` readings a function that opens its reader.
+
+        Args:
+            signals: returns the signals of the virtual probe, one function of time for each reading.
+            count: number of readings.
+            pace: whether the virtual probe sends its samples in real time.
 
         Raises:
-            InputError: more recordings than readings, or fewer and nothing that gives the rest.
+            InputError: there are more recordings than readings, or fewer and no other source.
         """
         recorded, (rate, columns) = self.recorded(count), self._asked()
         if self.virtual and None in recorded:
@@ -121,21 +126,21 @@ class SampleSource:
         )
 
     def device_opener(self) -> Opener:
-        """Return what opens the device, by default the only probe on USB."""
+        """Return a function that opens the device, by default the only probe on USB."""
         return partial(Reader.open, self.device or "usb", *self._asked())
 
     def _asked(self) -> tuple[float | None, ColumnMap]:
-        """--rate in Hz and --column."""
+        """Return --rate in Hz and --column."""
         return None if self.rate is None else read_rate(self.rate), ColumnMap.of(self.column)
 
     def _replayed(self, path: Path, rate: float | None, columns: ColumnMap) -> Reader:
-        """A recording's reader; beside a device, rate and columns are the device's where the recording tells its own."""
+        """Open a recording. Together with a device, --rate and --column belong to the device if the recording states its own."""
         if self.more and tells_itself(path, read_limits()):
             rate, columns = None, AS_IT_IS
         return Reader.open(f"replay:{path}", rate, columns, read_limits())
 
     def recorded(self, count: int) -> tuple[Path | None, ...]:
-        """Return the recording that stands for each reading: of --replay the first ones; to resume, the last attempt of each."""
+        """Return the existing recording of each reading or None: those of --replay, then with --resume the last attempts."""
         if len(self.replay) > count or (len(self.replay) < count and not self.more):
             raise InputError("replay", Words(f"{len(self.replay)} files"), f"{count}: one for each reading, in their order")
         if count == 1 and self.replay and self.more:
@@ -144,7 +149,7 @@ class SampleSource:
         return (*self.replay, *rest)
 
     def recording(self, k: int, count: int, attempt: int = 1) -> Path | None:
-        """Return the file of a reading's raw data: numbered where there are several, and from the second attempt on."""
+        """Return the name of a reading's recording, numbered if there are several readings, and from the second attempt on."""
         if self.record is None:
             return None
         number = [str(k + 1)] if count > 1 else []
@@ -152,14 +157,14 @@ class SampleSource:
         return self.record.with_name(f"{name}{self.record.suffix}")
 
     def copied(self, k: int, count: int) -> Path | None:
-        """Return the file that takes a replayed reading's samples as well: where nothing but recordings is read, --record."""
+        """Return the name of the copy of a replayed recording: that of --record where only recordings are read, else None."""
         return None if self.more else self.recording(k, count)
 
     def recordings(self, count: int) -> tuple[Path | None, ...]:
-        """Return the new file of each reading's data, None for those that stand in a recording already and are not copied.
+        """Return the new file of each reading, None for recordings that exist already and are not copied.
 
         Raises:
-            InputError: one of them exists, or cannot be written.
+            InputError: a new file exists already, or cannot be written.
         """
         recorded = self.recorded(count)
         files = tuple(self.recording(k, count) if path is None else self.copied(k, count) for k, path in enumerate(recorded))
@@ -177,7 +182,7 @@ class SampleSource:
 
 @dataclass(frozen=True)
 class HardwareSetup:
-    """Scene, bench and, where there is one, calibration; ``origin`` is what a recording keeps of them."""
+    """Scene, bench and, if given, calibration; ``origin`` holds the hashes of their files, which a recording stores."""
 
     scene: Scene
     bench: Bench
@@ -186,10 +191,10 @@ class HardwareSetup:
 
     @classmethod
     def of(cls, scene: Path | None, bench: Path | None, calibration: Path | None) -> HardwareSetup:
-        """Read the files; what is not given is the calibration's or the built-in one.
+        """Read scene, bench and calibration; a file not given is replaced by that of the calibration or the built-in one.
 
         Raises:
-            InputError: a file is not what it should be, or the calibration is another probe's or amplifier's.
+            InputError: a file is not valid, or the calibration is that of another probe or amplifier.
         """
         record = None if calibration is None else read_record(calibration)
         known_scene, known_bench = (None, None) if record is None else (record.scene_read(), record.bench_read())
@@ -207,31 +212,31 @@ class HardwareSetup:
         return setting
 
     def boards(self, readings: Mapping[str, str | None]) -> dict[str, str | None]:
-        """Return the serial numbers of the calibration, where there is one, and of readings, by their names."""
+        """Return the serial numbers of readings, and of the calibration if there is one, by their names."""
         known = {} if self.calibration is None else {"the calibration": self.calibration.serial or None}
         return known | dict(readings)
 
     def described_by(self, reader: Reader) -> Reader:
-        """Return a reader whose recording tells scene, calibration and place, unless what it replays has told them."""
+        """Add scene, calibration and place to the header of a reader, unless a replayed recording has them; return the reader."""
         place = {"placement": [self.scene.placement.x, self.scene.placement.y]}
         for key, value in (self.origin | place).items():
             reader.header.source.setdefault(key, value)
         return reader
 
     def virtual(self, source: SampleSource) -> VirtualBench:
-        """Return the virtual probe, built as the source says."""
+        """Return the virtual probe with the deviations of --built."""
         scene = by_outer_radius(self.scene)
         new = dict(_change(scene, one) for one in source.built)
         return VirtualBench(self.scene, changed(scene, new), self.bench, seed=source.seed)
 
 
 def read_limits() -> ReadLimits:
-    """Return --memory and --time as limits of reading a recording."""
+    """Return --memory and --time as limits for reading a recording."""
     return ReadLimits(limits().memory, limits().seconds)
 
 
 def raw(samples: Samples, recording: Path | None) -> Raw:
-    """Return the hash of a reading's raw data: of its file, or of index and volts where there is none."""
+    """Return the hash of a reading's raw data: of its file, or of index and volts if there is no file."""
     kept = None if recording is None else next((one for one in _written(recording) if one.exists()), None)
     if kept is not None:
         return Raw(sha256(kept), kept.name)
@@ -239,12 +244,12 @@ def raw(samples: Samples, recording: Path | None) -> Raw:
 
 
 def _written(path: Path) -> tuple[Path, ...]:
-    """A recording's file, and where that is HDF5 the one that holds its raw bytes until it is whole."""
+    """Return a recording's file, and for HDF5 also the file that holds its raw bytes until it is complete."""
     return (path, raw_beside(path)) if path.suffix.lower() in HDF5 else (path,)
 
 
 def described(samples: Samples) -> str:
-    """Return the device in one line."""
+    """Return transport, serial number and firmware of the device in one line."""
     return ", ".join(f"{key} {value}" for key, value in samples.source.items() if key in ("transport", "serial", "firmware"))
 
 
@@ -253,6 +258,7 @@ def _virtual(signals: Callable[[Floats], Floats], pace: bool) -> Reader:
 
 
 def _change(scene: Scene, text: str) -> tuple[str, float]:
+    """Return key and value, SI, of a text of --built such as "probe.gap=0.12 mm"."""
     key, _, value = text.partition("=")
     names = [name for name in values(scene) if name.startswith("probe.")]
     if key.strip() not in names:

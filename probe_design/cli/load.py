@@ -1,4 +1,4 @@
-"""``probe-design load``."""
+"""The command `load`."""
 
 from __future__ import annotations
 
@@ -19,11 +19,12 @@ from probe_design.cli.output import check_picture, present
 @limiting
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def load(scene: Path, most: str, points: int, accuracy: str, picture: Path | None, as_json: bool) -> None:
-    """Press SCENE's probe ever harder: ratio, log-sensitivity and the gap's walls against load.
+    """Compute ratio, log-sensitivity and the gap between the blocks under rising loads.
 
-    Finite strain and contact are modelled (level contact): tissue folds onto the blocks' walls, the gap closes. Also told: the
-    load at which the gap closes, up to which linear theory holds within --accuracy, and between which the ratio stays constant
-    within that. The log-sensitivity is that at the same force. Where no further step converges the curve ends early, and says so.
+    Finite strain and contact are modelled (evaluator contact): tissue folds onto the blocks' walls, and the gap closes. The
+    command also reports the load at which the gap closes, the load up to which linear theory holds within --accuracy, and the
+    range of loads in which the ratio is constant within --accuracy. The log-sensitivity is taken at constant force. Where no
+    further step converges, the curve ends early, with a warning.
     """
     from geometry.scenes.scene_file import read_scene
     from probe_design.maps.load_plot import plot
@@ -42,7 +43,7 @@ def load(scene: Path, most: str, points: int, accuracy: str, picture: Path | Non
 
 
 def _load(text: str) -> tuple[float | None, float | None]:
-    """A force, N, or an indentation, m: whichever the text is."""
+    """Return (force, None) or (None, indentation) of a text, in N and m."""
     from typing import get_args
 
     from geometry.common.errors import InputError

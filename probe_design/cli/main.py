@@ -1,4 +1,4 @@
-"""The command line: arguments in, one table or one JSON object out, one line for every refusal."""
+"""The command line: each command prints one table or one JSON object, and one line for a refusal."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from probe_design.process import interrupts
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
 
-class Interrupted(Exception):  # noqa: N818 - nothing is wrong
-    """Ctrl-C in a form that click hands on: to a KeyboardInterrupt it adds an empty line."""
+class Interrupted(Exception):  # noqa: N818 - it is no error
+    """Ctrl-C as an exception that click passes on unchanged; for a KeyboardInterrupt click prints an empty line."""
 
 
 @contextmanager
 def handed_on() -> Iterator[None]:
-    """Hand a KeyboardInterrupt on through click."""
+    """Convert a KeyboardInterrupt to ``Interrupted``, which click passes on."""
     try:
         yield
     except KeyboardInterrupt as interrupt:
@@ -42,16 +42,16 @@ def handed_on() -> Iterator[None]:
 
 
 class Verbs(NamedCommands):
-    """The verbs."""
+    """The group of all commands."""
 
     @handed_on()
     def make_context(self, *words: Any, **extra: Any) -> click.Context:
-        """Read the command line."""
+        """Parse the command line."""
         return super().make_context(*words, **extra)
 
     @handed_on()
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the verb."""
+        """Run the command."""
         return super().invoke(ctx)
 
 
@@ -60,7 +60,7 @@ class Verbs(NamedCommands):
 def cli() -> None:
     """Design, check and export tactile palpation probes.
 
-    A scene file (TOML) says which probe is pressed on which tissue; README shows one.
+    A scene file (TOML) describes a probe and the tissue that it is pressed on; README shows one.
     """
 
 
@@ -73,42 +73,42 @@ for verb in VERBS:
 
 
 def main() -> None:
-    """Run the program inside another, which goes on to listen to signals; see ``probe_design.__main__``."""
+    """Run the command line inside another program, which keeps its signal handlers; compare ``probe_design.__main__``."""
     sys.exit(run())
 
 
 def run() -> int:
-    """Run the verb that the command line names, and return the exit code; never a traceback."""
+    """Run the command of the command line, and return the exit code; never print a traceback."""
     try:
         code = cli.main(prog_name="probe-design", standalone_mode=False)
         if sys.stdout is not None:
-            sys.stdout.flush()  # what cannot be written is said here, not by Python on the way out
+            sys.stdout.flush()  # a failure to write is reported here, not by Python while it exits
         return code if isinstance(code, int) else 0
     except click.exceptions.NoArgsIsHelpError as help_page:
         click.echo(help_page.format_message())
         return 0
     except BaseException as fault:
-        # whatever has become of an interrupt on its way
+        # libraries may convert an interrupt to any other exception
         if isinstance(fault, KeyboardInterrupt | Interrupted | click.Abort) or interrupts.came():
             return interrupts.told()
         return _explained(fault)
 
 
 def _explained(fault: BaseException) -> int:
-    """Say in one line what went wrong; anything but the toolkit's own errors is the last line of defence."""
+    """Print one line about an exception, and return the exit code; an unexpected one is reported as a defect."""
     if isinstance(fault, SystemExit):
         return int(fault.code or 0)
     if isinstance(fault, click.ClickException):
         return _fail(fault.format_message(), 2)
     if isinstance(fault, BrokenPipeError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python complains again on the way out
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # otherwise Python prints another message while it exits
         return 1
     if isinstance(fault, OSError):
         return _fail(f"{fault.filename or 'output'}: {fault.strerror or fault}", 1)
     if isinstance(fault, MemoryError):
         less = "a coarser --accuracy, fewer inclusions, points or designs"
         return _fail(f"memory = all that the system gives this process: allowed: more, or a question that takes less: {less}", 2)
-    from geometry.common.errors import ProbeError  # costs 0.2 s, which --help need not pay
+    from geometry.common.errors import ProbeError  # takes 0.2 s, which --help does not need
     from hw.common.errors import HardwareError
 
     if isinstance(fault, ProbeError | HardwareError):
@@ -119,6 +119,7 @@ def _explained(fault: BaseException) -> int:
 
 
 def _fail(text: str, code: int) -> int:
+    """Print one line to standard error, and return the exit code."""
     from geometry.common.errors import one_line
 
     print("probe-design:", one_line(text), file=sys.stderr)

@@ -1,4 +1,4 @@
-"""The verbs `scan` and `detectability`: many readings of one probe as curves and maps."""
+"""The commands `scan` and `detectability`: many readings of one probe as curves and maps."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON obje
 
 
 def picture_option(what: str) -> Callable[[F], F]:
-    """Return the option --plot."""
+    """Return the option --plot, with a help text that names the subject of the picture."""
     text = f"Draw {what} to this .png, .svg or .pdf file."
     return click.option("--plot", "picture", type=FILE_NAME, help=text)
 
@@ -39,7 +39,7 @@ def picture_option(what: str) -> Callable[[F], F]:
 @click.option("--from", "low", default="-20 mm", show_default=True, help="First position of the probe's axis.")
 @click.option("--to", "high", default="20 mm", show_default=True, help="Last position of the probe's axis.")
 @click.option("--points", default=41, show_default=True, type=click.IntRange(2, 10_000), help="Positions, evenly spaced.")
-@click.option("--at", help="Where the line lies along the other axis.  [default: the scene's placement]")
+@click.option("--at", help="Coordinate of the line along the other axis.  [default: the scene's placement]")
 @click.option("--accuracy", default="0.01", show_default=True, help="Relative error that ratio, stresses and stiffness may have.")
 @linear_option
 @picture_option("the scan above a section of the tissue")
@@ -49,7 +49,7 @@ def scan(
     scene: Path, along: str, low: str, high: str, points: int, at: str | None, accuracy: str, linear: bool, picture: Path | None,
     as_json: bool,
 ) -> None:  # fmt: skip
-    """Say what the probe reads along a line over the tissue.
+    """Compute readings of the probe along a line over the tissue.
 
     The probe is lifted, moved and pressed again; tumours and tissue stay where SCENE has them, and SCENE's own
     placement along the line does not matter. Positions are in SCENE's frame, whose origin is the tissue's middle.
@@ -84,13 +84,13 @@ def scan(
 @click.command()
 @SCENE
 @noise_option
-@click.option("--seen", default="3", show_default=True, help="Times the noise by which a tumour that is seen changes the ratio.")
+@click.option("--seen", default="3", show_default=True, help="Change of the ratio over noise from which a tumour is detected.")
 @click.option(
     "--resolved", default=f"{RESOLVED:g}", show_default=True, help="Standard deviation of ln E_object up to which it is resolved."
 )
-@click.option("--depth-from", help="Least depth of a centre.  [default: 1/50 of the largest]")
+@click.option("--depth-from", help="Smallest depth of a centre.  [default: 1/50 of the largest]")
 @click.option("--depth-to", help="Largest depth of a centre.  [default: 4 outer radii or what the scene's tumour needs]")
-@click.option("--diameter-from", help="Least diameter.  [default: 1/50 of the largest]")
+@click.option("--diameter-from", help="Smallest diameter.  [default: 1/50 of the largest]")
 @click.option("--diameter-to", help="Largest diameter.  [default: 2.5 outer radii or what the scene's tumour needs]")
 @click.option("--points", default=50, show_default=True, type=click.IntRange(2, 300), help="Depths, and as many diameters.")
 @click.option("--accuracy", help="Relative error that the ratio may have.  [default: --noise, between 0.0005 and 0.01]")
@@ -103,15 +103,15 @@ def detectability(
     diameter_from: str | None, diameter_to: str | None, points: int, accuracy: str | None, linear: bool, picture: Path | None,
     as_json: bool,
 ) -> None:  # fmt: skip
-    """Say which tumours the probe sees, and of which it resolves the stiffness: maps over depth and diameter.
+    """Map which tumours the probe detects, and which it resolves in stiffness, over depth and diameter.
 
-    SCENE's target inclusion is exchanged for spheres of its material at its place beside the probe's axis; everything
-    else stays. For each: how much it changes the ratio, and the standard deviation of ln E_object that one reading of the
-    ratio leaves, noise / |log_sensitivity|, everything else in the scene, size and depth too, being known.
+    SCENE's target inclusion is replaced by spheres of its material at its lateral offset; all else stays. For each sphere the
+    maps show the change of the ratio, and the standard deviation of ln E_object from one reading of the ratio,
+    noise / |log_sensitivity|, all other numbers of the scene being known, size and depth included.
 
-    Seen: the ratio changes by 3 times the noise or more. A threshold half-way then calls 1 of 15 tumours missed and 1 of 15
-    healthy places a tumour (6.7 %; 3.29 times makes it 5 %, Currie 1968). The ratio without tumour counts as known: where it
-    is one more reading, give 1.41 times the noise.
+    Detected: the ratio changes by 3 times the noise or more. A threshold at half of that misses 1 of 15 tumours, and reports a
+    tumour at 1 of 15 healthy places (6.7 %; 3.29 times the noise gives 5 %, Currie 1968). The ratio without tumour is taken as
+    known: where it is a baseline reading with noise too, give 1.41 times the noise.
 
     Resolved: a standard deviation of ln E_object up to 0.5, a factor of 1.65 either way.
 

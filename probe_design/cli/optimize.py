@@ -1,4 +1,4 @@
-"""The verb `optimize`: a better probe, for a design file's tumours or for the one of a scene."""
+"""The command `optimize`: search a better probe for the tumours of a design file or for the tumour of a scene."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ STARTS = 8  # local searches for a scene
 @click.command()
 @click.argument("scene", metavar="[SCENE | DESIGN]", type=FILE_NAME, required=False)
 @click.option("-o", "--output", type=FILE_NAME, help="Folder for the design, STEP files and report.")
-@click.option("--template", is_flag=True, help="Print a design file with every key, its default and what it means, and end.")
+@click.option("--template", is_flag=True, help="Print a design file with every key, its default and its meaning, and exit.")
 @click.option(
     "--pareto",
     multiple=True,
     type=click.Choice(["outer_radius", "force", "positions"]),
-    help="Of a design file: also what more of this would bring, as a front; may be given again.",
+    help="For a design file: compute also the gain from more of this, as a front; may be repeated.",
 )
 @click.option("--outer-radius", help="Limit of the probe's outer radius, such as '8 mm'.  [default: 1.4 times the start's]")
 @click.option("--starts", type=click.IntRange(1, 100), help="Local searches for a SCENE.  [default: 8]")
 @click.option(
     "--evaluator",
     shell_complete=completed("axisymmetric", "equivalent-inclusion"),
-    help="Who judges and polishes: axisymmetric or equivalent-inclusion.  [default: what the scene asks for]",
+    help="Verifies and refines: axisymmetric or equivalent-inclusion.  [default: chosen by the scene]",
 )
 @noise_option
 @force_option
@@ -44,21 +44,21 @@ def optimize(
     scene: Path | None, output: Path | None, template: bool, pareto: tuple[str, ...], outer_radius: str | None,
     starts: int | None, evaluator: str | None, noise: str | None, force: bool, as_json: bool,
 ) -> None:  # fmt: skip
-    """Find a better probe: for a DESIGN file's tumours, or for the one of a SCENE; judge it by finite elements, export it.
+    """Find a better probe for a DESIGN file's tumours or for a SCENE's tumour, verify it by finite elements, and export it.
 
-    A DESIGN file (--template prints one) says which tumours in which tissue are looked for, how they are read, with which
-    noise, within which limits, and what may vary: dimensions, moduli, materials from the shelf. The probe that detects most of
+    A DESIGN file (--template prints one) describes the tumours and their tissue, the readings and their noise, the limits, and
+    the design variables: dimensions, moduli, materials that can be bought. The probe that detects most of
     them, or resolves most, is searched by formulas, refined and verified by finite elements on tumours that were not used in
-    the search. Without any file a built-in one is used: the paper's probe as the start. Every result states what the ratio
-    alone, the stiffness alone and both detect. A gain counts where it is beyond twice its error. If none does, the start is
-    exported, and the exit code is 1.
+    the search. Without a file, a built-in design file is used, which starts at the paper's probe. Every result states the
+    probability of detection by the ratio alone, by the stiffness alone and by both. A gain counts if it is above twice its error.
+    If there is none, the initial design is exported, and the exit code is 1.
 
     For a SCENE the standard deviation of ln E_object of its one tumour is improved. The search varies inner radius, A2/A1,
-    gap, height and both moduli by formulas; the ten best designs are judged by finite elements, the best three of them
-    polished with exact derivatives. A gain counts where it is beyond what the errors of start and design can feign.
+    gap, height and both moduli by formulas; the ten best designs are verified by finite elements, the best three of them
+    refined with exact derivatives. A gain counts if it is above what the errors of both designs can cause.
 
     \b
-    Limits for a SCENE, each as far as the start lies if that is beyond it:
+    Limits for a SCENE, each extended to the initial design if that lies outside:
       outer radius   --outer-radius, and 0.95 of the tissue's radius or half its breadth
       inner radius   0.5 mm or more, and 0.55 groove widths
       wall           0.5 mm or more, of the outer block
@@ -66,10 +66,11 @@ def optimize(
       gap            0.1 mm to 0.5 mm
       height         1 mm to 20 mm, and 1.25 groove depths
       moduli         10 kPa to 1 MPa, of each block
-    SCENE's load is a limit: the search presses each design up to it, up to the force at which finite strain changes the ratio
-    by 1 %, and up to 1/20 of the force that closes the gap. Where SCENE's load is more than that, level contact judges
-    start and finalists under the best of all loads up to it (one tumour on the axis), with an open gap and up to half an
-    outer radius deep. The table says which limits are active, what sets the force, and what more load brings.
+    SCENE's load is an upper limit. In the search each design has the largest load that is within this limit, changes the ratio by
+    at most 1 % through finite strain, and is at most 1/20 of the force that closes the gap. Where SCENE's load is above that,
+    contact evaluates the initial design and the candidates under the best load up to it (one tumour on the axis), with an open
+    gap and up to half an outer radius deep. The table lists the active limits, the limit of the force, and the effect of more
+    load.
     """  # noqa: D301
     from probe_design.design_search.question import question
     from probe_design.populations.design_file import Design
@@ -103,7 +104,7 @@ def optimize(
 
 
 def _refuse(given: Mapping[str, object], allowed: str) -> None:
-    """Refuse options that say nothing of this question."""
+    """Refuse options that do not apply to this kind of file."""
     from geometry.common.errors import InputError
 
     for key, value in given.items():
@@ -112,7 +113,7 @@ def _refuse(given: Mapping[str, object], allowed: str) -> None:
 
 
 def _check(output: Path, asked: str, force: bool) -> None:
-    """Refuse before the work what would fail after it."""
+    """Check the output folder and CAD before the search rather than after it."""
     from geometry.cad.record import check_asked
     from geometry.cad.solids import cadquery
     from geometry.common.files import check_writable
@@ -126,7 +127,7 @@ def _check(output: Path, asked: str, force: bool) -> None:
 def _optimize_population(
     design: Design, output: Path, asked: str, *, force: bool, pareto: tuple[str, ...], as_json: bool
 ) -> None:
-    """Search, judge, write and tell; exit code 1 where no gain counts."""
+    """Search, verify, write and report; exit code 1 where no gain counts."""
     from functools import partial
 
     from probe_design.design_report.report import maps_of, write_all
@@ -186,6 +187,7 @@ def _optimize_scene(
 
 
 def _tell_files(output: Path, files: Sequence[Path]) -> None:
+    """Report the files written, and the command that exports them for the workshop."""
     from probe_design.reports.workshop import export_command
     from probe_design.terminal.console import message
 
@@ -194,7 +196,7 @@ def _tell_files(output: Path, files: Sequence[Path]) -> None:
 
 
 def _conclude(verdict: str, status: str, warnings: Iterable[str]) -> None:
-    """End with the verdict; exit code 1 where nothing better was found."""
+    """Report warnings and verdict; exit code 1 where there is no gain."""
     from probe_design.terminal.console import message, warn
 
     warn(warnings)
@@ -204,7 +206,7 @@ def _conclude(verdict: str, status: str, warnings: Iterable[str]) -> None:
 
 
 def _question(start: Scene | Design) -> str:
-    """What an optimisation is asked: the scene or design, and every option that its answer depends on."""
+    """Return a digest of the scene or design, and of every option that the result depends on."""
     from importlib.metadata import version
 
     from geometry.provenance.digest import digest

@@ -1,6 +1,6 @@
-"""What a verb leaves: JSON or a table on standard output, warnings on standard error, a picture, and in each where it is from.
+"""Output of the commands: JSON or a table on standard output, warnings on standard error, pictures; all with their provenance.
 
-Imports wait until there is something to leave.
+Imports are delayed until there is something to write.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ if TYPE_CHECKING:
 
     from geometry.scenes.probe import Probe
 
-SETTINGS = ("evaluator", "accuracy", "seed")  # that a block of provenance tells by themselves
+SETTINGS = ("evaluator", "accuracy", "seed")  # options with an entry of their own in a block of provenance
 
 
 class Presentable(Protocol):
-    """A result of the toolkit."""
+    """A result that can be printed as a table or as JSON."""
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a user has to know, one line each."""
+        """Warnings for the user, one line each."""
         ...
 
     def as_dict(self) -> dict[str, Any]:
-        """Return its JSON object."""
+        """Return the JSON object of the result."""
         ...
 
 
@@ -45,14 +45,14 @@ def present(
     picture: Path | None = None,
     lines: Callable[[R], Iterable[str]] = lambda result: (),
 ) -> None:
-    """Print a result as one JSON object, or for a person as a table, some lines and its warnings.
+    """Print a result as one JSON object, or as a table with lines of text and warnings.
 
     Args:
-        result: what was computed.
+        result: to be printed.
         table: makes the table.
-        as_json: whether JSON is asked for.
-        picture: what has been drawn already, to be named.
-        lines: what stands below the table.
+        as_json: whether to print JSON.
+        picture: file of a picture that has been drawn already, to be named in a message.
+        lines: make the lines below the table.
     """
     from geometry.common.errors import one_line
     from probe_design.terminal.console import message, show, warn
@@ -69,7 +69,7 @@ def present(
 
 
 def with_provenance(value: dict[str, Any]) -> dict[str, Any]:
-    """Return a JSON object with the block that tells where it comes from, if it has none."""
+    """Return a JSON object with a block of provenance, which is added if there is none."""
     from geometry.provenance.block import provenance
 
     name = value.get("evaluator")
@@ -78,15 +78,15 @@ def with_provenance(value: dict[str, Any]) -> dict[str, Any]:
 
 
 def print_json(value: dict[str, Any]) -> None:
-    """Print one JSON object; NaN and infinity are a defect."""
+    """Print one JSON object; NaN and infinity raise ``ValueError``."""
     print(json.dumps(with_provenance(value), allow_nan=False))
 
 
 def check_picture(picture: Path | None) -> None:
-    """Refuse a picture that could not be written: what would fail after the work fails before it.
+    """Refuse a picture that could not be written, before the computation rather than after it.
 
     Raises:
-        InputError: no such format, or its folder cannot be written.
+        InputError: the format is unknown, or the folder cannot be written.
     """
     from geometry.common.files import check_writable_file
     from probe_design.pictures.formats import check_format
@@ -97,7 +97,7 @@ def check_picture(picture: Path | None) -> None:
 
 
 def noted(verb: click.Command) -> click.Command:
-    """Let a verb, or all that a group of them has, tell of the command line in what it makes."""
+    """Make a command, or all commands of a group, record the command line in their results."""
     if isinstance(verb, click.Group):
         for one in verb.commands.values():
             noted(one)
@@ -107,6 +107,8 @@ def noted(verb: click.Command) -> click.Command:
 
 
 def _telling(run: Any) -> Any:
+    """Return a callback that records the command line, the scene file and some options while it runs."""
+
     @functools.wraps(run)
     def telling(*values: Any, **options: Any) -> Any:
         from geometry.provenance.block import command
@@ -120,7 +122,7 @@ def _telling(run: Any) -> Any:
 
 
 def _plain(value: Any) -> Any:
-    """A number, where a text is one."""
+    """Return a text as a number if it is one, else unchanged."""
     try:
         return value if isinstance(value, int) else float(value)
     except ValueError:
@@ -128,7 +130,7 @@ def _plain(value: Any) -> Any:
 
 
 def tell_assumed(probe: Probe) -> None:
-    """Say of which sizes a workshop should know that nobody has given them."""
+    """Report the sizes of a probe that are assumed because the scene does not give them."""
     from geometry.scenes.base_sizes import assumed_sizes
     from geometry.scenes.probe import mm
     from probe_design.terminal.console import message

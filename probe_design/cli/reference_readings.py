@@ -1,4 +1,4 @@
-"""Readings on a bench's references, one after the other, and what a virtual probe would send."""
+"""Read the references of a bench one after the other, and simulate the signals of a virtual probe."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ReferenceReading:
-    """A good reading: its samples, what they come to, the file of its raw data or None, and the reference's name."""
+    """A valid reading: its samples and their fit, the file of its raw data or None, and the reference's name."""
 
     samples: Samples
     measurement: Measurement
@@ -28,7 +28,7 @@ class ReferenceReading:
 
     @property
     def board(self) -> str | None:
-        """The serial number of the board that was read, where it is known."""
+        """The serial number of the board that was read, or None if unknown."""
         from probe_design.built_probe.probe_identity import board_serial
 
         return board_serial(self.samples.source)
@@ -37,7 +37,7 @@ class ReferenceReading:
 def readings(
     setting: HardwareSetup, source: SampleSource, references: Sequence[Reference], run: int
 ) -> tuple[ReferenceReading, ...]:
-    """One reading on each reference, judged at once."""
+    """Return one reading on each reference; each is checked as soon as it is complete."""
     from hw.signal.fingerprint import Fingerprint
     from probe_design.built_probe.field_readings import check_different
 
@@ -63,7 +63,7 @@ def _reading(
     opener: Opener,
     recorded: Path | None,
 ) -> ReferenceReading:
-    """One good reading on a reference: a live one that is flawed is read again, a recorded one refused by name."""
+    """Return one valid reading on a reference. A flawed reading of a device is repeated, a flawed recording refused."""
     from hw.common.errors import HardwareError, InvalidSource
     from hw.signal.waveform import Flawed
     from probe_design.built_probe.film_forces import strict_reading
@@ -74,7 +74,7 @@ def _reading(
     for attempt in range(1, ATTEMPTS + 1):
         file = source.recording(*which, attempt) if recorded is None else recorded
         if recorded is None:
-            if file is not None and file.exists():  # an attempt of a calibration that is resumed
+            if file is not None and file.exists():  # an earlier attempt of a resumed calibration
                 continue
             _ask_for(reference, f"{which[0] + 1} of {which[1]}", source)
         try:
@@ -84,7 +84,7 @@ def _reading(
                 written = file if recorded is None else source.copied(*which)
                 samples = setting.described_by(reader).collect(length, written).whole()
             measurement = strict_reading(samples, setting.bench, setting.scene)
-        except InvalidSource:  # what was asked for is wrong, not what was read
+        except InvalidSource:  # the source given by the user is wrong, not the reading
             raise
         except HardwareError as fault:
             flaw = Flawed(f"{reference.name}: {fault}")
@@ -98,6 +98,7 @@ def _reading(
 
 
 def _ask_for(reference: Reference, which: str, source: SampleSource) -> None:
+    """Ask the user to press the probe on a reference, and wait; do nothing for recordings and the virtual probe."""
     from time import sleep
 
     from geometry.common.errors import InputError, Words
@@ -120,14 +121,14 @@ def _ask_for(reference: Reference, which: str, source: SampleSource) -> None:
 
 
 def on_scene(setting: HardwareSetup, source: SampleSource, accuracy: str) -> Any:
-    """What a virtual probe sends when the scene is pressed."""
+    """Return the signals of a virtual probe that is pressed on the scene."""
     bench = setting.virtual(source)
     predicted = predicting(source.length)(bench.scene, fraction("accuracy", accuracy), True, setting.bench.load.frequency)
     return bench.on_scene(predicted)
 
 
 def predicting(length: float | None) -> Callable[..., Any]:
-    """Return what predicts a scene for a reading of so many seconds: apart where it is to leave no memory held."""
+    """Return the function that predicts a scene: for a long reading one that runs in a child process, to free its memory."""
     from probe_design.built_probe import reading
     from probe_design.measuring import prediction_apart
 
@@ -136,7 +137,7 @@ def predicting(length: float | None) -> Callable[..., Any]:
 
 
 def on_references(setting: HardwareSetup, source: SampleSource, references: Sequence[Reference], run: int) -> Any:
-    """What it sends on those references, in their order."""
+    """Return the signals of a virtual probe on given references, in their order."""
     from probe_design.built_probe.reading import prediction
     from probe_design.built_probe.virtual_probe import load_of
 

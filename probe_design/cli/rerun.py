@@ -1,4 +1,4 @@
-"""The verb `rerun`: whether the numbers of a file can be had again."""
+"""The command `rerun`: check whether the numbers of a file can be reproduced."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from probe_design.cli.output import print_json
 @click.argument("file", type=FILE_NAME)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def rerun(file: Path, as_json: bool) -> None:
-    """Do again what made FILE, and say whether its numbers still agree.
+    """Repeat the command that made FILE, and report whether its numbers still agree.
 
-    FILE is what --json printed, an optimum's design.toml, a report, or the folder of optimize, sweep, tradeoff or export. Its
-    block of provenance tells which command made it of which scene; the scene's file has to be there, unchanged, where the program
-    runs or beside FILE. Two numbers agree within the error estimates that stand beside both, or else to 1 part in a million;
-    seconds and versions do not count.
+    FILE is the output of --json, an optimum's design.toml, a report, or the folder of optimize, sweep, tradeoff or export. Its
+    block of provenance names the command and the scene. The scene's file must be present, unchanged, in the current folder or in
+    that of FILE. Two numbers agree within the error estimates of both, or without these to 1 part in a million; seconds and
+    versions are not compared.
 
-    Exit code 0 where all agree, 1 where one does not, 2 where FILE tells nothing of its origin.
+    The exit code is 0 where all agree, 1 where one differs, 2 where FILE has no block of provenance.
     """
     from probe_design.repetition.rerun import rerun as run
     from probe_design.terminal.console import message, warn

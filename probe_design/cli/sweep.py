@@ -1,4 +1,4 @@
-"""The verb `sweep`: thousands of designs, answered once each."""
+"""The command `sweep`: evaluate thousands of designs, each once."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from probe_design.cli.output import print_json
 @click.option("-o", "--output", type=FILE_NAME, required=True, help="Folder for store, log and results.")
 @click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler to run on, such as tcp://host:8786.")
 @click.option("--workers", type=click.IntRange(1, 1024), help="Processes on this computer.  [default: one for each processor]")
-@click.option("--time", help="Time that a design may take.  [default: the file's time_limit, or 120 s]")
-@click.option("--memory", help="Memory that a design may take.  [default: the file's memory_limit, or 2 GB]")
-@click.option("--retry-failed", is_flag=True, help="Answer designs anew that failed.")
+@click.option("--time", help="Time limit of a design.  [default: the file's time_limit, or 120 s]")
+@click.option("--memory", help="Memory limit of a design.  [default: the file's memory_limit, or 2 GB]")
+@click.option("--retry-failed", is_flag=True, help="Evaluate designs again that failed.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def sweep(
     sweep: Path, output: Path, scheduler: str | None, workers: int | None, time: str | None, memory: str | None,
     retry_failed: bool, as_json: bool,
 ) -> None:  # fmt: skip
-    """Answer every design of SWEEP, a TOML file of variables, and keep each row as soon as it is there.
+    """Evaluate every design of SWEEP, a TOML file of variables, and store each row as soon as it is computed.
 
-    Stopped by whatever, the same command goes on where it ended; no row is computed twice. A design that is refused or fails
-    is a row too, with the reason; what a limit stopped is answered anew with a larger one.
+    After any interruption the same command continues where it ended; no row is computed twice. A design that is refused or fails
+    is stored too, with the reason. A design that a limit stopped is evaluated again under a larger limit.
     """
     from geometry.common.files import check_writable
     from probe_design.sweeps.file import read_sweep
@@ -53,13 +53,13 @@ def sweep(
         print_json(swept.as_dict() | {"files": [str(file) for file in files]})
         return
     print(
-        f"{swept.designs} designs: {swept.ok} ok, {swept.refused} refused, {swept.failed} failed; {swept.answered} answered now"
+        f"{swept.designs} designs: {swept.ok} ok, {swept.refused} refused, {swept.failed} failed; {swept.answered} evaluated now"
     )
     message(f"wrote {', '.join(file.name for file in files)} to {output}")
 
 
 def _files(folder: Path) -> list[Path]:
-    """Write what can be written with the libraries that are installed."""
+    """Write CSV, and Parquet and a summary page if the libraries for them are installed; return the files."""
     from geometry.common.errors import MissingLibrary
     from probe_design.sweeps.results import to_csv, to_parquet
     from probe_design.sweeps.summary_page import write_page

@@ -1,4 +1,4 @@
-"""The verb `tradeoff`: what each level costs and how wrong it is."""
+"""The command `tradeoff`: time and error of each evaluator."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("scenes", metavar="[SCENE]...", nargs=-1, type=FILE_NAME)
 @click.option("-o", "--output", type=FILE_NAME, required=True, help="Folder for table, plot and JSON file.")
-@click.option("--solid", is_flag=True, help="Ask the three-dimensional level too: minutes for each scene.")
+@click.option("--solid", is_flag=True, help="Run the three-dimensional evaluator too: minutes for each scene.")
 @linear_option
 @limiting
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def tradeoff(scenes: tuple[Path, ...], output: Path, solid: bool, linear: bool, as_json: bool) -> None:
-    """Say what accuracy costs on your scenes: every evaluator and setting, timed, stated error against true one.
+    """Measure the cost of accuracy on your scenes: time, stated error and true error of every evaluator and setting.
 
-    True errors are differences from the finest answer of any level that converges, which has a stated error of its own. Allow
-    half a minute a scene. Without SCENE, five built-in ones: the paper's probe without its groove, and another over
-    a tumour on its axis, off its axis, shallow and soft.
+    True errors are differences from the most accurate result of all evaluators that converge, which has a stated error, too.
+    Allow half a minute per scene. Without SCENE, five built-in scenes are used: the paper's probe without its groove, and
+    another probe over a tumour on its axis, off its axis, shallow and soft.
 
     \b
     probe-design tradeoff -o out
@@ -41,7 +41,7 @@ def tradeoff(scenes: tuple[Path, ...], output: Path, solid: bool, linear: bool, 
     from probe_design.tradeoffs.tables import choice_table, summary_table
 
     named = _named(scenes)
-    check_writable(output)  # what would fail after the work fails before it
+    check_writable(output)  # checked before the computation rather than after it
     with stages() as progress:
         study = run(named, solid, progress, linear=linear)
     files = write_all(study, output)
@@ -52,19 +52,20 @@ def tradeoff(scenes: tuple[Path, ...], output: Path, solid: bool, linear: bool, 
         show(choice_table(study))
         message(f"wrote {', '.join(file.name for file in files)} to {output}")
     for row in study.uncertain:
-        remedy = "" if solid else "; --solid asks the three-dimensional level"
-        message(f"{row.scene}: even the finest answer states an error of {row.stated_error:.2g}{remedy}")
+        remedy = "" if solid else "; --solid runs the three-dimensional evaluator"
+        message(f"{row.scene}: even the most accurate result states an error of {row.stated_error:.2g}{remedy}")
     warn((*study.warnings, *(_broken(row) for row in study.broken)))
 
 
 def _broken(row: Row) -> str:
+    """Return a warning about an evaluator whose true error is above its stated error."""
     setting = row.evaluator if row.accuracy is None else f"{row.evaluator} at {row.accuracy:g}"
     why = f"states an error of {row.stated_error:.2g}, which is {row.true_error_least:.2g} at least: a defect of the program"
     return f"{row.scene}: {setting} {why}"
 
 
 def _named(paths: Sequence[Path]) -> dict[str, Scene]:
-    """Scenes by the names of their files, or by all of their paths where two files have one name."""
+    """Read scenes; return them by the names of their files, or by their paths where two files have the same name."""
     from geometry.scenes.scene_file import read_scene
     from probe_design.data.builtin import typical_scenes
 

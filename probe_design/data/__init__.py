@@ -1,1 +1,1 @@
-"""Package data, built-in scenes, bench, noise and report template, and what reads them."""
+"""Package data: built-in scenes, bench, tissues, noise and report template, and functions that read them."""

@@ -1,4 +1,4 @@
-"""Built-in scenes: the paper's numbers where it gives any, marked assumptions where it does not; and a typical few."""
+"""Built-in scenes: the paper's probe, with marked assumptions where the paper gives no number, and typical scenes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from geometry.scenes.scene import Load, Scene
 from geometry.scenes.scene_file import scene_from_toml
 
 LINEAR = 0.2e-3  # N: linear elasticity holds for the paper's probe, whose outer film's pressures nearly cancel, up to 0.27 mN
-TYPICAL: dict[str, dict[str, float]] = {  # what of the tumour of typical.toml is changed
+TYPICAL: dict[str, dict[str, float]] = {  # changes of the tumour of typical.toml
     "on-axis": {},
     "off-axis": {"x": 6e-3},  # half under the probe
     "shallow": {"depth": 5e-3},  # covered by an eighth of its diameter
@@ -17,12 +17,12 @@ TYPICAL: dict[str, dict[str, float]] = {  # what of the tumour of typical.toml i
 
 
 def builtin_scene() -> Scene:
-    """Return the built-in scene, whose file says where every number comes from."""
+    """Return the built-in scene; its file gives the source of every number."""
     return scene_from_toml(_text("builtin.toml"), "builtin.toml")
 
 
 def builtin_reading() -> Scene:
-    """Return the built-in scene at a load that its probe stands: `optimize` limits each design's load by itself."""
+    """Return the built-in scene under a load at which linear elasticity holds. `optimize` limits the loads itself."""
     return builtin_scene().model_copy(update={"load": Load(force=LINEAR)})
 
 
@@ -32,7 +32,7 @@ def builtin_bench_scene() -> Scene:
 
 
 def typical_scenes() -> dict[str, Scene]:
-    """Return by name the built-in scene without its groove, and a probe over tumours on and off its axis, shallow and soft."""
+    """Return by name the built-in scene without groove, and a probe over tumours on and off its axis, shallow and soft."""
     paper, scene = builtin_reading(), scene_from_toml(_text("typical.toml"), "typical.toml")
     scenes = {"paper-without-groove": paper.model_copy(update={"probe": paper.probe.model_copy(update={"groove": None})})}
     for name, update in TYPICAL.items():

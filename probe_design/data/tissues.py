@@ -1,4 +1,4 @@
-"""Built-in tissues: each number with its scatter and its source, as a table for a scene file."""
+"""Built-in tissues: numbers with scatter and source, as tables for a scene file."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ class BuiltinTissue:
     """A tissue of one material below up to eight layers.
 
     Attributes:
-        name, about: what it is.
-        own: youngs_modulus and poisson_ratio below the layers.
+        name, about: name and description.
+        base: youngs_modulus and poisson_ratio below the layers.
         layers: thickness, youngs_modulus and poisson_ratio of each, from the surface downwards.
     """
 
@@ -28,7 +28,7 @@ class BuiltinTissue:
     layers: tuple[dict[str, Number], ...]
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the JSON object of ``probe-design tissue show``: a scene's table, and where each of its numbers comes from."""
+        """Return the JSON object of ``probe-design tissue show``: a scene's table, and the source of each number."""
         parts = {"tissue": self.own} | {f"tissue.layer[{k}]": layer for k, layer in enumerate(self.layers)}
         sources = {f"{part}.{key}": number.told for part, numbers in parts.items() for key, number in numbers.items()}
         table = {"shape": "half-space"} | _values(self.own) | {"layer": [_values(layer) for layer in self.layers]}

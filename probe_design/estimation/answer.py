@@ -1,4 +1,4 @@
-"""An estimate: what readings say about one unknown, as numbers."""
+"""The result of an estimate: value and interval of one unknown, and what else the readings determine."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ OPEN: Interval = (None, None)
 
 @dataclass(frozen=True)
 class Estimate(Notebook):
-    """What readings say, SI units; an end of an interval is None where it is open.
+    """Result of an estimate, SI units; an end of an interval is None where it is open.
 
     Attributes:
         unknown: youngs_modulus, diameter or depth of the target, or the key of a number of the tissue.
         noise: relative standard deviation of each ratio that was read.
-        value: of the unknown; None where it is not identifiable.
-        interval: 95 %.
-        interval_of_noise: the same for a model without error, all nuisances being known.
-        nuisances: what is known roughly of the scene: relative standard deviations by its keys.
-        interval_if_known: what the interval would be if the nuisances were known; None without any.
-        pieces: the values that the readings leave, where they are not all of the interval.
-        identifiable: see above.
-        reason: why not, or None.
+        value: best fit of the unknown; None where it is not identifiable.
+        interval: 95 % interval.
+        interval_of_noise: the same for a model without error and without nuisances.
+        nuisances: relative standard deviations of uncertain numbers of the scene, by their keys.
+        interval_if_known: the interval without nuisances; None if there are none.
+        pieces: the parts of the interval that agree with the readings, where these are several.
+        identifiable: whether the interval is bounded, and narrow enough for a value.
+        reason: why the unknown is not identifiable, or None.
         depth: fitted together with the strength if there are several places, else the scene's, or the estimate.
         depth_interval: 95 %; None where the depth is the scene's.
         strength: eq. ES.1 of ``probe_design.estimation.strength``, m^3.
         strength_interval: 95 %; None where size, modulus and so the strength are the scene's.
-        p_value: how probable a worse fit is if scene and noise are right.
+        p_value: probability of a worse fit if scene and noise are right.
         error_estimate: bound on the relative error of the evaluator's ratio at the best fit; None where there is none.
         evaluator, seconds, plan, warnings: see ``solver.results.result.Result``.
-        next: what to measure next, where that was asked.
+        next: the advice what to measure next, or None if it was not requested.
     """
 
     unknown: str
@@ -71,23 +71,23 @@ class Estimate(Notebook):
 
 
 def identifiable(interval: Interval, unknown: str) -> bool:
-    """Whether an interval is bounded and narrow enough to call the unknown told."""
+    """Return whether an interval is bounded and narrow enough to call the unknown identifiable."""
     low, high = interval
     return low is not None and high is not None and high <= widest(unknown) * low
 
 
 def widest(unknown: str) -> float:
-    """Return by which factor the ends of an unknown's interval may be apart for it to be told."""
+    """Return the largest ratio of the ends of an interval for which the unknown counts as identifiable."""
     return WIDEST[unknown.rpartition(".")[2]]
 
 
 def hull(pieces: tuple[Piece, ...]) -> Interval:
-    """Return the ends of all pieces together, None where they are open or where there are none."""
+    """Return lower and upper end of the union of pieces; None for an open end, and if there are no pieces."""
     if not pieces:
         return OPEN
     return None if pieces[0].low_open else pieces[0].low, None if pieces[-1].high_open else pieces[-1].high
 
 
 def several(pieces: tuple[Piece, ...]) -> tuple[tuple[float, float], ...]:
-    """Return the ends of the pieces where they are more than one."""
+    """Return the ends of each piece if there are several pieces, else nothing."""
     return tuple((piece.low, piece.high) for piece in pieces) if len(pieces) > 1 else ()

@@ -1,6 +1,6 @@
-"""What may be read next: presses beside and above the target, with their stiffness, on a blank spot, or its size from elsewhere.
+"""List the candidates for the next reading: on or off the target's axis, with stiffness, baseline readings, the target's size.
 
-Two loads are one reading twice in linear elasticity, so that a second load is not among them: repeating is.
+In linear elasticity a reading at another load is the same reading, so that other loads are no candidates; a repetition is one.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ from geometry.scenes.scene import Placement, Scene
 from probe_design.estimation.model import OF_TARGET, TargetModel
 from probe_design.estimation.readings import Measurements, Reading
 
-OFFSETS = (0.0, 0.4, 0.8, 1.2, 1.8)  # of the probe's axis from the target's, in depths and outer radii together
-ULTRASOUND = 0.05  # relative standard deviation of a diameter or a depth that is had from elsewhere: assumed
+OFFSETS = (0.0, 0.4, 0.8, 1.2, 1.8)  # of the probe's axis from the target's, over the sum of depth and outer radius
+ULTRASOUND = 0.05  # of a diameter or depth by ultrasound, 1 sd: assumed
 LEARNED = ("inclusion.diameter", "inclusion.depth")
 
 
 @dataclass(frozen=True)
 class NextCandidate:
-    """Something that may be read next.
+    """A reading or measurement that may be made next.
 
     Attributes:
         kind: "ratio", "ratio and stiffness", "blank", "blank with stiffness", or "size from ultrasound".
-        reading: where and with which noise; its values are none. None of a size.
-        learned: names of the scene's numbers that ``ULTRASOUND`` tells.
+        reading: its place and noise; its values are placeholders. None for a size.
+        learned: names of the scene's numbers that ultrasound measures.
     """
 
     kind: str
@@ -37,21 +37,21 @@ class NextCandidate:
 
     @property
     def told(self) -> str:
-        """In words."""
+        """The candidate in words."""
         if self.reading is None:
             keys = " and ".join(name.removeprefix("inclusion.") for name in self.learned)
             return f"{keys} from ultrasound, to {100 * ULTRASOUND:g} %"
         what = "ratio and stiffness" if self.reading.stiffness else "ratio"
         if self.reading.blank:
-            return f"{what} where there is no tumour (blank = true)"
+            return f"{what} over tumour-free tissue (blank = true)"
         return f"{what} at x = {1e3 * self.reading.x:.4g} mm, y = {1e3 * self.reading.y:.4g} mm"
 
 
 def candidates(model: TargetModel, unknown: str, nuisances: Mapping[str, float]) -> tuple[NextCandidate, ...]:
-    """Return what may be read next; readings have the least noise of those that are there.
+    """Return the candidates for the next reading; their noise is the smallest of the present readings.
 
     Args:
-        model: with the readings that are there.
+        model: with the present readings.
         unknown: as in ``probe_design.estimation.estimate``.
         nuisances: relative standard deviations by name.
     """
@@ -74,10 +74,10 @@ def candidates(model: TargetModel, unknown: str, nuisances: Mapping[str, float])
 
 
 def _places(model: TargetModel) -> list[tuple[float, float]]:
-    """Places along x, y too with several inclusions, at which the probe stands on the tissue; those that were read first."""
+    """Return places of the probe on the tissue along x, with several inclusions also along y; present places come first."""
     at, scene = model.target, model.scene
     reach = at.depth + scene.probe.tube_radius
-    alone = len(scene.inclusion) == 1  # one body looks the same all round
+    alone = len(scene.inclusion) == 1  # then readings depend on the distance alone
     ways = [(1.0, 0.0), (-1.0, 0.0)] if alone else [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)]
     read = [(float(x), float(y)) for x, y in model.data.places]
     grid = [(at.x + a * share * reach, at.y + b * share * reach) for share in OFFSETS for a, b in ways]
@@ -90,13 +90,14 @@ def _places(model: TargetModel) -> list[tuple[float, float]]:
 
 
 def _apart(place: tuple[float, float], x: float, y: float, alone: bool, other: tuple[float, float]) -> float:
-    """By how much two places see the target differently, m."""
+    """Return the distance between two places, or the difference of their distances from a single target, m."""
     if alone:
         return float(abs(np.hypot(place[0] - x, place[1] - y) - np.hypot(other[0] - x, other[1] - y)))
     return float(np.hypot(place[0] - other[0], place[1] - other[1]))
 
 
 def _stands(scene: Scene, place: tuple[float, float]) -> bool:
+    """Return whether the whole probe stands on the tissue at a place."""
     try:
         fit.check(scene.model_copy(update={"placement": Placement(x=place[0], y=place[1])}))
     except InputError:
@@ -105,7 +106,7 @@ def _stands(scene: Scene, place: tuple[float, float]) -> bool:
 
 
 def joined(data: Measurements, more: Measurements) -> Measurements:
-    """Return both in one row; nothing is known of the new ones' sign."""
+    """Return both measurements joined; the sign of the new ratios counts as unknown."""
     places = list(dict.fromkeys([*map(tuple, data.places.tolist()), *map(tuple, more.places.tolist())]))
     place = [places.index(tuple(one.places[k].tolist())) for one in (data, more) for k in one.place]
     rest = {

@@ -1,12 +1,13 @@
-"""What a scan tells: how deep the target lies and how strong it is.
+"""Fit depth and strength of the target together to readings at several places.
 
-From readings at several places depth and strength S, eq. ES.1, are fitted together; with chi2(depth, S) of eq. ES.3,
+The strength S is that of eq. ES.1. With chi2(depth, S) of eq. ES.3 and its least value over both,
 
     {(depth, S) : chi2 - least chi2 <= q}                                                          (ES.6)
 
-and its shadows on both axes are the intervals of depth and strength by profile likelihood, with q as in ``intervals.py`` but t
-of eq. ES.5 the root of sum_i (b_i / s_i)^2, which bounds a shift in any direction. The strength is varied by what the scene
-leaves open: E_object at the scene's diameter, or the diameter at the scene's E_object.
+is the joint set. Its projections on both axes are the intervals of depth and strength by profile likelihood. q is the threshold
+of ``intervals.py``, with t of eq. ES.5 replaced by the root of sum_i (b_i / s_i)^2, which bounds a shift in any direction (b_i is
+the error bound and s_i the noise of datum i). The strength is varied by E_object at the scene's diameter, or by the diameter at
+the scene's E_object.
 """
 
 from __future__ import annotations
@@ -24,11 +25,11 @@ from probe_design.estimation.predicted import Predicted
 from probe_design.estimation.shared_errors import SharedErrors
 from probe_design.estimation.strength import DepthAndStrength, strength
 
-DEPTHS, SIZES = 40, 48  # nodes
+DEPTHS, SIZES = 40, 48  # nodes of the grid
 FINE = 121  # points along each axis of a window
-WINDOWS = 5  # each no wider than what is left of the one before
-MOST_CONTRAST = 1e4  # beyond it nothing changes
-UNSURE = 0.3  # of what reflections change: they need not grow with the square of the strength
+WINDOWS = 5  # each covers what remains of the one before
+MOST_CONTRAST = 1e4  # of E_object to E_tissue: a stiffer body changes nothing any more
+UNSURE = 0.3  # fraction of the change by reflections that counts as error: they need not grow with the square of the strength
 SLOPES = {"youngs_modulus": "by_modulus", "diameter": "by_diameter"}
 
 
@@ -42,8 +43,8 @@ class Plane:
         u: ln depth, shape (a,).
         v: ln modulus, or ln of the diameter over the largest that fits at each depth, shape (b,).
         predicted: shapes (a b, ...).
-        slope: of its values by v, shape (a b, k).
-        shared: errors that the data share near the best fit.
+        slope: derivatives of the predicted values by v, shape (a b, k).
+        shared: errors that all data share, near the best fit.
     """
 
     model: TargetModel
@@ -56,7 +57,7 @@ class Plane:
 
     @classmethod
     def of(cls, model: TargetModel, partner: str, shared: SharedErrors | None = None) -> Plane:
-        """Predict; what the data share is nothing unless given."""
+        """Predict at all nodes; without ``shared`` the data share no errors."""
         top, bottom = np.log(model.span("depth"))
         u = np.linspace(top, bottom, DEPTHS)
         if partner == "youngs_modulus":
@@ -71,10 +72,11 @@ class Plane:
         return cls(model, partner, u=u, v=v, predicted=predicted, slope=getattr(predicted, SLOPES[partner]), shared=shared)
 
     def with_reflections(self, y: Floats) -> Plane:
-        """Add to these first-order predictions what reflections change, in a window of depths about the fit to y of shape (k,).
+        """Add the change by reflections to the first-order predictions, near the fit to measured values y of shape (k,).
 
-        They are computed at three depths, at the strength that fits, and grow with its square:
-        ln m = ln m_first + D(u) (S / S_fit)^2, D a parabola through the three; 30 % of it counts as error.
+        The change is computed at three depths, at the fitted strength S_fit, and grows with the square of the strength S:
+        ln m = ln m_first + D(u) (S / S_fit)^2, where m is the prediction with reflections, m_first the one without, u = ln depth
+        and D(u) the parabola through the three changes. 30 % of the change counts as error.
         """
         rough = self.fit(y, exact=True)
         if rough is None or rough.strength == 0:
@@ -88,7 +90,7 @@ class Plane:
         return self if both is None else self._moved(u, rough, *both)
 
     def _moved(self, u: Floats, rough: DepthAndStrength, first: Predicted, better: Predicted) -> Plane:
-        """Return the plane with the change from first-order to better predictions at three depths added between them."""
+        """Return the plane with the change from first-order to better predictions, interpolated between three depths u."""
         flat = self.predicted.value.shape
         share = self.strengths(self.u, self.v) / rough.strength
         change = (parabola(u, self.u) @ (better.value - first.value))[:, None]  # (a, 1, k)
@@ -101,7 +103,7 @@ class Plane:
         return replace(self, predicted=of, slope=self.slope + steeper.reshape(flat))
 
     def _window_of(self, rough: DepthAndStrength, wider: float) -> Floats:
-        """Three depths (ln): ``wider`` times as far as the interval reaches, where the model can tell, and the fit between."""
+        """Return three depths (ln): the fit, and ends at ``factor`` times the interval, within the usable depths."""
         middle = float(np.log(rough.depth))
         usable = self.u[self.predicted.usable.reshape(len(self.u), -1)[:, int(np.argmin(np.abs(self.v - self._place_of(rough))))]]
         low, high = (
@@ -111,13 +113,13 @@ class Plane:
         return np.array([low, min(max(middle, low + 0.02), high - 0.02), high])
 
     def _place_of(self, rough: DepthAndStrength) -> float:
-        """Return v of a fit."""
+        """Return the coordinate v of a fit."""
         if self.partner == "youngs_modulus":
             return float(np.log(rough.modulus))
         return float(np.log(rough.diameter / self.model.room(np.array([rough.depth]))[0]))
 
     def _both(self, u: Floats, rough: DepthAndStrength) -> tuple[Predicted, Predicted] | None:
-        """Predict to first order and with reflections the strength that fits at some depths (ln), where both can be told."""
+        """Predict the fitted strength at depths (ln), to first order and with reflections; None where the model fails."""
         depths = np.exp(u)
         fitted = np.full(len(u), rough.modulus if self.partner == "youngs_modulus" else rough.diameter)
         if self.partner == "diameter":
@@ -127,14 +129,14 @@ class Plane:
         return (first, better) if (first.usable & better.usable).all() else None
 
     def _strength_slope(self) -> Floats:
-        """Return d S / d v at the nodes, shape (a, b)."""
+        """Return the derivative of the strength S by v at the nodes, shape (a, b)."""
         if self.partner == "diameter":
             return 3 * self.strengths(self.u, self.v)
         step = 1e-5
         return (self.strengths(self.u, self.v + step) - self.strengths(self.u, self.v - step)) / (2 * step)
 
     def strengths(self, u: Floats, v: Floats) -> Floats:
-        """Eq. ES.1 at all pairs of u, (m,), and v, (n,), shape (m, n)."""
+        """Return the strength, eq. ES.1, at all pairs of u, (m,), and v, (n,), shape (m, n), m^3."""
         if self.partner == "youngs_modulus":
             row = strength(self.model.host, self.model.target, modulus=np.exp(v))
             return np.broadcast_to(row, (len(u), len(v)))
@@ -142,7 +144,7 @@ class Plane:
         return strength(self.model.host, self.model.target, diameter=sizes)
 
     def values(self, u: Floats, v: Floats) -> tuple[Floats, Bools]:
-        """Return predictions, (m, n, k), and whether the model cannot tell them, (m, n), at all pairs of u and v."""
+        """Return interpolated predictions, (m, n, k), and whether they are unusable, (m, n), at all pairs of u and v."""
         shape, of = (len(self.u), len(self.v), -1), self.predicted
         along = lagrange(self.u, u)
         whole, half = hermite(self.v, v)
@@ -152,7 +154,7 @@ class Plane:
         return value, np.asarray(np.abs(along) @ bad @ (np.abs(whole) + np.abs(half)).T > 0)
 
     def misfit(self, y: Floats, u: Floats, v: Floats, exact: bool = False) -> tuple[Floats, Floats]:
-        """Return eq. ES.3, inf where the model cannot tell, and q of eq. ES.4, both of shape (m, n), at all pairs of u and v."""
+        """Return chi2 of eq. ES.3, inf without a prediction, and q of eq. ES.4, at all pairs of u and v, shapes (m, n)."""
         value, unknown = self.values(u, v)
         shape, of, noise = (len(self.u), len(self.v)), self.predicted, self.model.data.noise
         chi2 = np.where(unknown, np.inf, self.shared.over(noise).misfit((y - value) / noise))
@@ -163,11 +165,11 @@ class Plane:
         return chi2, threshold(map_coordinates(shift, at, order=1, mode="nearest"))
 
     def fit(self, y: Floats, exact: bool = False) -> DepthAndStrength | None:
-        """Return eq. ES.6 and its shadows for measured values of shape (k,); None where the model can tell no pair.
+        """Fit depth and strength to measured values of shape (k,), eq. ES.6; None where the model predicts no pair.
 
         Args:
-            y: in the order of ``Data``.
-            exact: whether to take the model as without error.
+            y: in the order of ``Measurements``.
+            exact: whether to neglect the error of the model.
         """
         u, v, least, best = self._best(y)
         if not np.isfinite(least):
@@ -188,7 +190,7 @@ class Plane:
         return self._summary(u, v, chi2, inside, best)
 
     def _best(self, y: Floats) -> tuple[Floats, Floats, float, tuple[float, float]]:
-        """Return the first window, all there is, with the least chi-square and where it lies."""
+        """Return the window of all nodes, the smallest chi-square and its place (u, v), by windows that narrow about it."""
         whole = u, v = np.linspace(self.u[0], self.u[-1], FINE), np.linspace(self.v[0], self.v[-1], FINE)
         for _ in range(12):
             chi2, _q = self.misfit(y, u, v, exact=True)
@@ -198,7 +200,8 @@ class Plane:
         return *whole, least, best
 
     def _summary(self, u: Floats, v: Floats, chi2: Floats, inside: Bools, best: tuple[float, float]) -> DepthAndStrength:
-        dark = np.pad(~np.isfinite(chi2), 1)  # pairs that the model cannot tell
+        """Return best fit and intervals from the pairs inside; an end at the edge of the searched pairs is open."""
+        dark = np.pad(~np.isfinite(chi2), 1)  # pairs that the model cannot predict; one more row and column on each side
         near_dark = inside & (dark[:-2, 1:-1] | dark[2:, 1:-1] | dark[1:-1, :-2] | dark[1:-1, 2:])
         rows, strengths = np.exp(u), self.strengths(u, v)
         shallow = bool(inside[0].any() and u[0] <= self.u[0]) or _reached(
@@ -207,7 +210,7 @@ class Plane:
         deep = bool(inside[-1].any() and u[-1] >= self.u[-1]) or _reached(
             np.asarray(near_dark.any(axis=1)), np.asarray(inside.any(axis=1)), rows, np.max
         )
-        full = self.partner == "diameter" and bool(inside[:, -1].any() and v[-1] >= self.v[-1])  # no larger one fits
+        full = self.partner == "diameter" and bool(inside[:, -1].any() and v[-1] >= self.v[-1])  # no larger body fits
         weak, strong = (_reached(near_dark, inside, strengths, end) for end in (np.min, np.max))
         positive = float(strength(self.model.host, self.model.target)) > 0
         within = strengths[inside]
@@ -227,7 +230,7 @@ class Plane:
 
 
 def _reached(near_dark: Bools, inside: Bools, values: Floats, end: Callable[[Floats], Floats]) -> bool:
-    """Whether the least or largest value inside is found where the model can tell no more."""
+    """Return whether the smallest or largest value inside lies next to pairs that the model cannot predict."""
     if not near_dark.any():
         return False
     edge = end(values[inside])
@@ -235,25 +238,26 @@ def _reached(near_dark: Bools, inside: Bools, values: Floats, end: Callable[[Flo
 
 
 def _ends(row: Bools) -> tuple[int, int]:
+    """Return the indices of the first and the last true element."""
     places = np.flatnonzero(row)
     return int(places[0]), int(places[-1])
 
 
 def _window(points: Floats, low: int, high: int) -> Floats:
-    """Points from one before the first to one after the last."""
+    """Return new points from one before index ``low`` to one after index ``high``."""
     return np.linspace(points[max(low - 1, 0)], points[min(high + 1, len(points) - 1)], FINE)
 
 
-# Interpolation as weights of values at nodes: what is smooth at the nodes is evaluated anywhere by a product of matrices.
+# Interpolation weights: a product of these matrices with the values at the nodes evaluates a smooth function anywhere.
 
 
 def place(nodes: Floats, points: Floats) -> Floats:
-    """Return where points lie between even nodes, in steps from the first."""
+    """Return the distance of points from the first of evenly spaced nodes, in steps."""
     return np.asarray((points - nodes[0]) / (nodes[1] - nodes[0]))
 
 
 def lagrange(nodes: Floats, points: Floats) -> Floats:
-    """Return weights of four even nodes around each point, shape (m, nodes)."""
+    """Return cubic Lagrange weights of the four evenly spaced nodes around each point, shape (m, nodes)."""
     at = place(nodes, points)
     first = np.clip(np.floor(at).astype(int) - 1, 0, len(nodes) - 4)
     x = at - first
@@ -266,7 +270,7 @@ def lagrange(nodes: Floats, points: Floats) -> Floats:
 
 
 def hermite(nodes: Floats, points: Floats) -> tuple[Floats, Floats]:
-    """Return weights of the values and of the derivatives at even nodes, each of shape (m, nodes)."""
+    """Return cubic Hermite weights of values and derivatives at evenly spaced nodes, each of shape (m, nodes)."""
     at, step = place(nodes, points), nodes[1] - nodes[0]
     first = np.clip(np.floor(at).astype(int), 0, len(nodes) - 2)
     x, rows = at - first, np.arange(len(points))
@@ -277,7 +281,7 @@ def hermite(nodes: Floats, points: Floats) -> tuple[Floats, Floats]:
 
 
 def parabola(nodes: Floats, points: Floats) -> Floats:
-    """Return weights of three nodes, shape (m, 3); beyond them those of the nearest."""
+    """Return weights of the parabola through three nodes, shape (m, 3); constant beyond the outer nodes."""
     x = np.clip(points, nodes[0], nodes[-1])
     rest = [[j for j in range(3) if j != k] for k in range(3)]
     return np.stack([np.prod([(x - nodes[j]) / (nodes[k] - nodes[j]) for j in rest[k]], axis=0) for k in range(3)], axis=1)

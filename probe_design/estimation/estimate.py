@@ -1,15 +1,16 @@
-"""What readings say about one unknown: of the target inclusion, or of the tissue.
+"""Estimate one unknown of the target inclusion or of the tissue from readings.
 
-The unknown is the target's Young's modulus, diameter or depth, or a number of the tissue such as a layer's thickness. Everything
-else in the scene is known, or known roughly: ``nuisances.py``; ``intervals.py`` holds the statistics, ``strength.py`` what is
-left where stiffness and size cannot be told. The value is the best fit, the interval covers the truth in 95 % of cases.
+The unknown is the target's Young's modulus, diameter or depth, or a number of the tissue such as a layer's thickness. All other
+numbers of the scene are known, or have a standard deviation (``nuisances.py``). ``intervals.py`` holds the statistics;
+``strength.py`` defines the strength, which is estimated where stiffness and size are not identifiable by themselves. The value is
+the best fit; the interval covers the truth in 95 % of cases.
 
-An unknown counts as *identifiable* where the interval is bounded at both ends inside what was searched and its ends are at most a
-factor ``WIDEST`` apart; otherwise the value is None and ``reason`` says why.
+An unknown counts as *identifiable* where the interval is bounded at both ends inside the search range and the ratio of its ends
+is at most ``MAX_END_RATIOS``; otherwise the value is None and ``reason`` explains it.
 
-What was searched: moduli from 1e-3 to 1e6 times the tissue's, diameters from 1/100 of the largest that fits, depths at which
-the target fits, numbers of the tissue from 1/8 to 8 times the scene's; of these only those at which the model's ratio is good
-to 30 %.
+Search range: moduli from 1e-3 to 1e6 times the tissue's, diameters from 1/100 of the largest that fits, depths at which the
+target fits, numbers of the tissue from 1/8 to 8 times the scene's; of these only values at which the error of the model's ratio
+is at most 30 %.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ from probe_design.estimation.under_load import under_load
 from solver.planning.load_check import check_load
 
 OF_TISSUE = re.compile(r"tissue\.(layer\[\d\]\.(thickness|youngs_modulus)|youngs_modulus)")
-FINEST, COARSEST = 5e-4, 0.01  # accuracy asked for without being told to
+FINEST, COARSEST = 5e-4, 0.01  # default accuracies, between which the noise chooses
 
 
 def estimate(
@@ -52,28 +53,29 @@ def estimate(
     """Estimate one unknown of the scene's target, or of its tissue.
 
     Args:
-        scene: everything else, taken as known; its own value of the unknown does not matter.
+        scene: all other numbers, taken as known; its own value of the unknown is not used.
         readings: one or more.
         unknown: youngs_modulus, diameter or depth of the target; tissue.youngs_modulus; thickness or youngs_modulus of a layer,
             ``tissue.layer[0].thickness``.
-        accuracy: of the evaluator; left out: a quarter of the ratios' least noise, from 5e-4 to 0.01.
-        linear: whether linear elasticity answers at any load. The intervals count what finite strain may change; left out, that
-            is less than the ratios' least noise, and at larger loads level ``contact`` predicts: see ``under_load.py``.
-        nuisances: relative standard deviations, 0.2 or "20 %", of numbers that are known only roughly, by their keys in the
-            scene file; see ``probe_design.estimation.nuisances``.
-        advise: whether ``next`` says what to measure next.
+        accuracy: of the evaluator, relative; default: a quarter of the smallest noise of the ratios, within 5e-4 and 0.01.
+        linear: whether to use linear elasticity at any load. The intervals then count the possible effect of finite strain. By
+            default that effect is below the smallest noise of the ratios, and ``contact`` predicts the readings at larger loads:
+            see ``under_load.py``.
+        nuisances: relative standard deviations, 0.2 or "20 %", of uncertain numbers, by their keys in the scene file; see
+            ``probe_design.estimation.nuisances``.
+        advise: whether ``next`` states what to measure next.
 
     Raises:
-        InputError: no such unknown, nuisance or accuracy; an inclusion that cannot be seen from one of the places.
-        Refusal: the scene is of a kind that cannot be estimated, or its load is beyond what linear elasticity allows and what
-            ``contact`` takes, or reaches.
+        InputError: an unknown, nuisance or accuracy is not allowed, or all readings are baseline readings.
+        Refusal: nothing can be estimated for this kind of scene, or its load is beyond the range of linear elasticity and of
+            ``contact``.
     """
     start = perf_counter()
     check_kind(scene, _of_target(scene, unknown))
     known = checked(scene, nuisances, unknown)
     data, notes = usable(scene, Measurements.of(readings))
     if unknown in OF_TARGET and data.is_blank.all():
-        raise InputError("reading.blank", Words("true in every reading"), f"one over the inclusion whose {unknown} is asked")
+        raise InputError("reading.blank", Words("true in every reading"), f"one over the inclusion of unknown {unknown}")
     model = TargetModel(scene, data, accuracy_for(accuracy, data))
     useless = data.is_stiffness & (model.stiffness_error > data.noise)
     if useless.any():
@@ -93,18 +95,18 @@ def estimate(
 
 
 def _advised(found: Estimate, model: TargetModel, nuisances: Mapping[str, float], at_rest: bool) -> Estimate:
-    """Return an estimate that says what to measure next; at loads beyond linear elasticity, why it does not."""
+    """Return an estimate with advice what to measure next; at loads beyond linear elasticity with a warning instead."""
     from probe_design.estimation.next_reading import next_reading
 
     start = perf_counter()
     if not at_rest:
-        return replace(found, warnings=(*found.warnings, "next is null: at loads beyond linear elasticity nothing is told of it"))
+        return replace(found, warnings=(*found.warnings, "next is null: there is no advice at loads beyond linear elasticity"))
     advice = next_reading(model, found.unknown, nuisances, found.identifiable)
     return replace(found, next=advice, seconds=found.seconds + perf_counter() - start)
 
 
 def accuracy_for(asked: float | None, data: Measurements) -> float:
-    """Return the accuracy of the evaluator: what is asked for, else a quarter of the ratios' least noise, within limits."""
+    """Return the accuracy of the evaluator: the requested one, else a quarter of the smallest noise of ratios, within limits."""
     least = float(data.noise[data.is_ratio].min())
     accuracy = float(np.clip(least / 4, FINEST, COARSEST)) if asked is None else asked
     if not 0 < accuracy < 1:
@@ -113,10 +115,10 @@ def accuracy_for(asked: float | None, data: Measurements) -> float:
 
 
 def _loaded(model: TargetModel, unknown: str, accuracy: float | None, nuisances: Mapping[str, float]) -> LoadedModel | None:
-    """Return the model under load where linear elasticity ends; the intervals count what its error does, up to the noise.
+    """Return the model under load where the effect of finite strain is above the noise of the ratio, else None.
 
     Raises:
-        Refusal: the load is beyond linear elasticity, and ``contact`` cannot take the readings.
+        Refusal: the load is beyond the range of linear elasticity, and ``contact`` cannot model the readings.
     """
     try:
         check_load(model.scene, model.rule, model.tolerance, promise=False)
@@ -130,7 +132,7 @@ def _loaded(model: TargetModel, unknown: str, accuracy: float | None, nuisances:
 
 
 def _of_target(scene: Scene, unknown: str) -> bool:
-    """Whether an unknown is the target's, or else the tissue's.
+    """Return whether an unknown is the target's; otherwise it is the tissue's.
 
     Raises:
         InputError: it is neither.
@@ -146,13 +148,13 @@ def _of_target(scene: Scene, unknown: str) -> bool:
 def searched(
     model: TargetModel, unknown: str, nuisances: Mapping[str, float] = MappingProxyType({}), loaded: LoadedModel | None = None
 ) -> Findings:
-    """Return which values of the unknown the readings leave, with what the nuisances add to their errors.
+    """Return the values of the unknown that agree with the readings, best fit and intervals included.
 
     Args:
-        model: at rest, or at loads that linear elasticity answers for.
+        model: without load, or under a load within linear elasticity.
         unknown: as in ``estimate``.
-        nuisances: likewise.
-        loaded: the model under the load, where that is beyond linear elasticity.
+        nuisances: likewise, relative standard deviations by key.
+        loaded_model: the model under the load, where that is beyond linear elasticity.
     """
     certain, noise, y = Track.of(model, unknown), model.data.noise, model.data.value
     if loaded is not None:
@@ -174,7 +176,7 @@ def searched(
 
 
 def _together(findings: Findings) -> DepthAndStrength | None:
-    """Fit depth and strength of the target together where there are readings over it from several places."""
+    """Fit depth and strength of the target together if there are readings over it from several places, else return None."""
     model, unknown = findings.model, findings.unknown
     if unknown not in OF_TARGET or len(set(model.data.place[~model.data.is_blank])) < 2:
         return None
@@ -188,6 +190,7 @@ def _together(findings: Findings) -> DepthAndStrength | None:
 def _estimate(
     findings: Findings, fitted: DepthAndStrength | None, nuisances: dict[str, float], notes: tuple[str, ...], start: float
 ) -> Estimate:
+    """Return the result from findings, and from the fit of depth and strength if there is one."""
     unknown, best, data = findings.unknown, findings.best_value, findings.model.data
     interval, of_noise = hull(findings.pieces), hull(findings.of_noise)
     good = identifiable(interval, unknown)
@@ -226,10 +229,10 @@ def _estimate(
 
 
 def _strength(findings: Findings, best: float | None, interval: Interval) -> tuple[float | None, Interval | None]:
-    """Eq. ES.1 at the best fit and at the ends of the interval, depth being known.
+    """Return the strength, eq. ES.1, at the best fit and its interval, the depth being known.
 
-    It grows with the modulus and, for stiff bodies, with the diameter. Where the modulus is open the strength is not: a rigid
-    body's, or a hole's, is the end; a diameter that is open below ends at no body at all.
+    The strength grows with the modulus and, for stiff bodies, with the diameter. Where the modulus is open, the strength still
+    ends at that of a rigid body or of a hole; where the diameter is open below, it ends at zero.
     """
     if findings.unknown not in OF_TARGET:
         return None, None
@@ -255,7 +258,7 @@ def _strength(findings: Findings, best: float | None, interval: Interval) -> tup
 
 
 def _error(findings: Findings) -> float | None:
-    """Bound on the relative error of the ratios at the best fit."""
+    """Return a bound on the relative error of the ratios at the best fit; None without a fit."""
     if findings.best is None:
         return None
     track = findings.track

@@ -1,4 +1,4 @@
-"""Which values of one unknown a set of readings leaves: intervals by inversion of a test.
+"""Compute the interval of one unknown: the set of values that a likelihood-ratio test does not reject.
 
 k measured logarithms y_i are the model's m_i(u), u a coordinate of the unknown (eq. ES.2), with independent normal noise of
 standard deviation s_i:
@@ -7,18 +7,18 @@ standard deviation s_i:
     {u : chi2(u) - least <= q(u)},   least = the chi2 of the best fit                              (ES.4)
 
 These are likelihood-ratio intervals in the manner of Feldman and Cousins (Phys. Rev. D 57 (1998) 3873): q(u) is the 95 % quantile
-of the left side where u is the truth. Where the curve m(u) / s goes on far to both sides of u that is 3.841, the quantile of
+of the left side where u is the truth. Where the curve m(u) / s continues far to both sides of u that is 3.841, the quantile of
 chi-square with one degree. Where it ends A standard deviations below and B above, measured along its tangent at u, as it does
 where a body stiffer than can be told saturates the ratio, the left side of a straight line is with z normal
 
     z^2 for -A <= z <= B,   B (2 z - B) above,   A (2 |z| - A) below                               (ES.4a)
 
-whose quantile is 2.706 at an end: the interval is never empty, and covers 95 % there, too. Readings beyond an end, where the
-curve prolonged along its tangent is nearer by more than noise explains in 1 % of all cases, leave no value: scene or noise are
-not as stated.
+whose quantile is 2.706 at an end: the interval is never empty, and covers 95 % there, too. Readings may lie beyond an end. If the
+curve prolonged along its tangent is closer to them by more than noise explains in 1 % of all cases, no value agrees with them:
+scene or noise are not as stated.
 
-Where numbers of the scene are known only roughly eq. ES.8 of ``shared_errors.py`` stands for eq. ES.3, and its products for those
-of slopes.
+Where numbers of the scene are uncertain, eq. ES.8 of ``shared_errors.py`` replaces eq. ES.3, and its products replace those of
+derivatives.
 
 The model's error. Let b_i bound the error of m_i. With g the unit tangent of m / s it shifts the root of eq. ES.4's
 statistic by at most
@@ -28,7 +28,7 @@ statistic by at most
 Up to t = 1/3 the worst such shift leaves a coverage of 93.7 %, and q stays: an interval wider by a bound that is hardly ever
 reached would cover too much. Beyond, q becomes the square of the 95 % quantile of |N(t, 1)|, the shortest interval that covers
 95 % under every error within the bounds (Armstrong and Kolesar, Econometrica 86 (2018) 655): 1.96 at t = 0, t + 1.645 for large
-t. The fit as a whole is judged likewise, by the noncentral chi-square of k - 1 degrees and noncentrality sum_i (b_i / s_i)^2.
+t. The fit as a whole is tested likewise, by the noncentral chi-square of k - 1 degrees and noncentrality sum_i (b_i / s_i)^2.
 """
 
 from __future__ import annotations
@@ -46,18 +46,18 @@ from probe_design.estimation.profile import Track
 from probe_design.estimation.shared_errors import SharedErrors
 
 LEVEL = 0.95
-UNEXPLAINED = float(chi2.ppf(0.99, 1))  # of chi2 above the prolonged curve's, from which no value explains the readings
-HALVINGS = 50  # of the search for a quantile
-EVERY = 10  # points of the runs at which q of eq. ES.4 is found
+UNEXPLAINED = float(chi2.ppf(0.99, 1))  # 99 % quantile: larger excess of chi2 over the prolonged curve's: no fit
+HALVINGS = 50  # bisections of the search for a quantile
+EVERY = 10  # q of eq. ES.4 is computed at every tenth point of the runs, and interpolated
 QUANTILE = float(chi2.ppf(LEVEL, 1))
-TOLERATED = 1 / 3  # eq. ES.5 below which the model's error is left out of the interval
-STEPS = 6  # of Gauss and Newton
-ENDING = 6  # steps of the search for an interval's end
+TOLERATED = 1 / 3  # t of eq. ES.5 up to which the interval neglects the model's error: coverage is still 93.7 %
+STEPS = 6  # Gauss-Newton steps
+ENDING = 6  # steps of the Illinois method for an interval's end
 
 
 @dataclass(frozen=True)
 class Piece:
-    """Values of the unknown, SI, that the readings leave; an end is open where the search ended before the readings did."""
+    """An interval of the unknown, SI, that agrees with the readings; an end is open where it is the end of the search range."""
 
     low: float
     high: float
@@ -67,11 +67,11 @@ class Piece:
 
 @dataclass(frozen=True)
 class Likelihood:
-    """Predictions along one unknown beside the noise of what is measured.
+    """Likelihood of measured values along one unknown.
 
     Attributes:
-        track: with at least one run that the model can tell.
-        noise: shape (k,).
+        track: predictions, with at least one run of usable nodes.
+        noise: standard deviations of the data, shape (k,).
     """
 
     track: Track
@@ -87,7 +87,7 @@ class Likelihood:
 
     @cached_property
     def _grid(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """The points of all runs, their neighbours below and above in the same run, and the predictions there."""
+        """The points of all runs, their lower and upper neighbours in the same run, and the predictions at the points."""
         runs = self.track.runs
         below = np.concatenate([run[np.maximum(np.arange(len(run)) - 1, 0)] for run in runs])
         above = np.concatenate([run[np.minimum(np.arange(len(run)) + 1, len(run) - 1)] for run in runs])
@@ -95,11 +95,11 @@ class Likelihood:
         return points, below, above, self.at(points)[0]
 
     def chi_square(self, u: Floats, y: Floats) -> Floats:
-        """Eq. ES.3 at u of shape (s,) for measured values of shape (k,) or (s, k)."""
+        """Return chi2 of eq. ES.3 at u of shape (s,) for measured values of shape (k,) or (s, k)."""
         return self._shared(u).misfit(y / self.noise - self.at(u)[0])
 
     def best(self, y: Floats) -> tuple[Floats, Floats]:
-        """Return for each of s sets of measured values, (s, k), the u that fits best and its chi-square, both (s,)."""
+        """Return the best-fitting u and its chi-square, both (s,), for s sets of measured values, (s, k)."""
         points, below, above, values = self._grid
         w = y / self.noise
         errors = self._shared(points)
@@ -116,7 +116,7 @@ class Likelihood:
         return best, least
 
     def floor(self, y: Floats) -> Floats:
-        """Return the least chi-square of the curve prolonged along its tangents for s sets of values, (s, k), shape (s,)."""
+        """Return the smallest chi-square, (s,), of the curve prolonged along its end tangents, for s sets of values, (s, k)."""
         if y.shape[1] == 1:
             return np.zeros(len(y))
         least = self.best(y)[1]
@@ -133,7 +133,7 @@ class Likelihood:
         return least
 
     def shift(self, u: Floats) -> Floats:
-        """Eq. ES.5 at u of shape (s,)."""
+        """Return the bound t of eq. ES.5 on the shift by the model's error, at u of shape (s,)."""
         relative = self.track.predicted.bound / self.noise
         slope = self.track.slope / self.noise
         tangent = self._shared(self.track.x).decorrelated(slope)
@@ -147,7 +147,7 @@ class Likelihood:
 
     @cached_property
     def _limits(self) -> tuple[Floats, Floats]:
-        """Some points of the runs, and q there."""
+        """Some points of the runs, and the threshold q of eq. ES.4 at these points."""
         points = np.concatenate([np.append(run[:-1:EVERY], run[-1]) for run in self.track.runs])
         value, slope = self.at(points)
         tangent = self._shared(points).decorrelated(slope)
@@ -157,15 +157,15 @@ class Likelihood:
         return points, threshold_near_ends(self.shift(points), below, above)
 
     def unexplained(self, y: Floats) -> Bools:
-        """Return of s sets of measured values, (s, k), whether no value explains them, shape (s,)."""
+        """Return whether no value of the unknown explains the measured values, shape (s,), for s sets of shape (s, k)."""
         return np.asarray(self.best(y)[1] - self.floor(y) > UNEXPLAINED)
 
     def spoiled(self, u: float) -> float:
-        """Return the root of the noncentrality of the misfit at u that the model's error may cause."""
+        """Return the root of the largest noncentrality of chi2 at u that the model's error may cause."""
         return float(np.interp(u, self.track.x, np.linalg.norm(self.track.predicted.bound / self.noise, axis=1)))
 
     def pieces(self, y: Floats) -> list[Piece]:
-        """Return the set of eq. ES.4 for measured values of shape (k,)."""
+        """Return the set of eq. ES.4, as separate intervals, for measured values of shape (k,)."""
         if self.unexplained(y[None])[0]:
             return []
         best, least = (float(part[0]) for part in self.best(y[None]))
@@ -188,7 +188,7 @@ class Likelihood:
 
 
 def threshold(shift: Floats) -> Floats:
-    """Return q of eq. ES.4 far from the curve's ends, where the model's error is at most eq. ES.5."""
+    """Return q of eq. ES.4 far from the curve's ends, for a bound t on the shift by the model's error, eq. ES.5."""
     t = np.asarray(shift, dtype=float)
     out, far = np.full(t.shape, QUANTILE), t > 4
     between = (t > TOLERATED) & ~far
@@ -197,7 +197,7 @@ def threshold(shift: Floats) -> Floats:
 
 
 def threshold_near_ends(shift: Floats, below: Floats, above: Floats) -> Floats:
-    """Return q of eq. ES.4 where the curve ends A = ``below`` and B = ``above`` standard deviations away, eq. ES.4a."""
+    """Return q of eq. ES.4 where the curve ends A = ``distance_below`` and B = ``distance_above`` sd away, eq. ES.4a."""
     t = np.where(shift > TOLERATED, shift, 0.0)
     low, high = np.zeros(t.shape), threshold(shift)
     for _ in range(HALVINGS):
@@ -209,22 +209,22 @@ def threshold_near_ends(shift: Floats, below: Floats, above: Floats) -> Floats:
 
 
 def _reach(q: Floats, end: Floats) -> Floats:
-    """Return |z| at which eq. ES.4a is q, where the curve ends so many standard deviations away."""
+    """Return |z| at which eq. ES.4a equals q, where the curve ends ``end`` standard deviations away."""
     root = np.sqrt(q)
     safe = np.clip(end, 1e-9, 1e9)
     return np.where(root <= end, root, (q / safe + safe) / 2)
 
 
 def p_value(least: float, data: int, shift: float) -> float:
-    """Return how probable a chi-square of the best fit above ``least`` is, with so many data and a shift as ``spoiled`` says."""
+    """Return the probability that chi-square of the best fit is above a value; ``shift`` is the root of the noncentrality."""
     degrees = max(data - 1, 1)
-    if shift > 30:  # nothing is beyond such a model
+    if shift > 30:  # such a large model error explains any readings
         return 1.0
     return float(ncx2.sf(least, degrees, shift**2) if shift > 1e-6 else chi2.sf(least, degrees))
 
 
 def _with_valleys(run: Floats, best: float, beyond: Callable[[Floats], Floats]) -> Floats:
-    """Add the best fit and the bottoms of other valleys, which may be narrower than the steps of the run."""
+    """Add the best fit and the minima of other valleys to the points of a run, as valleys may be narrower than its steps."""
     values = beyond(run)
     middle = np.flatnonzero((values[1:-1] <= values[:-2]) & (values[1:-1] <= values[2:]) & (values[1:-1] > 0)) + 1
     bottoms = [best] if run[0] <= best <= run[-1] else []
@@ -235,6 +235,8 @@ def _with_valleys(run: Floats, best: float, beyond: Callable[[Floats], Floats]) 
 
 
 def _crossing(beyond: Callable[[Floats], Floats], outside: float, inside: float) -> float:
+    """Return the point between a rejected and an accepted point at which the excess of chi2 is zero."""
+
     def scalar(u: float) -> float:
         return float(beyond(np.array([u]))[0])
 
@@ -242,10 +244,10 @@ def _crossing(beyond: Callable[[Floats], Floats], outside: float, inside: float)
 
 
 def hulls(fit: Likelihood, y: Floats) -> list[tuple[float | None, float | None]]:
-    """Return the hulls of eq. ES.4, SI, for s sets of data, shape (s, k); None: open, empty.
+    """Return the outer ends of eq. ES.4, SI, for s sets of data, shape (s, k); None for an open end or an empty set.
 
-    Points of the runs and the best fit say between which two an end lies; there it is sought for all sets at once. Between points
-    q is a straight line.
+    The points of the runs and the best fit bracket each end; the ends of all sets are then computed together. Between points q is
+    interpolated linearly.
     """
     best, least = fit.best(y)
     points, ends = np.concatenate(fit.track.runs), np.full((2, len(y), 2), np.nan)
@@ -264,13 +266,13 @@ def hulls(fit: Likelihood, y: Floats) -> list[tuple[float | None, float | None]]
 
 
 def _crossings(fit: Likelihood, y: Floats, least: Floats, between: Floats) -> Floats:
-    """The unknown's values where sets of data (s, k) end, by the Illinois method between an inner and an outer point, (s, 2)."""
+    """Return the ends of the sets, SI, by the Illinois method between an inner and an outer point, (s, 2); data y (s, k)."""
     found = np.full(len(y), np.nan)
     some = np.flatnonzero(np.isfinite(between[:, 0]))
     if not len(some):
         return found
 
-    def beyond(u: Floats) -> Floats:  # of roots, which a straight line follows better than a parabola
+    def beyond(u: Floats) -> Floats:  # difference of roots: closer to a straight line than the difference of squares
         return np.asarray(np.sqrt(np.maximum(fit.chi_square(u, y[some]) - least[some], 0.0)) - np.sqrt(fit.limit(u)))
 
     a, b = between[some].T

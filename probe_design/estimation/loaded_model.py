@@ -1,4 +1,4 @@
-"""What level ``contact`` says that is read at loads beyond linear elasticity, value by value of one unknown."""
+"""Predict readings by ``contact`` at loads beyond linear elasticity, for one value of the unknown at a time."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from solver.contact.loaded import LoadedScene, beside
 from solver.results.film_forces import FilmForces
 from solver.results.result import Decision
 
-Told = tuple[Floats, Floats]  # logarithms of what is read, and bounds on their errors, both of shape (k,)
+Told = tuple[Floats, Floats]  # logarithms of the data, and bounds on their errors, both of shape (k,)
 
 
 def refusal(model: TargetModel, nuisances: bool) -> str | None:
-    """Say what ``contact`` takes where it cannot take readings or scene, or None."""
+    """Return what ``contact`` requires if it cannot model the readings or the scene, else None."""
     if nuisances:
         return "no numbers that are known only roughly"
     over = model.data.places[model.data.place[~model.data.is_blank]]
@@ -34,19 +34,19 @@ def refusal(model: TargetModel, nuisances: bool) -> str | None:
 
 
 def _on_axis(model: TargetModel) -> Scene:
-    """The scene with the probe over its target; without one, as far from the tissue's middle as any reading was."""
+    """Return the scene with the probe over its target, or without inclusions at the reading farthest from the tissue's middle."""
     at = Placement(x=model.target.x, y=model.target.y) if model.scene.inclusion else model.base.scene.placement
     return model.scene.model_copy(update={"placement": at})
 
 
 @dataclass
 class LoadedModel:
-    """Readings under the scene's load.
+    """Predictions by ``contact`` under the scene's load.
 
     Attributes:
-        model: of the scene, which ``contact`` takes.
-        unknown: what is varied.
-        accuracy: asked of ``contact``.
+        model: scene and data; ``contact`` can model the scene.
+        unknown: the number that is varied.
+        accuracy: relative, required of ``contact``.
     """
 
     model: TargetModel
@@ -57,24 +57,24 @@ class LoadedModel:
 
     @property
     def at_rest(self) -> TargetModel:
-        """The same without a load, which linear levels answer exactly."""
+        """The model without load, which linear elasticity describes exactly."""
         rest = Load(force=0.0) if self.model.scene.load.indentation is None else Load(indentation=0.0)
         return replace(self.model, scene=self.model.scene.model_copy(update={"load": rest}))
 
     @property
     def name(self) -> str:
-        """Of the level."""
+        """Name of the evaluator."""
         return ContactLevel().name
 
     def decision(self, change: float) -> Decision:
-        """The plan's line, for a change of the ratio by the load."""
+        """Return the line of the plan, for a relative change of the ratio by the load."""
         return Decision(FEATURE, True, change, self.accuracy, "what they change of the ratio at this load")
 
     def told(self, value: float) -> Told | None:
-        """Return what is read over a target, or on tissue, of that value, SI; None where errors are too large, or a sign differs.
+        """Return predictions for a value of the unknown, SI; None where errors are too large, or the sign of a ratio differs.
 
         Raises:
-            ProbeError, ValueError: ``contact`` cannot press it so far, or there is no such scene.
+            ProbeError, ValueError: ``contact`` does not reach the load, or the scene is not valid.
         """
         data, scene = self.model.data, self._scene(value)
         values, bounds = np.zeros((2, len(data.value)))
@@ -115,7 +115,7 @@ class LoadedModel:
             return ContactLevel().answer(scene, self.accuracy).films[0]
 
     def _neighbour(self, value: float) -> FilmForces:
-        """Press with another modulus, from the nearest state there is."""
+        """Return the film forces for another modulus, computed from the solved state with the nearest modulus."""
         if not self._loaded:
             self._loaded[value] = first = ContactLevel().loaded(self._scene(value), self.accuracy)
             return first.at_scene_s_load().films

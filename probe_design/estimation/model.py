@@ -1,4 +1,4 @@
-"""What the model says that the probe would have read, for many bodies in the target's place at once."""
+"""Predict the readings for many bodies in the target's place at once, by `equivalent-inclusion`."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ from solver.planning.load_check import LoadChanges
 from solver.planning.load_limits import load_rule
 from solver.planning.loads import LoadRule
 
-CLEAR = 0.995  # of the room that a body may fill: what touches the surface has no model
-DEEP = 20.0  # tube radii, or the scene's depth: how deep a body is searched for where the tissue has no bottom
-NEGLIGIBLE = 0.1  # of the accuracy: reflections that change less are left out
-OF_TARGET = ("youngs_modulus", "diameter", "depth")  # unknowns that are the target's; others are the tissue's
-TIMES = 8.0  # larger and smaller than the scene's: how far a number of the tissue is searched
+CLEAR = 0.995  # of the distance to surface, interfaces and neighbours: a body that touches these cannot be modelled
+DEEP = 20.0  # tube radii, or times the scene's depth: largest depth searched where the tissue has no bottom
+NEGLIGIBLE = 0.1  # of the accuracy: reflections that change the ratio by less are neglected
+OF_TARGET = ("youngs_modulus", "diameter", "depth")  # unknowns of the target; other unknowns are the tissue's
+TIMES = 8.0  # times the scene's value, upwards and downwards: search range of a number of the tissue
 
 
 @dataclass(frozen=True)
 class TargetModel:
-    """A scene whose target is to be exchanged for others.
+    """A scene whose target is replaced by bodies of other modulus, diameter or depth.
 
     Attributes:
         scene: with a target.
-        data: what was measured, and where.
-        accuracy: asked of the evaluator.
+        data: measured values and their places.
+        accuracy: relative, required of the evaluator.
     """
 
     scene: Scene
@@ -50,18 +50,18 @@ class TargetModel:
 
     @property
     def target(self) -> Inclusion:
-        """The inclusion that is asked about."""
+        """The inclusion whose number is unknown."""
         assert self.scene.target is not None  # see check_kind
         return self.scene.inclusion[self.scene.target]
 
     @property
     def host(self) -> Material:
-        """The material about the target, which stays in its layer."""
+        """The material around the target, which stays in its layer."""
         return self.scene.tissue.material_at(self.target.depth)
 
     @property
     def others(self) -> list[Inclusion]:
-        """The inclusions beside the target."""
+        """All inclusions but the target."""
         return [body for index, body in enumerate(self.scene.inclusion) if index != self.scene.target]
 
     def changed(self, new: Mapping[str, float]) -> TargetModel:
@@ -79,12 +79,12 @@ class TargetModel:
 
     @cached_property
     def rule(self) -> LoadRule:
-        """For the scene's load, with the stiffness without tumours."""
+        """The limits of the scene's load, from the stiffness without tumours."""
         return load_rule(self.scene)
 
     @property
     def tolerance(self) -> float:
-        """What the load may change of the ratio without being asked for: its least noise, at most 0.9."""
+        """Relative change of the ratio by the load that needs no other model: the smallest noise of the ratio, at most 0.9."""
         return min(float(self.data.noise[self.data.is_ratio].min()), 0.9)
 
     @property
@@ -93,7 +93,7 @@ class TargetModel:
         return self.base.films.stiffness_error
 
     def room(self, depth: Floats) -> Floats:
-        """Return the largest diameter that a body in the target's place may have at depths of shape (n,), m."""
+        """Return the largest diameter that fits in the target's place at depths of shape (n,), m."""
         at, tissue = self.target, self.scene.tissue
         free = np.asarray(depth, dtype=float)
         if tissue.shape == "cylinder":
@@ -110,9 +110,9 @@ class TargetModel:
         return np.asarray(2 * free * CLEAR)
 
     def span(self, unknown: str) -> tuple[float, float]:
-        """Return the least and the largest value of the unknown that are searched.
+        """Return lower and upper end of the search range of the unknown, SI.
 
-        Moduli from 1e-3 to 1e6 times those of the tissue about the target; diameters from 1/100 of the largest that fits; depths
+        Moduli from 1e-3 to 1e6 times that of the tissue around the target; diameters from 1/100 of the largest that fits; depths
         between which the target fits, without passing through another inclusion or an interface; numbers of the tissue from 1/8
         to 8 times the scene's.
 
@@ -139,12 +139,12 @@ class TargetModel:
         return float(depths[low]), float(depths[high])
 
     def predict(self, target: dict[str, Floats], reflect: bool | None = None, by_diameter: bool = False) -> Predicted:
-        """Predict what is read over n bodies in the target's place.
+        """Predict the data for n bodies in the target's place.
 
         Args:
-            target: youngs_modulus, diameter, depth of shape (n,); those left out are the scene's, n = 1 if all are.
-            reflect: whether what surface and blocks send back is modelled for all, or none; left out: where it matters.
-            by_diameter: whether the derivative by the diameter is found too.
+            target: youngs_modulus, diameter, depth of shape (n,); missing ones are the scene's, n = 1 if all are missing.
+            reflect: whether to model the reflections by surface and blocks for all bodies, or for none; default: where needed.
+            by_diameter: whether to compute the derivative by the diameter, too.
         """
         found, are_phases = self._predicted(target, reflect, by_diameter), self.data.is_phase
         if not are_phases.any():
@@ -160,7 +160,7 @@ class TargetModel:
         return above, below
 
     def _predicted(self, target: dict[str, Floats], reflect: bool | None, by_diameter: bool) -> Predicted:
-        """Predict, a ratio in the place of each phase."""
+        """Predict the data, with the logarithm of a ratio in the place of each phase."""
         n, of = len(next(iter(target.values()), [0])), self.data
         out = Predicted.empty(n, len(of.value))
         bare = of.is_blank | (not self.scene.inclusion)
@@ -176,13 +176,13 @@ class TargetModel:
 
     @cached_property
     def _bare(self) -> Readings:
-        """What is read where there is no tumour."""
+        """The readings over tumour-free tissue."""
         none = Tumours.of(self.scene.model_copy(update={"inclusion": ()}))
         return self._readings(none, reflect=False, by_diameter=False)
 
     @cached_property
     def _alike(self) -> tuple[Floats, Ints]:
-        """Places from which all is seen, (q, 2), and which of them stands for each place: one body looks the same all round."""
+        """Distinct places, (q, 2), and the index of the one that replaces each place; of one body only the distance matters."""
         places = self.data.places
         if len(self.scene.inclusion) > 1:
             return places, np.arange(len(places))
@@ -191,9 +191,9 @@ class TargetModel:
         return places[first], alike
 
     def _readings(self, tumours: Tumours, reflect: bool | None, by_diameter: bool) -> Readings:
-        """First-order readings, with reflections where they may matter: no two neighbours then differ by how they were found.
+        """Return first-order readings, with reflections where they may matter; they change smoothly along an unknown.
 
-        Their bounds count what the load changes; there is no ratio where nothing is known of that.
+        The error bounds count the effect of the load; there is no ratio where that effect is not known.
         """
         scene = self.scene
         answers = readings(self.base, tumours, scene.target or 0, by_diameter, reflect=False)
@@ -216,7 +216,7 @@ class TargetModel:
         )
 
     def _tumours(self, places: Floats, n: int, target: dict[str, Floats]) -> Tumours:
-        """Return the inclusions of the scene with n targets as seen from some places, shape (n times places, inclusions)."""
+        """Return the inclusions with n targets, relative to some places of the probe, shape (n times places, inclusions)."""
         keys = ("x", "y", "depth", "diameter", "youngs_modulus", "poisson_ratio")
         table = {key: np.array([[[getattr(body, key) for body in self.scene.inclusion]]], dtype=float) for key in keys}
         table = {key: np.tile(value, (n, len(places), 1)) for key, value in table.items()}
@@ -228,11 +228,11 @@ class TargetModel:
 
 
 def check_kind(scene: Scene, of_target: bool = True) -> None:
-    """Raise ``Refusal`` or ``InputError`` where a scene is of a kind that cannot be estimated; ``of_target``: its target's."""
+    """Raise ``Refusal`` or ``InputError`` where nothing can be estimated for a scene; ``is_of_target``: of its target."""
     if of_target and not scene.inclusion:
-        raise InputError("inclusion", Words("none"), "at least one inclusion, about which something is to be estimated")
+        raise InputError("inclusion", Words("none"), "at least one inclusion, of which a number is to be estimated")
     if of_target and scene.target is None:
-        raise InputError("inclusion.target", Words("none of several"), "target = true in the inclusion that is asked about")
+        raise InputError("inclusion.target", Words("none of several"), "target = true in the inclusion to be estimated")
     why = EquivalentInclusion().refusal(scene)
     if why is not None:
         raise Refusal("evaluator", EquivalentInclusion().name, why)

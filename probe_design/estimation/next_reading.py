@@ -1,15 +1,17 @@
-"""Which reading next: of what may be read, the one after which the interval is expected to be shortest.
+"""Choose the next reading: the candidate after which the interval is expected to be shortest.
 
-What is not known yet is drawn as the present readings leave it: the unknown's coordinate x of eq. ES.2, evenly spread before any
-reading, and after them the nuisances eta of eq. ES.8, normal about their best fit,
+The quantities that are not known are drawn from their distribution after the present readings: the coordinate x of the unknown,
+eq. ES.2, with a uniform prior, and the nuisances eta of eq. ES.8, normal about their best fit,
 
     p(x) ~ exp(-chi2(x) / 2),   eta ~ N(M A^T r, M),   M = (I + A^T A)^-1,   r = (y - m(x)) / s.            (ES.11)
 
-Each draw and fresh noise give what a candidate would read; with it stands the interval of eq. ES.4, as ``estimate`` would find
-it. A candidate's score is the mean of the interval's logarithmic length, its ends no farther from the truth than what counts as
-told (``answer.WIDEST``). A size from elsewhere is a reading of eta: ln of it has the standard deviation ``ULTRASOUND``.
+Here y are the present data, m(x) their predictions, s their noise, and A = J / s with J of eq. ES.7. Each draw with new noise
+simulates a candidate's reading, and eq. ES.4 gives the interval that ``estimate`` would compute. A candidate's score is the mean
+logarithmic length of the interval, whose ends count only up to the factor within which the unknown is identifiable
+(``estimate_result.MAX_END_RATIOS``). A size by ultrasound is a reading of eta, with the standard deviation of ln size
+``ULTRASOUND_RELATIVE_SD``.
 
-All candidates meet the same draws (points of one scrambled Sobol sequence), so that their order is not their draws'.
+All candidates share the same draws (points of one scrambled Sobol sequence), so that chance does not decide their order.
 """
 
 from __future__ import annotations
@@ -33,20 +35,21 @@ from probe_design.estimation.shared_errors import SharedErrors
 from probe_design.estimation.strength import Interval
 
 DRAWS = 64
-COARSE = 10  # points from node to node between which the intervals' ends are sought
-LIKELY = 0.5  # probability from which a reading is expected to tell
+COARSE = 10  # points from node to node that bracket the ends of intervals
+LIKELY = 0.5  # probability of being identifiable from which a reading is recommended
 
 
 @dataclass(frozen=True)
 class ExpectedInterval:
-    """What one reading is expected to leave.
+    """The interval that is expected after one further reading.
 
     Attributes:
-        kind, told: see ``candidates.NextCandidate``.
-        x, y: of the probe's axis, m; None of a size.
+        kind: see ``candidates.NextCandidate``.
+        told: the reading in words.
+        x, y: of the probe's axis, m; None for a size.
         interval: medians of the interval's ends, SI; None where an end is open in most cases.
-        width: median of the ratio of its ends; None where it is open in most cases.
-        identifiable: probability that the unknown is told with it.
+        width: median of the ratio of the ends; None where an end is open in most cases.
+        identifiable: probability that the unknown is identifiable after this reading.
         score: mean logarithmic length, see above.
     """
 
@@ -62,14 +65,14 @@ class ExpectedInterval:
 
 @dataclass(frozen=True)
 class NextReading:
-    """What to measure next.
+    """Advice what to measure next.
 
     Attributes:
-        reading: the best, or None where none narrows the interval.
-        together: all of them in one go.
-        verdict: one sentence.
-        others: the rest, the best first.
-        draws: of eq. ES.11.
+        reading: the best candidate, or None where none narrows the interval.
+        together: all candidates together.
+        verdict: the advice in one sentence.
+        others: the other candidates, the best first.
+        draws: number of draws of eq. ES.11.
     """
 
     reading: ExpectedInterval | None
@@ -80,20 +83,20 @@ class NextReading:
 
 
 def next_reading(model: TargetModel, unknown: str, nuisances: Mapping[str, float], told: bool, seed: int = 0) -> NextReading:
-    """Say what to measure next.
+    """Rank the candidates for the next reading.
 
     Args:
-        model: at loads that linear elasticity answers for, with the readings that are there.
+        model: with the present readings, under a load within linear elasticity.
         unknown: as in ``probe_design.estimation.estimate``.
         nuisances: likewise, relative standard deviations.
-        told: whether the readings that are there tell it.
+        already_identifiable: whether the unknown is identifiable from the present readings.
         seed: of the draws.
     """
     allowed = candidates(model, unknown, nuisances)
     track, columns = _track(model, unknown, nuisances, allowed)
     present = np.arange(len(model.data.value))
     if not track.runs:
-        return NextReading(None, None, "no reading of this probe can: the model tells nothing of it", (), 0)
+        return NextReading(None, None, "no reading of this probe can: the model cannot predict the readings", (), 0)
     draws = _Draws.of(track, present, columns, seed)
     found = [draws.expected(one, np.append(present, own)) for one, own in zip(allowed, columns, strict=True)]
     ranked = sorted(found, key=lambda one: one.score)
@@ -104,7 +107,7 @@ def next_reading(model: TargetModel, unknown: str, nuisances: Mapping[str, float
 
 
 def _all(allowed: Sequence[NextCandidate], columns: Sequence[Ints], present: Ints) -> list[tuple[NextCandidate, Ints]]:
-    """All ratios together, and all ratios with stiffness, which the model's own error may make worse; sizes with both."""
+    """Return all ratios together, and all ratios with stiffness, which the model's error may make worse; both with sizes."""
     found = []
     for width in sorted({len(own) for one, own in zip(allowed, columns, strict=True) if one.reading}):
         every = [own for one, own in zip(allowed, columns, strict=True) if one.reading is None or len(own) == width]
@@ -114,10 +117,11 @@ def _all(allowed: Sequence[NextCandidate], columns: Sequence[Ints], present: Int
 
 
 def _verdict(best: ExpectedInterval | None, together: ExpectedInterval, told: bool) -> str:
+    """Return the advice in one sentence."""
     if best is not None and (told or best.identifiable >= LIKELY):
         return f"measure this: {best.told}"
     if best is not None and together.identifiable >= LIKELY:
-        return f"measure this: {best.told}; then the others: no single reading is expected to tell it, all together are"
+        return f"measure this: {best.told}; then the others: no single reading is expected to suffice, all together are"
     chance = f"all that may be read together would with a probability of {together.identifiable:.2g}"
     return f"no reading of this probe can, at this noise: {chance}"
 
@@ -125,7 +129,7 @@ def _verdict(best: ExpectedInterval | None, together: ExpectedInterval, told: bo
 def _track(
     model: TargetModel, unknown: str, nuisances: Mapping[str, float], allowed: Sequence[NextCandidate]
 ) -> tuple[Track, list[Ints]]:
-    """Predictions of what was read and all that may be, and which columns are each candidate's."""
+    """Return predictions of the present data and of all candidates, and the columns of each candidate."""
     data, columns = model.data, []
     for one in allowed:
         more = Measurements.of((one.reading,)) if one.reading is not None else None
@@ -144,7 +148,7 @@ def _track(
 
 
 def _with_sizes(track: Track, which: Sequence[int], sds: Sequence[float]) -> Track:
-    """Predictions with a column more for each nuisance that is had from elsewhere: sd times eta, whatever the unknown."""
+    """Add a column for each nuisance that ultrasound measures: its prediction is sd times eta at all values of the unknown."""
     assert track.spread is not None
     more, errors, data = len(which), track.spread.errors, track.model.data
     wider = errors.mapped(lambda part: np.concatenate([part, np.zeros((len(part), more, part.shape[2]))], axis=1))
@@ -164,7 +168,7 @@ def _with_sizes(track: Track, which: Sequence[int], sds: Sequence[float]) -> Tra
 
 
 def _some(track: Track, which: Ints, finer: int = FINER) -> Likelihood:
-    """The likelihood of some of the data, at so many points from node to node."""
+    """Return the likelihood of some columns of the data, with ``finer`` points from node to node."""
     told: Predicted = track.predicted
     parts = {key: getattr(told, key)[:, which] for key in ("value", "by_modulus", "by_diameter", "bound")}
     spread = track.spread
@@ -176,13 +180,15 @@ def _some(track: Track, which: Ints, finer: int = FINER) -> Likelihood:
 
 @dataclass(frozen=True)
 class _Draws:
-    """Truths that the present readings leave, and what would be read of them.
+    """Possible truths after the present readings, and simulated data for each.
 
     Attributes:
-        track: of all that is or may be read, k data.
+        track: of the k present and possible data.
         truth: coordinates of the unknown, shape (s,).
-        alike: what is read of each candidate alone, with the same noise for all, shape (s, k); the present readings as they are.
-        apart: likewise, each with noise of its own.
+        common_noise_data: simulated data, shape (s, k), with the same noise for all candidates, to compare them one by one.
+        separate_noise_data: simulated data, shape (s, k), each with its own noise, for all candidates together.
+
+    The present readings keep their measured values in both.
     """
 
     track: Track
@@ -192,7 +198,7 @@ class _Draws:
 
     @classmethod
     def of(cls, track: Track, present: Ints, columns: Sequence[Ints], seed: int) -> _Draws:
-        """Draw eq. ES.11."""
+        """Draw truths and nuisances from eq. ES.11, and simulate the data."""
         data, k, nuisances = track.model.data, len(track.model.data.noise), track.shared(track.x[:1]).line.shape[-1]
         fit, here = _some(track, present), data.value[present]
         widths = max((len(own) for own in columns), default=0)
@@ -212,7 +218,7 @@ class _Draws:
         return cls(track, truth, alike, apart)
 
     def expected(self, one: NextCandidate, which: Ints, together: bool = False) -> ExpectedInterval:
-        """What some of the data leave, on average over the draws."""
+        """Return the expected interval from some columns of the data, over all draws."""
         fit, unknown = _some(self.track, which, COARSE), self.track.unknown
         intervals = hulls(fit, (self.apart if together else self.alike)[:, which])
         truth, most = self.track.values(self.truth), widest(unknown)
@@ -230,7 +236,7 @@ class _Draws:
 
 
 def _truths(fit: Likelihood, y: Floats, level: Floats) -> Floats:
-    """Coordinates of the unknown at levels of the distribution p of eq. ES.11, shape (s,)."""
+    """Return coordinates of the unknown at cumulative probabilities of p of eq. ES.11, shape (s,)."""
     points = np.concatenate(fit.track.runs)
     room = np.concatenate([np.gradient(run) for run in fit.track.runs])
     chi2 = fit.chi_square(points, y)
@@ -239,7 +245,7 @@ def _truths(fit: Likelihood, y: Floats, level: Floats) -> Floats:
 
 
 def _nuisances(errors: SharedErrors, off: Floats, normal: Floats) -> Floats:
-    """Return eta of eq. ES.11, shape (s, q), for A of shape (s, k, q), r of shape (s, k) and normal numbers, (s, q)."""
+    """Return eta of eq. ES.11, shape (s, q), for A of shape (s, k, q), r of shape (s, k) and standard normal numbers, (s, q)."""
     A = errors.line
     M = np.linalg.inv(np.eye(A.shape[-1]) + A.swapaxes(1, 2) @ A)
     middle = (M @ (A.swapaxes(1, 2) @ off[..., None]))[..., 0]

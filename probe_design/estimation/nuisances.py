@@ -1,14 +1,15 @@
-"""Numbers of the scene that are known only roughly, such as a skin's thickness: what they add to the readings' errors.
+"""Compute the errors of readings by uncertain numbers of the scene ("nuisances"), such as a skin's thickness.
 
-The logarithm of such a number theta_j is normal about the scene's with standard deviation t_j. With the numbers eta_j of these
-off, the data are
+The logarithm of such a number theta_j is normal about the scene's value with standard deviation t_j. If the numbers deviate by
+eta_j standard deviations, the data are
 
     y = m(u) + d(u, eta) + noise,   d = J(u) eta + C(u) eta^2 + (cubes and fourth powers) + (products of two numbers)   (ES.7)
 
-d is the polynomial through what the model predicts with one number 1 and 2 standard deviations off on either side, and with each
-two of them ``CORNER`` off at once, where it takes eta_i eta_j, eta_i^2 eta_j, eta_i eta_j^2 and eta_i^2 eta_j^2. Where the scene
-does not allow 2 standard deviations it goes through 1. So readings at several places, a tumour-free spot among them, share
-errors: ``shared_errors.py``. What three of these numbers do together beyond that is left out.
+where m(u) are the predictions at the value u of the unknown, and J and C the coefficients of first and second order. The
+polynomial d interpolates the model's predictions with one number 1 and 2 standard deviations off on either side, and with each
+pair of numbers ``CORNER_SDS`` off at once, for the terms eta_i eta_j, eta_i^2 eta_j, eta_i eta_j^2 and eta_i^2 eta_j^2. Where the
+scene does not allow 2 standard deviations, only 1 is used. Readings at several places, baseline readings included, thus share
+errors: ``shared_errors.py``. Terms of three numbers are neglected.
 """
 
 from __future__ import annotations
@@ -33,25 +34,25 @@ from probe_design.estimation.model import OF_TARGET, TargetModel
 from probe_design.estimation.predicted import Predicted
 from probe_design.estimation.shared_errors import SharedErrors
 
-LARGEST = 1.0  # standard deviation of a logarithm: a straight line says nothing of more
-FAR, CORNER = 2.0, 1.5  # standard deviations at which eq. ES.7 is held to the model, beside 1
+LARGEST = 1.0  # standard deviation of a logarithm; the polynomial is not valid beyond
+FAR, CORNER = 2.0, 1.5  # standard deviations at which eq. ES.7 interpolates the model, besides 1
 ALLOWED = f"a relative standard deviation above 0 and up to {LARGEST:g}, such as 0.2 or 20 %"
 
 
 @dataclass(frozen=True)
 class Spread:
-    """What nuisances add along an unknown.
+    """Errors by nuisances along an unknown.
 
     Attributes:
-        x: coordinates of the unknown, increasing, shape (n,); between more than three lies a cubic spline, else straight lines.
-        errors: eq. ES.7 there, shapes (n, k, q).
+        x: coordinates of the unknown, increasing, shape (n,); interpolated by a cubic spline if n > 3, else linearly.
+        errors: coefficients of eq. ES.7 at x, shapes (n, k, q).
     """
 
     x: Floats
     errors: SharedErrors
 
     def at(self, x: Floats) -> SharedErrors:
-        """Return eq. ES.7 at points of shape (s,): shapes (s, k, q)."""
+        """Return the coefficients of eq. ES.7 at points x of shape (s,): shapes (s, k, q)."""
         inside = np.clip(x, self.x[0], self.x[-1])
         unit = np.eye(len(self.x))
         if len(self.x) > 3:
@@ -62,10 +63,10 @@ class Spread:
 
 
 def deviation(key: str, value: Any) -> float:
-    """Read a relative standard deviation, 0.2 or "20 %".
+    """Return a relative standard deviation, given as 0.2 or "20 %".
 
     Raises:
-        InputError: it is none.
+        InputError: the value is not allowed.
     """
     deviation = fraction(key, value, ALLOWED)
     if not 0 < deviation <= LARGEST:
@@ -74,10 +75,10 @@ def deviation(key: str, value: Any) -> float:
 
 
 def checked(scene: Scene, given: Mapping[str, Any], unknown: str) -> dict[str, float]:
-    """Return relative standard deviations by names of the scene's numbers.
+    """Return relative standard deviations as numbers, by the keys of the scene's numbers.
 
     Raises:
-        InputError: the scene has no such number, or it is the unknown, or what is said of it is no standard deviation.
+        InputError: the scene has no such number, or it is the unknown, or its standard deviation is not allowed.
     """
     asked = f"inclusion.{unknown}" if len(scene.inclusion) == 1 else unknown
     lossy = [name for name, loss in loss_factors(scene).items() if loss]
@@ -91,17 +92,17 @@ def checked(scene: Scene, given: Mapping[str, Any], unknown: str) -> dict[str, f
 def spread(
     model: TargetModel, nuisances: Mapping[str, float], x: Floats, at: dict[str, Floats], middle: Predicted | None = None
 ) -> Spread:
-    """Return what nuisances add to predictions of a model along an unknown.
+    """Return the errors that nuisances cause along an unknown.
 
     Args:
         model: see ``TargetModel``.
         nuisances: standard deviations of logarithms by name.
         x: coordinates of the unknown, shape (n,).
-        at: the unknown's name and its values there, SI.
-        middle: predictions there, where they are known.
+        unknown_values: the unknown's name and its values at x, SI.
+        centre: predictions at x, if they are known already.
 
     Raises:
-        InputError: one standard deviation off there is no such scene, or the model cannot tell what is read.
+        InputError: one standard deviation off, the scene is not valid, or the model cannot predict the data.
     """
     middle = _predict(model, at) if middle is None else middle
     moved = partial(_moved, model, nuisances, at, middle)
@@ -115,7 +116,7 @@ def spread(
 
 
 def _axis(moved: Callable[[Floats], Floats], unit: Floats) -> list[Floats]:
-    """Return coefficients of the four powers of one number."""
+    """Return the coefficients of the first four powers of one number."""
     above, below = moved(unit), moved(-unit)
     odd, even = (above - below) / 2, (above + below) / 2
     try:
@@ -130,7 +131,7 @@ def _axis(moved: Callable[[Floats], Floats], unit: Floats) -> list[Floats]:
 def _products(
     moved: Callable[[Floats], Floats], units: tuple[Floats, Floats], axes: tuple[list[Floats], list[Floats]]
 ) -> dict[tuple[int, ...], Floats]:
-    """Return coefficients of products of powers of two numbers; none where the scene does not allow both to be off at once."""
+    """Return the coefficients of products of powers of two numbers; none where both cannot deviate at once."""
     for corner in (CORNER, 1.0):
         rest = {}
         try:
@@ -150,14 +151,15 @@ def _products(
 
 
 def _powers(of: Floats) -> tuple[int, ...]:
+    """Return exponents as integers."""
     return tuple(int(power) for power in of)
 
 
 def _moved(model: TargetModel, nuisances: Mapping[str, float], at: dict[str, Floats], middle: Predicted, eta: Floats) -> Floats:
-    """Return by how much predictions change with numbers off by eta of their standard deviations, shape (n, k).
+    """Return the change of predictions where numbers deviate by eta standard deviations, shape (n, k).
 
     Raises:
-        InputError: there is no such scene, or the model cannot tell what is read there.
+        InputError: the scene is not valid, or the model cannot predict the data.
     """
     told = values(model.scene) | loss_factors(model.scene)
     off = {name: (sd, step) for (name, sd), step in zip(nuisances.items(), eta, strict=True) if step}
@@ -168,8 +170,8 @@ def _moved(model: TargetModel, nuisances: Mapping[str, float], at: dict[str, Flo
     except (ProbeError, ValueError) as fault:
         why = f"one that leaves {name} = {new[name]:.4g} possible ({fault})"
         raise InputError(f"nuisance.{name}", Words(f"{sd:g}"), why) from None
-    if not (found.resolved & (found.agrees == middle.agrees)).all():  # or logarithms are of ratios of either sign
-        raise InputError(f"nuisance.{name}", sd, "a smaller one: the model cannot tell what is read where it is so far off")
+    if not (found.resolved & (found.agrees == middle.agrees)).all():  # a change of sign would make logarithms incomparable
+        raise InputError(f"nuisance.{name}", sd, "a smaller one: the model cannot predict readings at so large a deviation")
     return np.asarray(found.value - middle.value)
 
 

@@ -1,13 +1,14 @@
-"""Predicted phases of the ratio: what is read with lossy materials, from ratios of two scenes without losses.
+"""Predict phases of the ratio with lossy materials, from the ratios of two scenes without losses.
 
 With f, v and delta of eq. PH.2 of ``solver.phase``, the phase of a ratio r over any body u in the target's place is
 
     (f(x + v + delta) - f(x + v - delta)) / 2 = arg r(u) + D3f[delta, delta, delta] / 3 + ...              (ES.9)
 
-of scenes whose moduli are really, not only in angle, larger or smaller; the body's own modulus moves with them. Both are
-predictions with bounds of their own, and the mean of these bounds that of the difference. What is left is of third order
-in the spread of the loss angles, taken as at most THIRD times its cube: a phase that is known better than that is left out.
-It has to be measured at a frequency so low that inertia does not matter, which no reading says.
+where f(x + v +- delta) are ln ratios of scenes without losses, whose real moduli are larger or smaller; the body's modulus
+changes with them. Both are predictions with error bounds, whose mean bounds the error of the half difference. The remainder is of
+third order in the spread of the loss angles, and is taken as at most ``THIRD_ORDER_FACTOR`` times the cube of the spread; a phase
+whose standard deviation is smaller is left out. The frequency must be so low that inertia is negligible, which readings do not
+state.
 """
 
 from __future__ import annotations
@@ -24,12 +25,12 @@ from probe_design.estimation.predicted import Predicted
 from probe_design.estimation.readings import Measurements
 from solver.phase.losses import angles, spread, stiffened, stretches
 
-THIRD = 0.25  # of the cube of the spread: 0.16 is the most that was found, under a skin
+THIRD = 0.25  # of the cube of the spread, rad: the largest in tests was 0.16, under a skin
 UNUSED = "left out: every loss factor of the scene is 0, so that nothing can be concluded from a phase"
 
 
 def usable(scene: Scene, data: Measurements) -> tuple[Measurements, tuple[str, ...]]:
-    """Return the data without phases that the model cannot use, and why: nothing is lossy, or so much that it knows less."""
+    """Return the data without phases that the model cannot use, with notes: no losses, or too large loss angles."""
     if not data.is_phase.any():
         return data, ()
     if not any(loss_factors(scene).values()):
@@ -49,7 +50,7 @@ def turned(scene: Scene) -> tuple[Scene, Scene]:
 
 
 def turned_bodies(scene: Scene, target: Mapping[str, Floats]) -> tuple[dict[str, Floats], dict[str, Floats]]:
-    """Return bodies in the target's place as those scenes have them."""
+    """Return the bodies in the target's place for the stiffer and the softer scene of eq. ES.9."""
     number = scene.target
     if number is None or "youngs_modulus" not in target:
         return dict(target), dict(target)
@@ -61,14 +62,14 @@ def turned_bodies(scene: Scene, target: Mapping[str, Floats]) -> tuple[dict[str,
 
 
 def with_phases(found: Predicted, above: Predicted, below: Predicted, is_phase: Bools, spreading: float) -> Predicted:
-    """Return predictions with phases, eq. ES.9, where ratios were predicted in their place.
+    """Return predictions in which phases, eq. ES.9, replace the ratios that were predicted in their place.
 
     Args:
-        found: predictions for the scene itself.
-        above: of the stiffer scene.
-        below: of the softer one.
+        predicted: for the scene itself.
+        stiffer: predictions for the stiffer scene.
+        softer: predictions for the softer scene.
         is_phase: which of the data are phases, shape (k,).
-        spreading: spread of the loss angles, rad.
+        angle_spread: spread of the loss angles, rad.
     """
     known = above.resolved & below.resolved
     chosen = known[:, None] & is_phase

@@ -1,4 +1,4 @@
-"""Predictions of what was measured, with their derivatives and errors, for many bodies in the target's place."""
+"""Predictions of the measured data, with derivatives and error bounds, for many bodies in the target's place."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from geometry.common.arrays import Bools, Floats, Ints
 from probe_design.estimation.readings import Measurements
 from solver.equivalent_inclusion.readings import Readings
 
-WORST = 0.3  # bound on the error of ln ratio beyond which the model is none: such bodies are not searched
+WORST = 0.3  # bodies with a larger error bound of ln ratio are not searched
 
 
 @dataclass(frozen=True)
@@ -21,9 +21,9 @@ class Predicted:
     Attributes:
         value: ln |ratio|, ln stiffness or phase, in the order of ``Measurements``, shape (n, k); 0 where ``resolved`` is false.
         by_modulus: derivatives of ``value`` by ln E_object, shape (n, k).
-        by_diameter: by ln diameter, 0 unless asked for, shape (n, k).
+        by_diameter: by ln diameter, 0 unless requested, shape (n, k).
         bound: on the model's error of ``value``, shape (n, k).
-        resolved: whether the model can say all of them to within ``WORST``, shape (n,).
+        resolved: whether the error bounds of all ratios are at most ``MAX_LOG_RATIO_ERROR``, shape (n,).
         agrees: whether all ratios have the sign that was measured, shape (n,).
     """
 
@@ -36,12 +36,12 @@ class Predicted:
 
     @property
     def usable(self) -> Bools:
-        """Whether both hold, shape (n,)."""
+        """Whether both ``resolved`` and ``agrees`` hold, shape (n,)."""
         return self.resolved & self.agrees
 
     @classmethod
     def empty(cls, n: int, k: int, resolved: bool = True) -> Predicted:
-        """Return predictions that are still to be made, or that nobody can make."""
+        """Return predictions of zeros, to be filled in, or for bodies that cannot be predicted."""
         none = [np.zeros((n, k)) for _ in range(4)]
         return cls(none[0], none[1], none[2], none[3], resolved=np.full(n, resolved), agrees=np.ones(n, dtype=bool))
 
@@ -55,7 +55,7 @@ class Predicted:
         return cls(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)))
 
     def fill(self, k: int, answers: Readings, rows: slice, data: Measurements) -> None:
-        """Put the readings of some rows in the place of datum k."""
+        """Set datum k of all bodies from some rows of computed readings."""
         stiffness = bool(data.is_stiffness[k])
         slopes = answers.log_stiffness_by if stiffness else answers.log_ratio_by
         for key, out in (("youngs_modulus", self.by_modulus), ("diameter", self.by_diameter)):

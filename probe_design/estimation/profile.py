@@ -1,13 +1,14 @@
-"""Predictions along one unknown as smooth functions of it, from few bodies.
+"""Interpolate predictions along one unknown from few bodies.
 
-Between nodes stand Hermite's cubics in a coordinate x(unknown) in which the film forces are nearly polynomials:
+Between nodes the predictions are cubic Hermite polynomials of a coordinate x(unknown), in which the film forces are nearly
+polynomials:
 
     youngs_modulus   x = -1 / (1 + beta (c - 1)),  c = E_object / E_tissue, beta as in eq. ES.1 of ``strength.py``
     diameter         x = diameter over the largest that fits
     depth            x = ln depth; likewise a layer's thickness or modulus, the tissue's modulus      (ES.2)
 
-In the first the strength of a sphere is linear, and stiffer and stiffer bodies crowd at x = 0. Slopes are the evaluator's own by
-E_object, else those of a cubic spline through the values.
+The strength of a sphere is linear in the first coordinate, which tends to 0 for ever stiffer bodies. The derivatives at the nodes
+are the evaluator's for E_object, otherwise those of a cubic spline through the values.
 """
 
 from __future__ import annotations
@@ -29,13 +30,13 @@ from probe_design.estimation.strength import share_of_shear
 from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.results.result import Decision
 
-SOFT = (0.01, 0.04, 0.1, 0.22, 0.45)  # contrasts of nodes below 1: bulk softens fast there
+SOFT = (0.01, 0.04, 0.1, 0.22, 0.45)  # contrasts E_object / E_tissue of the nodes below 1, where predictions change fast
 STIFF = 5  # nodes from contrast 1 to the largest
 SIZES = (0.01, 0.14, 0.26, 0.36, 0.45, 0.53, 0.6, 0.67, 0.74, 0.8, 0.86, 0.91, 0.96, 1.0)
 DEPTHS = 20
 TISSUES = 17  # nodes along a number of the tissue
-SPREADS, ROUGH = 6, 5  # nodes at which nuisances are varied, along the target's numbers and the tissue's
-FINER = 100  # points a step between nodes
+SPREADS, ROUGH = 6, 5  # nodes at which nuisances are varied: for unknowns of the target, and of the tissue
+FINER = 100  # points of a run from node to node
 
 
 @dataclass(frozen=True)
@@ -43,14 +44,14 @@ class Track:
     """Predictions along one unknown.
 
     Attributes:
-        model: whose target has it.
-        unknown: youngs_modulus, diameter or depth.
+        model: scene and data.
+        unknown: youngs_modulus, diameter or depth, or the key of a number of the tissue.
         x: eq. ES.2 at the nodes, increasing, shape (n,).
         predicted: at the nodes.
         slope: derivatives of ``predicted.value`` by x, shape (n, k).
         spread: eq. ES.7; None without nuisances.
-        level: that predicts.
-        plan: what it models beyond ``model``.
+        evaluator: its name.
+        plan: decisions beyond those of ``model``.
         finer: points of ``runs`` from node to node.
     """
 
@@ -66,7 +67,7 @@ class Track:
 
     @classmethod
     def of(cls, model: TargetModel, unknown: str) -> Track:
-        """Predict."""
+        """Predict the data at all nodes of the unknown."""
         if unknown not in OF_TARGET:
             return cls._of_tissue(model, unknown)
         low, high = model.span(unknown)
@@ -79,16 +80,16 @@ class Track:
 
     @classmethod
     def _of_tissue(cls, model: TargetModel, unknown: str) -> Track:
-        """Predict along a number of the tissue, of which each value is a probe to be solved anew."""
+        """Predict along a number of the tissue; each value needs a new solution of the probe on the tissue."""
         x = np.log(np.geomspace(*model.span(unknown), TISSUES))
         predicted = Predicted.joined([_with(model, unknown, value) for value in np.exp(x)])
         return cls(model, unknown, x, predicted, _splined(x, predicted))
 
     def with_spread(self, nuisances: Mapping[str, float]) -> Track:
-        """Return the same with what numbers of the scene add that are known only roughly, by name.
+        """Return the track with the errors by nuisances, given as relative standard deviations by name.
 
-        It is found at some of the nodes, as it changes slowly; along a number of the tissue at the scene's own value alone where
-        the others allow no such nuisances.
+        They are computed at some of the nodes, as they change slowly. For a number of the tissue they are computed at the scene's
+        value alone where the scene is not valid with these nuisances at other values.
         """
         if not nuisances or not self.runs:
             return self
@@ -109,7 +110,7 @@ class Track:
         return spread(self.model, nuisances, x, {self.unknown: self.values(x)}, self.predicted.rows(nodes))
 
     def exact(self) -> Track:
-        """Return the same for a model without error."""
+        """Return the track with error bounds of zero."""
         return replace(self, predicted=replace(self.predicted, bound=np.zeros_like(self.predicted.bound)))
 
     def shared(self, x: Floats) -> SharedErrors:
@@ -117,7 +118,7 @@ class Track:
         return SharedErrors.none(self.predicted.value.shape[1]) if self.spread is None else self.spread.at(x)
 
     def values(self, x: Floats) -> Floats:
-        """Return the unknown, SI, at x."""
+        """Return values of the unknown, SI, at coordinates x."""
         return _value_at(self.model, self.unknown, np.asarray(x, dtype=float))
 
     def at(self, x: Floats) -> tuple[Floats, Floats]:
@@ -132,14 +133,14 @@ class Track:
 
     @cached_property
     def runs(self) -> list[Floats]:
-        """Points between the nodes where the model can tell and has the sign of what was measured, in runs without a hole."""
+        """Points along the unknown, as one array for each run of neighbouring usable nodes."""
         share = np.arange(self.finer) / self.finer
         cells = self.x[:-1, None] + np.diff(self.x)[:, None] * share
         return [np.append(cells[run[:-1]].ravel(), self.x[run[-1]]) for run in _runs(self.predicted.usable) if len(run) > 1]
 
 
 def _splined(x: Floats, predicted: Predicted) -> Floats:
-    """Derivatives by x of a cubic spline through each run of values that the model can tell."""
+    """Return derivatives by x at the nodes, of a cubic spline through each run of usable values; 0 elsewhere."""
     slope = np.zeros_like(predicted.value)
     for run in _runs(predicted.usable):
         if len(run) > 1:
@@ -148,7 +149,7 @@ def _splined(x: Floats, predicted: Predicted) -> Floats:
 
 
 def _with(model: TargetModel, unknown: str, value: float) -> Predicted:
-    """Predict with another number in the tissue; nothing where it leaves no scene that the model knows."""
+    """Predict with another number of the tissue; not resolved where the scene is not valid or cannot be modelled."""
     try:
         return model.changed({unknown: float(value)}).predict({})
     except (ProbeError, ValueError):
@@ -156,12 +157,13 @@ def _with(model: TargetModel, unknown: str, value: float) -> Predicted:
 
 
 def _runs(good: Bools) -> list[Ints]:
-    """Indices of neighbours that are good, run by run."""
+    """Return the indices of each run of neighbouring true elements."""
     indices = np.flatnonzero(good)
     return [run for run in np.split(indices, np.flatnonzero(np.diff(indices) > 1) + 1) if len(run)]
 
 
 def _nodes(model: TargetModel, unknown: str, low: float, high: float) -> Floats:
+    """Return the coordinates x of the nodes between two values of the unknown, SI."""
     if unknown == "diameter":
         return np.array(SIZES)
     ends = coordinate(model, unknown, np.array([low, high]))
@@ -173,6 +175,7 @@ def _nodes(model: TargetModel, unknown: str, low: float, high: float) -> Floats:
 
 
 def _beta(model: TargetModel) -> float:
+    """Return beta of eq. ES.1 for the tissue around the target."""
     return share_of_shear(model.host)
 
 
@@ -184,12 +187,13 @@ def coordinate(model: TargetModel, unknown: str, values: Floats) -> Floats:
 
 
 def _value_at(model: TargetModel, unknown: str, x: Floats) -> Floats:
+    """Return values of the unknown, SI, at coordinates x: the inverse of eq. ES.2."""
     if unknown == "youngs_modulus":
         return np.asarray(model.host.youngs_modulus * (1 + (-1 / x - 1) / _beta(model)))
     return np.asarray(x * model.span("diameter")[1]) if unknown == "diameter" else np.exp(x)
 
 
 def _by_log_modulus(model: TargetModel, moduli: Floats) -> Floats:
-    """Return d x / d ln E = beta c x^2."""
+    """Return the derivative of x, eq. ES.2, by ln E_object at moduli, Pa: d x / d ln E = beta c x^2, c = E / E_tissue."""
     x = coordinate(model, "youngs_modulus", moduli)
     return np.asarray(_beta(model) * moduli / model.host.youngs_modulus * x**2)

@@ -1,19 +1,19 @@
-"""What was measured: ratios, and stiffnesses and phases where they are known, each with its noise and the place of the probe.
+"""Readings of the probe, and files of them: ratios, stiffnesses and phases, each with its noise and the place of the probe.
 
 A readings file is TOML, one table a reading,
 
     [[reading]]
-    x = "-10 mm"            # of the probe's axis, in the scene's frame; left out: the scene's placement
+    x = "-10 mm"            # of the probe's axis, in the scene's frame; default: the scene's placement
     y = "0 mm"
     ratio = 0.62
-    noise = 0.05            # relative, one standard deviation; left out: --noise
-    stiffness = "80 N/m"    # left out: not measured; a bare number is in N/m
-    stiffness_noise = 0.05  # left out: --stiffness-noise, or the noise of the ratio
-    ratio_phase = "1.8 deg" # of the ratio, as `read` tells it; left out: not measured; a bare number is in rad
+    noise = 0.05            # relative, one standard deviation; default: --noise
+    stiffness = "80 N/m"    # default: not measured; a bare number is in N/m
+    stiffness_noise = 0.05  # default: --stiffness-noise, or the noise of the ratio
+    ratio_phase = "1.8 deg" # of the ratio, as `read` prints it; default: not measured; a bare number is in rad
     ratio_phase_sd = "0.1 deg"  # its standard deviation
-    blank = true            # read where there is no tumour; left out: false
+    blank = true            # baseline reading, over tumour-free tissue; default: false
 
-or CSV of the same keys in any order, the first row naming them and an empty cell being left out.
+or CSV with the same keys in any order: the first row names them, and an empty cell stands for the default.
 """
 
 from __future__ import annotations
@@ -73,20 +73,20 @@ class Reading:
 
     @property
     def place(self) -> tuple[float, float]:
-        """Of the probe's axis, m."""
+        """Coordinates of the probe's axis, m."""
         return self.x, self.y
 
 
 @dataclass(frozen=True)
 class Measurements:
-    """All that was measured, as logarithms: a row of k independent normal numbers.
+    """All measured data as k independent normal numbers; ratios and stiffnesses as logarithms.
 
     Attributes:
-        places: of the probe's axis, m, no two the same, shape (p, 2).
-        place: which of them, shape (k,).
-        is_stiffness: whether it is a stiffness, shape (k,).
-        is_phase: whether it is a ratio's phase, shape (k,); what is neither is a ratio.
-        is_blank: whether it was read where there is no tumour, shape (k,).
+        places: distinct places of the probe's axis, m, shape (p, 2).
+        place: index into ``places``, shape (k,).
+        is_stiffness: whether a datum is a stiffness, shape (k,).
+        is_phase: whether a datum is a ratio's phase, shape (k,); a datum that is neither is a ratio.
+        is_blank: whether a datum is of a baseline reading, over tumour-free tissue, shape (k,).
         value: ln |ratio| or ln stiffness, or a phase in rad, shape (k,).
         sign: of the ratio, +1 or -1, shape (k,); 0 of a phase.
         noise: standard deviations, shape (k,).
@@ -103,7 +103,7 @@ class Measurements:
 
     @classmethod
     def of(cls, readings: tuple[Reading, ...]) -> Measurements:
-        """Return what the readings say."""
+        """Return the data of readings: all ratios, then stiffnesses, then phases."""
         places = list(dict.fromkeys(one.place for one in readings))
         rows = [(one, "ratio", one.ratio, one.noise) for one in readings]
         stiff, turned = ([one for one in readings if getattr(one, key) is not None] for key in ("stiffness", "ratio_phase"))
@@ -123,18 +123,18 @@ class Measurements:
         )
 
     def some(self, which: Bools) -> Measurements:
-        """Return part of what was measured."""
+        """Return the data that a mask of shape (k,) selects."""
         keys = ("place", "is_stiffness", "is_phase", "is_blank", "value", "sign", "noise")
         return replace(self, **{key: getattr(self, key)[which] for key in keys})
 
     @property
     def is_ratio(self) -> Bools:
-        """Whether it is a ratio, shape (k,)."""
+        """Whether a datum is a ratio, shape (k,)."""
         return np.asarray(~self.is_stiffness & ~self.is_phase)
 
     @property
     def first(self) -> int:
-        """Index of the first ratio that was read over what is asked about."""
+        """Index of the first ratio that is not of a baseline reading."""
         return int(np.argmax(self.is_ratio & ~self.is_blank))
 
 
@@ -154,11 +154,11 @@ def read_readings(path: Path, scene: Scene, noise: Any = None, stiffness_noise: 
     Args:
         path: ends in .toml or .csv.
         scene: on whose tissue the probe was pressed.
-        noise: of readings that do not say.
+        noise: of readings that do not state it.
         stiffness_noise: likewise.
 
     Raises:
-        InputError: the file cannot be read, or says something that is not allowed.
+        InputError: the file cannot be read, or an entry is not allowed.
     """
     kinds = {".toml": _toml_rows, ".csv": _csv_rows}
     if path.suffix.lower() not in kinds:
@@ -191,7 +191,7 @@ def _csv_rows(text: str, name: str) -> list[Mapping[str, Any]]:
 
 
 def _reading(where: str, row: Mapping[str, Any], scene: Scene, noise: Any, stiffness_noise: Any) -> Reading:
-    """Check one reading; ``where`` begins its keys in messages."""
+    """Return a reading from its entries, checked; ``key_prefix`` precedes its keys in messages."""
     for key in row:
         if key not in KEYS:
             raise InputError(f"{where}{key}", row[key], one_of(key, KEYS))
@@ -217,7 +217,7 @@ def _reading(where: str, row: Mapping[str, Any], scene: Scene, noise: Any, stiff
 
 
 def _phase(where: str, entries: Mapping[str, Any]) -> dict[str, float]:
-    """Read a phase with its standard deviation, or neither."""
+    """Return phase and standard deviation by their keys, or nothing if both are missing."""
     given = {key: entries[key] for key in ("ratio_phase", "ratio_phase_sd") if key in entries}
     if len(given) == 1:
         (key,) = {"ratio_phase", "ratio_phase_sd"} - given.keys()
@@ -228,6 +228,7 @@ def _phase(where: str, entries: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _check_place(where: str, scene: Scene, x: float, y: float) -> None:
+    """Refuse a place at which the probe does not stand on the tissue."""
     try:
         placement.check(scene.model_copy(update={"placement": Placement(x=x, y=y)}))
     except InputError as fault:
@@ -240,7 +241,7 @@ def _noise(key: str, value: Any) -> float:
 
 
 def _blank(key: str, value: Any) -> bool:
-    """Read true or false; CSV has them as texts."""
+    """Return true or false, which CSV files contain as texts."""
     found = {"true": True, "false": False}.get(value.lower()) if isinstance(value, str) else value
     if not isinstance(found, bool):
         raise InputError(key, value, "true or false")
@@ -248,7 +249,7 @@ def _blank(key: str, value: Any) -> bool:
 
 
 def _bare(key: str, value: Any, quantity: Quantity, unit: str) -> float:
-    """Read a quantity, in its SI ``unit`` where it has none."""
+    """Return a quantity; a number without unit is in the SI ``unit``."""
     try:
         found = math.nan if isinstance(value, bool) else float(value)
     except (TypeError, ValueError, OverflowError):

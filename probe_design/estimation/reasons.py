@@ -1,4 +1,4 @@
-"""Why an estimate came out as it did, in words."""
+"""Explain an estimate in words: the reason why an unknown is not identifiable, and warnings."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from solver.inclusions.tumours import Tumours
 from solver.planning.load_check import load_notes
 from solver.results.film_forces import Bound, FilmForces, outputs
 
-IMPROBABLE = 0.01  # a fit this bad says that scene or noise are not what they are said to be
+IMPROBABLE = 0.01  # a smaller p-value of the fit contradicts the scene or its noise
 NAMES = {"youngs_modulus": "E_object", "diameter": "diameter", "depth": "depth"}
 ENDS = {
     "youngs_modulus": ("soft", "stiff"), "diameter": ("small", "large"), "depth": ("shallow", "deep"),
@@ -31,16 +31,16 @@ ENDS = {
 
 @dataclass(frozen=True)
 class Findings:
-    """Which values of an unknown the readings leave.
+    """The values of an unknown that agree with the readings.
 
     Attributes:
-        track: what was searched.
-        pieces: eq. ES.4.
-        of_noise: the same for a model without error, all else in the scene being known.
-        if_known: the same with its error, all else being known; None where that is so.
-        best: eq. ES.2 of the best fit, None where the model can tell nothing.
-        p_value: of its misfit.
-        shift: eq. ES.5 there.
+        track: predictions over the search range.
+        pieces: the set of eq. ES.4.
+        noise_pieces: the same for a model without error and without nuisances.
+        pieces_if_known: the same with the model's error, without nuisances; None if there are no nuisances.
+        best: coordinate of the best fit, eq. ES.2; None where no value can be predicted.
+        p_value: of the best fit.
+        shift: t of eq. ES.5 at the best fit.
     """
 
     track: Track
@@ -53,12 +53,12 @@ class Findings:
 
     @property
     def name(self) -> str:
-        """The unknown in a sentence."""
+        """Name of the unknown in a sentence."""
         return NAMES.get(self.unknown, self.unknown)
 
     @property
     def nothing(self) -> str:
-        """Why there is no model where it ends."""
+        """The reason why there are no predictions beyond the range searched."""
         told = f"the model's error is above {WORST:.0%}"
         if self.track.plan:
             told = f"{self.track.level} does not reach the load, or its error is above {WORST:.0%},"
@@ -66,7 +66,7 @@ class Findings:
 
     @property
     def model(self) -> TargetModel:
-        """What predicts."""
+        """The model that predicts the data."""
         return self.track.model
 
     @property
@@ -81,23 +81,23 @@ class Findings:
 
     @property
     def shared(self) -> SharedErrors | None:
-        """What the data share at the best fit, shapes (k, q); None where all is known."""
+        """The errors that all data share at the best fit, shapes (k, q); None without nuisances."""
         if self.track.spread is None or self.best is None:
             return None
         return self.track.spread.at(np.array([self.best])).mapped(lambda part: part[0])
 
     @property
     def values(self) -> Floats:
-        """What the first ratio may be, as ln |ratio| at the nodes."""
+        """Predicted ln |ratio| of the first ratio at the usable nodes."""
         return np.asarray(self.track.predicted.value[self.track.predicted.usable, self.model.data.first])
 
     def searched_all(self, end: int) -> bool:
-        """Whether the first (0) or last (-1) value of the range was searched."""
+        """Return whether the search reached the first (0) or last (-1) value of the range."""
         return bool(self.track.runs and self.track.runs[end][end] == self.track.x[end])
 
 
 def reason(findings: Findings, interval: Interval, widest: float, resolved_by_noise: bool) -> str:
-    """Say why the unknown is not identifiable."""
+    """Return the reason why the unknown is not identifiable."""
     text = _reason(findings, interval, widest)
     if resolved_by_noise and findings.pieces and findings.shift > TOLERATED:
         low, high = (shown(findings.unknown, end) for end in (findings.of_noise[0].low, findings.of_noise[-1].high))
@@ -106,6 +106,7 @@ def reason(findings: Findings, interval: Interval, widest: float, resolved_by_no
 
 
 def _reason(findings: Findings, interval: Interval, widest: float) -> str:
+    """Return the reason that the interval shows: no fit, an open end, or too wide."""
     name, data = findings.name, findings.model.data
     if findings.best is None and findings.track.predicted.resolved.any():
         return f"no {name} gives every ratio the sign that was measured: something in the scene is not as stated"
@@ -117,7 +118,7 @@ def _reason(findings: Findings, interval: Interval, widest: float) -> str:
     if low is None and high is None:
         change = np.expm1(np.ptp(findings.values))
         change = f"over all of them the ratio changes by {change:.2g} of itself, its noise is {data.noise[data.first]:.2g}"
-        return f"any {name} explains what was read: {change}"
+        return f"any {name} explains the readings: {change}"
     for end, value, ends in ((0, low, 0), (1, high, -1)):
         if value is None:
             return _open(findings, ENDS[findings.unknown.rpartition(".")[2]][end], ends)
@@ -127,6 +128,7 @@ def _reason(findings: Findings, interval: Interval, widest: float) -> str:
 
 
 def _open(findings: Findings, how: str, end: int) -> str:
+    """Return the reason for an open end, the first (0) or last (-1) of the search range."""
     if not findings.searched_all(end):
         limit = shown(findings.unknown, float(findings.track.values(findings.track.runs[end][end])))
         return f"the interval reaches {limit}, beyond which {findings.nothing.rstrip(',')}"
@@ -134,13 +136,13 @@ def _open(findings: Findings, how: str, end: int) -> str:
         first = findings.model.data.first
         ratio = np.exp(findings.track.predicted.value[end, first]) * findings.model.data.sign[first]
         why = f"the ratio saturates at {ratio:.4g}, too near the reading for its noise"
-        return f"a body however {how} explains what was read: {why}"
+        return f"even an extremely {how} body explains the readings: {why}"
     what = "a body" if findings.unknown in OF_TARGET else findings.name
-    return f"{what} as {how} as fits explains what was read"
+    return f"{what} as {how} as the scene allows explains the readings"
 
 
 def _unexplained(findings: Findings) -> str:
-    """Say how a reading lies beyond what any value gives."""
+    """Return the reason why no value of the unknown explains the readings."""
     data, name, first = findings.model.data, findings.name, findings.model.data.first
     if len(data.value) > 1:
         return f"no {name} explains the readings: something in the scene, or the noise, is not as stated"
@@ -153,12 +155,12 @@ def _unexplained(findings: Findings) -> str:
 
 
 def warnings(findings: Findings, fitted: DepthAndStrength | None) -> tuple[str, ...]:
-    """Return what a user has to know, one line each."""
+    """Return the warnings of an estimate, one line each."""
     return tuple(dict.fromkeys(_warnings(findings, fitted)))
 
 
 def _warnings(findings: Findings, fitted: DepthAndStrength | None) -> Iterator[str]:
-    yield from findings.model.base.notes  # of the places farthest from the tissue's middle
+    yield from findings.model.base.notes  # these are for the place farthest from the tissue's middle
     if findings.best is None:
         yield from load_notes(findings.model.scene, findings.model.rule, findings.model.tolerance, promise=False)
         return
@@ -177,10 +179,11 @@ def _warnings(findings: Findings, fitted: DepthAndStrength | None) -> Iterator[s
     yield from _not_searched(findings)
     if fitted is not None and findings.unknown != "depth" and not _contains(fitted.depth_interval, findings.model.target.depth):
         stated = shown("depth", findings.model.target.depth)
-        yield f"the scan says another depth than the scene's {stated}, with which {findings.name} was estimated"
+        yield f"the readings fit another depth than the scene's {stated}, with which {findings.name} was estimated"
 
 
 def _not_searched(findings: Findings) -> Iterator[str]:
+    """Yield a warning about parts of the range that were not searched."""
     good = findings.track.predicted.resolved
     if good.all() or not good.any():
         return
@@ -188,12 +191,12 @@ def _not_searched(findings: Findings) -> Iterator[str]:
     first, last = np.flatnonzero(good)[[0, -1]]
     parts = [f"below {shown(findings.unknown, u[first])}"] if first else []
     parts += [f"above {shown(findings.unknown, u[last])}"] if last < len(u) - 1 else []
-    parts += ["at some places between"] if not good[first:last].all() else []
+    parts += ["at some values between"] if not good[first:last].all() else []
     yield f"not searched {' and '.join(parts)}: {findings.nothing} there"
 
 
 def _of_load(findings: Findings) -> Iterator[str]:
-    """Yield what the evaluator says of the scene's load at the best fit."""
+    """Yield the evaluator's warnings about the scene's load at the best fit."""
     model, assumed = findings.model, _at_best(findings)
     if findings.unknown not in OF_TARGET:
         model = replace(model, scene=assumed)
@@ -206,9 +209,9 @@ def _of_load(findings: Findings) -> Iterator[str]:
 
 
 def _at_best(findings: Findings) -> Scene:
-    """The scene with the best fit in it."""
+    """Return the scene with the best fit of the unknown."""
     scene, unknown, value = findings.model.scene, findings.unknown, findings.best_value
-    assert value is not None  # or there would be nothing to warn of
+    assert value is not None  # the caller has checked it
     if unknown not in OF_TARGET:
         return changed(scene, {unknown: value})
     body = findings.model.target.model_copy(update={unknown: value})
@@ -222,7 +225,7 @@ def _contains(interval: Interval, value: float) -> bool:
 
 
 def shown(unknown: str, value: float) -> str:
-    """Write a value for people: lengths in mm, moduli in Pa, kPa, MPa or GPa."""
+    """Return a value as text with its unit: lengths in mm, moduli in Pa, kPa, MPa or GPa."""
     if not unknown.endswith("youngs_modulus"):
         return f"{value * 1e3:.4g} mm"
     scale = min(max(int(np.floor(np.log10(value) / 3)), 0), 3)

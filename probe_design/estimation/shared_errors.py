@@ -1,11 +1,11 @@
-"""Errors that all data share, as some numbers of the scene are known only roughly: the statistics of eq. ES.7.
+"""Compute the misfit of data that share errors by uncertain numbers of the scene, eq. ES.7.
 
-With such numbers eta_j standard deviations off, k data move by d(eta), the polynomial of eq. ES.7. The misfit of data y to
-predictions m is then the least over all eta, which are normal themselves:
+If these numbers deviate by eta_j standard deviations, k data change by d(eta), the polynomial of eq. ES.7. The misfit of data y
+to predictions m is the minimum over all eta, which are standard normal:
 
     chi2 = min over eta of sum_i ((y_i - m_i - d_i(eta)) / s_i)^2 + sum_j eta_j^2                  (ES.8)
 
-Where d = J eta that is r^T W r with r = (y - m) / s, W = (I + A A^T)^-1 and A = J / s.
+Here s_i is the noise of datum i. For d = J eta it is r^T W r with r = (y - m) / s, W = (I + A A^T)^-1 and A = J / s.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ import numpy as np
 
 from geometry.common.arrays import Floats, Ints
 
-STEPS = 8  # of Gauss and Newton for eta
-LONGEST = 1.0  # standard deviations: a step of them
+STEPS = 8  # Gauss-Newton steps for eta
+LONGEST = 1.0  # standard deviations: largest change of eta in one step
 
 
 @dataclass(frozen=True)
 class SharedErrors:
-    """The polynomial of eq. ES.7, for q numbers; q = 0 where all is known.
+    """Coefficients of the polynomial of eq. ES.7 for q numbers; q = 0 without nuisances.
 
     Attributes:
-        line: J, shape (..., k, q).
-        bend: C, likewise.
-        more: coefficients of other products of powers of eta, shape (..., k, n); None where there are none.
-        powers: of each eta in these, shape (n, q).
+        linear: J, shape (..., k, q).
+        quadratic: C, likewise.
+        products: coefficients of other products of powers of eta, shape (..., k, n); None where there are none.
+        powers: exponent of each eta in these products, shape (n, q).
     """
 
     line: Floats
@@ -39,20 +39,20 @@ class SharedErrors:
 
     @classmethod
     def none(cls, k: int) -> SharedErrors:
-        """Return those of k data that share none."""
+        """Return the coefficients for k data that share no errors."""
         return cls(np.zeros((k, 0)), np.zeros((k, 0)))
 
     def over(self, noise: Floats) -> SharedErrors:
-        """Return them over the noise of shape (k,)."""
+        """Return the coefficients divided by the noise of shape (k,)."""
         return self.mapped(lambda part: part / noise[:, None])
 
     def mapped(self, change: Callable[[Floats], Floats]) -> SharedErrors:
-        """Return them with all coefficients changed alike."""
+        """Return the errors with a function applied to each array of coefficients."""
         more = None if self.more is None else change(self.more)
         return SharedErrors(change(self.line), change(self.bend), more, self.powers)
 
     def at(self, eta: Floats) -> Floats:
-        """Return d of eq. ES.7, shape (..., k), at eta of shape (..., q)."""
+        """Return the change d of the data, eq. ES.7, shape (..., k), at eta of shape (..., q)."""
         found = _times(self.line, eta) + _times(self.bend, eta**2)
         return found if self.more is None else found + _times(self.more, _products(eta, self._powers))
 
@@ -72,11 +72,11 @@ class SharedErrors:
         return np.array(self.powers, dtype=int)
 
     def decorrelated(self, values: Floats) -> Floats:
-        """Return W v of eq. ES.8 for values v over the noise, shape (..., k)."""
+        """Return W v, with W of eq. ES.8, for values v divided by the noise, shape (..., k)."""
         return values - _times(self.line, self._solved(self.line, _times(_turned(self.line), values)))
 
     def misfit(self, off: Floats) -> Floats:
-        """Return eq. ES.8 for differences y - m over the noise, shape (..., k)."""
+        """Return chi2 of eq. ES.8 for differences y - m divided by the noise, shape (..., k)."""
         if not self.line.shape[-1]:
             return np.asarray((off**2).sum(axis=-1))
         eta = self._solved(self.line, _times(_turned(self.line), off))
@@ -89,9 +89,11 @@ class SharedErrors:
         return least
 
     def _at(self, off: Floats, eta: Floats) -> Floats:
+        """Return the sum of eq. ES.8 at given eta, which the misfit minimises."""
         return np.asarray(((off - self.at(eta)) ** 2).sum(axis=-1) + (eta**2).sum(axis=-1))
 
     def _solved(self, line: Floats, right: Floats) -> Floats:
+        """Solve (I + A^T A) x = right, with A the linear coefficients, shape (..., k, q)."""
         square = np.eye(line.shape[-1]) + _turned(line) @ line
         return np.asarray(np.linalg.solve(square, right[..., None])[..., 0])
 

@@ -1,10 +1,11 @@
-"""How strong an inclusion is, whatever its size and stiffness are by themselves.
+"""Compute the strength of an inclusion: the combination of size and stiffness that determines its effect from far.
 
-Far from a sphere only its strength is felt (PHYSICS section 2),
+Far from a sphere of diameter D its effect depends on its strength S alone (PHYSICS section 2),
 
     S = D^3 (c - 1) / (1 + beta (c - 1)),   c = E_object / E_tissue,   beta = 2 (4 - 5 nu) / (15 (1 - nu))     (ES.1)
 
-in m^3, positive where it is stiffer than the tissue, at most D^3 / beta and at least -D^3 / (1 - beta).
+in m^3, with nu the tissue's Poisson's ratio; S is positive where the sphere is stiffer than the tissue, at most D^3 / beta and at
+least -D^3 / (1 - beta).
 """
 
 from __future__ import annotations
@@ -22,12 +23,12 @@ Interval = tuple[float | None, float | None]
 
 @dataclass(frozen=True)
 class DepthAndStrength:
-    """Best fit and 95 % intervals; an end is None where it is beyond what could be searched.
+    """Best fit and 95 % intervals; an end is None where the search range ends before the interval.
 
     Attributes:
         depth: m.
         strength: m^3.
-        modulus, diameter: of the body that stands for the strength, Pa and m.
+        modulus, diameter: of a body with this strength, Pa and m.
     """
 
     depth: float
@@ -39,7 +40,7 @@ class DepthAndStrength:
 
 
 def strength(tissue: Material, body: Inclusion, modulus: Floats | None = None, diameter: Floats | None = None) -> Floats:
-    """Eq. ES.1 of a body, or of the same with other moduli (Pa) or diameters (m), in m^3; a modulus may be inf."""
+    """Return the strength, eq. ES.1, of a body, or of bodies with other moduli (Pa) or diameters (m), in m^3."""
     beta = share_of_shear(tissue)
     more = np.asarray(body.youngs_modulus if modulus is None else modulus, dtype=float) / tissue.youngs_modulus - 1
     size = np.asarray(body.diameter if diameter is None else diameter, dtype=float)
@@ -49,6 +50,6 @@ def strength(tissue: Material, body: Inclusion, modulus: Floats | None = None, d
 
 
 def share_of_shear(tissue: Material) -> float:
-    """Return beta of eq. ES.1."""
+    """Return beta of eq. ES.1, the shear part of Eshelby's tensor of a sphere in a tissue."""
     nu = tissue.poisson_ratio
     return 2 * (4 - 5 * nu) / (15 * (1 - nu))

@@ -1,13 +1,13 @@
-"""Predictions along one unknown at loads beyond linear elasticity: level ``contact`` at few nodes, interpolated.
+"""Interpolate predictions along one unknown at loads beyond linear elasticity, from ``contact`` at few nodes.
 
 With m_0(u) the linear predictions of ``profile.py`` and m_c those of ``contact`` at some of its nodes,
 
     m(u) = m_0(u) + c(u),   c the cubic spline through m_c - m_0 at those nodes                     (ES.10)
 
-Nodes are asked for where c is told worst, until the spline through the others misses the last by less than a tenth of the noise,
-or of how far what was read lies from the predictions there: values that are far off need not be told well. What it missed counts
-as the error of its whole span, on top of what ``contact`` says of its own. Values at which the probe cannot be pressed so far
-are not searched.
+Here u is the coordinate of the unknown, and m the prediction of a datum. Nodes are added where c is least accurate, until the
+spline through the other nodes misses the last one by less than a tenth of the noise, or of the distance between data and
+prediction there, as values that fit badly need no accuracy. The miss counts as error over the whole span, in addition to the
+error bound of ``contact``. Values at which ``contact`` does not reach the load are not searched.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ from probe_design.estimation.loaded_model import LoadedModel, Told
 from probe_design.estimation.profile import Track
 from solver.planning.load_check import REMEDY
 
-MISSES = 0.1  # of the noise, or of how far a reading is off: what the spline may miss
-BETTER = 4.0  # times: by how much a node at least betters its span
+MISSES = 0.1  # of the noise, or of the misfit of a datum: allowed miss of the spline
+BETTER = 4.0  # factor by which a new node reduces the miss, at least
 
 
 @dataclass(frozen=True)
 class Span:
-    """What lies between two neighbouring nodes that ``contact`` was asked for.
+    """The range between two neighbouring nodes that ``contact`` has computed.
 
     Attributes:
-        first, last: their indices.
-        missed: by the spline, at the node that was asked for last, shape (k,); where none was, what changes from end to end.
-        left: what it is expected to miss now, over what it may.
+        first, last: indices of the nodes.
+        miss: of the spline at the last node that was added, shape (k,); before any, the change from end to end.
+        remaining_miss: expected miss over the allowed one.
     """
 
     first: int
@@ -45,18 +45,18 @@ class Span:
 
     @property
     def middle(self) -> int:
-        """A node between, or the first where there is none."""
+        """The node halfway, or the first where there is none between."""
         return (self.first + self.last) // 2
 
 
 @dataclass
 class LoadedTrack:
-    """A track whose nodes are asked of ``contact`` one by one.
+    """A track to which ``contact`` adds the effect of the load, node by node.
 
     Attributes:
-        track: at rest.
+        track: predictions without load.
         loaded: the model under load.
-        changes: by the load, of what is read at a node, with the bounds of ``contact``, both of shape (k,).
+        changes: effect of the load on the data at each solved node, with error bounds of ``contact``, both of shape (k,).
     """
 
     track: Track
@@ -64,10 +64,10 @@ class LoadedTrack:
     changes: dict[int, Told] = field(default_factory=dict)
 
     def first(self, node: int) -> None:
-        """Ask for the first node.
+        """Solve the first node.
 
         Raises:
-            Refusal: ``contact`` cannot press it as far as the scene's load says.
+            Refusal: ``contact`` does not reach the scene's load.
         """
         try:
             self._ask(node)
@@ -75,7 +75,7 @@ class LoadedTrack:
             raise Refusal(fault.key, fault.value, f"{fault.allowed}, {REMEDY}") from None
 
     def told(self, node: int) -> bool:
-        """Ask for a node, and say whether it was answered."""
+        """Solve a node, and return whether that succeeded."""
         if node not in self.changes:
             try:
                 self._ask(node)
@@ -89,7 +89,7 @@ class LoadedTrack:
             self.changes[node] = answer[0] - self.track.predicted.value[node], answer[1]
 
     def farthest(self, good: int, end: int) -> int:
-        """Return the node farthest towards the end that is answered."""
+        """Return the node nearest to an end of the track that can be solved, by bisection from a solved node."""
         if self.told(end):
             return end
         while abs(end - good) > 1:
@@ -101,12 +101,12 @@ class LoadedTrack:
         return np.asarray(np.abs(self.changes[last][0] - self.changes[first][0]))
 
     def spline(self) -> CubicSpline:
-        """The change by the load, shape (k,), along the track."""
+        """Return the effect of the load on the data, shape (k,), as a spline along the track."""
         nodes = sorted(self.changes)
         return CubicSpline(self.track.x[nodes], [self.changes[node][0] for node in nodes])
 
     def spans(self) -> tuple[list[Span], Bools]:
-        """Ask for nodes until the spline is good; return its spans, and at which nodes it tells nothing."""
+        """Solve nodes until the spline is accurate; return its spans, and which nodes of the track have no prediction."""
         nodes = sorted(self.changes)
         spans = [Span(a, b, self._between(a, b), np.inf) for a, b in pairwise(nodes)]
         dark = np.ones(len(self.track.x), dtype=bool)
@@ -124,7 +124,7 @@ class LoadedTrack:
         return spans, dark
 
     def _left(self, first: int, last: int, missed: Floats) -> float:
-        """What the spline is expected to miss between two neighbouring nodes, over what it may."""
+        """Return the expected miss of the spline between two neighbouring nodes over the allowed one."""
         data = self.loaded.model.data
         off = np.array([self.track.predicted.value[node] + self.changes[node][0] - data.value for node in (first, last)])
         beside = np.where(off[0] * off[1] > 0, np.abs(off).min(axis=0), 0.0)
@@ -133,14 +133,14 @@ class LoadedTrack:
 
 
 def under_load(track: Track, loaded: LoadedModel) -> Track:
-    """Return a track as eq. ES.10 has it.
+    """Return a track with the effect of the load, eq. ES.10.
 
     Args:
-        track: of the model at rest.
-        loaded: the same under load.
+        track: of the model without load.
+        loaded_model: the model under load.
 
     Raises:
-        Refusal: ``contact`` cannot press the middle of what is searched as far as the scene's load says.
+        Refusal: ``contact`` does not reach the scene's load at the middle of the search range.
     """
     usable = np.flatnonzero(track.predicted.usable)
     if len(usable) < 2:
@@ -157,7 +157,7 @@ def under_load(track: Track, loaded: LoadedModel) -> Track:
 
 
 def _moved(pressing: LoadedTrack, spans: list[Span], dark: Bools) -> Track:
-    """The track with the changes by the load; no node is better than the spans beside it."""
+    """Return the track with the effect of the load; the error at a node is at least that of its neighbouring spans."""
     track, spline, nodes = pressing.track, pressing.spline(), sorted(pressing.changes)
     own = np.array([pressing.changes[node][1] for node in nodes])
     bound = np.stack([np.interp(track.x, track.x[nodes], one) for one in own.T], axis=1)

@@ -1,4 +1,4 @@
-"""The picture of a curve as a file."""
+"""Draw a curve of ratio and log-sensitivity to a file."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from solver.results.result import Curve
 
 
 def plot(curve: Curve, path: Path, scene_modulus: float | None = None, tissue_modulus: float | None = None) -> Path:
-    """Draw a curve to a file; moduli of the scene's own inclusion and tissue are marked. Returns ``path``.
+    """Draw a curve to a file, with marks at the moduli of the scene's inclusion and tissue, Pa; return ``path``.
 
     Raises:
         InputError: see ``check_format``.

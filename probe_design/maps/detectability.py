@@ -1,7 +1,7 @@
-"""Which tumours a probe sees, and of which it tells the stiffness: maps over depth and diameter.
+"""Map which tumours a probe detects, and which it resolves in stiffness, over depth and diameter.
 
-A verdict holds whatever the model's error within its bound is: where the bound leaves it open, the tumour is answered once
-more with reflections, and where it stays open there is no verdict (None).
+A verdict holds for every error of the model within its bound. Where the bound leaves it open, the tumour is computed again with
+reflections; where it stays open, there is no verdict (None).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from solver.results.result import Decision
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-FINEST, COARSEST = 5e-4, 0.01  # accuracies chosen by the noise
+FINEST, COARSEST = 5e-4, 0.01  # default accuracies, between which the noise chooses
 
 Map = tuple[tuple[float | None, ...], ...]
 Verdicts = tuple[tuple[bool | None, ...], ...]
@@ -43,15 +43,15 @@ class Detectability(Notebook):
 
     Attributes:
         depth, diameter: m, shapes (k,) and (m,).
-        change: eq. MA.1, shape (k, m); None too where a stress is below its own error.
-        standard_deviation: eq. MA.2; None too where the ratio does not depend on E_object.
+        change: eq. MA.1, shape (k, m); None also where a stress is below its error.
+        standard_deviation: eq. MA.2; None also where the ratio does not depend on E_object.
         error: bound on the error of ``change``, absolute.
-        seen, resolved: verdicts; None too where the error leaves them open.
-        above_error: whether the change is above its error bound; where it is not there may still be a verdict: not seen.
-        noise, seen_threshold, resolved_threshold: of the verdicts, the second on |change|.
-        ratio_without: R_0, with the other inclusions in place.
+        seen, resolved: verdicts on detection and resolution; None also where the error leaves them open.
+        above_error: whether the change is above its error bound; where it is not, the verdict may still be: not detected.
+        noise, seen_threshold, resolved_threshold: thresholds of the verdicts, the second on |change|.
+        ratio_without: R_0, the ratio without the target but with the other inclusions.
         evaluator, seconds, load_limits, plan, warnings: see ``solver.results.result.Result``.
-        scene: that was asked about.
+        scene: the scene with its target.
         provenance: see ``geometry.provenance.block``.
     """
 
@@ -81,10 +81,10 @@ class Detectability(Notebook):
         return asdict(replace(self, scene=None), dict_factory=without_scene) | limits_dict(self.load_limits)
 
     def plot(self) -> Figure:
-        """Draw what ``probe-design detectability --plot`` draws; returns the figure, whose ``savefig`` writes it.
+        """Draw the picture of ``probe-design detectability --plot``; return the figure, whose ``savefig`` writes it.
 
         Raises:
-            InputError: it was made by hand, without its scene.
+            InputError: the result has no scene.
         """
         from probe_design.maps.detectability_plot import figure_of
 
@@ -95,20 +95,20 @@ def detectability(
     scene: Scene, depths: Floats, diameters: Floats, limits: Thresholds | None = None, *,
     accuracy: float | None = None, linear: bool = False, progress: Progress | None = None,
 ) -> Detectability:  # fmt: skip
-    """Exchange the scene's target for spheres of other sizes at other depths.
+    """Replace the scene's target by spheres of other sizes at other depths, and return the maps.
 
     Args:
-        scene: with a target, whose material and place beside the probe's axis are kept.
+        scene: with a target, whose material and lateral offset are kept.
         depths: from the surface to the centre, m, shape (k,).
         diameters: m, shape (m,).
-        limits: what counts as seen and resolved.
-        accuracy: relative, of the ratio; left out: the noise, from 5e-4 to 0.01.
-        linear: whether to answer linearly at any load, see ``solver.evaluate``.
-        progress: called with spheres done and all, of those that need reflections.
+        thresholds: of detection and resolution.
+        accuracy: relative, of the ratio; default: the noise, within 5e-4 and 0.01.
+        linear: whether to use linear elasticity at any load, see ``solver.evaluate``.
+        progress: called with the number of spheres done and their total, for spheres that need reflections.
 
     Raises:
-        InputError: no target, or sizes that are not positive.
-        Refusal: the scene is of a kind that the level cannot take, or its load is beyond what linear elasticity allows.
+        InputError: the scene has no target, or a size is not positive.
+        Refusal: the evaluator cannot model the scene, or its load is beyond the range of linear elasticity.
     """
     start = perf_counter()
     limits = limits or Thresholds()
@@ -152,7 +152,7 @@ def detectability(
 
 
 def _maps(fits: Bools, effects: SphereEffects, limits: Thresholds) -> dict[str, Any]:
-    """Return the rows of each map, with None where there is nothing to say."""
+    """Return the rows of each map, with None where there is no value."""
 
     def rows(values: Floats, good: Bools) -> Map:
         table = np.full(fits.shape, np.nan)
@@ -175,12 +175,14 @@ def _maps(fits: Bools, effects: SphereEffects, limits: Thresholds) -> dict[str, 
 
 
 def _reflections(base: Undisturbed, count: int, n: int) -> Decision:
+    """Return the line of the plan about reflections, modelled for ``count`` of n spheres."""
     feature = "what surface, blocks and floor send back of the tumours' fields"
     reason = f"modelled for {count} of {n} spheres, whose verdicts need it; elsewhere counted in error"
     return Decision(feature, count > 0, 0.0, base.accuracy, reason)
 
 
 def _warnings(effects: SphereEffects, limits: Thresholds) -> Iterator[str]:
+    """Yield warnings about spheres without a ratio, with a change below its error, or with an open verdict."""
     n = len(effects.change)
     if not n:
         yield "no tumour of these diameters fits at these depths"

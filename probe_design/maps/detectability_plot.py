@@ -1,4 +1,4 @@
-"""The picture of what a probe sees and tells: two maps over diameter and depth."""
+"""Draw the maps of detection and resolution over diameter and depth."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MM = 1e3
-DECADES = 100.0  # between the threshold and either end of a colour scale
+DECADES = 100.0  # ratio of either end of the colour scale to the threshold
 
 
 def plot(maps: Detectability, scene: Scene, path: Path) -> Path:
-    """Draw both maps to a file; returns ``path``.
+    """Draw both maps to a file; return ``path``.
 
     Raises:
         InputError: see ``check_format``.
@@ -32,7 +32,7 @@ def plot(maps: Detectability, scene: Scene, path: Path) -> Path:
 
 
 def figure_of(maps: Detectability, scene: Scene) -> Figure:
-    """Draw both maps."""
+    """Draw both maps; return the figure."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.colors import LogNorm, SymLogNorm
     from matplotlib.figure import Figure
@@ -48,7 +48,7 @@ def figure_of(maps: Detectability, scene: Scene) -> Figure:
     label = "standard deviation of ln E_object, one reading"
     _map(figure, right, maps, deviation, norm=norms[1], colours="viridis_r", label=label)
     for axes, verdicts, values, limit, text in (
-        (left, maps.seen, np.abs(change), threshold, f"seen: |change| \u2265 {threshold:.3g} %"),
+        (left, maps.seen, np.abs(change), threshold, f"detected: |change| \u2265 {threshold:.3g} %"),
         (right, maps.resolved, deviation, most_deviation, f"resolved: standard deviation \u2264 {most_deviation:.3g}"),
     ):
         _contour(axes, maps, values, limit)
@@ -70,7 +70,7 @@ def figure_of(maps: Detectability, scene: Scene) -> Figure:
 
 
 def _tissue(scene: Scene) -> str:
-    """Moduli of the tissue's materials from the surface downwards, kPa."""
+    """Return the moduli of the tissue's materials from the surface downwards, kPa, as text."""
     return " on ".join(f"{one.youngs_modulus / 1e3:.4g}" for one in (*scene.tissue.layer, scene.tissue))
 
 
@@ -90,7 +90,7 @@ def _map(figure: Any, axes: Any, maps: Detectability, values: Floats, *, norm: A
 
 
 def _contour(axes: Any, maps: Detectability, values: Floats, limit: float) -> None:
-    """Draw the line between yes and no."""
+    """Draw the line on which values equal the limit."""
     inside = np.log(np.maximum(values, 1e-300) / limit)
     if np.any(inside < 0) and np.any(inside > 0):
         axes.contour(
@@ -104,7 +104,7 @@ def _contour(axes: Any, maps: Detectability, values: Floats, limit: float) -> No
 
 
 def _hatched(axes: Any, maps: Detectability, verdicts: Any) -> None:
-    """Hatch where the error bound leaves the verdict open, or is above the change."""
+    """Hatch the cells where the error bound leaves the verdict open, or is above the change."""
     from matplotlib.collections import PolyCollection
 
     fits = np.isfinite(_numbers(maps.change))
@@ -117,7 +117,7 @@ def _hatched(axes: Any, maps: Detectability, verdicts: Any) -> None:
 
 
 def _edges(centres: Floats) -> Floats:
-    """Return the ends of cells about evenly spaced centres."""
+    """Return the edges of cells around evenly spaced centres."""
     middles = (centres[1:] + centres[:-1]) / 2
     return np.concatenate([[2 * centres[0] - middles[0]], middles, [2 * centres[-1] - middles[-1]]])
 

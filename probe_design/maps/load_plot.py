@@ -1,4 +1,4 @@
-"""The picture of a probe under load as a file."""
+"""Draw a load curve to a file."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from solver.results.load_curve import LoadCurve
 
 
 def plot(curve: LoadCurve, path: Path) -> Path:
-    """Draw a load curve to a file. Returns ``path``.
+    """Draw a load curve to a file; return ``path``.
 
     Raises:
         InputError: see ``check_format``.

@@ -1,4 +1,4 @@
-"""What a probe reads along a line over the tissue."""
+"""Compute readings of a probe along a line over the tissue."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ class Scan(Notebook):
 
     Attributes:
         along: "x" or "y", the axis along which the probe moves.
-        at: where the line lies along the other axis, m.
+        at: coordinate of the line along the other axis, m.
         position: of the probe's axis along the line, m.
         ratio, stiffness, stress_inner, stress_outer, log_sensitivity, error_estimate: see ``Result``, one per position.
-        ratio_without: the ratio that there would be without any inclusion.
+        ratio_without: the ratio without any inclusion.
         evaluator, seconds, load_limits, plan, warnings: see ``Result``.
-        scene: that was asked about.
+        scene: the scene with its inclusions.
         provenance: see ``geometry.provenance.block``.
     """
 
@@ -71,10 +71,10 @@ class Scan(Notebook):
         return asdict(replace(self, scene=None), dict_factory=without_scene) | limits_dict(self.load_limits)
 
     def plot(self) -> Figure:
-        """Draw what ``probe-design scan --plot`` draws; returns the figure, whose ``savefig`` writes it.
+        """Draw the picture of ``probe-design scan --plot``; return the figure, whose ``savefig`` writes it.
 
         Raises:
-            InputError: it was made by hand, without its scene.
+            InputError: the result has no scene.
         """
         from probe_design.maps.scan_plot import figure_of
 
@@ -85,21 +85,21 @@ def scan(
     scene: Scene, along: str, positions: Floats, at: float | None = None, *, accuracy: float = 0.01,
     linear: bool = False, progress: Progress | None = None,
 ) -> Scan:  # fmt: skip
-    """Move the scene's probe along a line over its tissue; tumours stay where they are.
+    """Compute readings of the scene's probe along a line over its tissue; the tumours stay in place.
 
     Args:
         scene: spheres, bonded or frictionless, no tilt.
         along: "x" or "y".
         positions: of the probe's axis along the line, m, shape (n,).
-        at: where the line lies along the other axis, m; left out: the scene's placement.
+        offset: coordinate of the line along the other axis, m; default: the scene's placement.
         accuracy: relative, on ratio, stresses and stiffness; above 0, below 1.
-        linear: whether to answer linearly at any load, see ``solver.evaluate``.
-        progress: called with positions done and all, of those that need reflections.
+        linear: whether to use linear elasticity at any load, see ``solver.evaluate``.
+        progress: called with the number of positions done and their total, for positions that need reflections.
 
     Raises:
         InputError: the probe would leave the tissue.
-        Refusal: the scene is of a kind that the level cannot take, or too extreme for double precision; its load is beyond what
-            linear elasticity allows.
+        Refusal: the evaluator cannot model the scene, or it is too extreme for double precision, or its load is beyond the range
+            of linear elasticity.
     """
     start = perf_counter()
     check_accuracy(accuracy)
@@ -112,7 +112,7 @@ def scan(
     line.check(positions)
     if not linear:
         check_load(scene, rule, accuracy, promise)
-    base = line.prepared(float(np.abs(positions).min()))  # serves all positions: only the bounds are others elsewhere
+    base = line.prepared(float(np.abs(positions).min()))  # used for all positions: only the bounds differ elsewhere
     tumours = line.tumours(positions)
     plain = readings(base, tumours, scene.target or 0, progress=progress, sensitive=scene.target is not None)
     answers = line.bounded(base, plain, positions)
@@ -148,36 +148,36 @@ def scan(
 
 
 def without_scene(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Return the fields that a JSON object has of a result that carries its scene."""
+    """Return the fields of a result without its scene, for a JSON object."""
     return {key: value for key, value in pairs if key != "scene"}
 
 
 def drawn(scene: Scene | None) -> Scene:
-    """Return the scene of a result that is to be drawn. Raises ``InputError`` where it has none."""
+    """Return the scene of a result that is to be drawn; raise ``InputError`` if it has none."""
     if scene is None:
         raise InputError("scene", Words("missing"), "a result that the toolkit made, which carries its scene")
     return scene
 
 
 def check_accuracy(accuracy: float) -> None:
-    """Raise ``InputError`` for an accuracy that is none."""
+    """Raise ``InputError`` for an accuracy that is not above 0 and below 1."""
     if not 0 < accuracy < 1:
         raise InputError("accuracy", accuracy, "a number above 0 and below 1, such as 0.01")
 
 
 def indentation(scene: Scene, answers: Readings) -> Floats:
-    """Indentation at the scene's load, m, shape (n,)."""
+    """Return the indentation at the scene's load, m, shape (n,)."""
     imposed = scene.load.indentation
     return (scene.load.force or 0.0) / answers.stiffness if imposed is None else np.full(len(answers.forces), imposed)
 
 
 def column(values: Floats, valid: Bools) -> Column:
-    """Return values as JSON has them, None where they are not known."""
+    """Return values as a tuple for JSON, with None where they are not valid."""
     return tuple(value if good else None for value, good in zip(values.tolist(), valid.tolist(), strict=True))
 
 
 def reflections(base: Undisturbed, answers: Readings) -> Iterator[Decision]:
-    """Yield what is said in a plan of what tumours reflect."""
+    """Yield the line of the plan about reflections of the tumours' fields, if there are tumours."""
     if not answers.by:
         return
     count, n = int(answers.reflected.sum()), len(answers.reflected)
@@ -188,6 +188,7 @@ def reflections(base: Undisturbed, answers: Readings) -> Iterator[Decision]:
 
 
 def _warnings(scene: Scene, far: ProbeAlone, answers: Readings, outside: Bools) -> Iterator[str]:
+    """Yield warnings about missing log-sensitivities and ratios, tumours left out, and errors above the accuracy."""
     n = len(answers.forces)
     yield from far.notes
     if scene.target is None:
@@ -218,12 +219,12 @@ def _warnings(scene: Scene, far: ProbeAlone, answers: Readings, outside: Bools) 
 
 
 def errors(scene: Scene, answers: Readings) -> dict[str, Floats]:
-    """Relative error bounds of what the accuracy promises, at the scene's kind of load, shape (n,) each."""
+    """Return the relative error bounds of ratio, stiffness and, at a given indentation, stresses, shape (n,) each."""
     bounds = {
         "the ratio": answers.error_estimate[answers.resolved],
         "the stiffness": answers.bound.sum(axis=1) / np.abs(answers.stiffness),
     }
-    if scene.load.force is not None:  # stresses are shares of the force, so that the ratio's error bounds theirs
+    if scene.load.force is not None:  # the stresses add up to the force, so that the ratio's error bounds theirs
         return bounds
     with np.errstate(divide="ignore"):
         return bounds | {"the stresses": (answers.bound / np.abs(answers.totals)).max(axis=1)}

@@ -1,8 +1,8 @@
-"""A line over the tissue along which the probe moves: where it may go, what lies beside it, what the tissue's sides do there.
+"""A line over the tissue along which the probe moves: allowed positions, tumours relative to the probe, effect of the sides.
 
-The level takes the tissue as a cylinder of its area about the probe's axis, wherever the probe is, and bounds the error by
-the inscribed and the circumscribed cylinder. The one shrinks and the other grows with the distance from the tissue's middle, so
-that the bound at the farthest of some positions holds at all of them.
+The evaluator models the tissue as a cylinder of the same area about the probe's axis, at any position of the probe, and bounds
+the error by the inscribed and the circumscribed cylinder. With the distance from the tissue's middle the first shrinks and the
+second grows, so that the bound at the farthest of some positions holds at all of them.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed
 from solver.equivalent_inclusion.readings import Readings
 from solver.inclusions.tumours import Tumours
 
-NOT_SQUARE = 0.3  # of what the sides change between two positions: what their square may leave
-SPLITS = 3  # how often positions are halved to find closer bounds: up to 8 solutions
-ENOUGH = 0.5  # of the accuracy: bounds below it are close enough
+NOT_SQUARE = 0.3  # of the effect of the sides between two positions: error of its interpolation with the square of the distance
+SPLITS = 3  # halvings of the positions for closer bounds: up to 8 solutions
+ENOUGH = 0.5  # of the accuracy: error bounds that need no further halving
 
 
 @dataclass(frozen=True)
@@ -33,10 +33,10 @@ class ScanLine:
     """The line of a scan.
 
     Attributes:
-        scene: its own placement along the line does not matter.
-        along: "x" or "y".
-        at: the other coordinate, m.
-        accuracy: asked of the level.
+        scene: its own placement along the line is not used.
+        axis: "x" or "y", along which the probe moves.
+        offset: coordinate along the other axis, m.
+        accuracy: relative, required of the evaluator.
     """
 
     scene: Scene
@@ -51,7 +51,7 @@ class ScanLine:
 
     @property
     def limit(self) -> float:
-        """How far from the tissue's middle the probe's axis may go, m; not above 0 where it may not be at all."""
+        """Largest distance of the probe's axis from the tissue's middle along the line, m; 0 or less where none is allowed."""
         tissue, reach = self.scene.tissue, self.scene.probe.tube_radius
         if tissue.shape == "half-space":
             return math.inf
@@ -76,7 +76,7 @@ class ScanLine:
                 raise InputError(key, mm(end), f"positions between -{most_mm(most)} and {most_mm(most)}{beside} ({why})")
 
     def tumours(self, positions: Floats) -> Tumours:
-        """Return the inclusions as seen from each position, shape (n, inclusions)."""
+        """Return the inclusions relative to each position of the probe, shape (n, inclusions)."""
         keys = (self.along, self.across, "depth", "diameter", "youngs_modulus", "poisson_ratio")
         table = {key: np.array([[getattr(body, key) for body in self.scene.inclusion]], dtype=float) for key in keys}
         table[self.along] = table[self.along] - positions[:, None]
@@ -84,18 +84,18 @@ class ScanLine:
         return Tumours(**table)
 
     def prepared(self, position: float) -> Undisturbed:
-        """Return the probe at a position on the tissue without tumours, solved.
+        """Solve the probe at a position on the tissue without tumours.
 
         Raises:
-            Refusal: the scene is of a kind that the level cannot take, or too extreme for double precision.
+            Refusal: the evaluator cannot model the scene, or it is too extreme for double precision.
         """
         return EquivalentInclusion().prepared(self._at(position), self.accuracy)
 
     def alone(self, position: float) -> ProbeAlone:
-        """Return only the film forces there without tumours.
+        """Return only the film forces at a position without tumours.
 
         Raises:
-            Refusal: see ``prepared``.
+            Refusal: see ``prepare``.
         """
         return EquivalentInclusion().alone(self._at(position), self.accuracy)
 
@@ -105,10 +105,10 @@ class ScanLine:
         return self.scene.model_copy(update={"placement": placement})
 
     def bounded(self, base: Undisturbed, answers: Readings, positions: Floats) -> Readings:
-        """Return readings, made with one ``base`` for all positions, with what the tissue's sides do where each was made.
+        """Return readings that were computed with one ``base``, corrected for the tissue's sides at each position.
 
-        Film forces change with the square of the distance from the middle, to which ``base`` is nearest, between it and the
-        farthest position of each part; the error bounds are those of that position.
+        The film forces without tumours are interpolated with the square of the distance from the tissue's middle, between that of
+        ``base`` and the farthest position of each part; the error bounds are those of the farthest position.
         """
         own, forces = answers.bound - base.films.bound.totals, answers.forces.copy()
         bound, log_ratio = np.empty_like(answers.bound), np.empty_like(answers.log_ratio_bound)
@@ -123,7 +123,7 @@ class ScanLine:
         return replace(answers, forces=forces, bound=bound, log_ratio_bound=log_ratio)
 
     def _parts(self, positions: Floats, order: Ints, far: ProbeAlone, splits: int) -> list[tuple[Ints, ProbeAlone]]:
-        """Halve positions, sorted by their distance, until what is solved at the farthest of each part bounds it closely."""
+        """Halve the positions, sorted by distance, until the error bounds at the farthest of each part are small enough."""
         worst = max(far.films.ratio_error, far.films.relative_errors.max())
         if worst <= ENOUGH * self.accuracy or splits == 0 or len(order) < 2:
             return [(order, far)]

@@ -1,4 +1,4 @@
-"""The picture of a scan: ratio and log-sensitivity above a true section of the tissue, so that each bump has its cause."""
+"""Draw a scan: ratio and log-sensitivity above a section of the tissue, true to scale."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ TISSUE, STIFF, SOFT, INNER, OUTER = "#f6d9c4", "#a33b2e", "#3f7fb5", "#4d6f9a", 
 
 
 def plot(scan: Scan, scene: Scene, path: Path) -> Path:
-    """Draw a scan of a scene to a file; returns ``path``.
+    """Draw a scan of a scene to a file; return ``path``.
 
     Raises:
         InputError: see ``check_format``.
@@ -35,7 +35,7 @@ def plot(scan: Scan, scene: Scene, path: Path) -> Path:
 
 
 def figure_of(scan: Scan, scene: Scene) -> Figure:
-    """Draw a scan of a scene."""
+    """Draw a scan of a scene; return the figure."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -73,7 +73,7 @@ def figure_of(scan: Scan, scene: Scene) -> Figure:
 
 
 def _window(scan: Scan, scene: Scene) -> tuple[float, float, float]:
-    """Return the ends of what is shown along the line and the depth down to which, mm."""
+    """Return lower and upper end of the picture along the line, and its depth, mm."""
     reach = scene.probe.tube_radius
     low, high = min(scan.position) - 1.15 * reach, max(scan.position) + 1.15 * reach
     bodies = [body for body in scene.inclusion if low < getattr(body, scan.along) + _radius(body) and _left(body, scan) < high]
@@ -121,7 +121,7 @@ def _ratio(axes: Any, scan: Scan) -> None:
 
 
 def _second(axes: Any, scan: Scan) -> None:
-    """Log-sensitivity where there is a target, else the stiffness."""
+    """Plot the log-sensitivity if there is a target, else the stiffness."""
     x = np.array(scan.position) * MM
     sensitivity = _numbers(scan.log_sensitivity)
     if np.any(np.isfinite(sensitivity)):
@@ -182,7 +182,7 @@ def _label(body: Inclusion, beside: float, is_target: bool) -> str:
 
 
 def _sides(scan: Scan, scene: Scene, far: float) -> tuple[float, float]:
-    """Return where the plane of the line leaves the tissue, mm."""
+    """Return the coordinates along the line at which it leaves the tissue, mm."""
     tissue = scene.tissue
     if tissue.shape == "cylinder":
         half = math.sqrt(tissue.radius**2 - scan.at**2) * MM

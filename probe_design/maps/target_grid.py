@@ -1,4 +1,4 @@
-"""Spheres of many sizes at many depths in the place of a scene's target, and which of them fit."""
+"""Build spheres of many sizes at many depths in the place of a scene's target, and determine which of them fit."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from geometry.scenes.probe import LENGTH, mm
 from geometry.scenes.scene import Inclusion, Scene
 from solver.inclusions.tumours import Tumours
 
-COVER = 0.025  # least tissue between a sphere and surface or interface, of its diameter, that the level is good for
-CLEAR = 1 - 1e-9  # of the room that a sphere may fill
-DEEP, WIDE = 4.0, 2.5  # outer radii: depths and diameters shown unless the scene's own tumour needs more
-OWN = 1.5  # times the scene's own depth and diameter that are shown at least
-LINES = 50  # the least depth and diameter are this part of the largest
+COVER = 0.025  # of the diameter: thinnest tissue between a sphere and a face for which the evaluator is accurate
+CLEAR = 1 - 1e-9  # of the free distance: largest radius of a sphere
+DEEP, WIDE = 4.0, 2.5  # outer radii: ranges of depth and diameter unless the scene's tumour needs more
+OWN = 1.5  # times the scene's depth and diameter: smallest ranges
+LINES = 50  # largest over smallest depth and diameter
 
 
 @dataclass(frozen=True)
@@ -26,12 +26,12 @@ class Spheres:
     """A grid of depths and diameters.
 
     Attributes:
-        scene: whose target is exchanged; its material and its place beside the probe's axis are kept.
+        scene: its target is replaced; material and lateral offset are kept.
         depth, diameter: m, shapes (k,) and (m,).
-        radius: of the round tissue that is modelled about the probe's axis, m.
+        radius: of the modelled cylinder of tissue about the probe's axis, m.
 
     Raises:
-        InputError: sizes that are not positive; no target.
+        InputError: a size is not positive, or there is no target.
     """
 
     scene: Scene
@@ -48,7 +48,7 @@ class Spheres:
 
     @cached_property
     def fits(self) -> Bools:
-        """Whether they lie in the tissue, in one of its layers, under some cover, apart from other inclusions; shape (k, m)."""
+        """Whether each sphere lies within one layer, below enough tissue, and apart from other inclusions; shape (k, m)."""
         body, tissue, at, depth = target_of(self.scene), self.scene.tissue, self.scene.placement, self.depth
         beside = self.radius - np.hypot(body.x - at.x, body.y - at.y)
         if tissue.shape == "cylinder":
@@ -82,7 +82,7 @@ class Spheres:
 
 
 def check_spheres(scene: Scene, verb: str) -> None:
-    """Raise ``Refusal`` where an inclusion is no sphere: the level's arrays of many tumours hold spheres alone."""
+    """Raise ``Refusal`` where an inclusion is no sphere; ``command`` is named in the message."""
     for index, body in enumerate(scene.inclusion):
         if body.diameter is None:
             shape = Words("diameters" if body.diameters is not None else "surface")
@@ -92,15 +92,15 @@ def check_spheres(scene: Scene, verb: str) -> None:
 
 
 def others(scene: Scene) -> list[Inclusion]:
-    """Return the inclusions beside the target."""
+    """Return all inclusions but the target."""
     return [body for index, body in enumerate(scene.inclusion) if index != scene.target]
 
 
 def target_of(scene: Scene) -> Inclusion:
-    """Return the inclusion that is exchanged.
+    """Return the target inclusion.
 
     Raises:
-        InputError: there is none, or none of several is marked.
+        InputError: there is no inclusion, or none of several is marked as the target.
     """
     if not scene.inclusion:
         raise InputError("inclusion", Words("none"), "at least one inclusion, whose material the map is for")
@@ -113,7 +113,7 @@ def chosen_sizes(
     scene: Scene, points: int, *, depth_from: float | None = None, depth_to: float | None = None,
     diameter_from: float | None = None, diameter_to: float | None = None,
 ) -> tuple[Floats, Floats]:  # fmt: skip
-    """Return evenly spaced depths and diameters between the ends given, or between those that probe and target suggest.
+    """Return evenly spaced depths and diameters, m, between given ends, or between ends chosen from probe and target.
 
     Raises:
         InputError: an end is not above the other; no target.
@@ -127,6 +127,7 @@ def chosen_sizes(
 
 
 def _between(key: str, low: float | None, high: float | None, usual: float, points: int) -> Floats:
+    """Return evenly spaced sizes, m; missing ends are chosen from the default of the upper one."""
     last = max(usual, 2 * (low or 0.0)) if high is None else high
     first = last / LINES if low is None else low
     if not first < last:

@@ -1,1 +1,1 @@
-"""Pictures as files: which formats there are, and how one is written whole."""
+"""Pictures as files: formats, and writing a file as a whole."""

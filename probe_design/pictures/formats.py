@@ -1,4 +1,4 @@
-"""The formats of pictures, known by the ends of their files' names."""
+"""Formats of pictures, by the suffix of the file name."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ FORMATS = (".png", ".svg", ".pdf")
 
 
 def check_format(path: Path) -> None:
-    """Refuse a picture whose format is not known.
+    """Refuse a picture file of unknown format.
 
     Raises:
-        InputError: the file's name ends in none of ``FORMATS``.
+        InputError: the suffix is none of ``PICTURE_SUFFIXES``.
     """
     if path.suffix.lower() not in FORMATS:
         raise InputError("plot", path.name, f"a file name that ends in {', '.join(FORMATS)}")
 
 
 def save(figure: Figure, path: Path) -> Path:
-    """Write a figure, whole or not at all, in the format of the file's name; returns ``path``.
+    """Write a figure as a whole or not at all, in the format of the file's suffix; return ``path``.
 
     Raises:
         OSError: the file cannot be written.
     """
     with written_whole(path) as draft, warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph")  # of a scene's name in a script that the font has not: boxes stand for it
+        warnings.filterwarnings("ignore", "Glyph")  # missing glyphs of a scene's name are drawn as boxes
         kind = path.suffix[1:].lower()
         figure.savefig(draft, format=kind, metadata=picture_metadata(kind))
     return path

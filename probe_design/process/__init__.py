@@ -1,1 +1,1 @@
-"""The program as a process of the system: the signals that end it, and what the system allows it."""
+"""The program as a process: signals that end it, and limits of the system."""

@@ -1,8 +1,9 @@
-"""Signals that ask the program to end: Ctrl-C, SIGTERM and SIGHUP. Whatever they land in, it ends with one line and 128 + number.
+"""Handle signals that end the program: Ctrl-C, SIGTERM and SIGHUP. It ends with one line of text and exit code 128 + number.
 
-Each raises ``KeyboardInterrupt``, as Ctrl-C does in every Python program, so that all that is under way clears up after itself.
-Three things are different from Python's own way: libraries are not torn out of their import, for those in C crash or say what
-nobody understands; what a library swallows is raised again, every ``AGAIN`` seconds; and what is clearing up is left to do so.
+Each signal raises ``KeyboardInterrupt``, as Ctrl-C does in every Python program, so that running code can clean up. Three rules
+differ from Python's own handler. An import of a library is not interrupted, as C libraries crash or print obscure messages then.
+The exception is raised again every ``RERAISE_INTERVAL_S`` seconds, as a library may swallow it. Code that is cleaning up is not
+interrupted again.
 """
 
 from __future__ import annotations
@@ -19,17 +20,17 @@ from typing import Any
 
 AGAIN = 0.05  # s
 WORDS = {"SIGINT": "interrupted", "SIGTERM": "terminated", "SIGHUP": "hung up"}
-_TIMER = hasattr(signal, "setitimer")  # not on Windows, where nothing is raised a second time
+_TIMER = hasattr(signal, "setitimer")  # not on Windows, where the exception is raised only once
 _ROOT = __file__.rsplit(os.sep, 3)[0]
 _OURS = tuple(os.path.join(_ROOT, name, "") for name in ("geometry", "hw", "probe_design", "solver"))
 _came = 0
 
 
 def minded(program: Callable[[], int]) -> int:
-    """Run a program that ends by the signals which this process does not ignore, as it does under ``nohup``.
+    """Run a program that ends at a signal. Signals that this process ignores, as under ``nohup``, stay ignored.
 
     Returns:
-        Its exit code, or 128 + the number of the signal that ended it.
+        The exit code of the program, or 128 + the number of the signal that ended it.
     """
     try:
         for name in WORDS:
@@ -46,28 +47,28 @@ def minded(program: Callable[[], int]) -> int:
 
 
 def came() -> bool:
-    """Say whether one of the signals has come."""
+    """Return whether a signal has arrived."""
     return bool(_came)
 
 
 def told() -> int:
-    """Write the line that says how the program ended, and return its exit code."""
+    """Write the line that reports the signal, and return the exit code."""
     if _came:
         _deaf()
     number = signal.Signals(_came or signal.SIGINT)
     line = f"probe-design: {WORDS.get(number.name, number.name)}; nothing half-written is left"
-    with suppress(OSError, ValueError):  # a terminal that has hung up
+    with suppress(OSError, ValueError):  # the terminal may be closed
         print(line, file=getattr(sys.stderr, "rich_proxied_file", sys.stderr), flush=True)
     return 128 + number
 
 
 def leave(code: int) -> None:
-    """End the process; nothing is listened to any more, and neither libraries nor Python add to what has been said."""
+    """End the process; signals are ignored from now on, and neither libraries nor Python print anything more."""
     _deaf()
     nowhere = os.open(os.devnull, os.O_WRONLY)
     try:
         sys.stdout.flush()
-    except (OSError, AttributeError):  # which has been told
+    except (OSError, AttributeError):  # already reported
         os.dup2(nowhere, 1)
     if _came:
         os.dup2(nowhere, 2)
@@ -75,6 +76,7 @@ def leave(code: int) -> None:
 
 
 def _deaf() -> None:
+    """Ignore all signals that end the program, and stop the timer."""
     for name in WORDS:
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
@@ -83,7 +85,7 @@ def _deaf() -> None:
 
 
 def _heard(number: int, frame: FrameType | None) -> None:
-    """Note the first signal; raise, unless a library is being imported or something is clearing up."""
+    """Store the first signal; raise, unless a library is being imported or code is cleaning up."""
     global _came
     if not _came:
         _came = number
@@ -96,11 +98,11 @@ def _heard(number: int, frame: FrameType | None) -> None:
 
 
 def _unheard(fault: object) -> None:
-    """Say nothing of what an interrupt has torn where nobody could catch it."""
+    """Ignore an exception that an interrupt raised where it cannot be caught."""
 
 
 class _Silence(io.TextIOBase):
-    """Standard error for libraries that tell of an interrupt; what rich draws it still takes away itself."""
+    """Standard error that discards the text of libraries about an interrupt; rich can still erase its own output."""
 
     def __init__(self, stream: Any) -> None:
         self.rich_proxied_file = getattr(stream, "rich_proxied_file", stream)  # where rich writes to
@@ -111,7 +113,7 @@ class _Silence(io.TextIOBase):
 
 
 def _clearing_up() -> bool:
-    """Whether a ``KeyboardInterrupt`` is being handled, or something that came of it."""
+    """Return whether a ``KeyboardInterrupt``, or an exception that it caused, is being handled."""
     fault = sys.exception()
     while fault is not None and not isinstance(fault, KeyboardInterrupt):
         fault = fault.__context__
@@ -119,7 +121,7 @@ def _clearing_up() -> bool:
 
 
 def _importing(frame: FrameType | None) -> bool:
-    """Whether the module of a library is being run for the first time."""
+    """Return whether the module of a library is being imported."""
     library = False
     while frame is not None:
         code = frame.f_code

@@ -1,7 +1,7 @@
-"""What the system allows this process (``ulimit``), looked at before libraries are loaded that wait without an end for more.
+"""Check the system's limits of memory (``ulimit``) before libraries are loaded that would wait endlessly for more.
 
-OpenBLAS, which numpy and scipy bring each their own of, asks for 32 MB for every thread while it is loaded, and for as long again
-as it does not get them: its ``blas_memory_alloc`` goes round and round, and no signal ends an import.
+OpenBLAS, of which numpy and scipy each have a copy, requests 32 MB for every thread while it is loaded. If it does not get them,
+its ``blas_memory_alloc`` repeats the request endlessly, and no signal ends an import.
 """
 
 from __future__ import annotations
@@ -9,12 +9,12 @@ from __future__ import annotations
 import os
 from importlib import import_module
 
-LEAST = 500_000_000  # bytes: what answers by any level begin with, one thread of OpenBLAS counted
+LEAST = 500_000_000  # bytes: needed by every evaluator, with one thread of OpenBLAS
 KINDS = {"RLIMIT_DATA": "data (ulimit -d)", "RLIMIT_AS": "address space (ulimit -v)"}
 
 
 def refused() -> str:
-    """Say which limit is too low to load anything, "" if none is; where there are limits OpenBLAS has one thread from now on."""
+    """Return a message about a limit that is too low, or "". If there are limits, restrict OpenBLAS to one thread."""
     try:
         resource = import_module("resource")
     except ImportError:  # Windows

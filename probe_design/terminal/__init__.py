@@ -1,1 +1,1 @@
-"""How results and progress look on a terminal: tables, bars, live numbers, Braille charts."""
+"""Results and progress on a terminal: tables, progress bars, live numbers, Braille charts."""

@@ -1,4 +1,4 @@
-"""Curves as text: two by four dots in each character, as the Unicode block of Braille patterns has them."""
+"""Draw curves as text with Unicode Braille patterns, which have two by four dots in each character."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import numpy as np
 from geometry.common.arrays import Floats
 
 BLANK = 0x2800
-DOTS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])  # Unicode, Braille Patterns: rows from above
-LABEL = 11  # characters of the vertical axis
+DOTS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])  # bits of the dots, row by row from the top
+LABEL = 11  # characters of the labels of the vertical axis
 
 
 def chart(curves: Sequence[Floats], width: int = 60, height: int = 8) -> str:
-    """Draw curves over each other as ``height`` lines of text; values evenly spaced from left to right.
+    """Return a chart of curves as ``height`` lines of text; the values of a curve are evenly spaced.
 
     Args:
         curves: each of shape (n,), n >= 1; a curve may be longer or shorter than the others.

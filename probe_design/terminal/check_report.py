@@ -1,4 +1,4 @@
-"""The report of `check`: the tables that a terminal shows, and what there is to tell of the scene, as a page."""
+"""Build the HTML report of `check`: the tables of the terminal, and sections about the scene."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ def check_report(check: Check, scene: Scene, answer: dict[str, Any], tell: Calla
     """Return the report as HTML.
 
     Args:
-        check: what was found.
-        scene: the probe as it was designed, on the tissue of its scene.
-        answer: the JSON object of the verb, with its provenance.
-        tell: called with a line before each long piece of work.
+        check: result of the check.
+        scene: the probe as designed, on the tissue of its scene.
+        json_object: the JSON object of the command, with its provenance.
+        tell: called with a line of text before each long step.
     """
     said = sentences(check)
     sections = [
@@ -40,7 +40,7 @@ def check_report(check: Check, scene: Scene, answer: dict[str, Any], tell: Calla
 
 
 def below_its_title(shown: RichTable) -> tuple[Text, ...] | tuple[Text, PageTable]:
-    """A terminal's table below its title as a page has them; nothing of one without rows."""
+    """Return a table of the terminal as title and table of the page; nothing for a table without rows."""
     if not shown.row_count:
         return ()
     columns = [[str(cell) for cell in column.cells] for column in shown.columns]

@@ -1,4 +1,4 @@
-"""What a person sees: tables, progress and messages; everything but results goes to standard error."""
+"""Tables, progress and messages for a person; everything but results goes to standard error."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ UNITS = {
     "frequency": "Hz", "ratio_phase": "rad", "ratio_phase_error": "rad",
 }  # fmt: skip
 
-CURVE_ROWS, SCAN_ROWS, MAP_ROWS = 25, 41, 20  # of a table, at most
+CURVE_ROWS, SCAN_ROWS, MAP_ROWS = 25, 41, 20  # largest numbers of rows of a table
 
 
 def message(text: str) -> None:
@@ -44,7 +44,7 @@ def warn(warnings: Iterable[str]) -> None:
 
 
 def result_table(result: Result) -> Table:
-    """Return the results of one evaluation as a table; what is null is left out, its reason is a warning."""
+    """Return the results of one evaluation as a table; null values are left out, and a warning gives the reason."""
     table = _table(title=f"{result.evaluator}, {result.seconds:.2g} s")
     for heading in ("quantity", "value", "unit"):
         table.add_column(heading, justify="right" if heading == "value" else "left")
@@ -60,7 +60,7 @@ def result_table(result: Result) -> Table:
 
 
 def plan_table(plan: Plan) -> Table:
-    """Return a plan as a table, a line for each decision."""
+    """Return a plan as a table, one row for each decision."""
     from solver.results.result import LARGEST
 
     table = _table(title=f"{plan.evaluator or 'no evaluator'}: {plan.dimension}", caption="relative changes by each feature")
@@ -74,12 +74,12 @@ def plan_table(plan: Plan) -> Table:
 
 
 def plan_lines(plan: Plan) -> list[str]:
-    """Return the reason of each decision, and up to which load each question is answered."""
+    """Return the reason for each decision, and the limits of the load, one line each."""
     return [*(f"{one.feature}: {one.reason}" for one in plan.decisions), *(f"load: {line}" for line in plan.load_limits.lines)]
 
 
 def curve_table(curve: Curve) -> Table:
-    """Return a curve as a table, of 25 rows at most; what is null is a dash."""
+    """Return a curve as a table of at most 25 rows; null values are dashes."""
     table = _table(title=f"{curve.evaluator}, {len(curve.ratio)} moduli in {curve.seconds:.2g} s")
     for heading in ("youngs_modulus, Pa", "ratio", "log_sensitivity", "error_estimate"):
         table.add_column(heading, justify="right")
@@ -90,7 +90,7 @@ def curve_table(curve: Curve) -> Table:
 
 
 def scan_table(scan: Scan) -> Table:
-    """Return a scan as a table, of 41 rows at most; what is null is a dash."""
+    """Return a scan as a table of at most 41 rows; null values are dashes."""
     across = "y" if scan.along == "x" else "x"
     where = f"along {scan.along} at {across} = {scan.at * 1e3:.6g} mm"
     table = _table(title=f"{scan.evaluator}, {len(scan.ratio)} positions {where} in {scan.seconds:.2g} s")
@@ -105,11 +105,11 @@ def scan_table(scan: Scan) -> Table:
 
 
 def threshold_table(maps: Detectability) -> Table:
-    """Return for some depths the least diameters that are seen, and whose stiffness is resolved; a dash where there is none."""
+    """Return a table of the smallest detected and resolved diameters at some depths; a dash where there is none."""
     noise = f"noise {maps.noise:g} on the ratio"
     title = f"{maps.evaluator}, {len(maps.depth)} depths x {len(maps.diameter)} diameters in {maps.seconds:.2g} s, {noise}"
     table = _table(title=title)
-    for heading in ("depth, mm", "largest that fits, mm", "seen from, mm", "resolved from, mm"):
+    for heading in ("depth, mm", "largest that fits, mm", "detected from, mm", "resolved from, mm"):
         table.add_column(heading, justify="right")
     for depth, *columns in list(zip(maps.depth, maps.change, maps.seen, maps.resolved, strict=True))[
         :: -(-len(maps.depth) // MAP_ROWS)
@@ -122,14 +122,14 @@ def threshold_table(maps: Detectability) -> Table:
 
 
 def show(table: Table) -> None:
-    """Write a table to standard output; in a terminal too narrow for its words lines are wider, so that no figure is cut."""
+    """Write a table to standard output; on a narrow terminal the lines are longer, so that no number is cut."""
     from probe_design.terminal.whole_table import WholeTable
 
     rich_console(stderr=False).print(WholeTable(table), soft_wrap=True)
 
 
 def rich_console(stderr: bool = True) -> Console:
-    """Return standard error or output as rich writes to them; ``COLUMNS`` and ``LINES`` that are no sizes say nothing."""
+    """Return the rich console of standard error or output; invalid sizes in ``COLUMNS`` and ``LINES`` are ignored."""
     from rich.console import Console
 
     sizes = (os.environ.get(name) for name in ("COLUMNS", "LINES"))
@@ -140,18 +140,18 @@ def rich_console(stderr: bool = True) -> Console:
 
 
 def _table(title: str, caption: str | None = None) -> Table:
-    from rich.table import Table  # rich waits until there is something to show: --json into a file needs none
+    from rich.table import Table  # imported late: --json into a file does not need rich
 
     return Table(title=title, caption=caption)
 
 
 def _terminal() -> Console | None:
-    """Standard error, if it is a terminal."""
+    """Return the console of standard error if it is a terminal, else None."""
     return rich_console() if sys.stderr.isatty() else None
 
 
 def _plain(text: str) -> Text:
-    """A line as it is, not as rich's markup."""
+    """Return a line as text without rich's markup."""
     from rich.text import Text
 
     return Text(one_line(text))
@@ -167,7 +167,7 @@ def _bars(terminal: Console, transient: bool) -> Progress:
 
 @contextmanager
 def working(text: str) -> Iterator[None]:
-    """Show on a terminal that something is being computed."""
+    """Show a spinner with a text on a terminal."""
     terminal = _terminal()
     with terminal.status(_plain(text)) if terminal else nullcontext():
         yield
@@ -175,7 +175,7 @@ def working(text: str) -> Iterator[None]:
 
 @contextmanager
 def saying(text: str) -> Iterator[Callable[[str], None]]:
-    """Yield a function (line) that tells what is being done: beside a spinner on a terminal, in lines elsewhere."""
+    """Yield a function (line) that shows the current step: next to a spinner on a terminal, as lines elsewhere."""
     terminal = _terminal()
     if terminal is None:
         yield message
@@ -186,7 +186,7 @@ def saying(text: str) -> Iterator[Callable[[str], None]]:
 
 @contextmanager
 def counting(text: str) -> Iterator[Callable[[int, int], None]]:
-    """Yield a function (done, total) that moves a bar on a terminal, and does nothing elsewhere."""
+    """Yield a function (done, total) that updates a progress bar on a terminal, and does nothing elsewhere."""
     terminal = _terminal()
     if terminal is None:
         yield lambda done, total: None
@@ -198,7 +198,7 @@ def counting(text: str) -> Iterator[Callable[[int, int], None]]:
 
 @contextmanager
 def stages() -> Iterator[Any]:
-    """Yield a function (stage, done, total) that shows a bar per stage, or lines where there is no terminal."""
+    """Yield a function (stage, done, total) that shows a progress bar per stage, or lines without a terminal."""
     terminal = _terminal()
     if terminal is None:
         yield lambda stage, done, total: message(f"{stage}: {done} of {total}") if done in (0, total) else None

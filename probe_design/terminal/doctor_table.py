@@ -1,4 +1,4 @@
-"""What the doctor found as a table."""
+"""Build the table of the findings of `doctor`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from probe_design.doctor.finding import Finding
 
 
 def doctor_table(findings: Sequence[Finding], versions: dict[str, str | None]) -> Table:
-    """Return findings, a line each, with versions below."""
+    """Return findings as a table, one row each, with the versions below."""
     names = ", ".join(f"{name} {number}" for name, number in versions.items() if number is not None)
     table = Table(caption=escape(names), caption_justify="left")
     table.add_column("what")

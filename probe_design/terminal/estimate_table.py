@@ -1,4 +1,4 @@
-"""An estimate as a person reads it: a table and a sentence."""
+"""Present an estimate: a table, a sentence and advice."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from probe_design.estimation.strength import Interval
 
 
 def sentence(estimate: Estimate) -> str:
-    """Say what was found, in one sentence or two."""
+    """Return the estimate in one or two sentences."""
     name = NAMES.get(estimate.unknown, estimate.unknown)
     if estimate.value is not None:
         value, interval = shown(estimate.unknown, estimate.value), _between(estimate.unknown, estimate.interval)
@@ -20,12 +20,12 @@ def sentence(estimate: Estimate) -> str:
     if estimate.strength is not None:
         size = " (the scene's)" if estimate.strength_interval is None else _sized(estimate.strength_interval)
         instead.append(f"strength {estimate.strength * 1e9:.4g} mm^3{size}")
-    left = f" What can be told: {', '.join(instead)}." if instead else ""
+    left = f" What can be estimated: {', '.join(instead)}." if instead else ""
     return f"{name} is not identifiable: {estimate.reason}.{left}"
 
 
 def advice(estimate: Estimate) -> list[str]:
-    """Say what to measure next, and what is expected of it, a line each; nothing where it was not asked."""
+    """Return the advice what to measure next, with expected intervals, one line each; nothing if it was not requested."""
     found = estimate.next
     if found is None:
         return []
@@ -39,7 +39,7 @@ def advice(estimate: Estimate) -> list[str]:
 
 def _expected(unknown: str, one: ExpectedInterval) -> str:
     apart = "open in most cases" if one.width is None else f"ends a factor of {one.width:.3g} apart"
-    return f"{_between(unknown, one.interval)}, {apart}; told with a probability of {one.identifiable:.2g}"
+    return f"{_between(unknown, one.interval)}, {apart}; identifiable with a probability of {one.identifiable:.2g}"
 
 
 def estimate_table(estimate: Estimate) -> Table:

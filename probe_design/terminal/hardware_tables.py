@@ -1,4 +1,4 @@
-"""Readings, calibrations and checks as tables."""
+"""Build tables of readings, calibrations and checks."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MOST_PAIRS = 3
 
 
 def read_table(reading: Read) -> Table:
-    """Return a reading: read, predicted, z."""
+    """Return a reading as a table: measured, predicted, and their difference z in standard deviations."""
     table = Table(title=f"{reading.cycles:.4g} cycles of {reading.frequency:.5g} Hz; predicted by {reading.evaluator}")
     _columns(table, "quantity", "read", "sd", "predicted", "z")
     rows = (
@@ -39,7 +39,7 @@ def _phase(reading: Read) -> tuple[str, float | None, float | None, float | None
 
 
 def calibration_table(record: CalibrationRecord) -> Table:
-    """Return the gain matrix and what it was told by."""
+    """Return the gain matrix and the offsets as a table, with their standard deviations."""
     scale = "absolute" if record.absolute else "relative: the outer gain is the unit"
     fit = f"chi-square {record.chi_square:.3g} for {record.degrees_of_freedom} degrees of freedom"
     table = Table(title=f"{len(record.reading)} references at {record.frequency:.5g} Hz; gains {scale}; {fit}")
@@ -53,7 +53,7 @@ def calibration_table(record: CalibrationRecord) -> Table:
 
 
 def check_table(check: Check) -> Table:
-    """Return the ratios of all blocks."""
+    """Return the ratios of all blocks as a table: measured, predicted, and their difference z."""
     fit = f"chi-square {check.chi_square:.4g} for {check.degrees_of_freedom} degrees of freedom, p = {check.p_value:.2g}"
     table = Table(title=f"{check.verdict}: {fit} (fails below {check.level:g})")
     _columns(table, "reference", "ratio read", "sd", "predicted", "sd", "z")
@@ -64,7 +64,7 @@ def check_table(check: Check) -> Table:
 
 
 def explanations_table(check: Check) -> Table:
-    """Return what would explain a deviation, best first."""
+    """Return a table of the variables that would explain a deviation by themselves, the best first."""
     table = Table(title="which one variable would explain it")
     _columns(table, "variable", "drawn", "would be", "sd", "chi2 left")
     for one in check.explanations[:MOST]:
@@ -73,7 +73,7 @@ def explanations_table(check: Check) -> Table:
 
 
 def pairs_table(check: Check) -> Table:
-    """Return which two variables together would explain a deviation, best first."""
+    """Return a table of the pairs of variables that would explain a deviation together, the best first."""
     table = Table(title="which two would explain it together")
     _columns(table, "variables", "drawn", "would be", "sd", "chi2 left")
     for pair in check.pairs[:MOST_PAIRS]:
@@ -83,7 +83,7 @@ def pairs_table(check: Check) -> Table:
 
 
 def coverage_table(check: Check) -> Table:
-    """Return which variables the check has tested, and how far off each would be found."""
+    """Return a table of the variables that the check has tested, and the deviation from which each would be detected."""
     table = Table(title="what was tested: a variable that would be found off by five tolerances in 1 of 2 cases or more")
     _columns(table, "variable", "tolerance, 1 sd", "five change a ratio by", "then found", "found 1 in 2 from", "tested")
     for one in (*check.tested, *check.untested):
@@ -96,7 +96,7 @@ def coverage_table(check: Check) -> Table:
 
 
 def sentences(check: Check) -> list[str]:
-    """Say what a check comes to, what it has tested, and what it could not test and why."""
+    """Return the verdict of a check, the variables tested, and those not tested with the reasons, one line each."""
     lines = [f"{check.verdict}: {check.reason}"] if check.reason else []
     if check.tested:
         names = ", ".join(_short(one.variable) for one in check.tested)
@@ -107,7 +107,7 @@ def sentences(check: Check) -> list[str]:
         lines.append(f"not tested: {names}: {reason}")
     if check.cancelling:
         pairs = (_together(one) for one in check.cancelling[:MOST_PAIRS])
-        lines.append(f"not seen where off together, in tolerances, likewise with both signs changed: {'; '.join(pairs)}")
+        lines.append(f"not detected if off together, in tolerances, likewise with both signs changed: {'; '.join(pairs)}")
     return lines
 
 
@@ -120,7 +120,7 @@ def _short(variable: str) -> str:
 
 
 def _sized(variable: str, size: float) -> str:
-    """A deviation of a variable, SI, in the unit in which it is shown."""
+    """Return a deviation of a variable, SI, as text in its unit."""
     if variable.endswith("poisson_ratio"):
         return f"{size:.2g}"
     return modulus_text(float(f"{size:.2g}")) if variable.endswith("modulus") else f"{1e3 * size:.2g} mm"

@@ -1,4 +1,4 @@
-"""Numbers and curves while a reading runs: refreshed in place on a terminal, plain lines elsewhere."""
+"""Show numbers and curves during a reading: updated in place on a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from probe_design.measuring.acquisition import window
 from probe_design.terminal.braille_chart import chart
 from probe_design.terminal.console import message, rich_console
 
-SHOWN = 1.0  # s of the films' volts
+SHOWN = 1.0  # s of the films' voltages that are drawn
 LEAST_PERIODS = 4.0
-LONGEST = 4.0  # s that a live number is taken from
+LONGEST = 4.0  # s: shortest window that a live number is computed from
 
 Show = Callable[[Samples], None]
 
 
 def followed(frequency: float) -> float:
-    """Return how many seconds of a load of that frequency a live number is taken from."""
+    """Return the window for a live number, s, at a frequency of the load, Hz."""
     return max(LEAST_PERIODS / frequency, LONGEST)
 
 
 @contextmanager
 def following(judge: Callable[[Samples], Read]) -> Iterator[Show]:
-    """Yield a function that shows the last seconds that came; ``judge`` turns them into a reading."""
+    """Yield a function that shows the latest samples; ``compare`` converts them to a reading."""
     console = rich_console()
     ratios: list[float] = []
 
@@ -56,7 +56,7 @@ def _line(samples: Samples, reading: Read) -> str:
 def _picture(samples: Samples, reading: Read, ratios: list[float], console: Console) -> Group:
     table = Table(show_header=False, box=None)
     for _ in range(2):
-        table.add_column(overflow="fold")  # of a figure nothing is left out, however narrow the terminal is
+        table.add_column(overflow="fold")  # a number is folded, never cut, on a narrow terminal
     rows = {
         "time, s": f"{samples.index[-1] / samples.rate:.1f}",
         "ratio": _ratio(reading),

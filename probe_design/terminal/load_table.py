@@ -1,4 +1,4 @@
-"""A load curve as a person reads it."""
+"""Present a load curve: a table, and lines about the limits of the load."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ ROWS = 25  # at most
 
 
 def load_table(curve: LoadCurve) -> Table:
-    """Return a load curve as a table, of 25 rows at most; what is null is a dash."""
+    """Return a load curve as a table of at most 25 rows; null values are dashes."""
     from rich.table import Table
 
     table = Table(title=f"{curve.evaluator}, {len(curve.force)} loads in {curve.seconds:.2g} s")
@@ -23,14 +23,14 @@ def load_table(curve: LoadCurve) -> Table:
     columns = (curve.force, depth, curve.ratio, curve.log_sensitivity, walls, curve.largest_strain, curve.error_estimate)
     rows = list(zip(*columns, strict=True))
     step = -(-len(rows) // ROWS)
-    for row in rows[::-1][::step][::-1]:  # the last load is always there
+    for row in rows[::-1][::step][::-1]:  # counted from the end, so that the last load is always shown
         digits = (4, 4, 6, 4, 4, 2, 2)
         table.add_row(*("-" if value is None else f"{value:.{d}g}" for value, d in zip(row, digits, strict=True)))
     return table
 
 
 def load_lines(curve: LoadCurve) -> list[str]:
-    """Return what ends on the way, a line each; what does not is a warning."""
+    """Return the limits of the load and the range of constant ratio, one line each."""
     lines = [] if curve.load_limits is None else list(curve.load_limits.lines)
     if curve.constant_ratio is not None:
         between = f"{curve.constant_ratio.low:.3g} and {curve.constant_ratio.high:.3g} N"

@@ -1,4 +1,4 @@
-"""What a rounded design is told by: each size before and after, and what that does to the ratio and its log-sensitivity."""
+"""Describe a rounded design: each size before and after, and the effect on ratio and log-sensitivity."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def rounding_lines(rounding: Rounding) -> list[str]:
-    """Return what was rounded, and what that costs."""
+    """Return the rounded sizes and the effect of rounding, one line each."""
     lines = [f"rounded: {one.key} = {mm(one.before)} to {mm(one.after)}" for one in rounding.changes]
     lines = lines or [f"rounded: nothing, all sizes are multiples of {mm(rounding.step)}"]
     before, after = rounding.before, rounding.after
@@ -21,7 +21,7 @@ def rounding_lines(rounding: Rounding) -> list[str]:
 
 
 def _change(before: RoundingCost, after: RoundingCost, key: str) -> str:
-    """Write a number before and after, and by how much it is now another."""
+    """Return a number before and after rounding, and its relative change, as text."""
     old, new = getattr(before, key), getattr(after, key)
     if old is None or new is None:
         return "none"

@@ -1,4 +1,4 @@
-"""How far a sweep is, on standard error: a bar on a terminal, lines elsewhere."""
+"""Show the progress of a sweep on standard error: a bar on a terminal, lines elsewhere."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from probe_design.terminal.console import message, rich_console
 
 @contextmanager
 def shown() -> Iterator[Tell]:
-    """Yield a function that shows the state on standard error."""
+    """Yield a function that shows the progress of a sweep on standard error."""
     console = rich_console()
     if console.is_terminal:
         with Bars(SpinnerColumn(), BarColumn(), TextColumn("{task.description}"), console=console, transient=True) as bars:

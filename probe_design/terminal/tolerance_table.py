@@ -1,4 +1,4 @@
-"""An uncertainty budget as a person reads it."""
+"""Present a tolerance budget: a table, and lines about the outputs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ NAMES = {
 
 
 def tolerance_table(budget: ToleranceBudget) -> Table:
-    """Return a budget as a table, the largest share first."""
+    """Return a budget as a table, the largest share of variance first."""
     from rich.table import Table
 
     table = Table(title=f"{budget.evaluator}, {budget.samples} samples of closed-form, {budget.seconds:.2g} s")
@@ -38,7 +38,7 @@ def tolerance_table(budget: ToleranceBudget) -> Table:
 
 
 def tolerance_lines(budget: ToleranceBudget) -> list[str]:
-    """Return by how much each output scatters, a line each."""
+    """Return the standard deviation of each output, one line each."""
     lines = []
     for key, one in budget.outputs.items():
         absolute = key == "log_sensitivity"
@@ -60,7 +60,7 @@ def _drawn(line: BudgetLine) -> str:
 
 
 def _sd(line: BudgetLine, sd: float) -> str:
-    """A standard deviation in the unit in which a workshop thinks."""
+    """Return a standard deviation as text in the unit of a workshop: um, mm or %."""
     if line.kind == "length":
         return f"{1e6 * sd:.2g} um" if sd < 1e-3 else f"{1e3 * sd:.2g} mm"
     return f"{sd:.2g}" if line.kind == "poisson_ratio" else f"{100 * sd / line.value:.2g} %"

@@ -1,4 +1,4 @@
-"""Tables whose words stay whole and whose texts do not speak to the terminal."""
+"""Tables that never cut a word, and that escape control characters in texts."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from rich.table import Table
 
 from geometry.common.errors import printable
 
-_ANY = 10_000  # columns, more than any table has
+_ANY = 10_000  # characters, more than any table needs
 
 
 class WholeTable:
-    """A table as wide as its longest words at least, with what cannot be printed, such as a file's name may have, as escapes."""
+    """A table at least as wide as its longest words; characters that cannot be printed, as in file names, are escaped."""
 
     def __init__(self, table: Table) -> None:
         self._table = table
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """Render it; rich cuts words that are wider than what it leaves of a column, unless that is the column's least width."""
+        """Render the table. Each column gets the width of its longest word as minimum, as rich cuts words otherwise."""
         wide = options.update(width=_ANY)
         for column in self._table.columns:
             words = (Measurement.get(console, wide, cell) for cell in (column.header, *column.cells))

@@ -291,7 +291,7 @@ def test_command_line(tmp_path: Path) -> None:
     said = run("estimate", file, "--ratio", "0.71")
     assert said.returncode == 0
     assert "E_object is not identifiable" in said.stdout
-    assert "What can be told: depth 9 mm" in said.stdout
+    assert "What can be estimated: depth 9 mm" in said.stdout
     depth = json.loads(run("estimate", file, "--ratio", "0.6", "--unknown", "depth", "--json").stdout)
     assert depth["depth_interval"] == depth["interval"]
 

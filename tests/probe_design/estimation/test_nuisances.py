@@ -190,5 +190,5 @@ def test_a_number_that_turns_the_ratios_sign_is_refused() -> None:
     model: Any = Turning(scene())
     target = {"youngs_modulus": np.array([1e3, 1e4])}
     assert spread(model, {TISSUE: 0.05}, np.zeros(2), target).errors.line.ravel() == pytest.approx(0.05)
-    with pytest.raises(InputError, match=rf"nuisance.{TISSUE} = 0.2: allowed: a smaller one: the model cannot tell what is read"):
+    with pytest.raises(InputError, match=rf"nuisance.{TISSUE} = 0.2: allowed: a smaller one: the model cannot predict"):
         spread(model, {TISSUE: 0.2}, np.zeros(2), target)

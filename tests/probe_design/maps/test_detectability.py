@@ -137,7 +137,7 @@ def test_sizes_chosen_hold_the_scenes_own_tumour() -> None:
 def test_table() -> None:
     ended = run("detectability", SCENE, "--points", "5", "--noise", "0.05")
     assert ended.returncode == 0
-    assert "seen from" in ended.stdout
+    assert "detected from" in ended.stdout
 
 
 @pytest.mark.parametrize(

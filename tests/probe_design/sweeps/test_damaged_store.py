@@ -234,7 +234,7 @@ def test_the_terminal_says_what_was_mended(swept: Path, tmp_path: Path) -> None:
     ended = run(path, "-o", tmp_path / "out")
     assert ended.returncode == 0, ended.stderr
     assert "probe-design: sweep.sqlite was damaged (a row of results is not what was written)" in ended.stderr
-    assert "2 answered now" in ended.stdout
+    assert "2 evaluated now" in ended.stdout
 
 
 @pytest.mark.parametrize("gone", slow_unless("moved".__eq__, ["moved", "deleted", "replaced"]))
