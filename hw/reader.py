@@ -186,7 +186,7 @@ def _replay(path: Path, columns: ColumnMap, limits: ReadLimits) -> Transport:
     if is_foreign(path):
         return replayed(path, columns, limits)
     if columns != AS_IT_IS:
-        raise InvalidSource(f"{path} tells its columns and its rate itself: allowed: no --column and no --rate")
+        raise InvalidSource(f"{path} states its columns and its rate itself: allowed: no --column and no --rate")
     return Replay(path)
 
 

@@ -40,4 +40,4 @@ class Clock:
 
 def different_rates(timed: float, stated: float) -> str:
     """Describe a difference between the rate of the time stamps and the stated rate, both in Hz."""
-    return f"time stamps tell {timed:.4g} samples a second, not the stated {stated:.6g}: frequencies are off as much"
+    return f"the time stamps give {timed:.4g} samples a second, not the stated {stated:.6g}: frequencies have the same error"

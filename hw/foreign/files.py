@@ -75,7 +75,7 @@ def _hdf5_transport(path: Path, columns: ColumnMap, limits: ReadLimits) -> Trans
         if not is_recording(file):
             return TableTransport(table_of(file, limits), columns)
         if columns != ColumnMap():
-            raise InvalidSource(f"{path} tells its columns and its rate itself: allowed: no --column and no --rate")
+            raise InvalidSource(f"{path} states its columns and its rate itself: allowed: no --column and no --rate")
         replay = Hdf5Replay(file, limits)
         stack.pop_all()  # open until the transport is closed
         return replay

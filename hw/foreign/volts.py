@@ -108,4 +108,4 @@ def _told(note: str) -> tuple[tuple[Gap, ...], int]:
         told = json.loads(note)
         return tuple(Gap(int(first), int(count), str(why)) for first, count, why in told["gaps"]), int(told["overruns"])
     except (ValueError, TypeError, KeyError) as fault:
-        raise InvalidSource("a note of volts that tells no gaps: nothing of ours wrote it") from fault
+        raise InvalidSource("a note of volts that lists no gaps: another program wrote it") from fault

@@ -71,7 +71,7 @@ class Dialect:
                 return _checked(Scaling(interval, step, zero, offset), answer)
             _, _, _, _, interval, _, _, step, origin, reference = fields
         except ValueError as fault:
-            raise ProtocolError(f"the oscilloscope told its scales as {answer!r}: not what its family does") from fault
+            raise ProtocolError(f"the oscilloscope's scales are {answer!r}: not in the form of its family") from fault
         if self is RIGOL:  # Rigol's origin is in codes, Keysight's in volts
             return _checked(Scaling(interval, step, origin + reference, 0.0), answer)
         return _checked(Scaling(interval, step, reference, origin), answer)
@@ -138,5 +138,5 @@ def dialect_of(identity: str) -> str:
 def _checked(scaling: Scaling, answer: str) -> Scaling:
     finite = np.isfinite([scaling.interval, scaling.step, scaling.zero, scaling.offset]).all()
     if not (finite and scaling.interval > 0 and scaling.step > 0):
-        raise ProtocolError(f"the oscilloscope told its scales as {answer!r}: is the channel switched on?")
+        raise ProtocolError(f"the oscilloscope's scales are {answer!r}: is the channel switched on?")
     return scaling

@@ -74,7 +74,7 @@ class SerialTransport:
         if data:
             self._heard = time.monotonic()
         elif time.monotonic() - self._heard > self._silence:
-            raise Timeout(f"serial:{self._name}: it is there and says nothing: unplug it and plug it in again")
+            raise Timeout(f"serial:{self._name}: it is connected but does not answer: unplug it and plug it in again")
         note, self._note = self._note, "" if data else self._note
         return Chunk(data, self._stream, note, time.monotonic())
 

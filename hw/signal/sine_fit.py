@@ -156,7 +156,7 @@ def _strongest_frequency(samples: Samples, span: float) -> float:
     low, high = max(LOWEST, LEAST_CYCLES / span), 0.4 * samples.rate
     frequency = strongest(samples, low, high)
     if frequency is None:
-        raise NoSine(f"no frequency between {low:.3g} and {high:.3g} Hz can be told in {span:.3g} s: read longer")
+        raise NoSine(f"no frequency between {low:.3g} and {high:.3g} Hz can be determined in {span:.3g} s: read longer")
     return frequency
 
 
@@ -164,7 +164,7 @@ def check_rate(frequency: float, rate: float) -> None:
     """Raise ``NoSine`` if the mains look like a load of this frequency, as they are or seen at a rate below twice their own."""
     hum = [k * nominal for nominal in MAINS for k in range(1, HUMS + 1) if abs(frequency - k * nominal) < k * WANDERS]
     if hum:
-        raise NoSine(f"a load of {frequency:.4g} Hz cannot be told from the mains at {hum[0]:g} Hz: load at another frequency")
+        raise NoSine(f"a load of {frequency:.4g} Hz is too close to the mains at {hum[0]:g} Hz: load at another frequency")
     for mains_line in (k * nominal for nominal in MAINS for k in range(1, HUMS + 1)):
         seen = abs(mains_line - rate * round(mains_line / rate))
         if mains_line > 0.5 * rate and abs(frequency - seen) < WANDERS * max(1.0, mains_line / MAINS[0]):

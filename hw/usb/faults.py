@@ -33,7 +33,7 @@ _REMEDY = {
     Disconnected: "it went away and did not come back: check plug and cable, then read again",
     NotFound: "plug it in, or name another with usb:SERIAL",
     Stalled: "it keeps refusing: unplug it and plug it in again",
-    Timeout: "it is there and says nothing: unplug it and plug it in again",
+    Timeout: "it is connected but does not answer: unplug it and plug it in again",
     TransferError: "the bus failed, again and again: try another cable or port, without a hub",
 }
 

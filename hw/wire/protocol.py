@@ -96,5 +96,5 @@ class Status:
             ProtocolError: the answer is too short.
         """
         if len(data) < _STATUS.size:
-            raise ProtocolError(f"the device told its status in {len(data)} bytes, not {_STATUS.size}: update its firmware")
+            raise ProtocolError(f"the device's status has {len(data)} bytes, not {_STATUS.size}: update its firmware")
         return cls(*_STATUS.unpack_from(data))

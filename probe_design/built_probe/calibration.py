@@ -144,5 +144,5 @@ def _warnings(gains: Gains, bench: Bench) -> list[str]:
         warnings.append("no force channel: the ratio is calibrated, the stresses' common factor is not")
     for measured, entry in zip(gains.cross_talk_resolved, ("inner from outer", "outer from inner"), strict=True):
         if not measured:
-            warnings.append(f"cross-talk {entry}: the readings hardly tell it; what the bench assumes stands")
+            warnings.append(f"cross-talk {entry}: the readings do not determine it; the bench's assumption stands")
     return warnings

@@ -105,7 +105,7 @@ class CalibrationRecord(Frozen):
         shapes = (gains.matrix.shape, gains.covariance.shape, gains.slopes.shape, gains.workshop.shape)
         v = len(self.variables)
         if shapes != ((2, 2), (4, 4), (4, v), (v,)) or abs(np.linalg.det(gains.matrix)) < 1e-6:
-            raise InputError("matrix", Words("of a shape its covariance or slopes do not fit"), "what calibrate has written")
+            raise InputError("matrix", Words("of a shape that its covariance or slopes do not fit"), "what calibrate has written")
         beside = gains.covariance - gains.force_scale.covariance
         if np.linalg.eigvalsh(beside).min() < -1e-9 * max(np.trace(gains.covariance), 1e-12):
             raise InputError("covariance", Words("no covariance"), "what calibrate has written")

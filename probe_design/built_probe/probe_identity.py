@@ -39,7 +39,7 @@ def probe_difference(numbers: Mapping[str, float], scene: Scene) -> str | None:
     wanted = probe_numbers(scene)
     for key, own in wanted.items():
         if key not in numbers:
-            return f"{key} is not told there"
+            return f"{key} is missing there"
         if not math.isclose(numbers[key], own, rel_tol=SAME):
             return f"{key} is {numbers[key]:.6g} there and {own:.6g} in the scene, SI units"
     return None if numbers.keys() == wanted.keys() else "it has parts there that the scene's has not"

@@ -204,9 +204,7 @@ def _exchanged(films: Floats, gains: Gains, predicted: float | None, z: float | 
     off, turned = (abs(float(np.log(abs(one[0] / one[1] / predicted)))) for one in forces)
     if turned > off / NEARER:
         return []
-    return [
-        f"the ratio is {abs(z):.2g} standard deviations off what is predicted, and near it with the films' channels exchanged"
-    ]
+    return [f"the ratio is {abs(z):.2g} standard deviations from its prediction, and near it with the films' channels exchanged"]
 
 
 def _z(read: float | None, spread: float | None, predicted: float | None, predicted_spread: float | None) -> float | None:

@@ -51,7 +51,7 @@ def trusted(observed: Sequence[Observed], shares: Shares, bench: Bench) -> tuple
     blamed = gains.p_value < CERTAIN and bool(odd) and all(one.on != "tissue" for one in odd)
     if alone is None or _strange(alone, bench) or blamed:
         raise _contradiction(_misfit(gains), odd)
-    note = f"{_misfit(gains)}: the blocks contradict their predictions; gains are told by pin, ring and force alone; run check"
+    note = f"{_misfit(gains)}: the blocks contradict their predictions; gains follow from pin, ring and force alone; run check"
     note += "".join(f"; without the reading on the {one.name} the others agree" for one in odd)
     return alone, (note, *straying)
 
@@ -94,8 +94,8 @@ def _loosened(observed: Sequence[Observed], bench: Bench) -> tuple[list[Observed
     if guessed:
         names, most = " and ".join(one.name for one in guessed), 100 * max(one.strays for one in guessed)
         notes.append(
-            f"nobody says what share of their load {names} put on the other block: up to {most:.1g} % (1 sd) counts in ratio and "
-            "gains; where somebody has looked write leak = 0.002, say, in the bench: check then sees more, too"
+            f"the bench does not state what fraction of their load {names} put on the other block: up to {most:.1g} % (1 sd) "
+            "counts in ratio and gains; if it was inspected, write leak = 0.002, for example, in the bench: check then detects more, too"
         )
     return found, tuple(notes)
 
@@ -181,7 +181,7 @@ def _contradiction(misfit: str, odd: Sequence[Reference]) -> InputError:
         names = ", or on the ".join(one.name for one in odd)
         remedy += f"; without the reading on the {names} the others agree: read it again"
     if not odd or any(one.on != "tissue" for one in odd):
-        remedy += "; with a force channel, pin and ring alone calibrate a probe that is not as drawn, and check tells what is off"
+        remedy += "; with a force channel, pin and ring alone calibrate a probe that is not as drawn, and check finds the cause"
     return InputError("reading", Words(misfit), remedy)
 
 

@@ -125,7 +125,7 @@ class VirtualBench:
     def on_scene(self, result: Result) -> Callable[[Floats], Floats]:
         """Build the signals on the scene's tissue, from its result."""
         if result.stress_inner is None or result.stress_outer is None:
-            raise Refusal("scene", result.evaluator, "one whose film stresses are told")
+            raise Refusal("scene", result.evaluator, "one whose film stresses are computed")
         probe = self.scene.probe
         inner = result.stress_inner * np.exp(1j * (result.ratio_phase or 0.0))
         forces = np.array([inner * probe.inner_area, result.stress_outer * probe.outer_area])

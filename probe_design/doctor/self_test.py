@@ -91,7 +91,7 @@ def _noise(samples: Samples, found: LockIn, bench: Bench) -> list[Finding]:
             np.hypot(np.sqrt(BOLTZMANN * ROOM / bench.amplifier.of_films()[k].capacitance), _step(samples.volts[:, k]) / 12**0.5)
         )
         times = found.noise[k] / expected
-        text = f"{found.noise[k]:.2g} V rms, {times:.2g} times the least of resistor and converter, {expected:.2g} V"
+        text = f"{found.noise[k]:.2g} V rms, {times:.2g} times the minimum of resistor and converter, {expected:.2g} V"
         if times < QUIET:
             findings.append(Finding(f"noise, {name}", "fault", text, "too quiet: is the film connected, is anything averaged?"))
         elif times > LOUD:
@@ -135,7 +135,7 @@ def _expected(film: int, found: LockIn, scene: Scene) -> bool:
 def _polarity(samples: Samples, found: LockIn, scene: Scene, bench: Bench) -> list[Finding]:
     """Compare signs and phases of the films with the force channel, or with each other without one."""
     if (found.strength[:2] < ALONE).any():
-        return [Finding("polarity", "doubtful", "cannot be told without a load on both films")]
+        return [Finding("polarity", "doubtful", "cannot be determined without a load on both films")]
     known = "force" in samples.channels and bench.force is not None and found.strength[2] > CLEAR
     try:
         charges = found.load[:2] / [one.response(found.frequency) for one in bench.amplifier.of_films()]
@@ -165,7 +165,7 @@ def _mains(samples: Samples, found: LockIn) -> Finding:
     except NoSine as fault:
         return Finding("mains", "fault", str(fault), "another rate, or another frequency of the load")
     if samples.rate < 110:
-        return Finding("mains", "doubtful", f"not to be seen at {samples.rate:g} samples a second", "more than 120 Hz")
+        return Finding("mains", "doubtful", f"not detectable at {samples.rate:g} samples a second", "more than 120 Hz")
     if found.hum[worst] > HUM * np.abs(found.load[:2]).max():
         return Finding("mains", "doubtful", text, "shield film and cable, keep them off mains leads")
     return Finding("mains", "good", text)

@@ -67,7 +67,7 @@ def judged(
 def _within(tested: Sequence[VariableCoverage]) -> tuple[str, str]:
     if any(one.tested for one in tested):
         return WITHIN, ""
-    return UNTESTED, "no variable would be found off by five tolerances, so that readings that agree say nothing of the probe"
+    return UNTESTED, "no variable would be found off by five tolerances, so that readings that agree do not confirm the probe"
 
 
 def _by_one(names: Sequence[str]) -> tuple[str, str]:
