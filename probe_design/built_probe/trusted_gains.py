@@ -95,7 +95,7 @@ def _loosened(observed: Sequence[Observed], bench: Bench) -> tuple[list[Observed
         names, most = " and ".join(one.name for one in guessed), 100 * max(one.strays for one in guessed)
         notes.append(
             f"the bench does not state what fraction of their load {names} put on the other block: up to {most:.1g} % (1 sd) "
-            "counts in ratio and gains; if it was inspected, write leak = 0.002, for example, in the bench: check then detects more"
+            "counts in ratio and gains; if it was inspected, write leak = 0.002, say, in the bench: check then detects more"
         )
     return found, tuple(notes)
 
