@@ -1,9 +1,9 @@
-"""The built probe: transport, decoding and virtual probe. Imports nothing of the other packages.
+"""Read the built probe: transports, decoders and a virtual probe. Imports nothing of the other packages.
 
 What a user calls:
 
     Reader    reads a probe on USB or a serial port, an oscilloscope, a recording or the virtual probe
-    Samples   what it reads: both channels and the device's clock
+    Samples   the result: the volts of all channels, indexed by the device's clock
 
 >>> from hw import Reader
 >>> with Reader.open("usb") as reader:  # doctest: +SKIP
@@ -21,7 +21,7 @@ __all__ = ["Reader", "Samples"]
 
 
 def __getattr__(name: str) -> object:
-    """Import what is asked for by name only then."""
+    """Import a public name when it is first used."""
     if name == "Reader":
         from hw.reader import Reader
 
@@ -34,5 +34,5 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    """What a user calls: the rooms are imported by their names."""
+    """List the public names; packages are imported by their own names."""
     return sorted([*__all__, "__all__", "__doc__", "__file__", "__name__", "__path__"])

@@ -1,4 +1,4 @@
-"""The reader: one way to samples, whatever they come from."""
+"""Read samples from any source: USB, serial port, oscilloscope, recording or virtual probe."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from hw.simulation.virtual import Virtual
 from hw.usb.transport import UsbTransport
 from hw.wire.decoder import Format, FrameDecoder
 
-CLOCKED = ("usb", "serial")  # transports whose samples come as they are taken
+CLOCKED = ("usb", "serial")  # transports that deliver samples in real time, so that arrival times check the rate
 SOURCES = "usb, usb:SERIAL, serial:PORT, visa:RESOURCE, replay:FILE"
 AS_IT_IS = ColumnMap()
 DEFAULT_LIMITS = ReadLimits()
 
 
 class Reader:
-    """Reads a probe; a context manager that lets go of the device at its end.
+    """Read a probe; a context manager that releases the device at its end.
 
     Example:
         >>> with Reader.open("usb") as reader:  # doctest: +SKIP
@@ -52,38 +52,39 @@ class Reader:
         columns: ColumnMap = AS_IT_IS,
         limits: ReadLimits = DEFAULT_LIMITS,
     ) -> Reader:
-        """Open a source; a device starts when it is read.
+        """Open a source. A device starts to sample at the first read.
 
         Args:
             source: ``usb`` (the only probe connected), ``usb:SERIAL``, ``serial:PORT``, ``visa:RESOURCE``, ``replay:FILE``, or a
-                ``hw.simulation.virtual.virtual`` probe.
-            rate: Hz per channel that a device is asked for; by default the rate it has.
-            columns: which columns of a file of another program are meant, what they are worth and at which rate.
+                probe from ``hw.simulation.virtual.make_virtual_probe``.
+            rate: requested rate per channel, Hz; by default the device's present rate.
+            columns: for a file of another program: its columns, their units and its rate.
             limits: memory and time that reading an HDF5 file may take.
 
         Raises:
-            HardwareError: one of its family, saying what to do.
-            OSError: a recording that cannot be read.
+            HardwareError: the source cannot be opened; the message says what to do.
+            OSError: a recording cannot be read.
         """
         return cls(_transport(source, rate, columns, limits))
 
     @property
     def header(self) -> Header:
-        """Return rate, channels, scale and source."""
+        """The source's header: rate, channels, scale and origin."""
         return self.transport.header
 
     def blocks(self, seconds: float | None = None, record: Path | str | None = None) -> Iterator[Samples]:
-        """Yield samples as they come, until the index has gone on by ``seconds`` or the source ends.
+        """Yield blocks of samples as they arrive, for ``seconds`` or until the source ends.
 
         Args:
-            seconds: how long, by the device's own clock, gaps included; None: until the source ends.
-            record: a new file for the raw bytes, which get there before they are decoded; one that ends in .h5 or .hdf5 takes
-                the samples instead, and gets its name when it is whole: until then, and where it fails, the bytes are beside it.
+            seconds: duration by the device's own clock, gaps included; None: until the source ends.
+            record: a new file for the raw bytes, which are written before they are decoded. A name that ends in .h5 or .hdf5
+                makes an HDF5 file of the samples instead. It gets its name when it is complete; until then, and if it
+                fails, the raw bytes are in a second file next to it.
 
         Raises:
-            InvalidSource: less than one sample.
-            HardwareError: the device went away, or another trouble that recovery did not end.
-            FileExistsError: there is a file where the recording would go.
+            InvalidSource: ``seconds`` is less than one sample.
+            HardwareError: the device went away, or another fault persists after recovery.
+            FileExistsError: the file ``record`` exists.
         """
         end = None if seconds is None else self._samples_in(seconds)
         if record is not None and Path(record).exists():
@@ -110,7 +111,7 @@ class Reader:
                         return
 
     def _unless_full(self, recorder: DataRecorder, step: Callable[..., None], *data: Any) -> None:
-        """Go on with a recording; a disk that is full ends the recording, not the reading; it is closed in any case."""
+        """Run a step of recording. A full disk ends the recording but not the reading; ``close`` (no data) always runs."""
         if "unrecorded" in self.header.source and data:
             return
         try:
@@ -185,7 +186,7 @@ def _replay(path: Path, columns: ColumnMap, limits: ReadLimits) -> Transport:
     if is_foreign(path):
         return replayed(path, columns, limits)
     if columns != AS_IT_IS:
-        raise InvalidSource(f"{path} tells its columns and its rate itself: allowed: no --column and no --rate")
+        raise InvalidSource(f"{path} states its columns and its rate itself: allowed: no --column and no --rate")
     return Replay(path)
 
 

@@ -1,4 +1,4 @@
-"""What takes a reading's data to disk: raw bytes, or HDF5 with the raw bytes beside it until it is whole."""
+"""Write a reading to disk: raw bytes, or HDF5 with the raw bytes next to it until it is complete."""
 
 from __future__ import annotations
 
@@ -13,51 +13,51 @@ from hw.recordings.recording import Recorder
 
 
 class DataRecorder(Protocol):
-    """Takes what was read, chunk by chunk before it is decoded, and the samples that came of it."""
+    """The interface of a recorder: it takes each chunk before it is decoded, and then the decoded samples."""
 
     @property
     def ended(self) -> str:
-        """What is left of the recording where it fails, in words."""
+        """What remains of the recording if it fails, as text."""
         ...
 
     def write(self, chunk: Chunk) -> None:
-        """Take raw bytes. Raises ``OSError``."""
+        """Write a chunk's raw bytes. Raises ``OSError``."""
         ...
 
     def write_samples(self, samples: Samples) -> None:
-        """Take samples. Raises ``OSError``."""
+        """Write samples. Raises ``OSError``."""
         ...
 
     def close(self) -> None:
-        """End it. Raises ``OSError``."""
+        """Complete the recording. Raises ``OSError``."""
         ...
 
 
 def recorder_of(path: Path | str, header: Header) -> DataRecorder:
-    """Return what writes a new file, HDF5 where its name ends so. Raises ``FileExistsError`` or another ``OSError``."""
+    """Open a recorder for a new file, HDF5 if its suffix says so. Raises ``FileExistsError`` or another ``OSError``."""
     return GuardedHdf5(Path(path), header) if Path(path).suffix.lower() in HDF5 else RawRecorder(path, header)
 
 
 class RawRecorder(Recorder):
-    """Raw bytes alone."""
+    """A recorder of the raw bytes only."""
 
     ended = "the recording ends early, whole up to there"
 
     def write_samples(self, samples: Samples) -> None:
-        """Nothing: they follow from the bytes."""
+        """Do nothing: the samples follow from the bytes."""
 
 
 class GuardedHdf5:
-    """HDF5, of which a kill or a full disk leaves nothing, and beside it the raw bytes, of which all that came is left.
+    """A recorder of HDF5, guarded by a raw recording: a kill or a full disk destroys the HDF5 file, but not the raw bytes.
 
-    What is replayed stands in a file already, and is not written once more. Faults are told when it is closed.
+    A replayed source is in a file already, so that its raw bytes are not written again. Faults are raised by ``close``.
 
     Args:
-        path: of the new file; the raw bytes' has ``.probe`` behind it.
+        path: of the new file; the raw recording's name is this name with ``.probe`` appended.
         header: of the source.
 
     Raises:
-        FileExistsError: there is a file of one of the names.
+        FileExistsError: one of the two files exists.
     """
 
     def __init__(self, path: Path, header: Header) -> None:
@@ -75,11 +75,11 @@ class GuardedHdf5:
 
     @property
     def ended(self) -> str:
-        """What is left."""
+        """What remains of the recording if it fails, as text."""
         return "there is no HDF5 file" + (f", but what was read is in {self._path.name}" if self._path.exists() else "")
 
     def write(self, chunk: Chunk) -> None:
-        """Take raw bytes; where the disk is full, the raw recording ends, whole up to there."""
+        """Write a chunk's raw bytes. On a full disk the raw recording ends, readable up to there."""
         if self._raw is None:
             return
         try:
@@ -90,7 +90,7 @@ class GuardedHdf5:
             self._raw = None
 
     def write_samples(self, samples: Samples) -> None:
-        """Take samples; where the disk is full, HDF5 makes room for the raw bytes."""
+        """Write samples. On a full disk the HDF5 file is discarded in favour of the raw bytes."""
         if self._fault is not None:
             return
         try:
@@ -100,10 +100,10 @@ class GuardedHdf5:
             self._samples.discard()
 
     def close(self) -> None:
-        """Make the HDF5 file whole, and then remove the raw bytes.
+        """Complete the HDF5 file, and then remove the raw bytes.
 
         Raises:
-            OSError: it could not be made; the raw bytes stay.
+            OSError: the HDF5 file could not be written; the raw bytes stay.
         """
         try:
             if self._fault is not None:

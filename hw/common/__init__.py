@@ -1,1 +1,1 @@
-"""What every source of samples shares: errors, samples, the interface of a transport."""
+"""Parts shared by all sources of samples: errors, samples and the interface of a transport."""

@@ -1,17 +1,17 @@
-"""Does the rate that a device states agree with the time that passed?"""
+"""Compare the sampling rate that a device states with the rate at which its samples arrive."""
 
 from __future__ import annotations
 
 from hw.common.samples import Samples
 from hw.common.transport import Chunk
 
-LATE = 0.3  # s, by which a chunk may come later than its samples: buffers of device and host
-OFF = 0.01  # relative, by which a clock may be wrong
-LEAST = 2.0  # s
+LATE = 0.3  # s, delay between a sample and the chunk that brings it: buffers of device and host
+OFF = 0.01  # relative error of the rate that is tolerated
+LEAST = 2.0  # s of stream before the rates are compared: a shorter one is dominated by the delay
 
 
 class Clock:
-    """Compares indices with time stamps, from the first chunk of a stream to the last.
+    """Compare sample indices with arrival times, from the first chunk of a stream to the last.
 
     Args:
         rate: as the device states it, Hz.
@@ -23,7 +23,7 @@ class Clock:
         self._stream = 0
 
     def told(self, chunk: Chunk, block: Samples) -> str | None:
-        """Return in words what differs so far, or None; the chunk's samples must not be empty."""
+        """Describe by how much the measured rate differs so far, or return None; ``block`` must not be empty."""
         if chunk.time is None:
             return None
         now = (chunk.time, int(block.index[-1]))
@@ -39,5 +39,5 @@ class Clock:
 
 
 def different_rates(timed: float, stated: float) -> str:
-    """Return in words that time stamps tell another rate, Hz, than the stated one."""
-    return f"time stamps tell {timed:.4g} samples a second, not the stated {stated:.6g}: frequencies are off as much"
+    """Describe a difference between the rate of the time stamps and the stated rate, both in Hz."""
+    return f"the time stamps give {timed:.4g} samples a second, not the stated {stated:.6g}: frequencies have the same error"

@@ -1,4 +1,4 @@
-"""Somebody who always reads: a device's buffer holds 0.1 s, a slow disk or a fit takes longer."""
+"""Read a transport on a thread of its own: a device's buffer holds 0.1 s, and a slow disk or a fit takes longer."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from threading import Thread
 
 from hw.common.transport import Chunk, Transport
 
-MOST = 400  # chunks that wait, of 50 ms each: what nobody fetches for 20 s stays in the device
-LOOK = 0.1  # s between two looks whether there is room
+MOST = 400  # chunks of 50 ms: 20 s of samples wait in memory, later ones stay in the device
+LOOK = 0.1  # s between two checks whether the queue has space
 
 
 class Drain:
-    """Reads a transport on a thread of its own; iterate over it for the chunks, and close it.
+    """Read a transport on a thread of its own. Iterate over it for the chunks, then close it.
 
-    Whoever iterates may be interrupted at any point: a queue or an event that is written in Python would then keep its lock for
-    good, and the thread wait for it.
+    The iterating thread may be interrupted at any point. ``SimpleQueue`` is written in C for that reason: a queue or event
+    written in Python could keep its lock for ever, and the thread would wait for it.
 
     Args:
-        transport: read from now on, by nobody else.
+        transport: read by this object only, from now on.
     """
 
     def __init__(self, transport: Transport) -> None:
@@ -32,18 +32,18 @@ class Drain:
 
     @property
     def behind(self) -> bool:
-        """Whether chunks wait."""
+        """Whether chunks wait to be fetched."""
         return not self._chunks.empty()
 
     def __iter__(self) -> Iterator[Chunk]:
-        """Yield chunks until the source ends; raises what its ``read`` raised, after all that came before."""
+        """Yield chunks until the source ends. An exception of its ``read`` is raised after the chunks before it."""
         while (chunk := self._chunks.get()) is not None:
             if isinstance(chunk, BaseException):
                 raise chunk
             yield chunk
 
     def close(self) -> None:
-        """Stop, and wait for a read that goes on."""
+        """Stop the thread, and wait for its last read to end."""
         self._stopped = True
         self._thread.join()
 
@@ -56,5 +56,5 @@ class Drain:
                     return
                 while self._chunks.qsize() >= MOST and not self._stopped:
                     time.sleep(LOOK)
-        except BaseException as fault:  # handed on to who iterates
+        except BaseException as fault:  # raised again in the iterating thread
             self._chunks.put(fault)

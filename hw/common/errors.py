@@ -1,6 +1,6 @@
-"""Everything that can go wrong between a probe and its samples; each message is one line that names the remedy.
+"""Define the errors between a probe and its samples. Each message is one line that names the remedy.
 
-The exceptions of libusb and VISA never leave this package bare: they are the ``__cause__`` of one of these.
+Exceptions of libusb and VISA are always raised as one of these, with the original as ``__cause__``.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ RULES = "60-probe-design.rules"
 
 
 class HardwareError(Exception):
-    """Base of every error of this package; its text is one line."""
+    """The base of every error of this package; its text is one line."""
 
     exit_code = 1
 
 
 class InvalidSource(HardwareError, ValueError):  # noqa: N818 - says what is invalid
-    """A source that was asked for in words nobody knows, or a file that is not a recording."""
+    """The name of a source is not valid, or a file is not a recording."""
 
     exit_code = 2
 
@@ -37,7 +37,7 @@ class Ambiguous(HardwareError):  # noqa: N818
 
 
 class AccessDenied(HardwareError):  # noqa: N818
-    """The operating system keeps the device from this user."""
+    """The operating system denies this user access to the device."""
 
     def __init__(self, what: str) -> None:
         super().__init__(
@@ -51,11 +51,11 @@ class Busy(HardwareError):  # noqa: N818
 
 
 class Timeout(HardwareError):  # noqa: N818
-    """The device is there and says nothing."""
+    """The device is connected but does not answer."""
 
 
 class TransferError(HardwareError):
-    """The bus failed, and trying again did not help; or samples were lost where none may be."""
+    """The bus failed repeatedly, or samples were lost where a complete reading is needed."""
 
 
 class Stalled(TransferError):  # noqa: N818
@@ -67,14 +67,14 @@ class Disconnected(TransferError):  # noqa: N818
 
 
 class ProtocolError(HardwareError):
-    """The device answers, but not as the protocol says."""
+    """The device answers, but not as the protocol specifies."""
 
 
 class Overrun(HardwareError):  # noqa: N818
-    """The device's own buffer ran over: samples were lost before they reached the bus."""
+    """The device's own buffer overflowed: samples were lost before they reached the bus."""
 
 
 def udev_rule() -> str:
-    """Return the line of the shipped udev rule file that lets users at the machine open the probe."""
+    """Return the udev rule that lets users at the machine open the probe, from the shipped rule file."""
     text = files("hw").joinpath(RULES).read_text(encoding="utf-8")
     return next(line for line in text.splitlines() if line and not line.startswith("#"))

@@ -1,4 +1,4 @@
-"""What reading a file may take: bytes and seconds."""
+"""Limit the memory and the time that reading a file may take."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from hw.common.errors import InvalidSource
 
 LIBRARIES = 0.25e9  # bytes of a process that has loaded numpy and h5py, measured on Linux
-BYTES_PER_VALUE = 60  # held at most for one number of a column until it is a sample: measured with 1e7 rows of two columns
+BYTES_PER_VALUE = 60  # peak memory per number of a column, measured with 1e7 rows of two columns
 
 
 @dataclass(frozen=True)

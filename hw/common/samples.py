@@ -1,4 +1,4 @@
-"""Samples as they leave a reader: volts by index, with every loss marked and none filled in."""
+"""Hold the samples of a reader: volts by index. Every loss is marked, and none is filled in."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
-NOTES = ("cut", "damaged", "clock", "unrecorded")  # of a source, in words
+NOTES = ("cut", "damaged", "clock", "unrecorded")  # keys of a source's remarks, texts
 
 
 @dataclass(frozen=True)
 class Gap:
-    """Samples that were lost, never filled in.
+    """Consecutive samples that were lost.
 
     Attributes:
         first: index of the first lost sample.
-        count: how many; -1 if unknown (the device restarted). An unknown gap takes up one index.
+        count: number of lost samples; -1 if unknown (the device restarted). An unknown gap takes up one index.
         reason: what happened.
     """
 
@@ -35,17 +35,17 @@ class Gap:
 
 @dataclass(frozen=True)
 class Samples:
-    """A stretch of the stream.
+    """Samples of all channels over a part of the stream.
 
     Attributes:
         rate: samples per second and channel, Hz.
         channels: names of the columns: ("inner", "outer") or with "force".
-        index: (n,) index of each row since the start of the stream, increasing; it jumps at gaps and nowhere else.
+        index: (n,) index of each row since the start of the stream, increasing; it jumps only at gaps.
         volts: (n, channels) at the input of the converter.
-        saturated: (n, channels) where a value is at the end of the converter's range, or its amplifier was.
-        gaps: what was lost, in order; a gap belongs to the stretch whose samples follow it.
-        overruns: how often the device said that its own buffer ran over.
-        source: where the samples come from: serial, firmware, transport, started (ISO 8601, UTC), scale (V per count).
+        saturated: (n, channels) whether a value is at the end of the converter's range, or its amplifier was saturated.
+        gaps: what was lost, in order; a gap belongs to the part whose samples follow it.
+        overruns: number of overflows of its own buffer that the device reported.
+        source: origin of the samples: serial, firmware, transport, started (ISO 8601, UTC), scale (V per count).
     """
 
     rate: float
@@ -62,38 +62,38 @@ class Samples:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Return what is to be said of the source beside the gaps: a recording that is cut or damaged, a clock that differs."""
+        """Remarks on the source, besides gaps: a recording that is cut or damaged, a clock that differs."""
         return tuple(str(self.source[key]) for key in NOTES if key in self.source)
 
     @property
     def times(self) -> Floats:
-        """Return (n,) times since the start of the stream, s."""
+        """Times of the rows since the start of the stream, s, shape (n,)."""
         return self.index / self.rate
 
     def before(self, index: int) -> Samples:
-        """Return the rows with a lower index, and the gaps that begin before it."""
+        """Return the rows with an index below ``index``, and the gaps that begin below it."""
         end = int(np.searchsorted(self.index, index))
         gaps = tuple(gap for gap in self.gaps if gap.first < index)
         return replace(self, index=self.index[:end], volts=self.volts[:end], saturated=self.saturated[:end], gaps=gaps)
 
     def after(self, index: int) -> Samples:
-        """Return the rows from an index on, and the gaps that begin there or later; overruns count before it."""
+        """Return the rows from ``index`` on, and the gaps that begin there; overruns count in the part before."""
         begin = int(np.searchsorted(self.index, index))
         gaps = tuple(gap for gap in self.gaps if gap.first >= index)
         rows = self.index[begin:], self.volts[begin:], self.saturated[begin:]
         return replace(self, index=rows[0], volts=rows[1], saturated=rows[2], gaps=gaps, overruns=0)
 
     def of(self, names: Sequence[str]) -> Samples:
-        """Return these channels alone, in this order; all must be there."""
+        """Return the samples of the named channels, in this order; all of them must exist."""
         columns = [self.channels.index(name) for name in names]
         return replace(self, channels=tuple(names), volts=self.volts[:, columns], saturated=self.saturated[:, columns])
 
     def whole(self) -> Samples:
-        """Return the samples if none was lost: what a calibration needs.
+        """Return the samples unchanged if none was lost, as a calibration requires.
 
         Raises:
-            Overrun: the device lost samples itself.
-            TransferError: samples were lost on the way.
+            Overrun: the device lost samples.
+            TransferError: samples were lost on the way, or the source has a remark.
         """
         if self.overruns:
             raise Overrun(f"the device's buffer ran over {self.overruns} times: ask for a lower rate, or free the computer")
@@ -106,7 +106,7 @@ class Samples:
 
 
 def joined(parts: Sequence[Samples]) -> Samples:
-    """Return consecutive stretches of one stream as one; there must be at least one."""
+    """Join consecutive parts of one stream; there must be at least one."""
     return replace(
         parts[-1],
         index=np.concatenate([part.index for part in parts]),

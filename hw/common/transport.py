@@ -1,4 +1,4 @@
-"""What every source of raw bytes has in common: a header that tells how to decode them, and chunks."""
+"""Define the interface of a source of raw bytes: a header that describes how to decode them, and chunks."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from hw.common.samples import Samples
 
 @dataclass(frozen=True)
 class Chunk:
-    """What one read returned, exactly as it came.
+    """The result of one read, unchanged.
 
     Attributes:
-        data: the bytes; none when nothing came in time.
-        stream: the number that the device was told with START.
-        note: what happened before the read: the reason of the gap that may follow.
-        time: when it returned, s since any moment; None: not known.
+        data: the bytes; empty when nothing came in time.
+        stream: the stream's number, as sent to the device with START.
+        note: what happened before the read: the reason of a gap that may follow.
+        time: when the read returned, s since an arbitrary moment; None: not known.
     """
 
     data: bytes
@@ -28,7 +28,7 @@ class Chunk:
 
 @dataclass(frozen=True)
 class Header:
-    """All that the decoding of chunks needs, and where they come from.
+    """The data needed to decode chunks, and their origin.
 
     Attributes:
         kind: "frames" (the vendor stream) or "waveforms" (an oscilloscope's).
@@ -36,8 +36,8 @@ class Header:
         channels: names, in the order of the columns.
         scale: volts per count of each channel.
         size: bytes in a frame; 0 for waveforms.
-        stream: the first stream's number.
-        source: serial, firmware, transport, started, whatever else is known.
+        stream: number of the first stream.
+        source: serial, firmware, transport, started and whatever else is known of the origin.
     """
 
     kind: str
@@ -58,22 +58,22 @@ class Transport(Protocol):
 
     @property
     def header(self) -> Header:
-        """Return what decoding needs."""
+        """The data needed to decode the chunks."""
 
     def read(self) -> Chunk | None:
-        """Return the next chunk; None when the source has ended. A device starts at the first call. Raises ``HardwareError``."""
+        """Return the next chunk, None at the source's end. A device starts at the first call. Raises ``HardwareError``."""
 
     def close(self) -> None:
-        """Stop and let go of the device; never raises."""
+        """Stop and release the device; never raises."""
 
 
 class Decoder(Protocol):
-    """Turns chunks into samples."""
+    """An object that turns chunks into samples."""
 
     def feed(self, data: bytes, stream: int | None = None, note: str = "") -> Samples:
         """Return the samples that the chunk completes, perhaps none."""
 
 
 def now() -> str:
-    """Return the time as ISO 8601, UTC."""
+    """Return the present time as an ISO 8601 text, UTC."""
     return datetime.now(UTC).isoformat(timespec="milliseconds")

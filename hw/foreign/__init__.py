@@ -1,1 +1,1 @@
-"""What other programs recorded: CSV, HDF5 and WAV files as sources of samples, and recordings as HDF5 files."""
+"""Read CSV, HDF5 and WAV files of other programs as sources of samples, and write recordings as HDF5 files."""

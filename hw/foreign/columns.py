@@ -1,9 +1,9 @@
-"""Which column of a file, or which channel of an instrument, is which film, and what its numbers are worth.
+"""Map a file's columns, or an instrument's channels, to the films, with their units.
 
-On the command line ``inner=CH1 mV``: the column's name or its number from 1, and what one of its numbers is worth, a unit or a
-number with a unit. A TOML file says the same,
+On the command line ``inner=CH1 mV``: the column's name or its number from 1, then the unit of its numbers, or a number with a
+unit. A TOML file holds the same settings,
 
-    rate = "10 kHz"         # left out: the file has a column of times, or tells its rate
+    rate = "10 kHz"         # left out: the file has a column of times, or states its rate
     range = "10 V"          # values at or beyond it count as saturated; left out: integers at the end of their range
     time = "Time ms"
     inner = "CH1 mV"        # or a table: column = "CH1", unit = "mV", scale = 1.0
@@ -28,19 +28,19 @@ from hw.foreign.volts import CHANNELS
 KEYS = (*CHANNELS, "time")
 TOP = ("rate", "range")
 LARGEST_MAP = 10_000  # bytes: what tomllib takes for a dotted key grows with the square of its length
-EXAMPLE = "'inner=CH1 mV': a column's name or number and the unit or worth of its numbers"
+EXAMPLE = "'inner=CH1 mV': a column's name or number and the unit of its numbers"
 _ENTRY = re.compile(rf"(?P<name>.+?)(?:\s+(?P<number>{NUMBER}))?\s+(?P<unit>\S+)")
 
 
 @dataclass(frozen=True)
 class Column:
-    """One column as it is asked for.
+    """A column that the user selects.
 
     Attributes:
-        text: as it was written: it may be a name with blanks, which only the file can tell.
+        text: as it was written. It may be a name with blanks, which only the file's own names can show.
         name: of the column, or its number from 1.
-        worth: V, or s for times, of one of its numbers; None: as the file says.
-        scaled: whether a number said so, and not the unit alone: that may differ from what the file says.
+        worth: value of the number 1 in the column, V, or s for times; None: the file's own unit.
+        scaled: whether the user gave a factor with the unit, which may differ from the file's unit.
     """
 
     text: str
@@ -51,12 +51,12 @@ class Column:
 
 @dataclass(frozen=True)
 class ColumnMap:
-    """What is known of a file beside what stands in it; everything may be left out.
+    """The user's information on a file, in addition to its contents; everything may be left out.
 
     Attributes:
-        columns: by ``inner``, ``outer``, ``force``, ``time``.
+        columns: selected columns by ``inner``, ``outer``, ``force``, ``time``.
         rate: samples per second, Hz.
-        range: V, at and beyond which values count as saturated.
+        range: voltage at and beyond which values count as saturated, V.
     """
 
     columns: dict[str, Column] = field(default_factory=dict)
@@ -65,7 +65,7 @@ class ColumnMap:
 
     @classmethod
     def of(cls, texts: Sequence[str] = (), rate: str | None = None) -> ColumnMap:
-        """Read what the command line says: ``KEY=COLUMN`` or the name of a TOML file, each later one over the earlier.
+        """Read texts of the command line: ``KEY=COLUMN`` or names of TOML files; later ones override earlier ones.
 
         Raises:
             InvalidSource: no such key, unit or file.
@@ -76,7 +76,7 @@ class ColumnMap:
         return known if rate is None else replace(known, rate=read_rate(rate))
 
     def with_text(self, text: str) -> ColumnMap:
-        """Return it with one more text of the command line."""
+        """Return the map extended by one text of the command line."""
         key, equals, value = (part.strip() for part in text.partition("="))
         if equals and key in KEYS:
             return replace(self, columns=self.columns | {key: column(key, value)})
@@ -85,12 +85,12 @@ class ColumnMap:
         raise refusal("column", repr(text), f"{EXAMPLE}, for {', '.join(KEYS)}; or a TOML file")
 
     def with_file(self, path: Path) -> ColumnMap:
-        """Return it with what a TOML file says."""
+        """Return the map extended by a TOML file."""
         try:
             if not os.path.isfile(path) or path.stat().st_size > LARGEST_MAP:  # a pipe would wait, a device never end
                 raise refusal("column", path, f"a TOML file of at most {LARGEST_MAP} bytes that is there")
             told = tomllib.loads(path.read_text(encoding="utf-8"))
-            repr(told)  # as messages may: nested too deeply for that it is refused here
+            repr(told)  # messages print it: too deep nesting is refused here
         except OSError as fault:
             raise refusal("column", path, f"a TOML file that can be read ({fault.strerror})") from fault
         except RecursionError as fault:
@@ -109,10 +109,10 @@ class ColumnMap:
 
 
 def column(key: str, text: str) -> Column:
-    """Read ``CH1``, ``CH1 mV`` or ``CH1 0.5 mV``.
+    """Read a column from ``CH1``, ``CH1 mV`` or ``CH1 0.5 mV``.
 
     Raises:
-        InvalidSource: it is empty, or worth nothing.
+        InvalidSource: the text is empty, or its factor is out of range.
     """
     if not text:
         raise refusal(f"column {key}", repr(text), EXAMPLE)
@@ -127,7 +127,7 @@ def _units(key: str) -> dict[str, float]:
 
 
 def _worth(key: str, named: Column, factor: float | None, unit: str) -> Column:
-    """A column one of whose numbers is worth so many of a unit, or one. Raises ``InvalidSource``."""
+    """Return a column with the SI value of one of its numbers: ``factor`` units, or one. Raises ``InvalidSource``."""
     worth = (1.0 if factor is None else factor) * _units(key)[unit]
     if not 1e-15 < abs(worth) < 1e6 or (key == "time" and worth < 0):
         raise refusal(f"column {key}", repr(named.text), "numbers that are worth between 1e-15 and 1e6 V, or s above 0")
@@ -150,14 +150,14 @@ def _entry(where: str, key: str, value: Any) -> Column:
         raise refusal(f"{where}.unit", "missing", f"beside scale, one of {units}")
     if not isinstance(unit, str) or unit not in _units(key):
         raise refusal(f"{where}.unit", repr(unit), units)
-    return _worth(key, Column(name, name), None if scale is None else float(str(scale)), unit)  # of what is too large, inf
+    return _worth(key, Column(name, name), None if scale is None else float(str(scale)), unit)  # too large integers: inf
 
 
 def channel_numbers(columns: ColumnMap) -> dict[str, int]:
-    """Return the number of an instrument's channel for each name: inner on 1, outer on 2, unless they are mapped.
+    """Return the instrument's channel number of each signal: inner 1, outer 2, unless they are mapped.
 
     Raises:
-        InvalidSource: something that is no channel's number, or one channel twice.
+        InvalidSource: a text is not a channel's number, or a channel is used twice.
     """
     texts = {"inner": "1", "outer": "2"} | {key: one.text for key, one in columns.columns.items()}
     for key, text in texts.items():

@@ -1,7 +1,7 @@
-"""Text files of columns as data loggers, oscilloscopes and spreadsheets write them.
+"""Read text files of columns, as data loggers, oscilloscopes and spreadsheets write them.
 
-What separates cells (semicolon, tab, comma, blanks), whether decimals have a comma, where the numbers begin, names and units of
-the columns are told from the file itself. A row that does not fit the others is refused with its line's number, never skipped.
+The separator of cells (semicolon, tab, comma, blanks), decimal commas, the first row of numbers, names and units of the columns
+are detected from the file itself. A row that does not fit the others is refused with its line number, never skipped.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from hw.foreign.table import ColumnTable
 from hw.foreign.units import NUMBER, SECONDS, VOLTS, refusal
 
 LARGEST_FILE = 400_000_000  # bytes, which take a minute
-SAMPLE = 300  # lines that tell how the file is written
+SAMPLE = 300  # lines from which the layout is detected
 MISSING = {"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---"}
 OVERLOADS = {"inf": math.inf, "+inf": math.inf, "-inf": -math.inf, "ovf": math.inf, "ol": math.inf, "infinity": math.inf}
 _POINT, _COMMA = re.compile(NUMBER), re.compile(r"[-+]?(?:\d+,?\d*|,\d+)(?:[eE][-+]?\d+)?")
-_DECIMAL = str.maketrans(",.", ".?")  # a point beside decimal commas parts thousands: such a cell is refused
+_DECIMAL = str.maketrans(",.", ".?")  # a point in a file of decimal commas separates thousands: such a cell is refused
 _BRACKETS = re.compile(r"(.*\S)?\s*[(\[]\s*([^()\[\]]*)\s*[)\]]")
 _INTERVAL = re.compile(r"sample interval|x?-?incr(ement)?|tinc", re.IGNORECASE)
 _INLINE = re.compile(rf"tinc\s*=\s*({NUMBER})", re.IGNORECASE)
@@ -34,13 +34,13 @@ _INLINE = re.compile(rf"tinc\s*=\s*({NUMBER})", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class TextLayout:
-    """How a file is written.
+    """The layout of a text file.
 
     Attributes:
-        delimiter: between cells; None for blanks.
+        delimiter: separator of cells; None for blanks.
         comma: whether decimals have a comma.
-        width: cells in a row of numbers.
-        begin: the first row of numbers, from 0.
+        width: number of cells in a row of numbers.
+        begin: index of the first row of numbers, from 0.
     """
 
     delimiter: str | None
@@ -49,7 +49,7 @@ class TextLayout:
     begin: int
 
     def cells(self, lines: list[str]) -> Iterator[list[str]]:
-        """Return each line's cells."""
+        """Return the cells of each line."""
         return _cells(lines, self.delimiter)
 
 
@@ -57,7 +57,7 @@ def read_csv(path: Path) -> ColumnTable:
     """Read a text file of columns.
 
     Raises:
-        InvalidSource: it cannot be read, or there are no rows of numbers in it.
+        InvalidSource: the file cannot be read, or has no rows of numbers.
     """
     lines = _text(path).splitlines()
     while lines and not lines[-1].strip().strip(",;"):
@@ -97,7 +97,7 @@ def _cells(lines: list[str], delimiter: str | None) -> Iterator[list[str]]:
 
 
 def _records(lines: list[str], delimiter: str) -> Iterator[list[str]]:
-    """Return cells line by line: a quote that is not closed ends with its line."""
+    """Split cells line by line: a quote that is not closed ends with its line."""
     for line in lines:
         yield next(csv.reader([line], delimiter=delimiter)) if '"' in line else line.split(delimiter)
 
@@ -126,7 +126,7 @@ def _dialect(lines: list[str], path: Path) -> TextLayout:
 
 
 def _begin(found: list[list[str]], rows: list[list[bool]], width: int) -> int | None:
-    """The first of the rows whose numbers stand where most rows have them."""
+    """Return the index of the first row with numbers in the columns where most rows have them, or None."""
     usual = [row for row in rows if len(row) == width and sum(row) > 1]
     columns = [k for k in range(width) if 2 * sum(row[k] for row in usual) > len(usual)]
     if not columns:
@@ -147,9 +147,10 @@ def _is_missing(cell: str) -> bool:
 
 
 def _names(head: list[list[str]], first: list[str], told_apart: bool) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Names and units of the columns from the rows before the numbers; a row of units may stand below that of names.
+    """Return names and units of the columns from the rows above the numbers; a row of units may follow the row of names.
 
-    Fewer names than numbers name nobody knows which; likewise more, where names with blanks are not told apart.
+    Fewer names than columns are ambiguous and are ignored; so are more names, where blanks separate cells (``delimited`` false)
+    and a name may itself hold blanks.
     """
     width = len(first)
     told = [row for row in head if sum(bool(cell) for cell in row) > 1]
@@ -158,7 +159,7 @@ def _names(head: list[list[str]], first: list[str], told_apart: bool) -> tuple[t
     units: list[str] = []
     if len(told) > 1 and _are_units(told[-1][:width]):
         units = [cell.strip("()[] ") for cell in told.pop()]
-    last = told[-1][told[-1][0] == "#" :]  # of what numpy calls a comment
+    last = told[-1][told[-1][0] == "#" :]  # a header of numpy.savetxt begins with "#"
     named, filled = _filled(last), _filled(first)
     if named < filled or (named > filled and not told_apart):
         return ("",) * width, ("",) * width
@@ -170,7 +171,7 @@ def _names(head: list[list[str]], first: list[str], told_apart: bool) -> tuple[t
 
 
 def _filled(cells: list[str]) -> int:
-    """How many cells there are up to the last that is not empty."""
+    """Return the number of cells up to the last that is not empty."""
     return max((k for k, cell in enumerate(cells, 1) if cell), default=0)
 
 
@@ -180,10 +181,12 @@ def _are_units(cells: list[str]) -> bool:
 
 
 def _rate(lines: list[str], head: list[list[str]]) -> float | None:
-    """The rate that an oscilloscope's header tells: an interval, s unless a unit follows, beside or below its name, or in line.
+    """Return the rate in Hz from the sample interval in an oscilloscope's header, or None.
+
+    The interval is in s unless a unit follows. It stands to the right of its name, below it, or in the same cell.
 
     Raises:
-        InvalidSource: what follows the interval is no unit of time.
+        InvalidSource: the text after the interval is no unit of time.
     """
     intervals = [float(match[1]) for line in lines if (match := _INLINE.search(line))]
     for at, row in enumerate(head):
@@ -198,7 +201,7 @@ def _rate(lines: list[str], head: list[list[str]]) -> float | None:
 
 
 def _seconds(after: list[str]) -> float:
-    """What one of an interval's numbers is worth by the cell after it, which may be empty or begin something else."""
+    """Return the seconds in the unit that the cell after an interval names; 1 where it is empty or holds a number."""
     unit = after[0].strip("()[] ") if after else ""
     if not unit or _is_number(unit, comma=False):
         return 1.0

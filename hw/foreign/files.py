@@ -1,4 +1,4 @@
-"""Files of other programs, told by their names, in place of a device."""
+"""Open files of other programs, recognised by their suffix, as transports."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ WAV = (".wav",)
 
 
 def raw_beside(path: Path) -> Path:
-    """Return the file that holds the raw bytes of an HDF5 recording until that is whole, and after a kill."""
+    """Return the path of the raw bytes of an HDF5 recording: the file exists until the recording is complete, or after a kill."""
     return path.with_name(f"{path.name}.probe")
 
 
 def is_foreign(path: Path) -> bool:
-    """Whether a file's name ends as those of other programs' files."""
+    """Whether a file's suffix is that of another program's files."""
     return path.suffix.lower() in (*HDF5, *TEXT, *WAV)
 
 
 def tells_itself(path: Path, limits: ReadLimits) -> bool:
-    """Whether a file is a recording of this project, by its name or, if it is HDF5, by its contents; raises ``InvalidSource``."""
+    """Whether a file is a recording of this project, by its suffix or, for HDF5, by its contents. Raises ``InvalidSource``."""
     if path.suffix.lower() not in HDF5:
         return not is_foreign(path)
     from hw.foreign.hdf5_file import Hdf5File
@@ -39,15 +39,15 @@ def tells_itself(path: Path, limits: ReadLimits) -> bool:
 
 
 def replayed(path: Path, columns: ColumnMap, limits: ReadLimits) -> Transport:
-    """Return the source of a file's samples.
+    """Open a file as a source of samples.
 
     Args:
         path: ends in .csv, .txt, .tsv, .dat, .wav, .h5 or .hdf5.
-        columns: what is known beside.
-        limits: memory and time that an HDF5 file may take, whose few bytes can claim any number of samples.
+        columns: the user's information on its columns.
+        limits: memory and time for an HDF5 file, whose few bytes can claim any number of samples.
 
     Raises:
-        InvalidSource: it cannot be read, or something is missing.
+        InvalidSource: the file cannot be read, or information is missing.
     """
     if not os.path.isfile(path):
         left = f"; what was read until it was interrupted is in {raw_beside(path)}" if raw_beside(path).exists() else ""
@@ -65,7 +65,7 @@ def replayed(path: Path, columns: ColumnMap, limits: ReadLimits) -> Transport:
 
 
 def _hdf5_transport(path: Path, columns: ColumnMap, limits: ReadLimits) -> Transport:
-    """Return the source of an HDF5 file's samples: a recording of this project is read chunk by chunk, a table at once."""
+    """Open an HDF5 file: a recording of this project is read chunk by chunk, a table of another program at once."""
     from hw.foreign.hdf5_file import Hdf5File
     from hw.foreign.hdf5_recording import Hdf5Replay, is_recording
     from hw.foreign.hdf5_table import table_of
@@ -75,7 +75,7 @@ def _hdf5_transport(path: Path, columns: ColumnMap, limits: ReadLimits) -> Trans
         if not is_recording(file):
             return TableTransport(table_of(file, limits), columns)
         if columns != ColumnMap():
-            raise InvalidSource(f"{path} tells its columns and its rate itself: allowed: no --column and no --rate")
+            raise InvalidSource(f"{path} states its columns and its rate itself: allowed: no --column and no --rate")
         replay = Hdf5Replay(file, limits)
         stack.pop_all()  # open until the transport is closed
         return replay

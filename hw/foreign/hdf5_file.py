@@ -1,4 +1,4 @@
-"""HDF5 files of unknown origin, read by a process of its own under limits of memory and time: see `hdf5_program`."""
+"""Read HDF5 files of unknown origin in a child process with limits of memory and time: see `hdf5_program`."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ PROGRAM = Path(__file__).with_name("hdf5_program.py")
 
 @dataclass(frozen=True)
 class Dataset:
-    """A dataset of numbers, as its file describes it; no data was read yet.
+    """The description of a dataset of numbers; its data are not read yet.
 
     Attributes:
         path: within the file, ``group/name``.
         shape: of one or two dimensions.
-        unit: in words; empty where none is stated.
-        whole: whether so many values are stored, unpacked: what was never written HDF5 fills with zeros, however much.
-        written: whether anything is stored.
+        unit: as text; empty where none is stated.
+        whole: whether all its values are stored, uncompressed: HDF5 returns zeros for values that were never written.
+        written: whether any value is stored.
     """
 
     path: str
@@ -46,23 +46,23 @@ class Dataset:
 
 
 class Hdf5File:
-    """An HDF5 file; a context manager that ends the process that reads it.
+    """An HDF5 file, read by a child process; a context manager that ends the process.
 
     Args:
         path: of the file.
-        limits: memory and time that reading may take, all requests together.
+        limits: memory and time for all requests together.
 
     Attributes:
-        attributes: of the file's root: texts and numbers.
-        datasets: by their paths.
-        gaps: (first, count, reason) where it is a recording of this project.
+        attributes: texts and numbers of the file's root.
+        datasets: descriptions by path.
+        gaps: (first, count, reason) if the file is a recording of this project.
 
     Raises:
-        InvalidSource: it is no HDF5 file, is damaged, refers to data outside itself, exceeds a limit, or h5py is not installed.
+        InvalidSource: the file is not HDF5, is damaged, refers to data outside itself, exceeds a limit, or h5py is missing.
     """
 
     def __init__(self, path: Path, limits: ReadLimits) -> None:
-        library()  # says what to install before a process fails for it
+        library()  # raises with an installation hint before the child process would fail
         self.path, self._limits, self._end = path, limits, time.monotonic() + limits.seconds
         words = [
             sys.executable,
@@ -87,13 +87,13 @@ class Hdf5File:
     def read(
         self, datasets: Sequence[tuple[str, int | None]], begin: int = 0, end: int | None = None
     ) -> list[NDArray[np.float64 | np.int64 | np.uint8]]:
-        """Return rows ``begin`` to ``end`` of datasets: each a path, and the column of a matrix or None.
+        """Return rows ``begin`` to ``end`` of datasets, each given by its path and a matrix column or None.
 
         Raises:
-            InvalidSource: they cannot be read within the limits.
+            InvalidSource: the rows cannot be read within the limits.
         """
         request = {"datasets": list(datasets), "begin": begin, "end": end}
-        with suppress(OSError):  # a process that has ended is found out by what it does not answer
+        with suppress(OSError):  # that the process has ended shows in _receive
             stdin: IO[bytes] = self._process.stdin  # type: ignore[assignment] # a pipe was asked for
             stdin.write(json.dumps(request).encode() + b"\n")
             stdin.flush()
@@ -125,7 +125,7 @@ class Hdf5File:
 
     @contextmanager
     def _timed(self) -> Iterator[None]:
-        """End the process when the time is over, which its pipe then shows."""
+        """Kill the process when the time limit is reached; its pipe then ends."""
         timer = threading.Timer(max(self._end - time.monotonic(), 0.0), self._process.kill)
         timer.daemon = True
         timer.start()
@@ -135,7 +135,7 @@ class Hdf5File:
             timer.cancel()
 
     def _ending(self) -> str:
-        """Why the process ended without an answer."""
+        """Explain why the process ended without a reply."""
         self._process.wait()
         if time.monotonic() >= self._end:
             return f"takes longer than {self._limits.seconds:g} s to read: --time raises the limit"
@@ -143,7 +143,7 @@ class Hdf5File:
 
 
 def _array(stream: IO[bytes], kind: np.dtype[Any], shape: tuple[int, ...]) -> NDArray[Any] | None:
-    """Read an array's bytes; None where the stream ends before."""
+    """Read an array from a stream; return None if the stream ends too early."""
     array = np.empty(shape, kind)
     view = array.data.cast("B") if array.size else memoryview(b"")
     while view:
@@ -155,7 +155,7 @@ def _array(stream: IO[bytes], kind: np.dtype[Any], shape: tuple[int, ...]) -> ND
 
 
 def _environment() -> dict[str, str]:
-    """One thread, the modules of this process, and no plugins that a file may name."""
+    """Return the child's environment: one thread, this process's modules, and no HDF5 plugins that a file could load."""
     path = os.pathsep.join(os.path.abspath(entry) for entry in sys.path if entry)
     own = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": path, "HDF5_PLUGIN_PRELOAD": "::"}
     return {**os.environ, **own, "PYTHONWARNINGS": "ignore"}

@@ -1,4 +1,4 @@
-"""The HDF5 library where it is installed, and files that it writes to disks that may be full."""
+"""Load the HDF5 library, and give it files that survive a full disk."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from hw.common.errors import InvalidSource
 
 
 def library() -> Any:
-    """Return h5py, which who reads no HDF5 need not wait for.
+    """Import and return h5py; only programs that read or write HDF5 load it.
 
     Raises:
-        InvalidSource: it is not installed.
+        InvalidSource: h5py is not installed.
     """
     try:
         return import_module("h5py")
@@ -23,15 +23,15 @@ def library() -> Any:
 
 
 class UnfailingFile(FileIO):
-    """A new file's bytes for h5py, which a full disk never fails; ``fault`` is then what the disk said, and the file worthless.
+    """A new file for h5py whose writes never fail; after an error of the disk ``fault`` holds it, and the file is invalid.
 
-    HDF5 cannot close a file after a write that failed, tries again when the program ends, and takes it down.
+    HDF5 cannot close a file after a failed write. It tries again when the program ends, and crashes it.
     """
 
     fault: OSError | None = None
 
     def write(self, data: Any) -> int:
-        """Write all of it; after a fault, nothing."""
+        """Write all bytes; after a fault, write nothing and report success."""
         left = memoryview(data).cast("B")
         size = len(left)
         try:
@@ -43,7 +43,7 @@ class UnfailingFile(FileIO):
         return size
 
     def truncate(self, size: int | None = None) -> int:
-        """Give it a length; after a fault, none."""
+        """Set the file's length; after a fault, do nothing."""
         try:
             return super().truncate(size) if self.fault is None else self.tell()
         except OSError as fault:

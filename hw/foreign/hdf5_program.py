@@ -1,8 +1,8 @@
-"""The program that reads an HDF5 file for `hdf5_file`, in a process of its own: a crash of the library ends only this process.
+"""Read an HDF5 file for `hdf5_file` in a child process: a crash of the HDF5 library ends only this process.
 
 Run as ``python hdf5_program.py FILE MEMORY SECONDS``. It inspects links and creation properties before it reads any data, and
-refuses what would take data from elsewhere: external links, external storage, virtual datasets. Each line of standard input is
-then a request, and each answer is a line of JSON, followed by the arrays' bytes where it announces some.
+refuses files with data elsewhere: external links, external storage, virtual datasets. Each line of standard input is then a
+request. Each reply is a line of JSON, followed by the bytes of the arrays that it announces.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 
 ELSEWHERE = "is not stored in this file: allowed: datasets within it (h5copy or h5repack writes such a file)"
 KINDS = {"u1": "u1", "u8": "<f8"}  # of the values that are sent, where it is not i8 or f8: u8 may exceed i8
-MAX_DATASETS = 1000  # of interest in a recording; more are a store of another kind
+MAX_DATASETS = 1000  # a file with more datasets is not a recording
 
 
 class Refused(Exception):  # noqa: N818 - becomes the text of an InvalidSource in the parent
@@ -26,9 +26,9 @@ class Refused(Exception):  # noqa: N818 - becomes the text of an InvalidSource i
 
 
 def main(path: str, memory: int, seconds: int) -> None:
-    """Describe the file, then answer requests until standard input ends."""
+    """Describe the file, then serve requests until standard input ends."""
     answer = os.fdopen(os.dup(1), "wb")
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what libraries print stays out of the answers
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # keeps prints of libraries out of the replies
     limit_process(memory, seconds)
     try:
         import h5py
@@ -61,9 +61,9 @@ def limit_process(memory: int, seconds: int) -> None:
 
 
 def check_links(file: Any, h5py: Any) -> None:
-    """Refuse a file that refers to data outside itself. Only hard and soft links are followed by what comes after."""
+    """Refuse a file that refers to data outside itself. Later steps follow only hard and soft links."""
 
-    def find_elsewhere(name: str, link: Any) -> str | None:  # what is returned ends the visit
+    def find_elsewhere(name: str, link: Any) -> str | None:  # a return value other than None ends the visit
         if isinstance(link, h5py.ExternalLink):
             return f"is refused: {name!r} {ELSEWHERE}"
         node = file[name] if isinstance(link, h5py.HardLink) else None
@@ -76,14 +76,14 @@ def check_links(file: Any, h5py: Any) -> None:
 
 
 def describe(file: Any, memory: int) -> dict[str, Any]:
-    """Return the plain attributes of the file, and its datasets of numbers of one or two dimensions, without their data."""
+    """Return the file's attributes, and descriptions of its numeric datasets of one or two dimensions, without their data."""
     datasets: list[dict[str, Any]] = []
 
-    def add_dataset(path: str, node: Any) -> str | None:  # what is returned ends the visit
+    def add_dataset(path: str, node: Any) -> str | None:  # a return value other than None ends the visit
         if not getattr(node, "shape", None) or len(node.shape) > 2 or node.dtype.kind not in "iuf":
             return None
         chunk = math.prod(node.chunks or (0,)) * node.dtype.itemsize
-        if 2 * chunk > memory:  # a chunk is read whole, packed and unpacked, however few of its values are wanted
+        if 2 * chunk > memory:  # HDF5 holds a whole chunk, compressed and uncompressed, for any of its values
             return f"is refused: {path!r} is stored in chunks of {chunk / 1e9:.3g} GB: --memory raises the limit"
         units = [text(node.attrs[key]) for key in ("units", "unit", "Units", "Unit") if key in node.attrs]
         stored = node.id.get_storage_size()
@@ -102,27 +102,27 @@ def describe(file: Any, memory: int) -> dict[str, Any]:
 
 
 def gaps_of(file: Any) -> list[tuple[int, int, str]]:
-    """Return the gaps (first, count, reason) that a recording of this project lists."""
+    """Return the gaps (first, count, reason) of a recording of this project; empty for other files."""
     if "gaps" not in file or getattr(file["gaps"].dtype, "names", None) != ("first", "count", "reason"):
         return []
     return [(int(row["first"]), int(row["count"]), text(row["reason"])) for row in file["gaps"][:]]
 
 
 def read_arrays(file: Any, request: dict[str, Any]) -> tuple[dict[str, Any], list[Any]]:
-    """Return the values of rows ``begin`` to ``end`` of each (path, column) of ``datasets``."""
+    """Return rows ``begin`` to ``end`` of each (path, column) that the request lists under ``datasets``."""
     rows = slice(request["begin"], request["end"])
     arrays = []
     for path, column in request["datasets"]:
         check_filters(path, file[path])
         values = file[path][rows] if column is None else file[path][rows, column]
         kind = KINDS.get(values.dtype.str[1:], "<f8" if values.dtype.kind == "f" else "<i8")
-        with np.errstate(over="ignore"):  # long doubles beyond the range of doubles become infinite, which readers refuse
+        with np.errstate(over="ignore"):  # long doubles beyond the range of doubles become infinite; the reader refuses them
             arrays.append(np.ascontiguousarray(values.astype(kind, copy=False)))
     return {"arrays": [[array.dtype.str, array.shape] for array in arrays]}, arrays
 
 
 def check_filters(path: str, dataset: Any) -> None:
-    """Refuse a dataset that is packed by a filter which this HDF5 library does not have."""
+    """Refuse a dataset that is compressed by a filter which this HDF5 library does not have."""
     from h5py import h5z
 
     properties = dataset.id.get_create_plist()
@@ -134,7 +134,7 @@ def check_filters(path: str, dataset: Any) -> None:
 
 
 def send(answer: BinaryIO, line: dict[str, Any], arrays: list[Any]) -> None:
-    """Write one answer."""
+    """Write one reply: a line of JSON, then the arrays' bytes."""
     answer.write(json.dumps(line).encode() + b"\n")
     for array in arrays:
         answer.write(array.data.cast("B") if array.size else b"")
@@ -142,7 +142,7 @@ def send(answer: BinaryIO, line: dict[str, Any], arrays: list[Any]) -> None:
 
 
 def plain(value: Any) -> Any:
-    """Return an attribute as JSON has it; None for arrays, references and numbers that are not finite."""
+    """Convert an attribute to a JSON value: a text, a number, or the first number of an array; None for anything else."""
     value = value.item() if isinstance(value, np.generic) else value
     if isinstance(value, bytes | str):
         return text(value)
@@ -154,7 +154,7 @@ def plain(value: Any) -> Any:
 
 
 def text(value: Any) -> str:
-    """Return text as UTF-8 that JSON can hold."""
+    """Decode a text, with invalid UTF-8 replaced, so that JSON can hold it."""
     decoded = value if isinstance(value, bytes) else str(value).encode("utf-8", "replace")
     return decoded.decode("utf-8", "replace")
 

@@ -1,8 +1,8 @@
-"""Recordings as HDF5: samples in volts with units, times, gaps, device and digests, for other programs and to be read again.
+"""Write and replay recordings as HDF5: samples in volts with units, times, gaps, device and digests.
 
 Datasets ``time`` (s), ``inner``, ``outer`` and ``force`` (V; ``time`` is their scale), ``index``, ``saturated`` (rows, channels)
 and ``gaps`` (first, count, reason; count -1: unknown). Attributes: ``format``, ``version``, ``rate`` (Hz), ``overruns``
-and what is known of the source: ``started``, ``serial``, ``firmware``, ``scene_sha256``, ``calibration_sha256``.
+and the source's properties: ``started``, ``serial``, ``firmware``, ``scene_sha256``, ``calibration_sha256``.
 """
 
 from __future__ import annotations
@@ -29,19 +29,19 @@ from hw.foreign.hdf5_library import UnfailingFile, library
 from hw.foreign.volts import noted, packed, volts_header
 
 KIND, VERSION = "probe-design samples", 1
-ROWS = 1 << 15  # in a chunk
-RATES_APART = 1e-4  # relative, between the rate and that of the times: rounded times of a second differ by less
+ROWS = 1 << 15  # rows of a chunk
+RATES_APART = 1e-4  # relative difference of stated rate and times: rounding of the times over a second causes less
 
 
 class Hdf5Recorder:
-    """Writes samples to a file that takes its name, whole, when it is closed; none that exists is overwritten.
+    """Write samples to a draft file that gets its name when it is closed; an existing file is never overwritten.
 
     Args:
         path: of the new file.
         header: of the source.
 
     Raises:
-        FileExistsError: there is a file of that name.
+        FileExistsError: the file exists.
         InvalidSource: h5py is not installed.
     """
 
@@ -51,7 +51,7 @@ class Hdf5Recorder:
             raise FileExistsError(17, os.strerror(17), str(path))
         name = f".{self.path.name[:50]}.{secrets.token_hex(4)}"
         self._draft, self._gaps, self._overruns = self.path.with_name(name), list[Gap](), 0
-        self._disk = UnfailingFile(self._draft, "x+")  # with the rights that any new file gets, unlike those of tempfile
+        self._disk = UnfailingFile(self._draft, "x+")  # default file permissions, unlike those of tempfile
         try:
             self._file = library().File(self._disk, "w")
             self._begun()
@@ -90,10 +90,10 @@ class Hdf5Recorder:
         self._overruns += samples.overruns
 
     def close(self) -> None:
-        """Write what is known of the source, and give the file its name; without samples there is none.
+        """Write the source's properties, and give the file its name; without samples no file remains.
 
         Raises:
-            OSError: the disk is full, somebody took the name by now, or another fault; nothing is left of the file.
+            OSError: the disk is full, the name was taken meanwhile, or another fault; nothing is left of the file.
         """
         if self._disk.closed:
             return
@@ -104,14 +104,14 @@ class Hdf5Recorder:
             self._check_disk()
             if samples:
                 os.fsync(self._disk.fileno())
-                self.path.touch(exist_ok=False)  # a move would take the place of what has the name by now
+                self.path.touch(exist_ok=False)  # fails if the name was taken: a move would overwrite that file
                 self._draft.replace(self.path)
         finally:
             self.discard()
 
     def discard(self) -> None:
-        """Leave nothing of it, unless it was made whole."""
-        self._file.close()  # HDF5 writes until then, and not beyond it
+        """Delete the draft; a file that was completed stays."""
+        self._file.close()  # before the disk: HDF5 writes until its file is closed
         self._disk.close()
         self._draft.unlink(missing_ok=True)
 
@@ -136,14 +136,14 @@ class Hdf5Recorder:
 
 
 class Hdf5Replay:
-    """A recording as HDF5 in place of the device.
+    """A transport that replays an HDF5 recording.
 
     Args:
-        file: a recording of this project (``is_recording``), which ``close`` closes.
+        file: a recording of this project (``is_recording``); ``close`` closes it.
         limits: of memory and time.
 
     Raises:
-        InvalidSource: it is of another version, damaged, or claims more samples than the memory can hold.
+        InvalidSource: the recording has another version, is damaged, or claims more samples than the memory can hold.
     """
 
     def __init__(self, file: Hdf5File, limits: ReadLimits) -> None:
@@ -193,7 +193,7 @@ class Hdf5Replay:
             overruns = 0
 
     def _compare(self, index: NDArray[Any], times: NDArray[Any]) -> None:
-        """Note where the file's own times contradict its rate; what has no times of use is not compared."""
+        """Note in the header if the file's times contradict its rate; files without usable times are not compared."""
         self._first = self._first or (float(index[0]), float(times[0]))
         rows, seconds = float(index[-1]) - self._first[0], float(times[-1]) - self._first[1]
         if rows > 0 and 0 < seconds < math.inf and abs(rows / seconds / self.header.rate - 1) > RATES_APART:

@@ -1,4 +1,4 @@
-"""HDF5 files of other programs: each dataset of one dimension is a column, each column of a matrix another."""
+"""Read HDF5 files of other programs as tables: a 1-D dataset is a column, a matrix gives one for each of its columns."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ MAX_MATRIX_COLUMNS = 16  # a wider matrix is a picture, not channels
 
 
 def table_of(file: Hdf5File, limits: ReadLimits) -> ColumnTable:
-    """Return an HDF5 file as a table, its columns named by the datasets' paths: ``group/name``, ``group/name[1]`` of a matrix.
+    """Build a table of an HDF5 file; columns are named ``group/name``, or ``group/name[1]`` in a matrix.
 
     Args:
-        file: open until the table was read.
+        file: must stay open until the table is read.
         limits: of memory and time.
 
     Raises:
-        InvalidSource: it holds no columns of numbers.
+        InvalidSource: the file holds no columns of numbers.
     """
     columns: list[tuple[str, str, int | None, str]] = []
     for one in file.datasets.values():
@@ -40,7 +40,7 @@ def table_of(file: Hdf5File, limits: ReadLimits) -> ColumnTable:
             raise refusal(name, f"columns of {lengths}", "the same number of samples in each")
         if unwritten := [columns[k][0] for k in wanted if not file.datasets[columns[k][1]].written]:
             raise refusal(name, f"{unwritten[0]}, which was never written", "columns that hold samples")
-        limits.check_values(name, sum(lengths.values()))  # before any is read: a few bytes may claim any number
+        limits.check_values(name, sum(lengths.values()))  # before reading: a few bytes can claim any number
         return np.stack(file.read([columns[k][1:3] for k in wanted]), axis=1).astype(float, copy=False)
 
     names, _, _, units = zip(*columns, strict=True)

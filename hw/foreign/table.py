@@ -1,4 +1,4 @@
-"""A file of columns as a source of samples: columns chosen, numbers as volts, times as an index."""
+"""Use a table as a source of samples: choose columns, scale numbers to volts, turn times into an index."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from hw.foreign.units import SECONDS, VOLTS, refusal
 from hw.foreign.volts import CHANNELS, finite, packed, volts_header
 
 TIMES = ("time", "t", "times", "x", "x-axis", "zeit", "second", "seconds", "timestamp")
-LARGEST = 100.0  # V: no charge amplifier gives more, so that more is a wrong unit
-OVERLOAD = 1e30  # what instruments write for a value beyond their range
-JITTER = 0.25  # of the interval, by which a time may be off its place
-APART = 0.005  # relative, by which a stated rate and that of the times may differ
-ROWS = 1 << 15  # in a chunk
+LARGEST = 100.0  # V: no charge amplifier gives more, so a larger value means a wrong unit
+OVERLOAD = 1e30  # instruments write values of this size or larger for an overload
+JITTER = 0.25  # of the interval: largest deviation of a time from the even grid
+APART = 0.005  # largest relative difference between the stated rate and that of the times
+ROWS = 1 << 15  # rows of a chunk
 
 
 @dataclass(frozen=True)
 class ColumnTable:
-    """What a reader of one kind of file has found.
+    """The columns of a file, as the reader of its format provides them.
 
     Attributes:
-        path: of the file, in words.
-        names: of its columns; empty where they have none.
-        units: as they stand there; empty where none do.
-        read: returns the columns of these numbers (from 0), (n, k); NaN where a value is missing.
-        rate: Hz, where the file tells it without a column of times.
-        ends: lowest and highest number that a column can hold, beyond which it is saturated.
-        source: what else is known.
+        path: of the file, for messages.
+        names: of its columns; empty texts where they have none.
+        units: of its columns as the file states them; empty texts where it states none.
+        read: returns the columns of the given indices (from 0), shape (n, k); NaN where a value is missing.
+        rate: Hz, if the file states it without a column of times.
+        ends: lowest and highest number that a column can hold; values at or beyond them are saturated.
+        source: other properties for the header.
     """
 
     path: str
@@ -45,7 +45,7 @@ class ColumnTable:
     source: dict[str, Any] = field(default_factory=dict)
 
     def find(self, key: str, wanted: Column | None) -> tuple[int, Column] | None:
-        """Return the number of a column from 0, with what is asked of it; None where nobody asked and none has the name."""
+        """Return the index of a signal's column and its selection; None if it is not selected and no column has its name."""
         lower = [name.lower() for name in self.names]
         if wanted is None:
             own = [k for k, name in enumerate(lower) if name == key or (key == "time" and name in TIMES)]
@@ -60,10 +60,10 @@ class ColumnTable:
         raise refusal(f"{self.path}: column {key}", repr(wanted.text), self._columns())
 
     def worth(self, key: str, number: int, wanted: Column) -> float:
-        """Return what one number of a column is worth, V or s.
+        """Return the value of the number 1 in a column, V, or s for times.
 
         Raises:
-            InvalidSource: nobody says, or file and map say different things.
+            InvalidSource: the unit is not known, or file and user state different units.
         """
         units, stated = SECONDS if key == "time" else VOLTS, self.units[number]
         told = units.get(stated)
@@ -82,19 +82,19 @@ class ColumnTable:
         return "one of the columns " + ", ".join(f"{k} {name}".strip() for k, name in enumerate(self.names, 1))
 
     def missing(self, key: str) -> Exception:
-        """Return the refusal of a file in which a channel is not found."""
+        """Return the error for a signal without a column."""
         return refusal(f"{self.path}: column {key}", "missing", f"{self._columns()}, as {EXAMPLE.replace('inner', key, 1)}")
 
 
 class TableTransport:
-    """Gives a table's rows as volts.
+    """A transport of a table's rows as volts.
 
     Args:
-        table: the file.
-        columns: what is asked of it.
+        table: columns of a file.
+        columns: the user's selection.
 
     Raises:
-        InvalidSource: something is missing or does not fit.
+        InvalidSource: information is missing or contradictory.
     """
 
     def __init__(self, table: ColumnTable, columns: ColumnMap) -> None:
@@ -120,7 +120,7 @@ class TableTransport:
         return next(self._chunks, None)
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Do nothing: no file is open."""
 
     def _made(self) -> Iterator[Chunk]:
         good = np.flatnonzero(~self._lost)
@@ -129,7 +129,7 @@ class TableTransport:
             yield Chunk(packed(self._index[part], self._volts[part], self._saturated[part]))
 
     def _chosen(self) -> dict[str, tuple[int, Column]]:
-        """Return number and wish of each column that is read."""
+        """Return index and selection of each column that is read, by signal."""
         table, wanted = self._table, self._map.columns
         found = {key: table.find(key, wanted.get(key)) for key in (*CHANNELS, "time")}
         chosen = {key: one for key, one in found.items() if one is not None}
@@ -166,7 +166,7 @@ class TableTransport:
             raise refusal(f"{self._table.path}: column {channels[worst]}", f"{largest[worst]:.3g} V", allowed)
 
     def _clock(self, times: Floats | None, count: int) -> tuple[float, Ints]:
-        """Return rate and index."""
+        """Return the rate in Hz and the index of each row, shape (count,)."""
         stated = self._map.rate if self._map.rate is not None else self._table.rate
         if times is None:
             if stated is None:
@@ -186,15 +186,15 @@ class TableTransport:
 
 
 def evenly(times: Floats, rows: Ints, path: str) -> tuple[float, Ints]:
-    """Return rate (Hz) and index of times that are evenly spaced but for gaps.
+    """Fit an even grid with gaps to times; return its rate in Hz and the index of each time.
 
     Args:
-        times: (n,) s.
-        rows: (n,) of the file, for messages, from 0.
+        times: (n,), s.
+        rows: (n,) rows of the file, from 0, for messages.
         path: of the file, for messages.
 
     Raises:
-        InvalidSource: times that do not increase, or lie beside the clock.
+        InvalidSource: the times do not increase, or are not evenly spaced.
     """
     steps = np.diff(times)
     back = np.flatnonzero(steps <= 0)

@@ -1,4 +1,4 @@
-"""Units as data loggers and oscilloscopes write them, and refusals that name key, value and what is allowed."""
+"""Read units as data loggers and oscilloscopes write them, and build refusals that name key, value and what is allowed."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ LOWEST, HIGHEST = 1e-3, 1e9  # Hz
 
 
 def refusal(key: str, value: object, allowed: str) -> InvalidSource:
-    """Return the refusal of a value, in one line."""
+    """Build the error that refuses a value, in one line."""
     text = " ".join(str(value).split())
     return InvalidSource(f"{key} = {text if len(text) <= 100 else text[:97] + '...'}: allowed: {allowed}")
 
 
 def quantity(key: str, text: object, units: dict[str, float], example: str) -> float:
-    """Read a number with one of the units, as SI.
+    """Read a number with one of the units; return it in SI.
 
     Raises:
-        InvalidSource: it has none, or is no number.
+        InvalidSource: the text has no such unit, or no number.
     """
     match = re.fullmatch(rf"({NUMBER})\s*(\S+)", str(text).strip())
     if match is None or match[2] not in units or not math.isfinite(float(match[1])):
@@ -36,7 +36,7 @@ def quantity(key: str, text: object, units: dict[str, float], example: str) -> f
 
 
 def read_rate(text: object, key: str = "rate") -> float:
-    """Read samples per second, ``"10 kHz"``, in Hz. Raises ``InvalidSource``."""
+    """Read a rate such as ``"10 kHz"``; return samples per second. Raises ``InvalidSource``."""
     rate = quantity(key, text, RATES, "10 kHz")
     if not LOWEST <= rate <= HIGHEST:
         raise refusal(key, repr(text), f"{LOWEST:g} to {HIGHEST:g} Hz")

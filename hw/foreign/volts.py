@@ -1,7 +1,7 @@
-"""Samples as plain volts: the simplest stream there is, for files of other programs and for adapters of other hardware.
+"""Encode and decode samples as plain volts, for files of other programs and adapters of other hardware.
 
-A chunk holds rows: i64 index, f64 volts of each channel, u8 saturation of each, all little-endian. What is missing is not there:
-the index jumps, and the rows around it are what they are.
+A chunk holds rows: i64 index, f64 volts of each channel, u8 saturation of each, all little-endian. Missing samples are left out:
+the index jumps, and the neighbouring rows are unchanged.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ MISSING = "samples are missing in what was recorded"
 
 
 def rows(channels: int) -> np.dtype[np.void]:
-    """Return a row's type."""
+    """Return the structured type of a row."""
     return np.dtype([("index", "<i8"), ("volts", "<f8", (channels,)), ("saturated", "u1", (channels,))])
 
 
 def packed(index: ArrayLike, volts: ArrayLike, saturated: ArrayLike = False) -> bytes:
-    """Return samples as the bytes of a chunk.
+    """Encode samples as the bytes of a chunk.
 
     Args:
-        index: (n,) of each row since the start, increasing; it jumps where samples were lost.
+        index: (n,) index of each row since the start, increasing; it jumps where samples were lost.
         volts: (n, channels), finite.
         saturated: (n, channels), or one value for all.
     """
@@ -41,28 +41,28 @@ def packed(index: ArrayLike, volts: ArrayLike, saturated: ArrayLike = False) -> 
 
 
 def unknown_gap(first: int, reason: str) -> str:
-    """Return the note of a chunk before which nobody knows how many samples were lost; the gap takes up index ``first``."""
+    """Encode the note of a chunk that follows a gap of unknown length; the gap takes up index ``first``."""
     return noted((Gap(first, -1, reason),))
 
 
 def noted(gaps: tuple[Gap, ...], overruns: int = 0) -> str:
-    """Return a chunk's note that tells its gaps; without one, they follow from the index."""
+    """Encode a chunk's note that lists its gaps; without a note, gaps follow from the index."""
     return json.dumps({"gaps": [[gap.first, gap.count, gap.reason] for gap in gaps], "overruns": overruns})
 
 
 def volts_header(rate: float, channels: tuple[str, ...] = CHANNELS[:2], **source: Any) -> Header:
-    """Return the header of a source of volts.
+    """Build the header of a source of volts.
 
     Args:
         rate: samples per second and channel, Hz.
         channels: names of the columns: inner, outer and perhaps force.
-        source: what is known of the source, such as ``transport`` and ``serial``.
+        source: properties of the source, such as ``transport`` and ``serial``.
     """
     return Header("volts", rate, channels, (1.0,) * len(channels), 0, 0, {"started": now()} | source)
 
 
 class VoltsDecoder:
-    """Turns chunks of volts into samples."""
+    """A decoder that turns chunks of volts into samples."""
 
     def __init__(self, header: Header) -> None:
         self.header = header
@@ -73,7 +73,7 @@ class VoltsDecoder:
         """Return the samples of a chunk.
 
         Raises:
-            InvalidSource: no such rows, an index that does not increase, or values that are no numbers.
+            InvalidSource: incomplete rows, an index that does not increase, or values that are not finite.
         """
         if len(data) % self._rows.itemsize:
             raise InvalidSource(f"{len(data)} bytes of volts: allowed: whole rows of {self._rows.itemsize} bytes")
@@ -94,12 +94,12 @@ class VoltsDecoder:
     def _jumps(self, index: Ints, steps: Ints) -> tuple[Gap, ...]:
         at = np.flatnonzero(steps > 1)
         if self._next is None:
-            at = at[at > 0]  # what was before the first row was never asked for
+            at = at[at > 0]  # rows before the first one read are no gap
         return tuple(Gap(int(index[k] - steps[k] + 1), int(steps[k] - 1), MISSING) for k in at)
 
 
 def finite(volts: Floats) -> Floats:
-    """Return volts with numbers in place of infinities, for rows that count as saturated."""
+    """Replace NaN and infinities by finite numbers, in rows that count as lost or saturated."""
     return np.asarray(np.nan_to_num(volts, nan=0.0))
 
 
@@ -108,4 +108,4 @@ def _told(note: str) -> tuple[tuple[Gap, ...], int]:
         told = json.loads(note)
         return tuple(Gap(int(first), int(count), str(why)) for first, count, why in told["gaps"]), int(told["overruns"])
     except (ValueError, TypeError, KeyError) as fault:
-        raise InvalidSource("a note of volts that tells no gaps: nothing of ours wrote it") from fault
+        raise InvalidSource("a note of volts that lists no gaps: another program wrote it") from fault

@@ -1,4 +1,4 @@
-"""WAV files: what a sound card recorded, which knows no volts."""
+"""Read WAV files as tables; a sound card states no volts."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from hw.common.samples import Floats
 from hw.foreign.table import ColumnTable
 from hw.foreign.units import refusal
 
-# scipy gives 24 bits in the upper part of 32
+# lowest, highest and zero code by type; scipy returns 24-bit codes in the upper part of 32 bits
 _BITS = {np.dtype(np.uint8): (0.0, 255.0, 128.0), np.dtype(np.int16): (-32768.0, 32767.0, 0.0),
          np.dtype(np.int32): (-(2.0**31), 2.0**31 - 256, 0.0)}  # fmt: skip
-LARGEST_FILE = 400_000_000  # bytes, which take four times as much
+LARGEST_FILE = 400_000_000  # bytes; reading takes four times as much memory
 
 
 def read_wav(path: Path) -> ColumnTable:
-    """Read a WAV file; columns are its channels, their numbers from -1 to 1 of the range.
+    """Read a WAV file; its channels become columns of numbers from -1 to 1 of the full range.
 
     Raises:
-        InvalidSource: it is none, or was cut.
+        InvalidSource: the file is no WAV file, or was cut.
     """
-    from scipy.io import wavfile  # only who reads sound waits for it
+    from scipy.io import wavfile  # slow to import
 
     if path.stat().st_size > LARGEST_FILE:
         raise refusal(path.name, f"{path.stat().st_size} bytes", f"up to {LARGEST_FILE} bytes of sound: longer ones as HDF5")

@@ -1,1 +1,1 @@
-"""Oscilloscopes over USB or a network as sources of samples."""
+"""Read oscilloscopes over USB or a network as sources of samples."""

@@ -1,8 +1,7 @@
-"""How families of oscilloscopes are asked for both channels of one acquisition, and what their answers mean.
+"""Define the SCPI commands of each family of oscilloscopes, and decode their answers.
 
-Keysight InfiniiVision, Rigol DS1000Z/MSO5000, Tektronix MSO/DPO/TBS2000 (older TDS say WFMPre and are not known). All are
-asked for 8-bit codes; an acquisition is taken once and read channel by channel, so that the channels are simultaneous. From
-code to volts:
+Keysight InfiniiVision, Rigol DS1000Z/MSO5000, Tektronix MSO/DPO/TBS2000 (older TDS use WFMPre and are not supported). All send
+8-bit codes. One acquisition is taken and then read channel by channel, so that the channels are simultaneous. From code to volts:
 
     Keysight   (code - yreference) yincrement + yorigin     InfiniiVision 2000 X programmer's guide, :WAVeform, data conversion
     Rigol      (code - yorigin - yreference) yincrement     DS1000Z-E programming guide, :WAVeform:DATA?
@@ -21,7 +20,7 @@ from hw.common.samples import Bools, Floats
 
 @dataclass(frozen=True)
 class Scaling:
-    """From codes to volts: (code - zero) * step + offset, every ``interval`` s."""
+    """The scales of a channel: volts = (code - zero) * step + offset, one sample every ``interval`` s."""
 
     interval: float
     step: float
@@ -29,24 +28,24 @@ class Scaling:
     offset: float
 
     def volts(self, codes: Floats) -> Floats:
-        """Return volts."""
+        """Convert codes to volts."""
         return (codes - self.zero) * self.step + self.offset
 
 
 @dataclass(frozen=True)
 class Dialect:
-    """The words of one family.
+    """The SCPI commands of one family of oscilloscopes.
 
     Attributes:
-        makers: words of *IDN? that tell it.
-        acquire: takes one acquisition.
-        finished: a query, and what it answers when the acquisition is complete.
-        select: chooses channel {channel} for what follows.
-        scaling: a query for all that ``Scaling`` needs.
+        makers: words in the answer to *IDN? that identify the family.
+        acquire: commands that take one acquisition.
+        finished: a query, and its answer when the acquisition is complete.
+        select: commands that select channel {channel} for the next queries.
+        scaling: a query for the fields of ``Scaling``.
         data: a query for the codes, as a definite-length block.
-        signed: whether codes are.
+        signed: whether codes are signed.
         ends: codes at or beyond which a value is at the end of the range.
-        rate: sets a rate of {rate} Hz, or {division} s per division where that tells it; none where the instrument alone does.
+        rate: commands that set a rate of {rate} Hz, or {division} s per division; empty where only the front panel sets it.
     """
 
     makers: tuple[str, ...]
@@ -60,10 +59,10 @@ class Dialect:
     rate: tuple[str, ...] = ()
 
     def scaled(self, answer: str) -> Scaling:
-        """Return what the scope told of its scales.
+        """Read the scales from the answer to ``scaling``.
 
         Raises:
-            ProtocolError: it told something else.
+            ProtocolError: the answer has another form.
         """
         try:
             fields = [float(word) for word in answer.replace(";", ",").split(",")]
@@ -72,13 +71,13 @@ class Dialect:
                 return _checked(Scaling(interval, step, zero, offset), answer)
             _, _, _, _, interval, _, _, step, origin, reference = fields
         except ValueError as fault:
-            raise ProtocolError(f"the oscilloscope told its scales as {answer!r}: not what its family does") from fault
-        if self is RIGOL:  # its origin counts codes; Keysight's is in volts
+            raise ProtocolError(f"the oscilloscope's scales are {answer!r}: not in the form of its family") from fault
+        if self is RIGOL:  # Rigol's origin is in codes, Keysight's in volts
             return _checked(Scaling(interval, step, origin + reference, 0.0), answer)
         return _checked(Scaling(interval, step, reference, origin), answer)
 
     def decoded(self, block: bytes, scaling: Scaling) -> tuple[Floats, Bools]:
-        """Return volts and saturation of a block's codes."""
+        """Decode a block of codes to volts and saturation, shape (n,) each."""
         codes = np.frombuffer(block, np.int8 if self.signed else np.uint8)
         return scaling.volts(codes.astype(float)), (codes <= self.ends[0]) | (codes >= self.ends[1])
 
@@ -125,10 +124,10 @@ DIALECTS = {"keysight": KEYSIGHT, "rigol": RIGOL, "tektronix": TEKTRONIX}
 
 
 def dialect_of(identity: str) -> str:
-    """Return the name of the dialect that a scope's answer to *IDN? calls for.
+    """Return the name of the dialect for an oscilloscope's answer to *IDN?.
 
     Raises:
-        ProtocolError: none does.
+        ProtocolError: no family is known for it.
     """
     for name, dialect in DIALECTS.items():
         if any(maker in identity.upper() for maker in dialect.makers):
@@ -139,5 +138,5 @@ def dialect_of(identity: str) -> str:
 def _checked(scaling: Scaling, answer: str) -> Scaling:
     finite = np.isfinite([scaling.interval, scaling.step, scaling.zero, scaling.offset]).all()
     if not (finite and scaling.interval > 0 and scaling.step > 0):
-        raise ProtocolError(f"the oscilloscope told its scales as {answer!r}: is the channel switched on?")
+        raise ProtocolError(f"the oscilloscope's scales are {answer!r}: is the channel switched on?")
     return scaling

@@ -1,6 +1,6 @@
-"""Oscilloscopes by SCPI over VISA (``pip install 'probe-design[scope]'``): inner on channel 1, outer on 2, unless mapped.
+"""Read oscilloscopes by SCPI over VISA (``pip install 'probe-design[scope]'``): inner on channel 1, outer on 2, unless mapped.
 
-Each chunk is one acquisition; how much time passes between two is unknown, so a gap of unknown length stands there.
+Each chunk is one acquisition. The time between two acquisitions is unknown, so that a gap of unknown length separates them.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from hw.oscilloscope.scpi import DIALECTS, Dialect, dialect_of
 from hw.usb.faults import named
 
 FILMS = {"inner": 1, "outer": 2}
-PER_DIVISION = 100  # samples of a screen's division, of those whose rate follows from the time base
-APART = 0.01  # relative, by which the rate may be another than the one asked for
-_PATIENCE = 10.0  # s, for one acquisition
+PER_DIVISION = 100  # samples per division, of oscilloscopes whose rate follows from the time base
+APART = 0.01  # largest relative difference between the requested and the actual rate
+_PATIENCE = 10.0  # s for one acquisition
 _BETWEEN = "a new acquisition"
 _BY_STATUS: dict[str, type[HardwareError]] = {
     "error_timeout": Timeout, "error_resource_not_found": NotFound, "error_resource_busy": Busy, "error_resource_locked": Busy,
@@ -35,16 +35,16 @@ _BY_STATUS: dict[str, type[HardwareError]] = {
 
 
 class ScopeTransport:
-    """Takes acquisitions from an open VISA resource.
+    """Take acquisitions from an open VISA resource.
 
     Args:
-        resource: as pyvisa opens it, or anything with ``query``, ``write``, ``query_binary_values`` and ``close``.
+        resource: a pyvisa resource, or any object with ``query``, ``write``, ``query_binary_values`` and ``close``.
         name: the resource string.
-        numbers: of the channels by name, in the order of the columns.
-        rate: Hz that it is asked for; None: as its time base is set.
+        numbers: channel numbers by signal, in the order of the columns.
+        rate: requested rate, Hz; None: the rate of the present time base.
 
     Raises:
-        HardwareError: it does not answer, or as no known family does.
+        HardwareError: the oscilloscope does not answer, or belongs to no known family.
         InvalidSource: it does not sample at that rate.
     """
 
@@ -82,16 +82,16 @@ class ScopeTransport:
 
         Args:
             name: the resource string.
-            numbers: of the channels by name.
-            rate: Hz that it is asked for.
+            numbers: channel numbers by signal.
+            rate: requested rate, Hz.
 
         Raises:
-            InvalidSource: pyvisa is not installed, or knows no such kind of resource.
-            HardwareError: it cannot be opened.
+            InvalidSource: pyvisa is not installed, or does not know this kind of resource.
+            HardwareError: the resource cannot be opened.
         """
         try:
             visa = import_module("pyvisa")
-            libusb_package.get_libusb1_backend()  # from here on pyusb, and so pyvisa-py, uses this one
+            libusb_package.get_libusb1_backend()  # pyusb, and so pyvisa-py, uses this libusb from now on
             manager = visa.ResourceManager("@py")
         except (ImportError, ValueError) as missing:
             raise InvalidSource("oscilloscopes need pyvisa: pip install 'probe-design[scope]'") from missing
@@ -105,15 +105,15 @@ class ScopeTransport:
         """Return the next acquisition.
 
         Raises:
-            HardwareError: the scope does not answer, or went away.
+            HardwareError: the oscilloscope does not answer, or was disconnected.
         """
         first, self._first = self._first, None
         with faults_named(self._name):
             return first or self._acquired()
 
     def close(self) -> None:
-        """Let go of the scope."""
-        with suppress(Exception):  # whatever VISA raises on a scope that is gone
+        """Release the oscilloscope."""
+        with suppress(Exception):  # VISA may raise anything if the oscilloscope is disconnected
             self._resource.close()
 
     @property
@@ -146,7 +146,7 @@ class ScopeTransport:
 
 @dataclass(frozen=True)
 class _Acquisition:
-    """What the note of a chunk says: the family's name, and of each channel the scales as it told them and its bytes."""
+    """The note of a chunk: the family's name, and for each channel the answer with its scales and its number of bytes."""
 
     dialect: str
     scales: tuple[str, ...]
@@ -155,7 +155,7 @@ class _Acquisition:
 
 
 def _acquisition(note: str, size: int) -> _Acquisition:
-    from pydantic import TypeAdapter, ValidationError  # only who decodes waveforms waits for it
+    from pydantic import TypeAdapter, ValidationError  # slow to import
 
     try:
         told = TypeAdapter(_Acquisition).validate_json(note)
@@ -168,7 +168,7 @@ def _acquisition(note: str, size: int) -> _Acquisition:
 
 
 class WaveformDecoder:
-    """Turns acquisitions, live or recorded, into samples."""
+    """A decoder that turns acquisitions, live or recorded, into samples."""
 
     def __init__(self, header: Header) -> None:
         self.header = header
@@ -178,8 +178,8 @@ class WaveformDecoder:
         """Return the samples of one acquisition.
 
         Raises:
-            ProtocolError: its channels do not fit each other, or the header.
-            InvalidSource: a recorded note that no scope of ours wrote.
+            ProtocolError: lengths or intervals of the channels differ from each other, or from the header.
+            InvalidSource: the recorded note has another form.
         """
         acquisition = _acquisition(note, len(data))
         dialect = DIALECTS[acquisition.dialect]
@@ -211,11 +211,11 @@ class WaveformDecoder:
 
 @contextmanager
 def faults_named(name: str, missing: str = "") -> Iterator[None]:
-    """Raise as one of our family what pyvisa, pyvisa-py and pyusb raise on a scope that does not answer or is gone.
+    """Translate exceptions of pyvisa, pyvisa-py and pyusb into subclasses of ``HardwareError``.
 
     Args:
         name: of the resource.
-        missing: what to say where pyvisa-py cannot tell a scope that is not there from one that may not be opened.
+        missing: message for opening, where pyvisa-py does not distinguish a missing device from denied access.
     """
     try:
         yield
@@ -223,7 +223,7 @@ def faults_named(name: str, missing: str = "") -> Iterator[None]:
         raise named(fault, name) from fault
     except HardwareError:
         raise
-    except (ValueError, OSError) as fault:  # pyvisa-py lets both through when the plug is pulled
+    except (ValueError, OSError) as fault:  # pyvisa-py raises both when the plug is pulled
         detail = f"({' '.join(str(fault).split())})"
         if missing:
             raise NotFound(f"{name}: {missing} {detail}") from fault

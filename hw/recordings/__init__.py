@@ -1,1 +1,1 @@
-"""Raw bytes on disk, and their replay in place of a device."""
+"""Record raw bytes on disk, and replay them in place of a device."""

@@ -1,8 +1,8 @@
-"""Raw bytes on disk, as they came and before anybody decodes them: one file that describes itself.
+"""Write and read recordings: files of raw bytes, stored before they are decoded, with a header that describes them.
 
-A line of JSON, then records: ``READ``, when (s since the start), stream number, lengths of note and data, both, CRC-32 of all
-that. A record ``DONE`` ends a file that was closed. A file that was cut is readable up to the cut; of a damaged record whatever
-frames are whole, and all that follows.
+A line of JSON, then records: ``READ``, time (s since the start), stream number, lengths of note and data, note, data, CRC-32 of
+the record. A record ``DONE`` ends a file that was closed. A cut file is readable up to the cut. Of a damaged record the complete
+frames are readable, and all records after it.
 """
 
 from __future__ import annotations
@@ -29,40 +29,40 @@ VERSION: Literal[1] = 1
 _RECORD = struct.Struct("<4sdHHI")
 _CRC = struct.Struct("<I")
 _TAG = re.compile(b"READ|DONE")
-WINDOW = 1 << 20  # bytes that are searched at a time
-SALVAGED = 100_000  # bytes: in longer damage no frames are looked for
+WINDOW = 1 << 20  # bytes searched at a time
+SALVAGED = 100_000  # bytes: frames are searched for in shorter damage only
 
 
 class Recorder:
-    """Writes chunks; a file that exists is never overwritten.
+    """Write chunks to a new file; an existing file is never overwritten.
 
     Raises:
-        FileExistsError: there is a file of that name.
+        FileExistsError: the file exists.
     """
 
     def __init__(self, path: Path | str, header: Header) -> None:
-        self._file = Path(path).open("xb", buffering=0)  # noqa: SIM115 - closed by close(); bytes are on their way at once
+        self._file = Path(path).open("xb", buffering=0)  # noqa: SIM115 - closed by close(); unbuffered
         self._begin, self._end = time.monotonic(), 0
         line = json.dumps({"format": KIND, "version": VERSION} | header.as_dict())
         try:
             self._append(line.encode() + b"\n")
-        except OSError:  # a disk that is full from the beginning
+        except OSError:  # the disk is full already
             self._file.close()
             Path(path).unlink(missing_ok=True)
             raise
 
     def write(self, chunk: Chunk) -> None:
-        """Append what one read returned, whole or not at all.
+        """Append a chunk, completely or not at all.
 
         Raises:
-            OSError: the disk is full, or another fault; what was written before stays readable.
+            OSError: the disk is full, or another fault; earlier records stay readable.
         """
         self._record(b"READ", chunk)
 
     def close(self) -> None:
         """Mark the end, flush to disk and close."""
         if not self._file.closed:
-            with suppress(OSError):  # a full disk: the file then ends as one that was cut
+            with suppress(OSError):  # on a full disk the file ends like a cut one
                 self._record(b"DONE", Chunk(b""))
                 os.fsync(self._file.fileno())
             self._file.close()
@@ -81,7 +81,7 @@ class Recorder:
         self._append(body + _CRC.pack(zlib.crc32(body)))
 
     def _append(self, data: bytes) -> None:
-        """Write all of it, or leave the file as it was."""
+        """Write all bytes, or restore the file's previous length."""
         try:
             left = memoryview(data)
             while left:
@@ -95,22 +95,22 @@ class Recorder:
 
 
 class Recording:
-    """A recorded file, read as it is asked for.
+    """A recorded file that is read chunk by chunk.
 
     Attributes:
-        header: how to decode it, and where it came from.
-        cut: None, or in words where the file ends before its end; known once all chunks were read.
-        damaged: bytes at which records begin that are not what was written; known likewise.
+        header: how to decode it, and its origin.
+        cut: where the file was cut, as text, or None; set once all chunks are read.
+        damaged: byte positions of damaged records; complete once all chunks are read.
 
     Raises:
-        InvalidSource: the file cannot be read, is not a recording, or of another version.
+        InvalidSource: the file cannot be read, is not a recording, or has another version.
     """
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
         self.cut: str | None = None
         self.damaged: list[int] = []
-        if not os.path.isfile(path):  # a folder or a pipe, say, which cannot be read twice; or a name that is too long
+        if not os.path.isfile(path):  # a folder, a pipe (cannot be read twice) or too long a name
             why = "it is no file" if os.path.exists(path) else "there is no such file"
             raise InvalidSource(f"{path} is not a recording: {why}")
         try:
@@ -121,7 +121,7 @@ class Recording:
             raise InvalidSource(f"{path} cannot be read ({fault.strerror})") from fault
 
     def chunks(self) -> Generator[Chunk, None, None]:
-        """Yield what was read, in order, up to the end or the cut; of a damaged record its bytes as they stand there."""
+        """Yield the chunks in order, up to the end or the cut; a damaged record gives a chunk of its bytes as they are."""
         stream = self.header.stream
         with self.path.open("rb") as file:
             file.seek(self._data_begins)
@@ -141,20 +141,20 @@ class Recording:
                 self.damaged.append(at)
                 file.seek(at)
                 rest = file.read(found - at) if self.header.kind == "frames" and found - at <= SALVAGED else b""
-                if self.header.kind == "frames":  # frames have checksums of their own; acquisitions have none
+                if self.header.kind == "frames":  # frames have their own checksums; acquisitions have none
                     yield Chunk(rest, stream, f"the recording is damaged at byte {at}")
                 file.seek(found)
 
 
 def sha256(path: Path | str) -> str:
-    """Return the file's SHA-256 in hexadecimal: what a calibration record keeps of its raw data."""
+    """Return the SHA-256 of a file in hexadecimal, by which a calibration record identifies its raw data."""
     with Path(path).open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 @dataclass(frozen=True)
 class _Kind:
-    """What the first line of every version says."""
+    """The keys of the first line that all versions share."""
 
     format: Literal["probe-design recording"]
     version: int
@@ -163,14 +163,14 @@ class _Kind:
 
 @dataclass(frozen=True)
 class _FirstLine(Header):
-    """The first line of a file as it stands there, for pydantic to read."""
+    """The first line of a file, as validated by pydantic."""
 
     format: Literal["probe-design recording"]
     version: Literal[1]
     __pydantic_config__: ClassVar = {"strict": True, "extra": "forbid", "allow_inf_nan": False}
 
     def __post_init__(self) -> None:
-        """Raise ``ValueError`` for numbers and names that no source of samples has."""
+        """Raise ``ValueError`` for values that no source of samples has."""
         json.dumps(self.source, allow_nan=False)
         if self.kind not in ("frames", "waveforms", "volts"):
             raise ValueError("kind: frames, waveforms or volts")
@@ -184,7 +184,7 @@ class _FirstLine(Header):
 
 
 def _header(line: bytes, path: Path) -> Header:
-    from pydantic import TypeAdapter, ValidationError  # only who reads a recording waits for it
+    from pydantic import TypeAdapter, ValidationError  # slow to import
 
     try:
         version = TypeAdapter(_Kind).validate_json(line).version
@@ -199,7 +199,7 @@ def _header(line: bytes, path: Path) -> Header:
 
 
 def _found(file: BinaryIO, begin: int) -> int | None:
-    """Return where the next whole record begins, or None."""
+    """Return the position of the next complete record from ``begin`` on, or None."""
     at = begin
     while True:
         file.seek(at)
@@ -210,11 +210,11 @@ def _found(file: BinaryIO, begin: int) -> int | None:
                 return at + match.start()
         if len(window) < WINDOW:
             return None
-        at += len(window) - 3  # a tag may be cut in two
+        at += len(window) - 3  # a tag of 4 bytes may cross the window's end
 
 
 def _next(file: BinaryIO) -> tuple[bytes, Chunk]:
-    """Return a record's tag and content; an empty tag where the file ends or is damaged."""
+    """Read a record; return its tag and chunk. The tag is empty where the file ends or is damaged."""
     head = file.read(_RECORD.size)
     if len(head) < _RECORD.size:
         return b"", Chunk(b"")

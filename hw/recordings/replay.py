@@ -1,4 +1,4 @@
-"""A recording in place of the device."""
+"""Replay a recording in place of the device."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from hw.recordings.recording import Recording
 
 
 class Replay:
-    """Returns the chunks of a recorded file, as fast as they are asked for.
+    """A transport that replays a recorded file, without pauses.
 
-    Its header's source gains ``replayed``, and ``cut`` and ``damaged``, in words, once the file turned out to be so.
+    It adds ``replayed`` to the header's source, and texts ``cut`` and ``damaged`` once such a place is reached.
     """
 
     def __init__(self, path: Path) -> None:

@@ -1,1 +1,1 @@
-"""The probe on a serial port (CDC): the same frames, requests as packets."""
+"""Read the probe on a serial port (CDC): the same frames as on USB, with requests as packets."""

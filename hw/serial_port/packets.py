@@ -1,4 +1,4 @@
-"""Requests and answers on a serial port, as ``docs/reference/protocol.md`` lays them down: what control transfers are on USB."""
+"""Encode requests and decode answers on a serial port, in place of USB's control transfers; see ``docs/reference/protocol.md``."""
 
 from __future__ import annotations
 
@@ -10,26 +10,27 @@ REFUSED = 0x80
 _ASKED = struct.Struct("<2sBBHI")
 _TOLD = struct.Struct("<2sBBH")
 _CRC = struct.Struct("<I")
-LONGEST = 256  # bytes of an answer's data
+LONGEST = 256  # bytes of an answer's data at most
 
 
 def request(number: int, value: int = 0, data: int = 0) -> bytes:
-    """Return a request's 14 bytes."""
+    """Encode a request as 14 bytes."""
     body = _ASKED.pack(REQUEST, VERSION, number, value, data)
     return body + _CRC.pack(zlib.crc32(body))
 
 
 def answer(number: int, data: bytes = b"") -> bytes:
-    """Return an answer's bytes."""
+    """Encode an answer as bytes."""
     body = _TOLD.pack(ANSWER, VERSION, number, len(data)) + data
     return body + _CRC.pack(zlib.crc32(body))
 
 
 def found(buffer: bytes, number: int) -> tuple[bool, bytes, bytes] | None:
-    """Look for the answer to a request among whatever else came.
+    """Find the answer to a request among the received bytes.
 
     Returns:
-        Whether it was granted, its data, and the bytes around it, which are the stream's; None where it is not there yet.
+        Whether the request was granted, the answer's data, and the remaining bytes, which belong to the stream; None if the
+        answer is not complete yet.
     """
     at = -1
     while (at := buffer.find(ANSWER, at + 1)) >= 0:

@@ -1,7 +1,7 @@
-"""The vendor stream over a serial port, with recovery: what was lost becomes a gap, never a splice.
+"""Read the vendor stream over a serial port, with recovery: lost samples become a gap.
 
-A port that goes away is opened again by its name; if the board still counts the same stream, the gap's length follows from its
-counter; if not, another stream is begun and the gap's length is unknown.
+A port that is disconnected is opened again by its name. If the board still counts the same stream, the gap's length follows from
+its counter. If not, another stream is started and the gap's length is unknown.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ from hw.serial_port.packets import found, request
 from hw.wire.frames import CHANNELS, LARGEST, SMALLEST
 from hw.wire.protocol import GET_INFO, GET_STATUS, SET_RATE, START, STOP, Info, Status
 
-BAUD = 115_200  # which a CDC board ignores
-PATIENCE = 1.0  # s, for one answer
-WAKING = 3.0  # s: some boards start anew when their port is opened
+BAUD = 115_200  # a CDC board ignores it
+PATIENCE = 1.0  # s for one answer
+WAKING = 3.0  # s: some boards restart when their port is opened
 LARGEST_READ = 1 << 16
 _KINDS: dict[int | None, type[HardwareError]] = {errno.ENOENT: NotFound, errno.EBUSY: Busy, errno.EAGAIN: Busy}
 
 
 class SerialTransport:
-    """Reads one probe on a serial port.
+    """A transport that reads one probe on a serial port.
 
     Args:
         port: its name, ``/dev/ttyACM0`` or ``COM3``.
-        rate: Hz to ask for; None: as it is.
-        silence: s without a byte before giving up.
-        absence: s after the port went away before giving up.
+        rate: requested rate, Hz; None: the present rate.
+        silence: time without a byte after which it gives up, s.
+        absence: time after a disconnection after which it gives up, s.
 
     Raises:
-        InvalidSource: pyserial is not installed, or no rate that a board can be asked for.
+        InvalidSource: pyserial is not installed, or the rate is out of range.
         HardwareError: no such port, busy, access denied, or no probe answers.
     """
 
@@ -59,28 +59,28 @@ class SerialTransport:
             raise self._named(fault) from fault
 
     def read(self) -> Chunk:
-        """Return what came; no bytes when none did in time. The first call starts the stream.
+        """Return the received bytes, empty if none came in time. The first call starts the stream.
 
         Raises:
-            HardwareError: the port went away and did not come back, or nothing was heard for long.
+            HardwareError: the port was disconnected and did not come back, or no byte came for ``silence`` s.
         """
         if not self._started:
             self._start()
         data, self._rest = self._rest, b""
         try:
             data += self._port.read(max(1, min(self._port.in_waiting, LARGEST_READ)))
-        except OSError as fault:  # pyserial's own exception is one
+        except OSError as fault:  # pyserial's exception is a subclass
             self._reopen(fault)
         if data:
             self._heard = time.monotonic()
         elif time.monotonic() - self._heard > self._silence:
-            raise Timeout(f"serial:{self._name}: it is there and says nothing: unplug it and plug it in again")
+            raise Timeout(f"serial:{self._name}: it is connected but does not answer: unplug it and plug it in again")
         note, self._note = self._note, "" if data else self._note
         return Chunk(data, self._stream, note, time.monotonic())
 
     def close(self) -> None:
-        """Stop the stream and let go of the port."""
-        with suppress(OSError):  # a flush would wait for ever for a board that no longer listens
+        """Stop the stream and release the port."""
+        with suppress(OSError):  # no flush: it would wait for ever for a board that no longer reads
             self._port.write(request(STOP))
         self._port.close()
 
@@ -96,7 +96,7 @@ class SerialTransport:
         return port
 
     def _named(self, fault: Exception) -> HardwareError:
-        """Return the error of our family for what pyserial raised."""
+        """Translate an exception of pyserial into a ``HardwareError``."""
         text, number = f"serial:{self._name}", getattr(fault, "errno", None)
         if number in (errno.EACCES, errno.EPERM) or isinstance(fault, PermissionError):
             remedy = "join the port's group (sudo usermod -aG dialout $USER), log out and in again; or another program holds it"
@@ -106,7 +106,7 @@ class SerialTransport:
         return kind(f"{text}: {remedies.get(kind, 'it cannot be read')} ({' '.join(str(fault).split())})")
 
     def _begin(self, rate: float | None) -> Header:
-        """Wake the board, set the rate and describe what will come."""
+        """Stop a running stream, set the rate and return the header."""
         self._awake()
         if rate is not None:
             self._ask(SET_RATE, data=round(1e3 * rate))
@@ -131,7 +131,7 @@ class SerialTransport:
         self.header.source["started"] = now()
 
     def _awake(self) -> None:
-        """Stop what a program that died may have left running; a board that has just begun may miss the first requests."""
+        """Stop a stream that a killed program may have left running; repeat, since a restarting board misses requests."""
         limit = time.monotonic() + WAKING
         while True:
             try:
@@ -145,11 +145,11 @@ class SerialTransport:
                 return
 
     def _ask(self, number: int, value: int = 0, data: int = 0) -> bytes:
-        """Return the answer to a request; what came around it is kept.
+        """Send a request and return the data of its answer; bytes of the stream around it are kept for ``read``.
 
         Raises:
-            Timeout: nobody answers.
-            ProtocolError: the board refuses.
+            Timeout: no answer comes.
+            ProtocolError: the board refuses the request.
         """
         self._port.write(request(number, value, data))
         limit = time.monotonic() + PATIENCE
@@ -169,7 +169,7 @@ class SerialTransport:
         )
 
     def _reopen(self, fault: Exception) -> None:
-        """Open the port again and go on with the stream if the board still counts it; begin another if not."""
+        """Open the port again, and continue the stream if the board still counts it; start another if not."""
         self._port.close()
         limit = time.monotonic() + self._absence
         while not self._resumed():
@@ -193,8 +193,8 @@ class SerialTransport:
 
 
 def _serial_number(port: str) -> str:
-    """Return the serial number of the USB board behind a port, "" where the system knows none."""
-    with suppress(Exception):  # whatever a system's list of ports may hold
+    """Return the serial number of the USB board at a port, "" if the system knows none."""
+    with suppress(Exception):  # the list of ports is platform code that may raise anything
         for one in import_module("serial.tools.list_ports").comports():
             if os.path.realpath(one.device) == os.path.realpath(port):
                 return str(one.serial_number or "")

@@ -1,4 +1,4 @@
-"""The charge amplifier: from volts back to charge."""
+"""Model the charge amplifier: from volts back to charge."""
 
 from __future__ import annotations
 
@@ -11,22 +11,25 @@ from scipy.linalg import block_diag
 from hw.common.errors import HardwareError
 from hw.common.samples import Complexes, Floats
 
-QUARTER = np.array([[0.0, -1.0], [1.0, 0.0]])  # what multiplication with j does to (re, im)
-LEAST = 0.5  # of the corner frequency: below it less than 45 % of the charge is seen, and the corner's error with all its weight
+QUARTER = np.array([[0.0, -1.0], [1.0, 0.0]])  # multiplication by j, as a matrix on (re, im)
+LEAST = 0.5  # of the corner frequency: below it under 45 % of the charge is read, and the corner's error counts fully
 
 
 class TooSlow(HardwareError):  # noqa: N818 - says what is wrong with the load
-    """A load so slow that its charge leaks away before it is read."""
+    """The load is so slow that its charge leaks away before it is read."""
 
 
 @dataclass(frozen=True)
 class ChargeAmplifier:
-    """A high-pass of first order: V = -Q / Cf * j w tau / (1 + j w tau), tau = Rf Cf (SI.1).
+    """A charge amplifier, which is a high-pass filter of first order.
+
+    A high-pass of first order: V = -Q / Cf * j w tau / (1 + j w tau), tau = Rf Cf (SI.1). V is the output in V, Q the charge in
+    C, w the angular frequency in rad/s, tau the time constant in s.
 
     Attributes:
-        resistance: Rf, ohm.
-        capacitance: Cf, F.
-        resistance_tolerance, capacitance_tolerance: relative standard deviations of the parts, of each channel on its own.
+        resistance: feedback resistance Rf, ohm.
+        capacitance: feedback capacitance Cf, F.
+        resistance_tolerance, capacitance_tolerance: relative standard deviations of the parts, independent in each channel.
     """
 
     resistance: float = 1e9
@@ -36,19 +39,19 @@ class ChargeAmplifier:
 
     @property
     def time_constant(self) -> float:
-        """tau, s."""
+        """Time constant tau, s."""
         return self.resistance * self.capacitance
 
     @property
     def corner(self) -> float:
-        """Frequency at which 1/sqrt(2) of the charge is seen, Hz."""
+        """Corner frequency, Hz, at which 1/sqrt(2) of the charge is read."""
         return 1 / (2 * np.pi * self.time_constant)
 
     def response(self, frequency: float) -> complex:
-        """Volts per coulomb at a frequency (Hz), eq. SI.1.
+        """Return the complex response at a frequency (Hz), V/C, eq. SI.1.
 
         Raises:
-            TooSlow: it lies far below the corner.
+            TooSlow: the frequency is far below the corner.
         """
         if not frequency >= LEAST * self.corner:
             text = f"{frequency:.3g} Hz lies far below the charge amplifier's corner of {self.corner:.3g} Hz"
@@ -57,14 +60,15 @@ class ChargeAmplifier:
         return complex(-turn / (1 + turn) / self.capacitance)
 
     def tolerance(self, frequency: float, calibrated_at: float | None = None) -> Floats:
-        """Covariance of (re, im) of ln of the response by the parts' tolerances, shape (2, 2).
+        """Return the covariance of (re, im) of ln H that the parts' tolerances cause, shape (2, 2).
 
-        d ln H = -dC/C + (dR/R + dC/C) / (1 + j w tau) (SI.2). What a calibration at another frequency has seen is subtracted:
-        where both are far above the corner nothing is left.
+        d ln H = -dC/C + (dR/R + dC/C) / (1 + j w tau) (SI.2). H is the response, R and C are the feedback resistance and
+        capacitance, w and tau as in eq. SI.1. The error at the frequency of a calibration is subtracted, since the gains have
+        absorbed it: where both frequencies are far above the corner nothing is left.
 
         Args:
-            frequency: Hz.
-            calibrated_at: Hz; None: gains are nominal.
+            frequency: of the load, Hz.
+            calibrated_at: frequency of the calibration, Hz; None: gains are nominal.
         """
         by_resistance = 1 / (1 + 2j * np.pi * frequency * self.time_constant)
         by_capacitance = by_resistance - 1
@@ -79,11 +83,11 @@ class ChargeAmplifier:
 def of_parts(
     charges: Complexes, amplifiers: Sequence[ChargeAmplifier], frequency: float, calibrated_at: float | None = None
 ) -> Floats:
-    """Return the covariance of (re, im) of charges (n,) in turn by their amplifiers' tolerances, eq. SI.2, C^2, (2 n, 2 n)."""
+    """Return the covariance of charges (n,), as (re, im) of each in turn, from eq. SI.2, C^2, shape (2 n, 2 n)."""
     turn = multiplied(charges)
     return np.asarray(turn @ block_diag(*(one.tolerance(frequency, calibrated_at) for one in amplifiers)) @ turn.T)
 
 
 def multiplied(factors: Complexes) -> Floats:
-    """Return the matrix by which multiplication with complex numbers (n,) turns (re, im) in turn, shape (2 n, 2 n)."""
+    """Return the real matrix of a multiplication by complex factors (n,), on (re, im) of each in turn, shape (2 n, 2 n)."""
     return np.asarray(np.kron(np.diag(factors.real), np.eye(2)) + np.kron(np.diag(factors.imag), QUARTER))

@@ -1,10 +1,10 @@
-"""What tells one reading from another, whatever file it stands in: a fingerprint of its first samples.
+"""Identify a reading, in whatever file it is stored, by a fingerprint of its first samples.
 
-The noise of a film is what its last samples do not predict. The signs of its projections on fixed random vectors are a similarity
-hash (M. S. Charikar, STOC 2002, 380): of two noises at an angle a the share a / pi of all signs differs, a half where they have
-nothing in common. Rounding to fewer digits, another unit and another file format change few signs or none; a second press of the
-same place changes half of them. Beginnings of several lengths are looked at, and the longest that both readings have is
-compared, so that a copy that ends earlier is recognised, too.
+The noise of a film is the residual of a linear prediction from its previous samples. The signs of its projections on fixed random
+vectors are a similarity hash (M. S. Charikar, STOC 2002, 380): for two noise vectors at an angle a, the fraction a / pi of all
+signs differs, one half for independent noise. Rounding to fewer digits, another unit and another file format change few signs or
+none; a second press at the same place changes half of them. Beginnings of several lengths are used. The longest one that both
+readings have is compared, so that a shortened copy is recognised, too.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from numpy.typing import NDArray
 from hw.common.samples import Floats, Samples
 from hw.signal.measure import FILMS
 
-ROWS = 1 << 13  # samples of each film that are looked at: 0.8 s at 10 kS/s
-LENGTHS = tuple(1 << k for k in range(6, 14))  # of the beginnings, samples: from as few as a fit takes to ROWS
-MEMORY = 12  # samples that predict the next: enough for the load, its harmonics and the mains
+ROWS = 1 << 13  # samples of each film that are used: 0.8 s at 10 kS/s
+LENGTHS = tuple(1 << k for k in range(6, 14))  # samples in a beginning: from the minimum of a fit to all that are used
+MEMORY = 12  # previous samples that predict the next: enough for the load, its harmonics and the mains
 BITS = 128
-DIFFERENT = 32  # signs: a quarter, 5.7 standard deviations below the half of two independent noises
-SAME_VOLTS = 5e-4  # relative: rounding and the full range of a sound file change less
+DIFFERENT = 32  # signs: a quarter of all, 5.7 standard deviations below the half of independent noise
+SAME_VOLTS = 5e-4  # relative: rounding and the scale of a sound file cause less
 
 
 @dataclass(frozen=True)
 class Fingerprint:
-    """Of a reading's first samples.
+    """The fingerprint of a reading's first samples.
 
     Attributes:
-        noise: of its beginnings of ``LENGTHS``, as many as it has: 128 signs in hexadecimal; "" where there is no noise.
+        noise: 128 signs in hexadecimal for each beginning of ``BEGINNING_LENGTHS`` that the reading has; "" without noise.
         volts: standard deviation of each film's voltage in each of them, V, inner and outer.
     """
 
@@ -42,7 +42,7 @@ class Fingerprint:
 
     @classmethod
     def from_samples(cls, samples: Samples) -> Self:
-        """Return the fingerprint of samples that begin with the reading; they must have both films."""
+        """Compute the fingerprint of samples from the reading's begin on; they must have both films."""
         films = np.nan_to_num(samples.of(FILMS).volts[:ROWS], posinf=0.0, neginf=0.0)
         beginnings = [films[:length] for length in LENGTHS if length <= len(films)]
         deviations = (one.std(axis=0) for one in beginnings)
@@ -50,7 +50,7 @@ class Fingerprint:
 
     @classmethod
     def from_dict(cls, told: Any) -> Self | None:
-        """Return what ``as_dict`` gave; None where it is something else."""
+        """Read the result of ``as_dict``; return None for anything else."""
         try:
             noise = tuple(told["noise"])
             volts = tuple((float(inner), float(outer)) for inner, outer in told["volts"])
@@ -60,11 +60,11 @@ class Fingerprint:
             return None
 
     def as_dict(self) -> dict[str, Any]:
-        """Return it for JSON."""
+        """Return the fingerprint as a JSON object."""
         return asdict(self)
 
     def is_same(self, other: Fingerprint) -> bool:
-        """Whether both are of the same samples."""
+        """Whether both fingerprints are of the same samples."""
         beginnings = list(zip(self.noise, other.noise, self.volts, other.volts, strict=False))
         if not beginnings:
             return False
@@ -75,7 +75,7 @@ class Fingerprint:
 
 
 def _signs(films: Floats) -> str:
-    """Return the signs of the films' noise along fixed vectors; "" where there is none."""
+    """Return the signs of the noise's projections on fixed vectors, in hexadecimal; "" if there is no noise."""
     noise = np.concatenate([_unpredicted(film) for film in films.T])
     if not noise.any():
         return ""
@@ -83,7 +83,7 @@ def _signs(films: Floats) -> str:
 
 
 def _unpredicted(volts: Floats) -> Floats:
-    """Return what linear prediction leaves of a film's voltage, over its standard deviation, shape (n - MEMORY,)."""
+    """Return the residual of a linear prediction of a film's voltage, scaled to unit variance, shape (n - PREDICTOR_ORDER,)."""
     spread = volts.std()
     if spread == 0:
         return np.zeros(len(volts) - MEMORY)
@@ -96,6 +96,6 @@ def _unpredicted(volts: Floats) -> Floats:
 
 @cache
 def _vectors(length: int) -> NDArray[np.float32]:
-    """Return the vectors of +1 and -1, shape (BITS, length), by a hash function: the same on every computer and for ever."""
+    """Return fixed vectors of +1 and -1, shape (HASH_BITS, length), from a hash function: the same on every computer."""
     bits = np.frombuffer(hashlib.shake_128(b"probe-design").digest(BITS * length // 8 + 1), dtype=np.uint8)
     return np.unpackbits(bits)[: BITS * length].reshape(length, BITS).T.astype(np.float32) * 2 - 1

@@ -1,4 +1,4 @@
-"""From samples to the charges of both films, their complex ratio and everything's covariance."""
+"""Compute the charges of both films, their complex ratio and covariances from samples."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from hw.signal.waveform import Flawed, doubt
 
 FILMS = ("inner", "outer")
 FORCE = "force"
-LEAST_SEEN = 6.0  # amplitude over its standard deviation: noise alone, looked for near a frequency, stays below
-LEAST_STRENGTH = 20.0  # likewise, of a reading that calibrates
-STEP = 1e-6  # of the central differences by which covariances are carried on, relative
+LEAST_SEEN = 6.0  # amplitude over its standard deviation: the strongest line of noise alone stays below
+LEAST_STRENGTH = 20.0  # amplitude over its standard deviation that a calibration needs
+STEP = 1e-6  # relative step of the central differences that propagate covariances
 
 
 @dataclass(frozen=True)
 class Losses:
-    """What a reading lacks.
+    """The losses of a reading.
 
     Attributes:
-        saturated: rows left out.
-        gaps: how many.
-        overruns: of the device.
-        notes: what else is to be said of the source.
+        saturated: number of saturated rows, which are left out.
+        gaps: number of gaps.
+        overruns: number of overflows of the device's buffer.
+        notes: other remarks on the source.
     """
 
     saturated: int = 0
@@ -38,31 +38,31 @@ class Losses:
 
     @classmethod
     def of(cls, samples: Samples) -> Losses:
-        """Count them."""
+        """Count the losses of samples."""
         return cls(int(samples.saturated.any(axis=1).sum()), len(samples.gaps), samples.overruns, samples.notes)
 
     def __add__(self, other: Losses) -> Losses:
-        """Return what two consecutive parts lack; the source's notes only grow."""
+        """Return the losses of two consecutive parts; the second part's notes include the first's."""
         counts = (self.saturated + other.saturated, self.gaps + other.gaps, self.overruns + other.overruns)
         return Losses(*counts, other.notes)
 
 
 @dataclass(frozen=True)
 class Measurement:
-    """What one reading says of a sinusoidal load; phases count from the middle of the record.
+    """The amplitudes of one reading under a sinusoidal load; phases count from the middle of the record.
 
     Attributes:
         fit: of the volts.
         charges: (2,) complex amplitudes of the films' charges, inner and outer, C.
-        covariance: of (re, im) of both in turn, C^2, shape (4, 4): noise, and what the waveform leaves in doubt.
-        tolerance: likewise what the amplifiers' parts may add, the same at every reading at this frequency.
+        covariance: of (re, im) of both charges in turn, C^2, shape (4, 4), due to noise and deviations of the waveform.
+        tolerance: likewise due to tolerances of the amplifiers' parts, common to all readings at this frequency.
         force: amplitude of the reference force, N, or None without that channel.
-        force_sd: by noise, N.
-        saturated: how many rows were, and were left out.
-        lost: how many gaps the record has.
-        overruns: of the device.
-        warnings: what of the waveform is counted in the covariance, one line each.
-        force_doubt: relative, by which whatever makes the force channel lag may have changed ``force``.
+        force_sd: standard deviation of ``force`` due to noise, N.
+        saturated: number of saturated rows, which are left out.
+        lost: number of gaps in the record.
+        overruns: number of overflows of the device's buffer.
+        warnings: deviations of the waveform that the covariance counts, one line each.
+        force_doubt: relative error of ``force`` that a lag of the force channel may cause.
     """
 
     fit: SineFit
@@ -79,32 +79,32 @@ class Measurement:
 
     @property
     def ratio(self) -> complex:
-        """Inner over outer charge."""
+        """Complex ratio of inner to outer charge."""
         return complex(self.charges[0] / self.charges[1])
 
     @property
     def ratio_covariance(self) -> Floats:
-        """Of (re, im) of the ratio by noise, shape (2, 2): delta method."""
+        """Covariance of (re, im) of the ratio due to noise, shape (2, 2), by the delta method."""
         return carried(_quotient, _parts(self.charges), self.covariance)
 
     @property
     def in_phase(self) -> Floats:
-        """The charges' parts in phase with their sum, C, shape (2,); their sum is positive."""
+        """Components of the charges in phase with their sum, C, shape (2,); their sum is positive."""
         return _in_phase(_parts(self.charges))
 
     @property
     def in_phase_covariance(self) -> Floats:
-        """Of ``in_phase`` by noise, C^2, shape (2, 2): delta method."""
+        """Covariance of ``in_phase`` due to noise, C^2, shape (2, 2), by the delta method."""
         return carried(_in_phase, _parts(self.charges), self.covariance)
 
     @property
     def in_phase_tolerance(self) -> Floats:
-        """Of ``in_phase`` by the amplifiers' parts, C^2, shape (2, 2)."""
+        """Covariance of ``in_phase`` due to the amplifiers' tolerances, C^2, shape (2, 2)."""
         return carried(_in_phase, _parts(self.charges), self.tolerance)
 
     @property
     def lag(self) -> tuple[float, float]:
-        """By how much the inner charge leads the outer, rad, and its standard deviation by noise and tolerances."""
+        """Phase by which the inner charge leads the outer, rad, and its standard deviation due to noise and tolerances."""
         both = self.covariance + self.tolerance
         return float(_lag(_parts(self.charges))[0]), float(np.sqrt(carried(_lag, _parts(self.charges), both)[0, 0]))
 
@@ -116,24 +116,24 @@ def measure(
     sensitivity: float | None = None,
     calibrated_at: float | None = None,
 ) -> Measurement:
-    """Fit a sinusoidal load and divide the amplifier out.
+    """Fit a sinusoidal load to samples and divide by the amplifier's response.
 
     Args:
-        samples: with channels "inner" and "outer", and perhaps "force".
+        samples: with channels "inner" and "outer", and optionally "force".
         amplifier: of each film's channel.
-        frequency: of the load, Hz; None: looked for.
+        frequency: of the load, Hz; None: searched.
         sensitivity: of the force channel, V/N; None: the channel is not used.
         calibrated_at: frequency at which gains were calibrated, Hz.
 
     Raises:
-        HardwareError: a channel is missing, no sinusoid can be fitted, it is not steady, or too slow for the amplifier.
+        HardwareError: a channel is missing, no sinusoid can be fitted, or the load is not steady or too slow for the amplifier.
     """
     used = samples.of(film_channels(samples, sensitivity is not None))
     return measured(sine_fit(used, frequency), Losses.of(used), amplifier, sensitivity, calibrated_at)
 
 
 def film_channels(samples: Samples, force: bool) -> tuple[str, ...]:
-    """Return the channels that a measurement uses: both films', and the force's if it is wanted and there.
+    """Choose the channels that a measurement uses: both films', and the force channel if ``force`` is true and it exists.
 
     Raises:
         Flawed: a film's channel is missing.
@@ -151,10 +151,10 @@ def measured(
     sensitivity: float | None = None,
     calibrated_at: float | None = None,
 ) -> Measurement:
-    """Divide the amplifier out of a fit of both films and, perhaps, the force; for the other arguments see ``measure``.
+    """Build a measurement from a fit: divide by the amplifier's response. For the other arguments see ``measure``.
 
     Raises:
-        HardwareError: no load stands out, it is not one steady sinusoid, or too slow for the amplifier.
+        HardwareError: no load exceeds the noise, it is not one steady sinusoid, or it is too slow for the amplifier.
     """
     response = amplifier.response(fit.frequency)
     charges = fit.amplitudes[:2] / response
@@ -184,10 +184,10 @@ def _over(response: complex, covariance: Floats) -> Floats:
 
 
 def checked(measurement: Measurement, least_cycles: float) -> Measurement:
-    """Return a reading that a calibration may use: of at least so many periods of the load.
+    """Return the measurement unchanged if a calibration may use it.
 
     Raises:
-        Flawed: gaps, overruns, saturation, too few cycles, or no load.
+        Flawed: the reading has gaps, overruns, saturation, too few periods of the load, or no load.
     """
     strength = _strength(measurement.charges, measurement.covariance)
     flaws = {
@@ -207,12 +207,12 @@ def checked(measurement: Measurement, least_cycles: float) -> Measurement:
 
 
 def _strength(charges: Complexes, covariance: Floats) -> float:
-    """The larger amplitude over its standard deviation."""
+    """Return the larger of both films' amplitudes over their standard deviations."""
     return float((np.abs(charges) / np.sqrt(np.diag(covariance)[::2])).max())
 
 
 def carried(function: Callable[[Floats], Floats], at: Floats, covariance: Floats) -> Floats:
-    """Return the covariance of a function of uncertain numbers: delta method, slopes by central differences."""
+    """Return the covariance of a function's values: delta method, with derivatives by central differences."""
     step = STEP * float(np.abs(at).max())
     moved = step * np.eye(len(at))
     slopes = np.stack([(function(at + one) - function(at - one)) / (2 * step) for one in moved], axis=1)

@@ -1,7 +1,7 @@
-"""What a fit leaves that is no noise: rows that do not belong, and products of load and mains that a curved characteristic makes.
+"""Estimate errors of the amplitude from a fit's residuals: outliers, and products of load and mains by a curved characteristic.
 
-Where mains outweigh the load, an amplifier that is overloaded leaves the load's harmonics alone and takes from its amplitude all
-the same. What is left of the fit is then like the square or the cube of what was fitted.
+Where the mains exceed the load, an overloaded amplifier reduces the load's amplitude but adds hardly any of its harmonics. The
+residuals then resemble the square or the cube of the fitted signal.
 """
 
 from __future__ import annotations
@@ -11,19 +11,19 @@ import numpy as np
 from hw.common.samples import Floats
 from hw.signal.sine_model import Lines, normal_equations, residual
 
-OUT = 6.0  # standard deviations from which a row does not belong to the noise
-MEDIAN = 1.4826  # standard deviations to the median of white noise's size
-SEEN = 6.0  # standard deviations of a likeness
-POWERS = (2, 3)
-LEAST = 2e-3  # mean square of a power, its largest value 1, that the fit's columns leave: below it the load's harmonics tell all
+OUT = 6.0  # standard deviations of the noise from which a row is an outlier
+MEDIAN = 1.4826  # ratio of the standard deviation to the median absolute value, of normal noise
+SEEN = 6.0  # standard deviations from which a correlation is significant
+POWERS = (2, 3)  # of the fitted signal that are searched in the residuals
+LEAST = 2e-3  # mean square of a power (of maximum 1) outside the fit's columns: below it the load's harmonics show the bending
 
 
 def spikes(left: Floats, period: float) -> Floats:
-    """Return by how much rows that stand out may have changed each amplitude, V, (channels,): bursts, independent of each other.
+    """Return the error of each amplitude that outliers may cause, V, (channels,); bursts of outliers count as independent.
 
     Args:
-        left: (n, channels) what a fit leaves, V.
-        period: of the load, rows.
+        left: (n, channels) residuals of a fit, V.
+        period: of the load, rows; outliers closer than half of it are one burst.
     """
     size = np.abs(left)
     out = size > OUT * MEDIAN * np.median(size, axis=0)
@@ -36,13 +36,13 @@ def spikes(left: Floats, period: float) -> Floats:
 
 
 def bending(lines: Lines, t: Floats, fitted: Floats, left: Floats) -> Floats:
-    """Return by how much bending may have changed each channel's amplitude, V, (channels,); 0 where none shows.
+    """Return the error of each amplitude that a curved characteristic may cause, V, (channels,); 0 where none is significant.
 
     Args:
         lines: of the fit.
         t: (n,) times from the middle of the record, s.
-        fitted: (n, channels) what the fit explains, V.
-        left: (n, channels) what it leaves.
+        fitted: (n, channels) the fitted signal, V.
+        left: (n, channels) residuals, V.
     """
     scaled: Floats = np.asarray(fitted / np.maximum(np.abs(fitted).max(axis=0), np.finfo(float).tiny), dtype=float)
     most = np.zeros(left.shape[1])

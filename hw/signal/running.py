@@ -1,4 +1,4 @@
-"""A reading of any length, fitted as it comes: memory holds two pieces of it, and what the fits told."""
+"""Fit a reading of any length while it comes: memory holds two pieces of it and the results of earlier fits."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from hw.signal.measure import Losses, film_channels
 from hw.signal.sine_fit import NoSine, SineFit, TooShort, fit_stretch
 from hw.signal.stretches import combined, stretches
 
-ROWS = 1 << 16  # in a piece, at least
-CYCLES = 30.0  # of the load in a piece, at least
+ROWS = 1 << 16  # minimum rows in a piece
+CYCLES = 30.0  # minimum periods of the load in a piece
 
 
 class RunningFit:
-    """Takes samples in order and fits them piece by piece, each with a phase of its own.
+    """Fit samples piece by piece, in order, each piece with its own phase.
 
-    A reading that is no longer than two pieces is fitted as one.
+    A reading that is shorter than two pieces is fitted as one.
 
     Args:
         frequency: of the load, Hz.
-        force: whether the force channel is used where there is one.
-        rows: in a piece, at least.
+        force: whether the force channel is used if there is one.
+        rows: minimum rows in a piece.
     """
 
     def __init__(self, frequency: float, force: bool, rows: int = ROWS) -> None:
         self._frequency, self._force, self._rows = frequency, force, rows
         self._waiting: list[Samples] = []
-        self._begin: list[Samples] = []  # as many rows as a fingerprint looks at
+        self._begin: list[Samples] = []  # the first rows, for the fingerprint
         self._count, self._piece = 0, rows
         self._fits: list[SineFit] = []
         self._left_out = 0
@@ -38,7 +38,7 @@ class RunningFit:
         self.losses = Losses()
 
     def add(self, block: Samples) -> None:
-        """Take the next samples; what is wrong with them is said by ``fit``, so that the reading goes on."""
+        """Add the next samples. Faults are raised by ``fit`` only, so that the reading continues."""
         used = block.of(film_channels(block, self._force)) if self._fault is None else block
         if sum(map(len, self._begin)) < FIRST:
             self._begin.append(used)
@@ -53,14 +53,14 @@ class RunningFit:
 
     @property
     def fingerprint(self) -> Fingerprint:
-        """Return what tells this reading from others; there must have been samples."""
+        """Fingerprint of the reading; samples must have been added."""
         return Fingerprint.from_samples(joined(self._begin))
 
     def fit(self) -> SineFit:
-        """Return the fit of all that came.
+        """Return the fit of all samples.
 
         Raises:
-            HardwareError: what a piece was refused for.
+            HardwareError: the fault of the first piece that could not be fitted.
         """
         if self._waiting:
             self._fit_rest()
@@ -73,7 +73,7 @@ class RunningFit:
         return replace(combined(ordered), left_out=self._left_out)
 
     def _fit_rest(self) -> None:
-        """Of a long reading in two halves, where more than a piece waits: no fit then takes more memory than the others."""
+        """Fit the waiting samples: in two halves if they exceed a piece, so that no fit needs more memory than the others."""
         if self._fits and self._count > self._piece:
             self._fit_first(self._count // 2)
         self._try(joined(self._waiting))
@@ -86,7 +86,7 @@ class RunningFit:
         self._try(first)
 
     def _try(self, samples: Samples) -> None:
-        """Fit what lies between gaps of unknown length; a stretch too short is left out unless there is nothing else."""
+        """Fit each stretch between gaps of unknown length; a stretch that is too short is left out unless it is the only one."""
         for part in sorted(stretches(samples), key=len, reverse=True):
             try:
                 self._fits.append(fit_stretch(part, self._fits[0].frequency if self._fits else self._frequency))

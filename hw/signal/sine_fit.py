@@ -1,8 +1,8 @@
-"""Amplitudes of a sinusoidal load in all channels by linear least squares, with their covariance.
+"""Fit the amplitudes of a sinusoidal load in all channels by linear least squares, with their covariance.
 
-The model is eq. SI.3 of ``hw.signal.sine_model``: harmonics of the load, mains lines where there are any, a drift polynomial. The
-frequencies of load and mains are corrected by Gauss-Newton steps; both leave the amplitudes, whose phases count from the
-middle of the record, uncorrelated with them to first order.
+The model is eq. SI.3 of ``hw.signal.sine_model``: harmonics of the load, mains lines if there are any, a drift polynomial. The
+frequencies of load and mains are corrected by Gauss-Newton steps. Phases count from the middle of the record, so that the
+amplitudes are uncorrelated with these frequencies to first order.
 """
 
 from __future__ import annotations
@@ -18,50 +18,51 @@ from hw.signal.sine_model import DRIFT, Lines, Solved, residual, solve
 from hw.signal.spectrum import MAINS, WANDERS, density, mains, strongest
 from hw.signal.steadiness import blocks
 
-HARMONICS = 3
-HUMS = 3
-LEAST_CYCLES = 3.0  # of the load: with fewer, a drift polynomial can pass for it
-LEAST_SHARE = 0.1  # of a record's samples
+HARMONICS = 3  # of the load, the fundamental included
+HUMS = 3  # harmonics of the mains, the fundamental included
+LEAST_CYCLES = 3.0  # periods of the load: a shorter record cannot be distinguished from the drift polynomial
+LEAST_SHARE = 0.1  # of a record's samples that must be there and not saturated
 MAX_CONDITION = 1e10  # of the normal matrix: 1e6 with three cycles, beyond 1e10 where most of each cycle is cut off
 MIN_SWING_V = 1e-18  # no converter resolves less: a channel that changes by less shows nothing, and its squares underflow
-NEAR = 1.0  # Hz, within which a load is looked for
-LOWEST = 0.05  # Hz, where a frequency is looked for
+NEAR = 1.0  # Hz about the nominal frequency in which the load is searched
+LOWEST = 0.05  # Hz, lower end of a search without nominal frequency
 STEPS = 8  # of Gauss-Newton; two or three are enough from a good start
-CLOSE = 0.02  # of a frequency's standard deviation: corrections below it are none
+CLOSE = 0.02  # of a frequency's standard deviation: smaller corrections end the iteration
 
 
 class NoSine(HardwareError):  # noqa: N818 - says what is missing
-    """A record from which the amplitude of a sinusoidal load cannot be told."""
+    """The record does not allow a fit of a sinusoidal load."""
 
 
 class TooShort(NoSine):
-    """A record of too few cycles, or rows."""
+    """The record has too few periods of the load, or too few rows."""
 
 
 @dataclass(frozen=True)
 class SineFit:
-    """Amplitudes a of v(t) = Re(a e^(j 2 pi f t)), t from the middle of the record.
+    """The fitted amplitudes a of v(t) = Re(a e^(j 2 pi f t)), t from the middle of the record.
 
     Attributes:
         frequency: f, Hz.
-        frequency_sd: its standard deviation.
+        frequency_sd: standard deviation of ``frequency``, Hz.
         amplitudes: (channels,), V.
         covariance: of (re, im) of each channel in turn, V^2, shape (2 channels, 2 channels).
-        offsets: (channels,) mean of what neither load nor mains explain, V.
-        offsets_sd: (channels,).
-        drift: (channels,) by how much the drift polynomial's largest value exceeds its smallest, V.
+        offsets: (channels,) constant term of the drift polynomial, V.
+        offsets_sd: (channels,) standard deviations of ``offsets``, V.
+        drift: (channels,) difference of the drift polynomial's maximum and minimum, V.
         noise: (channels,) standard deviation of the residual, V.
-        density: covariance of a sample's noise as far as it acts at f, V^2, shape (channels, channels): what ``covariance`` has.
-        variance: of (re, im) of an amplitude over the noise's.
-        harmonics: (h, channels) of the load, from the second on, V, phases as ``amplitudes``.
-        spikes: (channels,) by how much rows that stand out of the noise may have changed an amplitude, V.
-        bent: (channels,) by how much a curved characteristic may have, as products of load and mains show it, V.
-        blocks: (k, channels) amplitudes of consecutive blocks.
-        blocks_variance: (k,) of their re and im over the noise's.
-        mains: frequency of the mains, Hz, or None where none was seen.
-        seconds: from the first to the last sample, stretches between gaps of unknown length added up.
-        rows: samples used.
-        left_out: samples of stretches too short to be fitted.
+        density: covariance of the noise near f, as that of white noise of equal density at f, V^2, shape (channels, channels);
+            ``covariance`` is built from it.
+        variance: of re or im of an amplitude, relative to the variance of a sample's noise.
+        harmonics: (h, channels) harmonics of the load from the second on, V, with phases as ``amplitudes``.
+        spikes: (channels,) error of an amplitude that outliers may cause, V.
+        bent: (channels,) error that a curved characteristic may cause, from products of load and mains, V.
+        blocks: (k, channels) amplitudes of consecutive blocks, V.
+        blocks_variance: (k,) variance of their re and im, relative to that of a sample's noise.
+        mains: frequency of the mains, Hz, or None if not detected.
+        seconds: time from the first to the last sample, summed over stretches between gaps of unknown length.
+        rows: number of samples used.
+        left_out: number of samples in stretches too short to be fitted.
     """
 
     frequency: float
@@ -86,26 +87,26 @@ class SineFit:
 
     @property
     def cycles(self) -> float:
-        """How many periods of the load the record holds."""
+        """Number of periods of the load in the record."""
         return self.seconds * self.frequency
 
     @property
     def colour(self) -> Floats:
-        """By what the noise's power at f exceeds, or falls short of, that of white noise of the same variance, (channels,)."""
+        """Ratio of the noise's power at f to that of white noise of the same variance, (channels,)."""
         return np.asarray(np.diag(self.density) / np.maximum(self.noise, np.finfo(float).tiny) ** 2)
 
 
 def fit_stretch(samples: Samples, frequency: float | None = None) -> SineFit:
     """Fit a sinusoidal load to all channels of a stretch without a gap of unknown length.
 
-    Rows that are saturated in any channel are left out; gaps are simply not there: neither is filled in.
+    Rows that are saturated in any channel are left out. Neither these nor gaps are filled in.
 
     Args:
         samples: of one stretch.
-        frequency: of the load, Hz; it may be off by a tenth, or 1 Hz. None: looked for everywhere.
+        frequency: of the load, Hz, within a tenth and 1 Hz; None: searched in the whole spectrum.
 
     Raises:
-        NoSine: too short, too slowly sampled, or no sinusoid in it.
+        NoSine: the record is too short, too slowly sampled, or has no sinusoid.
     """
     clean = _unsaturated(samples)
     begin, end = (int(samples.index[k]) for k in (0, -1)) if len(samples.index) else (0, 0)
@@ -136,7 +137,7 @@ def _check_samples(samples: Samples, requested: int) -> None:
 
 
 def _load(samples: Samples, span: float, nominal: float | None) -> float:
-    """About the load's frequency, Hz."""
+    """Return a first estimate of the load's frequency, Hz."""
     frequency = _strongest_frequency(samples, span) if nominal is None else nominal
     _check(frequency, span, samples.rate)
     near = min(0.1 * frequency, NEAR)
@@ -156,15 +157,15 @@ def _strongest_frequency(samples: Samples, span: float) -> float:
     low, high = max(LOWEST, LEAST_CYCLES / span), 0.4 * samples.rate
     frequency = strongest(samples, low, high)
     if frequency is None:
-        raise NoSine(f"no frequency between {low:.3g} and {high:.3g} Hz can be told in {span:.3g} s: read longer")
+        raise NoSine(f"no frequency between {low:.3g} and {high:.3g} Hz can be determined in {span:.3g} s: read longer")
     return frequency
 
 
 def check_rate(frequency: float, rate: float) -> None:
-    """Raise ``NoSine`` if the mains look like a load of this frequency, as they are or seen at a rate below twice their own."""
+    """Raise ``NoSine`` if a mains line, or its alias at this sampling rate, is at the load's frequency (both in Hz)."""
     hum = [k * nominal for nominal in MAINS for k in range(1, HUMS + 1) if abs(frequency - k * nominal) < k * WANDERS]
     if hum:
-        raise NoSine(f"a load of {frequency:.4g} Hz cannot be told from the mains at {hum[0]:g} Hz: load at another frequency")
+        raise NoSine(f"a load of {frequency:.4g} Hz is too close to the mains at {hum[0]:g} Hz: load at another frequency")
     for mains_line in (k * nominal for nominal in MAINS for k in range(1, HUMS + 1)):
         seen = abs(mains_line - rate * round(mains_line / rate))
         if mains_line > 0.5 * rate and abs(frequency - seen) < WANDERS * max(1.0, mains_line / MAINS[0]):
@@ -189,7 +190,7 @@ def _below_nyquist(frequency: float, rate: float, most: int) -> int:
 
 
 def _settled(lines: Lines, t: Floats, volts: Floats) -> tuple[Lines, Solved]:
-    """Correct the frequencies until they stay."""
+    """Correct the frequencies by Gauss-Newton steps until they converge."""
     start = lines.load
     for _ in range(STEPS):
         solved = _solve(lines, t, volts)

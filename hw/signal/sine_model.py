@@ -1,10 +1,10 @@
-"""What a record of a sinusoidal load consists of: the load's harmonics, mains lines and drift; in normal equations.
+"""Model a record of a sinusoidal load by the load's harmonics, mains lines and drift, and solve the normal equations.
 
     v(t) = sum_h Re(a_h e^(j 2 pi h f t)) + sum_k Re(m_k e^(j 2 pi k g t)) + sum_l d_l P_l(2 t / T)                      (SI.3)
 
-f is the load's frequency, g that of the mains, P_l Legendre polynomials; t runs from the middle of the record of length T.
-All channels share the columns, so that one small matrix serves all of them. Rows are worked on in slices: a record of any
-length needs the memory of one slice.
+f is the load's frequency, g that of the mains; a_h and m_k are complex amplitudes of their harmonics h and k, d_l coefficients
+of Legendre polynomials P_l; t runs from the middle of the record of length T. All channels share the columns, so that one small
+matrix serves all of them. Rows are processed in slices: a record of any length needs the memory of one slice.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ import numpy as np
 
 from hw.common.samples import Floats
 
-ROWS = 65_536  # in a slice
+ROWS = 65_536  # rows of a slice
 DRIFT = 4  # coefficients of the drift polynomial: up to t^3
 
 
 @dataclass(frozen=True)
 class Lines:
-    """The columns: frequencies in Hz.
+    """The columns of the model, eq. SI.3, by their frequencies in Hz.
 
     Attributes:
         load: frequency f of the load.
-        harmonics: how many multiples of it, itself included.
+        harmonics: number of harmonics of f, the fundamental included.
         mains: frequency g of the mains, or None.
-        hums: how many multiples of g.
+        hums: number of harmonics of g, the fundamental included.
         half: half of the record's length, s.
     """
 
@@ -40,18 +40,18 @@ class Lines:
 
     @property
     def frequencies(self) -> Floats:
-        """Of all sinusoids, the load's first, shape (s,)."""
+        """Frequencies of all s sinusoids, Hz, the load's first, shape (s,)."""
         mains = [] if self.mains is None else [k * self.mains for k in range(1, self.hums + 1)]
         return np.array([h * self.load for h in range(1, self.harmonics + 1)] + mains)
 
     def columns(self, t: Floats) -> Floats:
-        """Cosine and minus sine of each sinusoid, then the polynomials, shape (len(t), 2 s + DRIFT), eq. SI.3."""
+        """Return cosine and minus sine of each of the s sinusoids, then the polynomials, shape (len(t), 2 s + 4), eq. SI.3."""
         turns = 2 * np.pi * np.outer(t, self.frequencies)
         waves = np.stack([np.cos(turns), -np.sin(turns)], axis=2).reshape(len(t), -1)
         return np.hstack([waves, np.polynomial.legendre.legvander(t / self.half, DRIFT - 1)])
 
     def slopes(self, t: Floats, columns: Floats, coefficients: Floats) -> Floats:
-        """Derivatives of eq. SI.3 by f and, where there is one, g: shape (2 or 1, len(t), channels)."""
+        """Return the derivatives of eq. SI.3 with respect to f and, if there are mains, g: shape (2 or 1, len(t), channels)."""
         waves = columns[:, : 2 * len(self.frequencies)].reshape(len(t), -1, 2)
         re, im = coefficients[: 2 * len(self.frequencies)].reshape(-1, 2, coefficients.shape[1]).transpose(1, 0, 2)
         # d/df Re(a e^(j w t)) = 2 pi h t Re(j a e^(j w t)), and Re(j a e^(j w t)) = -im cos + re (-sin)
@@ -66,11 +66,11 @@ class Solved:
     """A least-squares solution at given frequencies.
 
     Attributes:
-        coefficients: coefficients, shape (p, channels).
-        inverse: of the columns' normal matrix, shape (p, p).
+        coefficients: of the p columns, V, shape (p, channels).
+        inverse: inverse of the columns' normal matrix, shape (p, p).
         noise: covariance of the residuals, V^2, shape (channels, channels).
-        step: correction of f and, where there is one, of g, Hz.
-        step_sd: its standard deviation.
+        step: correction of f and, if there are mains, of g, Hz.
+        step_sd: standard deviations of ``step``, Hz.
     """
 
     coefficients: Floats
@@ -81,7 +81,7 @@ class Solved:
 
 
 def solve(lines: Lines, t: Floats, volts: Floats) -> Solved:
-    """Fit eq. SI.3 at the frequencies of ``lines``, and say by how much these are off (Gauss-Newton).
+    """Fit eq. SI.3 at the frequencies of ``lines``, and compute a Gauss-Newton correction of these.
 
     Args:
         lines: the columns.
@@ -102,13 +102,13 @@ def solve(lines: Lines, t: Floats, volts: Floats) -> Solved:
 
 
 def normal_equations(lines: Lines, t: Floats, volts: Floats) -> tuple[Floats, Floats]:
-    """Products of the columns with each other, (p, p), and with ``volts``, (p, channels); for the arguments see ``solve``."""
+    """Return the columns' products with each other, (p, p), and with ``volts``, (p, channels); arguments as in ``solve``."""
     pairs = [(at := lines.columns(t[rows]), at.T @ at, at.T @ volts[rows])[1:] for rows in slices(len(t))]
     return np.sum([normal for normal, _ in pairs], axis=0), np.sum([right for _, right in pairs], axis=0)
 
 
 def _second_pass(lines: Lines, t: Floats, volts: Floats, coefficients: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """Sums of residual x residual, slope x slope, slope x column and slope x residual over all rows."""
+    """Sum residual x residual, derivative x derivative, derivative x column and derivative x residual over all rows."""
     sums = []
     for rows in slices(len(t)):
         columns = lines.columns(t[rows])
@@ -121,10 +121,10 @@ def _second_pass(lines: Lines, t: Floats, volts: Floats, coefficients: Floats) -
 
 
 def slices(rows: int) -> Iterator[slice]:
-    """Yield slices of at most ROWS rows."""
+    """Yield slices of at most SLICE_ROWS rows."""
     return (slice(low, low + ROWS) for low in range(0, rows, ROWS))
 
 
 def residual(lines: Lines, t: Floats, volts: Floats, coefficients: Floats) -> Floats:
-    """What eq. SI.3 leaves of the record, V, of the shape of ``volts``."""
+    """Return the residuals of eq. SI.3, V, of the shape of ``volts``."""
     return np.concatenate([volts[rows] - lines.columns(t[rows]) @ coefficients for rows in slices(len(t))])

@@ -1,4 +1,4 @@
-"""What a record holds at single frequencies: where the load is, whether there are mains, how white the noise is."""
+"""Analyse the spectrum of a record: find the load and the mains, and estimate the noise's density."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ from numpy.typing import NDArray
 
 from hw.common.samples import Floats, Samples
 
-ENOUGH = 500.0  # Hz: what is looked for lies well below
-PADDED = 4  # times the record's length: lines of the spectrum lie that much closer than they are wide
+ENOUGH = 500.0  # Hz: faster samples are summed down to about this rate; load and mains are well below
+PADDED = 4  # zero padding, times the record's length: bins are 1/4 of a line's width apart
 MAINS = (50.0, 60.0)  # Hz
-WANDERS = 0.5  # Hz, by which the mains may be off
-NEAR = 8.0  # Hz, within which the median power is what a line stands out from
-SEEN = 12.0  # times that median: noise does it in 1 of 4 000
-AROUND = 25  # lines on either side of the load that tell the noise there
-ENOUGH_LINES = 8
-BETWEEN = 2  # a line that was not fitted and lies in the middle of two shows beside them only
-OFF = 0.1  # relative, by which a wrong sample rate may move the mains
-STANDS = 100.0  # times the median: so strong a line away from 50 and 60 Hz is the mains at a wrong rate
+WANDERS = 0.5  # Hz by which the mains may deviate from 50 or 60 Hz
+NEAR = 8.0  # Hz about the mains in which the median power is taken as noise
+SEEN = 12.0  # times the median power: noise exceeds it in 1 of 4 000 records
+AROUND = 25  # lines on either side of the load from which the noise is estimated
+ENOUGH_LINES = 8  # lines needed for an estimate
+BETWEEN = 2  # zero padding of the density: a line between two bins then falls on one
+OFF = 0.1  # relative deviation of the mains that a wrong sampling rate may cause
+STANDS = 100.0  # times the median power: so strong a line within that range is the mains at a wrong rate
 
 
 @dataclass(frozen=True)
 class Spectrum:
-    """Squared sums |sum_n w_n v_n e^(-j 2 pi f t_n)|^2 at evenly spaced frequencies.
+    """A spectrum |sum_n w_n v_n e^(-j 2 pi f t_n)|^2 at evenly spaced frequencies f: v_n values, t_n times, w_n window.
 
     Attributes:
         frequencies: (k,), Hz.
-        power: (k, channels), V^2; or the sums themselves, complex, V.
+        power: (k, channels), V^2; or the complex sums, V.
         width: of a line, 1 / length of the record, Hz.
     """
 
@@ -38,7 +38,7 @@ class Spectrum:
     width: float
 
     def away(self, lines: Floats, widths: float = 1.5) -> Spectrum:
-        """Return the part that is more than some widths away from given lines."""
+        """Return the part that is more than ``widths`` line widths away from given frequencies (Hz)."""
         far = np.min(np.abs(self.frequencies[:, None] - lines), axis=1) > widths * self.width
         return Spectrum(self.frequencies[far], self.power[far], self.width)
 
@@ -49,9 +49,9 @@ class Spectrum:
 
 
 def spectrum(samples: Samples, values: Floats, padded: int = PADDED, hann: bool = True, power: bool = True) -> Spectrum:
-    """Return the spectrum of values (n, channels) at the samples' indices; gaps count as zeros, fast samples are summed.
+    """Compute the spectrum of values (n, channels) at the samples' indices; gaps count as zeros, fast samples are summed.
 
-    Without ``power`` its ``power`` holds the sums themselves, complex.
+    If ``power`` is false, the result's ``power`` holds the complex sums, not their squares.
     """
     each = max(1, int(samples.rate // ENOUGH))
     bins = (samples.index - samples.index[0]) // each
@@ -64,7 +64,7 @@ def spectrum(samples: Samples, values: Floats, padded: int = PADDED, hann: bool 
 
 
 def strongest(samples: Samples, low: float, high: float) -> float | None:
-    """Return the frequency from ``low`` to ``high`` (Hz) that all channels together hold most of, or None."""
+    """Return the frequency from ``low`` to ``high`` (Hz) of the maximum power, summed over normalised channels, or None."""
     centred = samples.volts - samples.volts.mean(axis=0)
     quiet = centred / np.maximum(np.sqrt((centred**2).mean(axis=0)), np.finfo(float).tiny)
     band = spectrum(samples, quiet).between(low, min(high, 0.4 * ENOUGH))
@@ -72,7 +72,7 @@ def strongest(samples: Samples, low: float, high: float) -> float | None:
 
 
 def mains(samples: Samples, residual: Floats, fitted: Floats) -> float | None:
-    """Return about where in a residual (n, channels) the mains are, Hz, or None where none stand out from the noise."""
+    """Return a first estimate of the mains' frequency in a residual (n, channels), Hz, or None if none is significant."""
     whole = spectrum(samples, residual).away(fitted)
     candidates = []
     for nominal in MAINS:
@@ -86,7 +86,7 @@ def mains(samples: Samples, residual: Floats, fitted: Floats) -> float | None:
 
 
 def _misplaced(whole: Spectrum) -> float | None:
-    """About where a line far above all around it is that can only be the mains at a wrong sample rate, or None."""
+    """Return the frequency of a very strong line near 50 or 60 Hz, the mains at a wrong sampling rate, or None."""
     for nominal in MAINS:
         near = whole.between(nominal * (1 - OFF), nominal * (1 + OFF))
         if len(near.frequencies) > ENOUGH_LINES:
@@ -97,16 +97,17 @@ def _misplaced(whole: Spectrum) -> float | None:
 
 
 def density(samples: Samples, residual: Floats, near: float, fitted: Floats, white: Floats) -> Floats:
-    """Return the covariance of noise, V^2, as far as it acts near a frequency, shape (channels, channels).
+    """Estimate the noise near a frequency f as the covariance of white noise of equal density, V^2, (channels, channels).
 
-    The amplitude of a line at f in noise of spectral density S has the variance that white noise of density S(f) would give: more
-    where noise rises towards low frequencies, less where most of it is mains that wander. Which is taken where they differ.
+    The amplitude of a line at f in noise of spectral density S has the variance that white noise of density S(f) would give. This
+    is more than the residual's variance suggests if noise rises towards low frequencies, and less if most of it is wandering
+    mains. The estimate at f is used where it differs significantly from ``white``.
 
     Args:
         samples: of the record.
         residual: (n, channels), V.
         near: f, Hz.
-        fitted: frequencies that the residual lacks, Hz.
+        fitted: frequencies that were fitted and removed from the residual, Hz.
         white: covariance of the residual's samples, V^2.
     """
     waves = spectrum(samples, residual, padded=BETWEEN, hann=False, power=False)

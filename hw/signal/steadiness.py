@@ -1,7 +1,8 @@
-"""Does a record hold one steady load? Amplitudes of its blocks one by one, and how far they differ beyond noise.
+"""Test whether the load is steady: fit consecutive blocks of a record, and find changes that noise does not explain.
 
-B_kc = g_k a_c + r_kc: block k's amplitude in channel c is the whole record's, a_c, times what the load did, g_k, plus what this
-channel alone did. g is weighed by the channels' noise. Both are judged against noise, as a whole and along a cubic trend.
+B_kc = g_k a_c + r_kc: block k's amplitude B_kc in channel c is the whole record's amplitude a_c times the load's change g_k, plus
+a change r_kc of this channel only. g_k is an average over channels, weighted by their noise. Both are tested against noise, in
+total and along a cubic trend.
 """
 
 from __future__ import annotations
@@ -15,20 +16,20 @@ from hw.common.samples import Complexes, Floats
 from hw.signal.sine_model import DRIFT, Lines, normal_equations
 
 MOST = 12  # blocks
-CYCLES = 2.0  # of the load in a block, at least, and of each beat between two lines
-ROWS_EACH = 4  # rows in a block for each unknown, at least
-CHANCE = 1e-4  # of calling noise a change
-TREND = 3  # degree
+CYCLES = 2.0  # minimum periods in a block, of the load and of each beat between two lines
+ROWS_EACH = 4  # minimum rows in a block for each unknown
+CHANCE = 1e-4  # probability of taking noise for a change
+TREND = 3  # degree of the polynomial
 
 
 @dataclass(frozen=True)
 class Steadiness:
-    """Largest deviations from the record's mean that noise does not explain; 0 where it does.
+    """Changes during a record, as largest deviations from its mean; 0 where noise explains them.
 
     Attributes:
-        load: of the load's amplitude, relative.
-        phase: of its phase, rad.
-        channels: (c,) of each channel's amplitude beside the load's, V.
+        load: change of the load's amplitude, relative.
+        phase: change of the load's phase, rad.
+        channels: (c,) change of each channel's amplitude in addition to the load's, V.
     """
 
     load: float
@@ -37,7 +38,7 @@ class Steadiness:
 
 
 def blocks(lines: Lines, t: Floats, volts: Floats) -> tuple[Complexes, Floats]:
-    """Return amplitudes of consecutive blocks, (k, c), and their variance over that of a sample, (k,).
+    """Fit consecutive blocks; return their amplitudes, (k, c), and variances relative to a sample's noise, (k,).
 
     Args:
         lines: the record's, fitted; phases count from its middle.
@@ -59,7 +60,7 @@ def blocks(lines: Lines, t: Floats, volts: Floats) -> tuple[Complexes, Floats]:
 
 
 def _count(lines: Lines, rows: int, unknowns: int) -> int:
-    """How many blocks tell all lines apart."""
+    """Return the number of blocks that are long enough to separate all lines."""
     frequencies = np.sort(lines.frequencies)
     slowest = min([lines.load, *np.diff(frequencies)])
     return int(max(1, min(MOST, 2 * lines.half * slowest / CYCLES, rows / (1.5 * ROWS_EACH * unknowns))))
@@ -75,12 +76,12 @@ def _block(lines: Lines, t: Floats, volts: Floats, middle: float, half: float) -
 
 
 def steadiness(amplitudes: Complexes, each: Complexes, variances: Floats, noise: Floats) -> Steadiness:
-    """Judge blocks.
+    """Find significant changes of the load and of single channels from the amplitudes of blocks.
 
     Args:
         amplitudes: of the whole record, (c,), V.
-        each: of its blocks, (k, c).
-        variances: of their re and im over the noise's, (k,).
+        each: of its blocks, (k, c), V.
+        variances: of their re and im, relative to a sample's noise, (k,).
         noise: variance of a sample of each channel, V^2, (c,).
     """
     weights = 1 / np.maximum(noise, np.finfo(float).tiny)
@@ -99,7 +100,7 @@ def steadiness(amplitudes: Complexes, each: Complexes, variances: Floats, noise:
 
 
 def changed(values: Floats, variances: Floats) -> float:
-    """Return by how much values (k,) leave their mean beyond noise of the given variances; 0 where noise explains it."""
+    """Return the largest deviation of values (k,) from their mean; 0 where noise of the given variances explains it."""
     if len(values) < 2:
         return 0.0
     off = (values - np.average(values, weights=1 / variances)) / np.sqrt(variances)
@@ -108,6 +109,6 @@ def changed(values: Floats, variances: Floats) -> float:
     size = 0.0
     if chdtrc(basis.shape[1], float(trend @ trend)) < CHANCE:
         size = float(np.abs(trend * np.sqrt(variances)).max())
-    if chdtrc(len(values) - 1, float(off @ off)) < CHANCE:  # a share of the time may be far off: as if evenly spread
+    if chdtrc(len(values) - 1, float(off @ off)) < CHANCE:  # irregular changes: bound of an even distribution
         size = max(size, float(np.sqrt(3 * np.mean(np.maximum(off**2 - 1, 0) * variances))))
     return size

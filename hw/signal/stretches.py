@@ -1,7 +1,7 @@
-"""Readings in stretches: what lies between gaps of unknown length, or what memory holds of a reading of hours.
+"""Fit a reading in stretches: parts between gaps of unknown length, or pieces of a long reading that fit into memory.
 
-How much time passed between two stretches nobody knows, so each is fitted with a phase of its own; what they share is turned to
-the phase of the longest and averaged.
+The time between two stretches is unknown, so that each is fitted with its own phase. The results are rotated to the phase of the
+first one, the longest, and averaged.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from hw.common.samples import Complexes, Floats, Samples
 from hw.signal.sine_fit import NoSine, SineFit, TooShort, fit_stretch
 
-SAME = 0.01  # relative, by which the stretches' frequencies may differ
+SAME = 0.01  # largest relative difference of the stretches' frequencies
 
 
 def sine_fit(samples: Samples, frequency: float | None = None) -> SineFit:
@@ -25,10 +25,10 @@ def sine_fit(samples: Samples, frequency: float | None = None) -> SineFit:
 
     Args:
         samples: of one reading.
-        frequency: of the load, Hz; it may be off by a tenth, or 1 Hz. None: looked for everywhere.
+        frequency: of the load, Hz, within a tenth and 1 Hz; None: searched in the whole spectrum.
 
     Raises:
-        NoSine: too short, too slowly sampled, or no sinusoid in it.
+        NoSine: the reading is too short, too slowly sampled, or has no sinusoid.
     """
     parts = sorted(stretches(samples), key=len, reverse=True)
     fits = [fit_stretch(parts[0] if parts else samples, frequency)]
@@ -42,7 +42,7 @@ def sine_fit(samples: Samples, frequency: float | None = None) -> SineFit:
 
 
 def stretches(samples: Samples) -> Iterator[Samples]:
-    """Yield what lies between gaps of unknown length; nothing that is empty."""
+    """Yield the parts between gaps of unknown length, without empty ones."""
     unknown = [gap.first for gap in samples.gaps if gap.count < 0]
     bounds = [0, *np.searchsorted(samples.index, unknown).tolist(), len(samples)]
     for low, high in pairwise(bounds):
@@ -52,10 +52,10 @@ def stretches(samples: Samples) -> Iterator[Samples]:
 
 
 def combined(fits: Sequence[SineFit]) -> SineFit:
-    """Return one fit of several stretches of a reading: means by rows, in the phase of the first.
+    """Combine the fits of several stretches: means weighted by rows, in the phase of the first.
 
     Raises:
-        NoSine: their frequencies differ.
+        NoSine: their frequencies differ by more than 1 %.
     """
     if len(fits) == 1:
         return fits[0]
@@ -92,14 +92,14 @@ def combined(fits: Sequence[SineFit]) -> SineFit:
 
 
 def _turn(first: SineFit, other: SineFit) -> complex:
-    """The factor of size 1 that brings a stretch to the phase of the first, weighed by noise."""
+    """Return the factor of modulus 1 that rotates a stretch to the phase of the first; channels are weighted by noise."""
     weights = 1 / np.maximum(np.diag(first.density), np.finfo(float).tiny)
     product = complex((np.conj(other.amplitudes) * first.amplitudes * weights).sum())
     return product / abs(product) if product else 1.0
 
 
 def _harmonics(fits: Sequence[SineFit], shares: Floats, turns: Sequence[complex]) -> Complexes:
-    """Those that all stretches have; the h-th turns h times as fast."""
+    """Average the harmonics that all stretches have; the h-th is rotated by h times the phase."""
     least = min(len(fit.harmonics) for fit in fits)
     orders = np.arange(2, 2 + least)[:, None]
     return _sum(w * turn**orders * fit.harmonics[:least] for w, turn, fit in zip(shares, turns, fits, strict=True))

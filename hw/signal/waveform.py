@@ -1,7 +1,7 @@
-"""What a fit cannot see in itself: a wave that is bent, a load that changes, rows that do not belong. Refused, or counted.
+"""Refuse, or count as uncertainty, deviations from a steady sine: nonlinear channels, a changing load, outliers.
 
-Counted are deviations as if they were standard deviations: what a channel does that the others do not cannot be told from
-what the load does, and which part of a reading is the true one nobody knows.
+Small deviations are counted as if they were standard deviations: a change of one channel cannot be separated from a change of
+the load, and it is unknown which part of a reading is the true one.
 """
 
 from __future__ import annotations
@@ -17,28 +17,28 @@ from hw.signal.sine_fit import SineFit
 from hw.signal.spectrum import MAINS
 from hw.signal.steadiness import steadiness
 
-MOST_LOAD = 0.1  # by which the load's amplitude may change
-MOST_PHASE = 0.2  # rad, likewise its phase
-MOST_OWN = 0.02  # likewise one channel beside the others
-MOST_BENT = 0.05  # of a channel's amplitude, by which its harmonics may have changed it
-WEAK = 0.1  # of the other film's amplitude: a film below it shows cross-talk, whose share may change by more
+MOST_LOAD = 0.1  # relative change of the load's amplitude
+MOST_PHASE = 0.2  # rad, change of the load's phase
+MOST_OWN = 0.02  # relative change of one channel against the others
+MOST_BENT = 0.05  # relative error of a channel's amplitude that its nonlinearity may cause
+WEAK = 0.1  # of the other film's amplitude: a weaker film shows cross-talk, which may change by more
 BENDS = 3.0  # d a_1 / d a_3 of a cubic; of cut peaks 1, of a dead zone 3; d a_1 / d a_2 of cut half-waves up to 2.4
-SEEN = 5.0  # standard deviations of a harmonic
-HELD = 0.2  # Hz, within which grids hold the mains but for minutes a year: beyond it the sample rate is looked at
-TOLD = 1e-4  # of an amplitude, from which a warning tells what is counted
+SEEN = 5.0  # standard deviations from which a harmonic is significant
+HELD = 0.2  # Hz: grids keep the mains within it but for minutes a year; beyond it the sampling rate is doubted
+TOLD = 1e-4  # relative doubt of an amplitude from which a warning reports it
 
 
 class Flawed(HardwareError):  # noqa: N818 - says what is wrong
-    """A reading that a calibration may not use, or nobody."""
+    """The reading cannot be used, or not for a calibration."""
 
 
 @dataclass(frozen=True)
 class Doubt:
-    """What the waveform adds to the noise, as standard deviations.
+    """Standard deviations that deviations of the waveform add to the noise.
 
     Attributes:
-        common: of all amplitudes alike, relative.
-        own: (c,) of each channel's amplitude, V.
+        common: relative, common to all amplitudes.
+        own: (c,) independent in each channel's amplitude, V.
         warnings: one line each.
     """
 
@@ -47,21 +47,21 @@ class Doubt:
     warnings: tuple[str, ...]
 
     def covariance(self, fit: SineFit) -> Floats:
-        """Of (re, im) of each channel's amplitude in turn, V^2, like ``SineFit.covariance``."""
+        """Return the covariance of (re, im) of each channel's amplitude in turn, V^2, like ``SineFit.covariance``."""
         parts = np.stack([fit.amplitudes.real, fit.amplitudes.imag], axis=1).ravel()
         return np.asarray(np.diag(np.repeat(self.own**2, 2)) + self.common**2 * np.outer(parts, parts))
 
 
 def doubt(fit: SineFit, channels: tuple[str, ...], response: Callable[[float], complex]) -> Doubt:
-    """Judge a fit's waveform.
+    """Assess a fit's waveform: refuse large deviations from a steady sine, and count small ones.
 
     Args:
         fit: of all channels.
         channels: their names; the films are the first two.
-        response: of the films' amplifiers at a frequency, Hz.
+        response: of the films' amplifiers, V/C, as a function of frequency in Hz.
 
     Raises:
-        Flawed: the load is not one steady sinusoid, or a channel bends it, beyond what may be counted.
+        Flawed: the load is not one steady sinusoid, or a channel is too nonlinear.
     """
     noise = np.diag(fit.density)
     steady = steadiness(fit.amplitudes, fit.blocks, fit.blocks_variance, noise)
@@ -89,9 +89,9 @@ def doubt(fit: SineFit, channels: tuple[str, ...], response: Callable[[float], c
 
 
 def _bent(fit: SineFit, noise: Floats, force: bool) -> tuple[Floats, float]:
-    """By how much each channel's own nonlinearity may have changed its amplitude, V, and that of all alike, relative.
+    """Return the error that each channel's nonlinearity may cause, V, and that of a nonlinearity common to all, relative.
 
-    A harmonic of the load is the same share a_h / a_1 of every channel.
+    A harmonic of the load itself is the same fraction a_h / a_1 of every channel (a_h: amplitude of the h-th harmonic).
     """
     spread = np.sqrt(noise * fit.variance)
     weights = np.abs(fit.amplitudes) ** 2 / np.maximum(noise, np.finfo(float).tiny)
@@ -102,7 +102,7 @@ def _bent(fit: SineFit, noise: Floats, force: bool) -> tuple[Floats, float]:
         own = np.abs(share - mean) * np.abs(fit.amplitudes)
         bent = np.hypot(bent, np.where(own > SEEN * spread, BENDS * own, 0.0))
         if order % 2 and not force and abs(mean) > SEEN / np.sqrt(weights.sum() / fit.variance):
-            shared = BENDS * float(abs(mean))  # without a force channel nobody knows that the load has it
+            shared = BENDS * float(abs(mean))  # only a force channel shows that the load has it
     return bent, shared
 
 

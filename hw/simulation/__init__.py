@@ -1,1 +1,1 @@
-"""A model of the firmware and the virtual probe that runs it behind pyusb."""
+"""Simulate a probe: a model of the firmware, and a virtual probe that runs it behind pyusb."""

@@ -1,4 +1,4 @@
-"""A model of the firmware that ``docs/reference/protocol.md`` describes, with faults on order; the virtual probe's inside."""
+"""Model the firmware of ``docs/reference/protocol.md``, with faults at chosen frames, for the virtual probe."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ class Halted(Exception):  # noqa: N818 - a state of the endpoint
 
 @dataclass(frozen=True)
 class Fault:
-    """Something that goes wrong once.
+    """A fault that occurs once.
 
     Attributes:
         kind: "drop" frames on the bus, "repeat" them, "corrupt" a bit in each, "cut" the first short, "overrun" in the device,
-            "stall" the endpoint, bus "error", "silence" (reads time out), "reset" (it stays, and forgets its stream), "unplug"
-            while the device counts on, "power" (unplug, and the counter begins anew).
-        frame: the number of the first frame concerned.
-        count: frames lost or damaged; reads that fail in a row.
-        seconds: how long an unplugged device stays away.
+            "stall" the endpoint, bus "error", "silence" (reads time out), "reset" (the device stays, but loses its stream),
+            "unplug" while the device counts on, "power" (unplug, and the counter restarts).
+        frame: number of the first frame concerned.
+        count: number of frames lost or damaged, or of consecutive reads that fail.
+        seconds: time for which an unplugged device stays away.
     """
 
     kind: Kind
@@ -41,14 +41,14 @@ class Fault:
 
 
 class Firmware:
-    """State and stream of one device.
+    """The state and the stream of one simulated device.
 
     Attributes:
         layout: of its frames.
         rate: Hz.
         index: of the next conversion.
         sent: sequence number of the next frame.
-        halted: whether the endpoint is.
+        halted: whether the endpoint is halted.
     """
 
     def __init__(
@@ -62,10 +62,10 @@ class Firmware:
         self._failing: list[Kind] = []
         self._ready = b""
         self._away, self._away_until = 0.0, 0.0
-        self._made = 0  # frames since power-up, which faults are counted by
+        self._made = 0  # frames since power-up; ``Fault.frame`` refers to it
 
     def absent(self) -> bool:
-        """Return whether the device is unplugged just now."""
+        """Whether the device is unplugged at present."""
         return time.monotonic() < self._away_until
 
     def control(self, request: int, value: int, data: bytes) -> bytes:
@@ -85,7 +85,7 @@ class Firmware:
         return b""
 
     def send(self, size: int) -> bytes:
-        """Return what a read of ``size`` bytes gets. Raises ``Halted``, or ``OSError`` (EIO, ENODEV)."""
+        """Return the bytes for a read of ``size`` bytes. Raises ``Halted``, or ``OSError`` (EIO, ENODEV)."""
         if self._failing and not self._ready:
             self._fail(self._failing.pop())
             return b""
@@ -99,7 +99,7 @@ class Firmware:
         return data
 
     def _make(self, count: int) -> None:
-        """Make up to ``count`` frames ready to be sent, fewer if a fault comes first, and then what the fault leaves."""
+        """Prepare up to ``count`` frames, fewer if a fault comes first; if it is due now, apply the fault."""
         until = self._faults[0].frame - self._made if self._faults else count
         if until > 0:
             self._ready += self._frames(min(count, until))
@@ -127,7 +127,7 @@ class Firmware:
         return b""
 
     def _fail(self, kind: Kind) -> None:
-        """Do what a failing read does: nothing, or lose a frame and raise."""
+        """Perform a failing read: do nothing, or lose a frame and raise."""
         if kind == "silence":
             return
         self.index += self.layout.rows

@@ -1,9 +1,9 @@
-"""A virtual probe: a backend of pyusb, so that everything above USB runs as it does with a real one.
+"""Provide a virtual probe: a backend of pyusb, so that everything above USB runs as with a real probe.
 
-It bypasses libusb and so proves nothing about it; that is what the tests under umockdev do.
+It bypasses libusb and does not test it; the tests under umockdev do.
 """
 
-# ruff: noqa: D102 - the methods of IBackend, told there
+# ruff: noqa: D102 - the methods of IBackend are documented there
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ _BULK: dict[str, Any] = {
 
 
 class Virtual(IBackend):  # type: ignore[misc]
-    """One virtual probe on a virtual bus; make it with ``virtual``.
+    """One virtual probe on a virtual bus; ``make_virtual_probe`` makes it.
 
     Attributes:
         serial: its serial number.
-        firmware: its inside.
+        firmware: the simulated device.
     """
 
     def __init__(self, firmware: Firmware, serial: str, pace: bool) -> None:
@@ -79,16 +79,16 @@ class Virtual(IBackend):  # type: ignore[misc]
         return dev
 
     def close_device(self, dev_handle: int) -> None:
-        """Nothing is held."""
+        """Do nothing: no device is open."""
 
     def get_configuration(self, dev_handle: int) -> int:
         return 1
 
     def claim_interface(self, dev_handle: int, intf: int) -> None:
-        """Nobody else can."""
+        """Do nothing: no other program can claim it."""
 
     def release_interface(self, dev_handle: int, intf: int) -> None:
-        """Nobody waits for it."""
+        """Do nothing: no other program waits for it."""
 
     def clear_halt(self, dev_handle: int, ep: int) -> None:
         self._check_there(dev_handle)
@@ -114,7 +114,7 @@ class Virtual(IBackend):  # type: ignore[misc]
         try:
             data = self.firmware.send(size)
             _filled(buff, data)
-            if data and len(data) < size:  # the transfer ends in the fault that cut it short, as libusb's do
+            if data and len(data) < size:  # a short transfer ends with its fault, as in libusb
                 self.firmware.send(size)
         except Halted as stall:
             raise _pipe() from stall
@@ -133,7 +133,7 @@ class Virtual(IBackend):  # type: ignore[misc]
             raise USBError("No such device (it may have been disconnected)", -4, errno.ENODEV)
 
     def _wait(self) -> None:
-        """Deliver samples no sooner than they would have been taken."""
+        """Wait until the time at which the samples would have been taken."""
         if self._pace:
             time.sleep(max(0.0, self._begin + self.firmware.index / self.firmware.rate - time.monotonic()))
 
@@ -149,17 +149,17 @@ def virtual(
     packet: int = 512,
     pace: bool = False,
 ) -> Virtual:
-    """Return a virtual probe, for ``hw.reader.Reader.open``.
+    """Make a virtual probe, for ``hw.reader.Reader.open``.
 
     Args:
-        signals: from (n,) times since the start of the stream, s, to (n, channels) volts.
-        rate: Hz.
+        signals: function from (n,) times since the start of the stream, s, to (n, channels) volts.
+        rate: sampling rate, Hz.
         serial: its serial number.
-        faults: what goes wrong, and when.
+        faults: faults and their frames.
         channels: 2, or 3 with a force.
         scale: volts per count; the range is 32767 counts to either side.
         packet: bytes in a frame.
-        pace: deliver samples at their rate; without, as fast as they are read.
+        pace: deliver samples in real time; if false, as fast as they are read.
     """
     return Virtual(Firmware(signals, rate, (scale,) * channels, packet, faults), serial, pace)
 

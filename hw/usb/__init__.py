@@ -1,1 +1,1 @@
-"""The probe on USB: finding it, talking to it, naming what goes wrong."""
+"""Read the probe on USB: find it, communicate with it, translate its faults."""

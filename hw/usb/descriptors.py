@@ -1,4 +1,4 @@
-"""Microsoft's OS 2.0 descriptors, by which Windows gives the board its WinUSB driver by itself.
+"""Build Microsoft's OS 2.0 descriptors, by which Windows gives the board its WinUSB driver automatically.
 
 ``python -m hw.usb.descriptors`` prints the bytes that ``docs/reference/protocol.md`` shows. Layouts: Microsoft OS 2.0 Descriptors
 Specification (platform capability, set header, compatible ID, registry property).
@@ -18,7 +18,7 @@ _WINDOWS = 0x06030000  # 8.1, the first that knows these descriptors
 
 
 def descriptor_set() -> bytes:
-    """Return the answer to bRequest MS_OS_20, wIndex 7: compatible with WinUSB, and an interface GUID."""
+    """Build the answer to bRequest MS_OS_20, wIndex 7: compatible with WinUSB, and an interface GUID."""
     compatible = struct.pack("<HH8s8s", 20, 3, b"WINUSB", b"")
     name = "DeviceInterfaceGUIDs\0".encode("utf-16-le")
     value = f"{_INTERFACE}\0\0".encode("utf-16-le")
@@ -29,14 +29,14 @@ def descriptor_set() -> bytes:
 
 
 def bos() -> bytes:
-    """Return the binary object store, which tells Windows to ask for the set."""
+    """Build the binary object store, by which Windows requests the descriptor set."""
     capability_data = struct.pack("<IHBB", _WINDOWS, len(descriptor_set()), MS_OS_20, 0)
     capability = struct.pack("<BBBB", 28, 16, 5, 0) + _PLATFORM.bytes_le + capability_data
     return struct.pack("<BBHB", 5, 15, 5 + len(capability), 1) + capability
 
 
 def main() -> None:
-    """Print both."""
+    """Print both descriptors."""
     print(f"BOS descriptor, {len(bos())} bytes:\n{hex_dump(bos())}")
     print(f"\nMS OS 2.0 descriptor set, {len(descriptor_set())} bytes:\n{hex_dump(descriptor_set())}")
 

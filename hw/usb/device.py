@@ -1,4 +1,4 @@
-"""One open probe on USB: claimed interface, bulk endpoint, control requests. Raises what pyusb raises."""
+"""Communicate with one open probe on USB: claimed interface, bulk endpoint, control requests. Exceptions are pyusb's."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ _CONTROL_TIMEOUT = 1000  # ms
 
 
 class UsbDevice:
-    """A probe that was found, opened for this program alone.
+    """A probe that is open, with its interface claimed by this program.
 
     Attributes:
         packet: wMaxPacketSize of its endpoint, which is also the size of its frames.
 
     Raises:
-        ProtocolError: it has no vendor interface with a bulk endpoint.
-        usb.core.USBError: it cannot be opened or claimed.
+        ProtocolError: the device has no vendor interface with a bulk endpoint.
+        usb.core.USBError: the device cannot be opened or claimed.
     """
 
     def __init__(self, connected: FoundDevice) -> None:
@@ -38,31 +38,31 @@ class UsbDevice:
             raise
 
     def read(self, buffer: array[int], timeout: int) -> bytes:
-        """Return what the endpoint sent within ``timeout`` ms, a full buffer at most; fewer if time ran out in between.
+        """Return the bytes that the endpoint sent within ``timeout`` ms, at most a full buffer.
 
-        When it raises, what came before the fault is in the buffer; how much, pyusb does not tell.
+        If it raises, the bytes before the fault are in the buffer; pyusb does not report their number.
         """
         count = self._device.read(self._endpoint.bEndpointAddress, buffer, timeout)
         return buffer.tobytes() if count == len(buffer) else buffer[:count].tobytes()
 
     def info(self) -> Info:
-        """Return what the device says of itself."""
+        """Read the device's description of itself."""
         return Info.decoded(self._ask(GET_INFO))
 
     def status(self) -> Status:
-        """Return what the device is doing."""
+        """Read the state of the device's stream."""
         return Status.decoded(self._ask(GET_STATUS))
 
     def set_rate(self, rate: float) -> None:
-        """Ask for a rate, Hz; the device takes the nearest it can."""
+        """Request a rate, Hz; the device uses the nearest one that it supports."""
         self._tell(SET_RATE, data=RATE.pack(round(1e3 * rate)))
 
     def start(self, stream: int) -> None:
-        """Begin a new stream."""
+        """Start a new stream."""
         self._tell(START, stream)
 
     def stop(self) -> None:
-        """End the stream."""
+        """Stop the stream."""
         self._tell(STOP)
 
     def clear_halt(self) -> None:
@@ -70,7 +70,7 @@ class UsbDevice:
         self._device.clear_halt(self._endpoint)
 
     def close(self, stop: bool = True) -> None:
-        """Stop the stream and let go of the device, whatever state it is in."""
+        """Stop the stream and release the device, whatever state it is in."""
         try:
             if stop:
                 self.stop()

@@ -1,4 +1,4 @@
-"""What an exception of pyusb means, on every system.
+"""Translate exceptions of pyusb, on every system.
 
 errno numbers differ between Linux, macOS and Windows; libusb's own codes do not, nor do pyusb's exception classes.
 """
@@ -33,13 +33,13 @@ _REMEDY = {
     Disconnected: "it went away and did not come back: check plug and cable, then read again",
     NotFound: "plug it in, or name another with usb:SERIAL",
     Stalled: "it keeps refusing: unplug it and plug it in again",
-    Timeout: "it is there and says nothing: unplug it and plug it in again",
+    Timeout: "it is connected but does not answer: unplug it and plug it in again",
     TransferError: "the bus failed, again and again: try another cable or port, without a hub",
 }
 
 
 def meaning(fault: Exception) -> type[HardwareError]:
-    """Return the class of what pyusb raised."""
+    """Return the class of ``HardwareError`` for an exception of pyusb."""
     if isinstance(fault, USBTimeoutError):
         return Timeout
     if isinstance(fault, NotImplementedError):  # LIBUSB_ERROR_NOT_SUPPORTED: Windows has no driver for it
@@ -52,7 +52,7 @@ def meaning(fault: Exception) -> type[HardwareError]:
 
 
 def named(fault: Exception, subject: str, kind: type[HardwareError] | None = None) -> HardwareError:
-    """Return the error of our family for what pyusb raised, or of ``kind``; the caller raises it from the fault."""
+    """Translate an exception of pyusb into a ``HardwareError``, or into ``kind``; the caller raises it from the fault."""
     kind = kind or meaning(fault)
     return AccessDenied(subject) if kind is AccessDenied else kind(f"{subject}: {_REMEDY[kind]} ({_told(fault)})")
 

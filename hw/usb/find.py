@@ -1,4 +1,4 @@
-"""Probes on the bus, found by vendor, product and serial number."""
+"""Find probes on the bus by vendor, product and serial number."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class FoundDevice:
     Attributes:
         device: pyusb's.
         serial: its serial number; empty if it could not be read.
-        fault: why not.
+        fault: why the serial number could not be read.
     """
 
     device: Any
@@ -37,7 +37,7 @@ class FoundDevice:
 
 
 class _Context(_LibUSB):  # type: ignore[misc]
-    """A context of libusb that lives as long as the devices it found: libusb needs it to let go of them."""
+    """A context of libusb that lives as long as its devices: libusb needs it to release them."""
 
     def enumerate_devices(self) -> Iterator[Any]:
         for device in super().enumerate_devices():
@@ -46,18 +46,18 @@ class _Context(_LibUSB):  # type: ignore[misc]
 
 
 def libusb() -> IBackend:
-    """Return libusb with a context of its own, which sees what is connected now.
+    """Open libusb with a new context, which lists the devices that are connected now.
 
-    A context learns of new devices through the system's hotplug messages. Those do not reach a container; a new context
-    looks for itself.
+    An existing context learns of new devices through the system's hotplug messages, which do not reach a container. A new
+    context scans the bus.
 
     Raises:
-        NotFound: there is no libusb for this machine, or it finds no USB to work with.
+        NotFound: there is no libusb for this machine, or it has no access to USB.
     """
     backend = libusb_package.get_libusb1_backend()
     if backend is None and libusb1._lib is None:
         raise NotFound("libusb could not be loaded: install libusb-1.0 (apt install libusb-1.0-0, brew install libusb)")
-    if backend is None:  # pyusb loaded it, and keeps to itself why it did not begin
+    if backend is None:  # pyusb loaded it, but hides the reason of its failure
         raise _uninitialised("of no reason that pyusb tells")
     try:
         return _Context(backend.lib)
@@ -72,12 +72,12 @@ def _uninitialised(why: str) -> NotFound:
 
 
 def find(serial: str | None, backends: Backends = libusb) -> FoundDevice:
-    """Return the probe with the serial number, or the only one connected.
+    """Find the probe with the serial number, or the only one connected.
 
     Raises:
-        NotFound: no such probe.
-        Ambiguous: several, and no serial number to choose by.
-        AccessDenied: it may be there, but may not be opened.
+        NotFound: there is no such probe.
+        Ambiguous: several probes match.
+        AccessDenied: a probe is connected that this user may not open.
     """
     probes = connected(backends())
     matching = [probe for probe in probes if probe.fault is None and serial in (None, probe.serial)]
@@ -91,16 +91,16 @@ def find(serial: str | None, backends: Backends = libusb) -> FoundDevice:
 
 
 def connected(backend: IBackend) -> list[FoundDevice]:
-    """Return all devices with the probe's numbers and interface, by their place on the bus.
+    """List all devices with the probe's numbers and interface, ordered by bus and address.
 
-    Other boards may carry the same test number (docs/reference/protocol.md); their interfaces are of other classes.
+    Other boards may use the same test number (docs/reference/protocol.md); their interfaces have other classes.
     """
     devices = usb.core.find(find_all=True, idVendor=VENDOR_ID, idProduct=PRODUCT_ID, backend=backend, custom_match=_streams)
     return sorted((_read_serial(device) for device in devices), key=lambda probe: (probe.device.bus, probe.device.address))
 
 
 def stream_endpoint(configuration: Any) -> tuple[Any, Any] | None:
-    """Return the vendor interface's number and its bulk IN endpoint, or None where there is none."""
+    """Find the vendor interface with a bulk IN endpoint; return its number and the endpoint, or None."""
     for interface in configuration:
         for endpoint in interface:
             bulk = usb.util.endpoint_type(endpoint.bmAttributes) == usb.util.ENDPOINT_TYPE_BULK
@@ -110,27 +110,27 @@ def stream_endpoint(configuration: Any) -> tuple[Any, Any] | None:
 
 
 def _streams(device: Any) -> bool:
-    """Whether any configuration has the probe's interface; the system knows descriptors of what may not be opened, too."""
+    """Whether any configuration has the probe's interface; descriptors are readable without opening the device."""
     try:
         return any(stream_endpoint(configuration) is not None for configuration in device)
     except (usb.core.USBError, NotImplementedError):
-        return True  # nobody knows: to be opened, and to be refused with the reason
+        return True  # unknown: opening it will give the reason
 
 
 def where(device: Any) -> str:
-    """Return bus and address in words."""
+    """Describe bus and address as text."""
     return f"bus {device.bus} address {device.address}"
 
 
 def release(devices: list[Any]) -> None:
-    """Let go of devices; the ones that went away need nothing."""
+    """Release devices, including disconnected ones."""
     for device in devices:
         with suppress(usb.core.USBError, NotImplementedError):
             usb.util.dispose_resources(device)
 
 
 def _read_serial(device: Any) -> FoundDevice:
-    """Read the serial string itself: pyusb's own property hides from us why it could not."""
+    """Read a device's serial number; unlike pyusb's property this keeps the reason of a failure."""
     try:
         descriptor = bytes(device.ctrl_transfer(0x80, 6, _STRING | device.iSerialNumber, _ENGLISH, 255))
     except (usb.core.USBError, NotImplementedError) as fault:
@@ -139,7 +139,7 @@ def _read_serial(device: Any) -> FoundDevice:
 
 
 def _none(serial: str | None, probes: list[FoundDevice]) -> HardwareError:
-    """Return why there is no probe: it is not there, or its serial number could not be read."""
+    """Build the error for a missing probe: it is not connected, or its serial number could not be read."""
     for probe in probes:
         if probe.fault is not None:
             return named(probe.fault, f"a probe at {where(probe.device)}")

@@ -1,8 +1,8 @@
-"""The vendor stream over USB, with recovery: what was lost becomes a gap, never a splice.
+"""Read the vendor stream over USB, with recovery: lost samples become a gap.
 
-A halted endpoint is cleared and the stream goes on; a failing bus is tried once more, then the device is looked for; a
-device that went away is looked for by its serial number, at whatever address it comes back. If it still counts the same
-stream, the gap's length follows from its counter; if not, a new stream is begun and the gap's length is unknown.
+A halted endpoint is cleared and the stream continues. A failing bus is tried once more, then the device is searched again. A
+disconnected device is searched by its serial number, at any address. If it still counts the same stream, the gap's length
+follows from its counter. If not, a new stream is started and the gap's length is unknown.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ _REASON: dict[type[HardwareError], str] = {
 
 @dataclass(frozen=True)
 class Patience:
-    """How long and how often to try.
+    """Time limits and numbers of attempts.
 
     Attributes:
-        read: one read, s.
-        silence: without a byte, s, before giving up.
-        absence: after the device went away, s, before giving up.
-        attempts: recoveries in a row.
-        span: time that one read may bring, s.
+        read: timeout of one read, s.
+        silence: time without a byte after which it gives up, s.
+        absence: time after a disconnection after which it gives up, s.
+        attempts: consecutive recoveries.
+        span: duration of the samples in one read at most, s.
         largest: bytes in one read at most.
     """
 
@@ -55,13 +55,13 @@ PATIENT = Patience()
 
 
 class UsbTransport:
-    """Reads one probe.
+    """A transport that reads one probe on USB.
 
     Args:
-        serial: the probe's; None: the only one connected.
-        rate: Hz to ask for; None: as it is.
-        backend: pyusb's, in place of libusb.
-        patience: how long and how often to try.
+        serial: the probe's serial number; None: the only one connected.
+        rate: requested rate, Hz; None: the present rate.
+        backend: of pyusb, in place of libusb.
+        patience: time limits and numbers of attempts.
 
     Raises:
         HardwareError: no such probe, several, busy, access denied, or not a probe.
@@ -79,9 +79,9 @@ class UsbTransport:
         self._patience = patience
         if rate is not None and not 1e-3 <= rate <= 4e6:
             raise InvalidSource(f"rate = {rate} Hz: allowed: 0.001 to 4000000 Hz")
-        # a number that no program used before, so that frames of an earlier stream are known as such
+        # a random stream number, so that frames of an earlier stream are recognised
         self._stream, self._failures, self._heard = random.randint(1, 0xFFFF), 0, time.monotonic()
-        self._fault: Exception | None = None  # of the last read: mended before the next, so that what came before it gets out
+        self._fault: Exception | None = None  # of the last read; recovery comes with the next, after its data were returned
         self._note, self._started = "", False
         self._device = self._open_device(serial)
         try:
@@ -98,12 +98,12 @@ class UsbTransport:
             raise
 
     def read(self) -> Chunk:
-        """Return what the next read brings; no bytes when none came in time. A fault is mended at the next call.
+        """Return the bytes of the next read, empty if none came in time. After a fault the next call recovers.
 
-        The first call starts the stream: from then on somebody must read, for the board's buffer holds 0.1 s.
+        The first call starts the stream. Calls must follow without delay, since the board's buffer holds 0.1 s.
 
         Raises:
-            HardwareError: recovery failed, or nothing was heard for long.
+            HardwareError: recovery failed, or no byte came for ``Patience.silence`` s.
         """
         if not self._started:
             self._start()
@@ -120,7 +120,7 @@ class UsbTransport:
         return Chunk(data, self._stream, note, time.monotonic())
 
     def close(self) -> None:
-        """Stop the stream and let go of the device."""
+        """Stop the stream and release the device."""
         self._device.close()
 
     @property
@@ -134,8 +134,8 @@ class UsbTransport:
             raise named(fault, f"probe {serial or 'on USB'}") from fault
 
     def _begin(self, rate: float | None) -> Header:
-        """Set the rate, start the stream and describe it."""
-        self._device.stop()  # a program that died may have left it running
+        """Stop a running stream, set the rate and return the header."""
+        self._device.stop()  # a killed program may have left it running
         if rate is not None:
             self._device.set_rate(rate)
         info, packet = self._device.info(), self._device.packet
@@ -165,7 +165,7 @@ class UsbTransport:
         self.header.source["started"] = now()
 
     def _recover(self, fault: Exception) -> str:
-        """Bring the stream back and return what happened; raises what it cannot mend."""
+        """Recover the stream and return the reason of the gap; raise if recovery fails."""
         kind, place = meaning(fault), self._device.place
         if kind is Timeout and not self._forgotten():
             self._check_silence(fault)
@@ -185,10 +185,10 @@ class UsbTransport:
         return reason if self._device.place == place else f"{reason}, and came back at {self._device.place}"
 
     def _forgotten(self) -> bool:
-        """Whether the board has ended our stream without leaving the bus: it was reset, or lost its power for a moment."""
+        """Whether the board has ended this stream without leaving the bus, after a reset or a short loss of power."""
         try:
             return self._device.status().stream != self._stream
-        except (*_FAULTS, ProtocolError):  # who does not answer this either is silent
+        except (*_FAULTS, ProtocolError):  # no answer to this either: the device is silent
             return False
 
     def _check_silence(self, fault: Exception) -> None:
@@ -196,14 +196,14 @@ class UsbTransport:
             raise named(fault, self._what) from fault
 
     def _resume(self) -> None:
-        """Go on with the stream if the device still counts it; begin another if not."""
+        """Continue the stream if the device still counts it; start another if not."""
         if self._device.status().stream != self._stream:
             self._stream = self._stream % 0xFFFF + 1
             self._device.start(self._stream)
         self._heard = time.monotonic()
 
     def _reopen(self, fault: Exception) -> None:
-        """Find the device again by its serial number, wherever it is now."""
+        """Find the device again by its serial number, at any address."""
         serial = self._device.serial
         self._device.close(stop=False)
         limit = time.monotonic() + self._patience.absence
@@ -220,9 +220,9 @@ class UsbTransport:
 
 
 def _before_fault(buffer: array[int], packet: int) -> bytes:
-    """Return what a failed read brought before it failed: frames carry checksums, so that it is safe to look for them.
+    """Return the bytes that a failed read received before the fault; the frames' checksums exclude wrong ones.
 
-    Whole packets, because the checksum of one frame in 256 ends in a zero that came over the bus.
+    Trailing zeros are cut only to a multiple of the packet size, because one checksum in 256 ends in a received zero.
     """
     size = len(buffer.tobytes().rstrip(b"\0"))
     return buffer[: -(-size // packet) * packet].tobytes()

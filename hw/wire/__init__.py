@@ -1,1 +1,1 @@
-"""The probe's protocol: frames, requests, and what decodes them."""
+"""Encode and decode the probe's protocol: frames and requests."""

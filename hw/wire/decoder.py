@@ -1,4 +1,4 @@
-"""From bytes to samples, one stretch at a time. Knows nothing of USB: bytes may come cut, doubled, damaged or not at all."""
+"""Decode bytes to samples, independently of the transport: bytes may come cut, repeated, damaged or not at all."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from hw.common.errors import ProtocolError
 from hw.common.samples import Gap, Ints, Samples
 from hw.wire.frames import CHANNELS, CRC, HIGHEST, LOWEST, MAGIC, OVERRUN, SATURATED, VERSION, FrameLayout
 
-GIVE_UP = 2_000  # frames' worth of bytes without a single valid frame
+GIVE_UP = 2_000  # frames: after so many frames' bytes without a valid frame decoding is refused
 OVERRAN = "the device's buffer ran over"
 LOST = "frames were lost or damaged on the way"
 
 
 @dataclass(frozen=True)
 class Format:
-    """What has to be known to turn frames into volts.
+    """The parameters that turn frames into volts.
 
     Attributes:
         rate: Hz.
@@ -36,17 +36,17 @@ class Format:
 
 
 class FrameDecoder:
-    """Turns chunks of the byte stream into samples; whatever is not certain becomes a gap.
+    """A decoder that turns chunks of the byte stream into samples; invalid bytes become a gap.
 
-    A frame counts only if magic, version, channel count, stream number and CRC-32 are right and its index is the next
-    one or a later one. Anything else is skipped, and the next frame is looked for byte by byte.
+    A frame is valid if magic, version, channel count, stream number and CRC-32 are right and its index is the next one or a
+    later one. Anything else is skipped, and the next frame is searched byte by byte.
     """
 
     def __init__(self, form: Format, source: dict[str, Any]) -> None:
         self.form, self.source = form, source
         self.layout = FrameLayout(form.size, len(form.scale))
-        self.skipped = 0  # bytes that belonged to no valid frame
-        self.repeated = 0  # frames that had been seen, or belonged to another stream
+        self.skipped = 0  # bytes outside valid frames
+        self.repeated = 0  # frames that came twice, or belong to another stream
         self._dtype = self.layout.dtype
         self._scale = np.array(form.scale)
         self._rest = b""
@@ -56,15 +56,15 @@ class FrameDecoder:
         self._in_vain = 0
 
     def feed(self, data: bytes, stream: int | None = None, note: str = "") -> Samples:
-        """Return the samples that the bytes complete, perhaps none.
+        """Return the samples of the frames that the bytes complete, possibly none.
 
         Args:
             data: the next bytes.
-            stream: the number that the device was given when it was started again, if it was: its index begins anew.
+            stream: the stream's number if the device was started again: its index then restarts at 0.
             note: what happened before these bytes; the reason of the next gap.
 
         Raises:
-            ProtocolError: nothing but invalid frames for a long time.
+            ProtocolError: no valid frame came for a long time.
         """
         self._note = note or self._note
         if stream is not None and stream != self._stream:
@@ -81,7 +81,7 @@ class FrameDecoder:
         return self._samples(frames)
 
     def _restart(self, stream: int) -> None:
-        """Go on with another stream: how many samples lie between is unknown; the gap takes one index."""
+        """Continue with another stream: the number of samples in between is unknown, and the gap takes one index."""
         if self._next:
             self._unknown.append(Gap(self._offset + self._next, -1, self._note or "the device restarted"))
             self._note = ""
@@ -89,7 +89,7 @@ class FrameDecoder:
         self._stream, self._next, self._rest = stream, 0, b""
 
     def _valid(self, buffer: bytes) -> tuple[NDArray[np.void], int]:
-        """Return the valid frames in the buffer and how many of its bytes are done with."""
+        """Return the valid frames in the buffer, and the number of its bytes that were used."""
         size, at, runs = self.layout.size, 0, []
         while at + size <= len(buffer):
             run = np.frombuffer(buffer, self._dtype, (len(buffer) - at) // size, at)
@@ -98,7 +98,7 @@ class FrameDecoder:
             at += good * size
             if good < len(run):
                 ahead = buffer.find(MAGIC, at + 1)
-                if ahead < 0:  # the last byte may be the first of the magic
+                if ahead < 0:  # the last byte may be the first one of the next magic
                     ahead = len(buffer) - buffer.endswith(MAGIC[:1])
                 self.skipped += ahead - at
                 at = ahead
@@ -137,7 +137,7 @@ class FrameDecoder:
         )
 
     def _in_order(self, frames: NDArray[np.void]) -> tuple[NDArray[np.void], Ints, Ints]:
-        """Leave out frames of other streams and those that begin before an earlier one ends; return the rest, begins and ends."""
+        """Drop frames of other streams and overlapping ones; return the others with their first and end indices."""
         mine = (frames["stream"] == self._stream) & (frames["index"] < 2**62)
         begin = frames["index"].astype(np.int64)
         end = begin + frames["rows"]
@@ -147,7 +147,7 @@ class FrameDecoder:
         return frames[keep], begin[keep], end[keep]
 
     def _gaps(self, frames: NDArray[np.void], begin: Ints, end: Ints) -> tuple[Gap, ...]:
-        """Return the gaps before the frames, restarts first; unknown ones wait until samples follow."""
+        """Return the gaps before the frames, restarts first; a restart's gap is kept until samples follow it."""
         if not len(begin):
             return ()
         gaps, self._unknown = self._unknown, []

@@ -1,4 +1,4 @@
-"""Frames of the vendor stream: how samples lie in them, and their encoder. ``docs/reference/protocol.md`` is the specification.
+"""Define and encode the frames of the vendor stream; ``docs/reference/protocol.md`` is the specification.
 
 ``python -m hw.wire.frames`` prints the test vectors of that document.
 """
@@ -22,21 +22,21 @@ CHANNELS = ("inner", "outer", "force")
 HEADER = struct.Struct("<2sBBIQHBB")  # magic, version, channels, sequence, index, stream, rows, flags
 CRC = struct.Struct("<I")
 OVERRUN = 0x01  # samples were lost in the device just before this frame
-SATURATED = 0x10  # << channel: its analog part was saturated during this frame
+SATURATED = 0x10  # << channel: the channel's amplifier was saturated during this frame
 LOWEST, HIGHEST = -32768, 32767  # codes that mean "at the end of the range, or beyond"
 SMALLEST, LARGEST = 32, 1024  # bytes in a frame
 
 
 @dataclass(frozen=True)
 class FrameLayout:
-    """How a device fills its frames.
+    """The layout of a device's frames.
 
     Attributes:
         size: bytes in a frame: the endpoint's wMaxPacketSize.
-        channels: how many, 2 or 3.
+        channels: number of channels, 2 or 3.
 
     Raises:
-        ProtocolError: no such frames are laid down.
+        ProtocolError: the protocol has no such frames.
     """
 
     size: int
@@ -50,12 +50,12 @@ class FrameLayout:
 
     @property
     def rows(self) -> int:
-        """Return the most samples per channel that a frame holds; one byte counts them."""
+        """Maximum number of samples per channel in a frame; at most 255, since one byte counts them."""
         return min(255, (self.size - HEADER.size - CRC.size) // (2 * self.channels))
 
     @property
     def dtype(self) -> np.dtype[np.void]:
-        """Return the frame as a structured type."""
+        """Structured type of a frame."""
         padding = self.size - HEADER.size - CRC.size - 2 * self.channels * self.rows
         names = ["magic", "version", "channels", "sequence", "index", "stream", "rows", "flags", "codes", "padding", "crc"]
         kinds = ["S2", "u1", "u1", "<u4", "<u8", "<u2", "u1", "u1", ("<i2", (self.rows, self.channels)), f"V{padding}", "<u4"]
@@ -64,12 +64,12 @@ class FrameLayout:
 
 @dataclass(frozen=True)
 class Frame:
-    """One frame's content.
+    """The content of one frame.
 
     Attributes:
-        sequence: counts the frames of a stream, modulo 2^32.
+        sequence: number of the frame in its stream, modulo 2^32.
         index: of the first row since the stream was started; counts conversions, sent or not.
-        stream: the number that the host gave with START.
+        stream: the stream's number, as sent by the host with START.
         codes: (rows, channels) int16.
         flags: OVERRUN, SATURATED << channel.
     """
@@ -81,7 +81,7 @@ class Frame:
     flags: int = 0
 
     def encoded(self, layout: FrameLayout) -> bytes:
-        """Return the frame's bytes; unused ones are zero."""
+        """Encode the frame as bytes; unused bytes are zero."""
         rows, channels = self.codes.shape
         if channels != layout.channels or not 1 <= rows <= layout.rows:
             raise ValueError(f"{rows} rows of {channels} channels do not fit {layout}")
@@ -92,11 +92,11 @@ class Frame:
 
 
 def encoded(layout: FrameLayout, *, stream: int, sequence: int, index: int, codes: Codes, flags: int = 0) -> bytes:
-    """Return consecutive full frames, many at once: what ``Frame.encoded`` gives for each.
+    """Encode consecutive full frames at once, each as by ``Frame.encode``.
 
     Args:
-        layout: how frames are filled.
-        stream: their number.
+        layout: of the frames.
+        stream: the stream's number.
         sequence: of the first.
         index: of its first row.
         codes: (frames * layout.rows, channels) int16.
@@ -115,7 +115,7 @@ def encoded(layout: FrameLayout, *, stream: int, sequence: int, index: int, code
 
 
 def vectors() -> dict[str, tuple[FrameLayout, Frame]]:
-    """Return the frames whose bytes the specification prints."""
+    """Return the test vectors: the frames whose bytes the specification prints."""
     ramp = np.arange(20, dtype=np.int16).reshape(10, 2)
     ends = np.array([[HIGHEST, LOWEST, -1], [1, 2, 3]], np.int16)
     return {
@@ -129,7 +129,7 @@ def vectors() -> dict[str, tuple[FrameLayout, Frame]]:
 
 
 def hex_dump(data: bytes) -> str:
-    """Return bytes as lines of sixteen, each with its offset."""
+    """Format bytes as lines of sixteen in hexadecimal, each with its offset."""
     return "\n".join(f"{at:04x}  {data[at : at + 16].hex(' ')}" for at in range(0, len(data), 16))
 
 

@@ -1,4 +1,4 @@
-"""Control requests of the vendor protocol and their data, as ``docs/reference/protocol.md`` lays them down."""
+"""Define the control requests of the vendor protocol and their data; ``docs/reference/protocol.md`` is the specification."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from hw.common.errors import ProtocolError
 from hw.wire.frames import CHANNELS, VERSION
 
-VENDOR_ID, PRODUCT_ID = 0x1209, 0x0001  # pid.codes' number for tests: free to use, not to sell under
+VENDOR_ID, PRODUCT_ID = 0x1209, 0x0001  # pid.codes' number for tests: free to use, not for products on sale
 VENDOR_CLASS = 0xFF
-IN, OUT = 0xC0, 0x40  # vendor requests to the device
+IN, OUT = 0xC0, 0x40  # bmRequestType of vendor requests to the device
 GET_INFO, SET_RATE, START, STOP, GET_STATUS = 1, 2, 3, 4, 5
 MS_OS_20 = 0x20  # vendor code of the MS OS 2.0 descriptor set
 
@@ -24,8 +24,8 @@ class Info:
     """The answer to GET_INFO.
 
     Attributes:
-        channels: how many, 2 or 3.
-        rate: Hz, as it is now.
+        channels: number of channels, 2 or 3.
+        rate: present rate, Hz.
         highest_rate: Hz.
         scale: volts per count of each channel.
         firmware: name and version, 16 ASCII characters at most.
@@ -38,7 +38,7 @@ class Info:
     firmware: str
 
     def encoded(self) -> bytes:
-        """Return the answer's bytes."""
+        """Encode the answer as bytes."""
         scale = (*self.scale, 0.0, 0.0)[:4]
         return _INFO.pack(
             VERSION,
@@ -52,10 +52,10 @@ class Info:
 
     @classmethod
     def decoded(cls, data: bytes) -> Info:
-        """Return what a device answered.
+        """Decode a device's answer.
 
         Raises:
-            ProtocolError: the answer is not one of this version of the protocol.
+            ProtocolError: the answer does not follow this version of the protocol.
         """
         if len(data) < _INFO.size:
             raise ProtocolError(f"the device described itself in {len(data)} bytes, not {_INFO.size}: update its firmware")
@@ -85,16 +85,16 @@ class Status:
     index: int
 
     def encoded(self) -> bytes:
-        """Return the answer's bytes."""
+        """Encode the answer as bytes."""
         return _STATUS.pack(self.stream, self.overruns % 2**16, self.sequence % 2**32, self.index)
 
     @classmethod
     def decoded(cls, data: bytes) -> Status:
-        """Return what a device answered.
+        """Decode a device's answer.
 
         Raises:
-            ProtocolError: the answer has not the right length.
+            ProtocolError: the answer is too short.
         """
         if len(data) < _STATUS.size:
-            raise ProtocolError(f"the device told its status in {len(data)} bytes, not {_STATUS.size}: update its firmware")
+            raise ProtocolError(f"the device's status has {len(data)} bytes, not {_STATUS.size}: update its firmware")
         return cls(*_STATUS.unpack_from(data))

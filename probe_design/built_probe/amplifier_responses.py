@@ -1,11 +1,12 @@
-"""The charge amplifiers divided out: each film's own, and at a frequency that a wrong sampling rate may have made wrong.
+"""Divide charges by each film's own amplifier response, and count the error of a wrong sampling rate.
 
-A rate that is off by delta makes all frequencies off by as much, and the charge amplifiers are divided out at the wrong one:
+A sampling rate with a relative error delta gives all frequencies f the same error d ln f = delta, and the amplifiers' response H
+is then computed at the wrong frequency:
 
     d ln H = d ln f / (1 + j w tau)                                                                       (BP.10)
 
-of eq. SI.1, the same delta in both films and in all readings. delta is as large as the drive's tolerance, or as what the load's
-frequency is off the bench's.
+with w = 2 pi f and the amplifier's time constant tau, eq. SI.1; delta is the same in both films and in all readings. It is
+estimated as the larger of the drive's tolerance and the difference between the load's frequency as read and as the bench states.
 """
 
 from __future__ import annotations
@@ -27,15 +28,15 @@ SIGNIFICANT_SD = 3.0
 
 
 def with_own_amplifiers(measurement: Measurement, amplifier: Amplifier, calibrated_at: float | None = None) -> Measurement:
-    """Return a measurement whose charges are those behind each film's own amplifier.
+    """Replace the common amplifier's response by each film's own in the charges of a measurement.
 
     Args:
-        measurement: with the common amplifier divided out.
+        measurement: with charges by the common amplifier.
         amplifier: of the bench.
         calibrated_at: frequency at which gains were calibrated, Hz.
 
     Raises:
-        TooSlow: the load lies far below a corner.
+        TooSlow: the load's frequency is far below a corner frequency.
     """
     common, films, frequency = amplifier.built(), amplifier.of_films(), measurement.fit.frequency
     if films == (common, common):
@@ -52,12 +53,12 @@ def with_own_amplifiers(measurement: Measurement, amplifier: Amplifier, calibrat
 
 
 def with_rate_doubt(measurement: Measurement, bench: Bench, calibrated_at: float | None = None) -> Measurement:
-    """Return a reading that counts what a wrong rate does to its charges, with a warning where the drive's frequency shows one.
+    """Add the error of a wrong sampling rate to a measurement's tolerance, and a warning if the drive's frequency shows one.
 
     Args:
-        measurement: each film's own amplifier divided out.
+        measurement: with charges by each film's own amplifier.
         bench: for the drive's frequency and the amplifiers.
-        calibrated_at: of the gains, Hz, with the same rate: what these have absorbed does not count again.
+        calibrated_at: frequency of the calibration, Hz, at the same rate: the error that the gains have absorbed is subtracted.
     """
     change = _change(bench, measurement.fit.frequency)
     if calibrated_at is not None:
@@ -69,7 +70,7 @@ def with_rate_doubt(measurement: Measurement, bench: Bench, calibrated_at: float
 
 
 def gains_with_rate_doubt(gains: Gains, measurements: Sequence[Measurement], bench: Bench) -> Gains:
-    """Return gains whose covariance counts that the amplifiers were divided out at a wrong frequency in all readings alike."""
+    """Add the error of a wrong sampling rate, common to all readings, to the covariance of the gains."""
     doubt = max(rate_doubt(one, bench) for one in measurements)
     frequency = float(np.mean([one.fit.frequency for one in measurements]))
     moved = (_change(bench, frequency).real[:, None] * gains.matrix).ravel() * doubt
@@ -77,7 +78,7 @@ def gains_with_rate_doubt(gains: Gains, measurements: Sequence[Measurement], ben
 
 
 def rate_doubt(measurement: Measurement, bench: Bench) -> float:
-    """Return by how much the rate may be off, relative: a standard deviation."""
+    """Return the relative standard deviation of the sampling rate."""
     return max(bench.load.frequency_tolerance, abs(_off(measurement, bench)))
 
 
@@ -86,7 +87,7 @@ def _off(measurement: Measurement, bench: Bench) -> float:
 
 
 def _change(bench: Bench, frequency: float) -> Complexes:
-    """Return d ln H / d ln f of both films' amplifiers, eq. BP.10, shape (2,)."""
+    """Return the derivative d ln H / d ln f of both films' amplifiers, eq. BP.10, shape (2,)."""
     taus: Floats = np.array([one.time_constant for one in bench.amplifier.of_films()])
     return np.asarray(1 / (1 + 2j * math.pi * frequency * taus))
 

@@ -1,4 +1,4 @@
-"""The measuring bench as numbers: load, amplifier, reference force, reference blocks, and how well each is known.
+"""Describe the measuring bench: load, amplifier, reference force, reference blocks, and the uncertainty of each.
 
 A bench file (TOML) looks like ``probe_design/data/bench.toml``, the built-in bench.
 """
@@ -30,17 +30,18 @@ Skew = Annotated[float, Quantity("time", "s", "us", -1.0, 1.0)]
 SkewTolerance = Annotated[float, Quantity("time", "s", "us", 0.0, 1.0)]
 KnownForce = Annotated[float, Quantity("force", "N", "mN", 1e-9, 1e6)]
 On = Literal["tissue", "inner", "outer"]
-LEAK = 0.007  # of a pin's or a ring's load on the other block: 1 %, which happens, lies within 95 % (docs/guides/hardware.md)
+LEAK = 0.007  # fraction of a pin's or ring's load on the other block, 1 sd: 1 % occurs, and is within 95 % (docs/guides/hardware.md)
 
 
 class Shaker(Frozen):
     """The sinusoidal load.
 
     Attributes:
-        frequency: of the drive; the fit corrects it.
-        frequency_tolerance: relative standard deviation of the drive's frequency: what differs by more is told as a wrong rate.
-        least_cycles: periods that a reading used for calibrating holds.
-        most_warming: temperature change of a film over such a reading.
+        frequency: of the drive, Hz; the fit corrects it.
+        frequency_tolerance: relative standard deviation of the drive's frequency; a larger difference is reported as a wrong
+            sampling rate.
+        least_cycles: minimum periods of the load in a reading for a calibration.
+        most_warming: maximum temperature change of a film during such a reading, K.
     """
 
     frequency: Frequency = 5.0
@@ -50,7 +51,7 @@ class Shaker(Frozen):
 
 
 class OwnAmplifier(Frozen):
-    """What one film's amplifier has of its own; what is left out is as ``Amplifier`` says."""
+    """The properties in which one film's amplifier differs from ``Amplifier``; None where it does not."""
 
     resistance: Resistance | None = None
     capacitance: Capacitance | None = None
@@ -59,7 +60,7 @@ class OwnAmplifier(Frozen):
 
 
 class Amplifier(Frozen):
-    """The charge amplifiers: alike, but for the tolerances of their parts (relative standard deviations), or each its own."""
+    """The charge amplifiers, equal within the tolerances of their parts (relative standard deviations), or one for each film."""
 
     resistance: Resistance = 1e9
     capacitance: Capacitance = 1e-9
@@ -69,22 +70,22 @@ class Amplifier(Frozen):
     outer: OwnAmplifier | None = None
 
     def built(self) -> ChargeAmplifier:
-        """Return what both have in common as ``hw`` knows it."""
+        """Build the amplifier that both films have in common, as ``hw`` uses it."""
         return ChargeAmplifier(**self.model_dump(exclude={"inner", "outer"}))
 
     def of_films(self) -> tuple[ChargeAmplifier, ChargeAmplifier]:
-        """Return the inner film's and the outer film's."""
+        """Build the inner film's and the outer film's amplifier."""
         own = [{} if one is None else one.model_dump(exclude_none=True) for one in (self.inner, self.outer)]
         inner, outer = (replace(self.built(), **parts) for parts in own)
         return inner, outer
 
 
 class Sampling(Frozen):
-    """When the channels are sampled.
+    """The sampling times of the channels.
 
     Attributes:
-        skew: by which the outer film's channel is sampled later than the inner's; corrected.
-        skew_tolerance: its standard deviation.
+        skew: time by which the outer film's channel is sampled later than the inner's, s; corrected.
+        skew_tolerance: standard deviation of ``skew``, s.
     """
 
     skew: Skew = 0.0
@@ -96,9 +97,9 @@ class ReferenceForce(Frozen):
 
     Attributes:
         sensitivity: V/N.
-        tolerance: its relative standard deviation by its maker.
-        verified: whether a known load has confirmed it; if not, and none is among the references, its scale counts as unknown.
-        delay: of the channel behind the inner film's by a digital filter, below 0 where it is sampled later than that; corrected.
+        tolerance: relative standard deviation of the sensitivity, as its maker states it.
+        verified: whether a known load has confirmed it; if not, and no reference has a known load, its scale is unknown.
+        delay: delay of the channel behind the inner film's by a digital filter, s, below 0 if it is sampled later; corrected.
     """
 
     sensitivity: Sensitivity
@@ -108,12 +109,12 @@ class ReferenceForce(Frozen):
 
 
 class Channels(Frozen):
-    """What is known of the two channels before any calibration, and how far they stay as calibrated.
+    """The uncertainty of the two channels before a calibration, and their stability after it.
 
     Attributes:
-        gain: relative standard deviation of each film about its nominal charge per force.
-        cross_talk: what share of one film's force shows in the other channel.
-        warming: standard deviation of each film's temperature about that of its calibration.
+        gain: relative standard deviation of each film's charge per force about the nominal.
+        cross_talk: standard deviation of the fraction of one film's force that shows in the other channel.
+        warming: standard deviation of each film's temperature about that of its calibration, K.
     """
 
     gain: Share = 0.05
@@ -122,7 +123,7 @@ class Channels(Frozen):
 
 
 class Workshop(Frozen):
-    """How far the probe may be from its drawing: standard deviations of every length, modulus (relative), Poisson's ratio."""
+    """Tolerances of manufacture: standard deviations of every length (m), modulus (relative) and Poisson's ratio."""
 
     length: Length = 20e-6
     modulus: Share = 0.02
@@ -130,18 +131,17 @@ class Workshop(Frozen):
 
 
 class Reference(Frozen):
-    """Something to press on.
+    """A reference to press on.
 
     Attributes:
         on: ``tissue``, a block of the scene's tissue's shape and Poisson's ratio without inclusion; ``inner``, a pin that
             touches the inner block alone; ``outer``, a ring that touches the outer block alone.
-        youngs_modulus: of the tissue.
-        tolerance: its relative standard deviation.
-        leak: of a pin or ring, the standard deviation of the share of its load that the other block takes; if not told,
-            ``LEAK``, or what it shows in the other film's channel where that is more.
-        known_force: amplitude of the load, N, where it is known by itself: of a mass that is shaken, or of a spring of known
-            stiffness.
-        known_force_tolerance: its relative standard deviation.
+        youngs_modulus: of the tissue, Pa.
+        tolerance: relative standard deviation of the modulus.
+        leak: of a pin or ring, the standard deviation of the fraction of its load on the other block; None: the default
+            ``DEFAULT_LEAK_SD``, or the fraction in the other film's channel if that is more.
+        known_force: amplitude of the load, N, if it is known independently: of a shaken mass, or a spring of known stiffness.
+        known_force_tolerance: relative standard deviation of ``known_force``.
     """
 
     on: On = "tissue"
@@ -162,12 +162,12 @@ class Reference(Frozen):
 
     @property
     def strays(self) -> float:
-        """By how much of the load the inner film's share may be off, a standard deviation; 0 on tissue."""
+        """Standard deviation of the inner film's share of the load due to leakage; 0 on tissue."""
         return 0.0 if self.on == "tissue" else LEAK if self.leak is None else self.leak
 
     @property
     def name(self) -> str:
-        """For tables and messages."""
+        """Name of the reference for tables and messages."""
         if self.youngs_modulus is None:
             known = "" if self.known_force is None else f", {1e3 * self.known_force:.4g} mN"
             return {"inner": "pin on the inner block", "outer": "ring on the outer block"}[self.on] + known
@@ -175,7 +175,7 @@ class Reference(Frozen):
 
 
 class Bench(Frozen):
-    """Everything about a measurement that is not in the scene."""
+    """All properties of a measurement that are not in the scene."""
 
     load: Shaker = Shaker()
     amplifier: Amplifier = Amplifier()
@@ -187,7 +187,7 @@ class Bench(Frozen):
 
     @property
     def blocks(self) -> tuple[Reference, ...]:
-        """The references that are tissue."""
+        """The references that are blocks of tissue."""
         return tuple(one for one in self.reference if one.on == "tissue")
 
 
@@ -213,7 +213,7 @@ def bench_from_dict(data: dict[str, Any]) -> Bench:
 
 
 def first_fault(refused: ValidationError, what: str, root: type[BaseModel]) -> InputError:
-    """Turn one of pydantic's errors about ``root``'s tables into ours: an unknown key before other faults."""
+    """Convert one of pydantic's errors about ``root``'s tables into an ``InputError``: an unknown key before other faults."""
     error = min(refused.errors(include_url=False), key=lambda one: one["type"] != "extra_forbidden")
     cause = error.get("ctx", {}).get("error")
     key = ".".join(map(str, error["loc"])) or what
@@ -227,7 +227,7 @@ def first_fault(refused: ValidationError, what: str, root: type[BaseModel]) -> I
 
 
 def _description(place: tuple[int | str, ...], root: type[BaseModel]) -> str | None:
-    """Return what the field at a place of ``root``'s tables allows, None where nobody has said it."""
+    """Return the description of the field at a place of ``root``'s tables, or None."""
     if not place or not isinstance(place[-1], str):
         return None
     field = model_at(root, place[:-1]).model_fields.get(place[-1])

@@ -1,6 +1,6 @@
-"""What a reference block does to the two films, predicted: the share of each, its error and its slopes by the design.
+"""Predict the films' shares of the load on reference blocks, with errors and derivatives with respect to the design.
 
-Only ln rho counts, rho = F_inner / F_outer: the sum of both forces is the load's, whatever probe and tissue are.
+Only ln rho is predicted, rho = F_inner / F_outer with the films' forces F: their sum is the load, for any probe and tissue.
 """
 
 from __future__ import annotations
@@ -27,23 +27,23 @@ from solver.planning.load_limits import largest
 from solver.planning.loads import LoadRule
 from solver.results.film_forces import outputs
 
-ACCURACY = 1e-3
-LINEAR = 0.01  # accuracy at which a load is allowed
+ACCURACY = 1e-3  # relative accuracy of the solver
+LINEAR = 0.01  # largest relative change by finite strain at which a load is allowed
 STEP = 1e-5  # relative, of the central difference of the nominal areas' ratio, which is a polynomial
 TISSUE = "tissue.youngs_modulus"
-MODULI = "reference.youngs_modulus"  # a variable beside the design's: all blocks' moduli off by one relative change
+MODULI = "reference.youngs_modulus"  # an additional variable: one relative change of all blocks' moduli
 
 
 @dataclass(frozen=True)
 class Share:
-    """A reference block's prediction.
+    """The prediction for a reference block.
 
     Attributes:
         log_ratio: ln(F_inner / F_outer).
-        bound: on its error by the solver.
-        slopes: its derivatives by the design's variables, per SI unit, shape (v,).
-        by_modulus: d log_ratio / d ln of the block's modulus.
-        rule: for loads on the block; None: the load does not matter.
+        bound: bound on the solver's error of ``log_ratio``.
+        slopes: derivatives of ``log_ratio`` with respect to the design's variables, per SI unit, shape (v,).
+        by_modulus: derivative of ``log_ratio`` with respect to the logarithm of the block's modulus.
+        rule: limits of loads on the block; None: the load does not matter.
     """
 
     log_ratio: float
@@ -53,14 +53,14 @@ class Share:
     rule: LoadRule | None = None
 
     def variance(self, reference: Reference) -> float:
-        """Of ``log_ratio`` by the block's modulus and, as evenly spread within its bound (GUM 4.3.7), the solver's error."""
+        """Return the variance of ``log_ratio`` due to the block's modulus and the solver's error (uniform in its bound)."""
         return (self.by_modulus * reference.tolerance) ** 2 + self.bound**2 / 3
 
     def under(self, force: float, name: str, linear: bool) -> Share:
-        """Return the prediction under a force, N, whose finite strain its bound then counts.
+        """Return the prediction under a force, N, with the effect of finite strain added to the bound.
 
         Raises:
-            Refusal: the force is beyond what linear elasticity allows; ``linear`` allows all of which anything is known.
+            Refusal: the force is above the limit of linear elasticity; ``linear`` allows any force with a known estimate.
         """
         if self.rule is None:
             return self
@@ -78,10 +78,10 @@ class Shares:
     """The predictions for all tissue blocks of a bench, for one design.
 
     Attributes:
-        variables: keys of ``geometry.scenes.variables.values``, the design's, and MODULI: v of them.
-        nominal: their values, SI, shape (v,); of MODULI 1.
-        blocks: one for each.
-        unmeasured: standard deviations of ln E by variable, of moduli that are the catalogue's and were not measured.
+        variables: names of the v variables: the design's keys of the scene file, and BLOCK_MODULI.
+        nominal: their values, SI, shape (v,); 1 for BLOCK_MODULI.
+        blocks: one prediction for each block.
+        unmeasured: standard deviations of ln E by variable, for moduli from the catalogue that were not measured.
     """
 
     variables: tuple[str, ...]
@@ -91,35 +91,35 @@ class Shares:
 
     @property
     def log_ratios(self) -> Floats:
-        """Shape (blocks,)."""
+        """ln(F_inner / F_outer) on each block, shape (blocks,)."""
         return np.array([one.log_ratio for one in self.blocks])
 
     @property
     def slopes(self) -> Floats:
-        """Shape (blocks, v)."""
+        """Derivatives of ``log_ratios`` with respect to the variables, per SI unit, shape (blocks, v)."""
         return np.array([one.slopes for one in self.blocks]).reshape(len(self.blocks), len(self.variables))
 
     def under(self, forces: Sequence[float], references: Sequence[Reference], linear: bool) -> Shares:
-        """Return the predictions under forces, N, on those of the references that are tissue; see ``Share.under``."""
+        """Return the predictions under forces (N) on all references; see ``BlockPrediction.apply_force``."""
         blocks = [(force, one.name) for force, one in zip(forces, references, strict=True) if one.on == "tissue"]
         return replace(self, blocks=tuple(share.under(*block, linear) for share, block in zip(self.blocks, blocks, strict=True)))
 
     def tolerances(self, workshop: Workshop) -> Floats:
-        """Standard deviations of the variables, SI, shape (v,); the catalogue's of moduli that nobody has measured."""
+        """Return the variables' standard deviations, SI, shape (v,); unmeasured moduli have the catalogue's."""
         known = {name: sd * self.nominal[self.variables.index(name)] for name, sd in self.unmeasured.items()}
         held = zip(self.variables, self.nominal, strict=True)
         return np.array([known.get(name, _tolerance(name, value, workshop)) for name, value in held])
 
 
 def predicted(scene: Scene, references: Sequence[Reference]) -> Shares:
-    """Predict the references that are tissue.
+    """Predict the films' share of the load on the references that are blocks of tissue.
 
     Args:
-        scene: its probe, contact and kind of tissue count; inclusions, placement and tilt do not.
-        references: those on ``inner`` and ``outer`` are left out, since they need no prediction.
+        scene: for its probe, contact and kind of tissue; inclusions, placement and tilt are ignored.
+        references: pins and rings are skipped, since they need no prediction.
 
     Raises:
-        Refusal: the meridian level cannot take the probe, or a film is not pressed.
+        Refusal: the axisymmetric evaluator cannot compute the probe, or a film is not pressed.
     """
     by_radius = by_outer_radius(scene)
     names = tuple(key for key in values(by_radius) if key.startswith("probe."))
@@ -131,17 +131,17 @@ def predicted(scene: Scene, references: Sequence[Reference]) -> Shares:
 
 
 def log_ratios(scene: Scene, references: Sequence[Reference]) -> Floats:
-    """Return ln(F_inner / F_outer) alone on the references that are tissue, shape (blocks,); see ``predicted``."""
+    """Return ln(F_inner / F_outer) on the references that are tissue, shape (blocks,); see ``predict_blocks``."""
     by_radius = by_outer_radius(scene)
     return np.array([_solved(on_block(by_radius, one))[1] for one in references if one.on == "tissue"])
 
 
 def inner_shares(log_ratios: Floats, references: Sequence[Reference]) -> Floats:
-    """Return the share of the load that the inner film feels on each reference, shape (n,).
+    """Return the inner film's share of the load on each reference, shape (n,).
 
     Args:
-        log_ratios: ln(F_inner / F_outer) on those that are tissue, in their order.
-        references: pin and ring press one film alone.
+        log_ratios: ln(F_inner / F_outer) on the references that are tissue, in their order.
+        references: all references; a pin presses the inner film only, a ring the outer one.
     """
     blocks = iter(expit(log_ratios))
     known = ({"inner": 1.0, "outer": 0.0}.get(one.on) for one in references)
@@ -149,7 +149,7 @@ def inner_shares(log_ratios: Floats, references: Sequence[Reference]) -> Floats:
 
 
 def on_block(scene: Scene, reference: Reference) -> Scene:
-    """Return the scene's probe in the middle of a homogeneous block."""
+    """Build the scene of the probe in the middle of a homogeneous reference block."""
     tissue = scene.tissue.model_copy(update={"youngs_modulus": reference.youngs_modulus, "layer": ()})
     data = scene.model_dump(exclude_unset=True, exclude={"inclusion", "tissue", "placement"})
     upright = data | {"tissue": tissue.model_dump(exclude_unset=True), "placement": Placement().model_dump()}
@@ -157,13 +157,13 @@ def on_block(scene: Scene, reference: Reference) -> Scene:
 
 
 def by_outer_radius(scene: Scene) -> Scene:
-    """Return the scene with its probe written by its outer radius, which is what a workshop measures."""
+    """Return the scene with the probe's outer radius in place of its area ratio, since a workshop measures the radius."""
     probe = scene.probe.model_dump(exclude_unset=True, exclude={"area_ratio"}) | {"outer_radius": scene.probe.tube_radius}
     return Scene.model_validate(scene.model_dump(exclude_unset=True) | {"probe": probe}, context=SI)
 
 
 def _solved(scene: Scene) -> tuple[Converged, float]:
-    """The probe on a block, and ln(F_inner / F_outer) there."""
+    """Solve the probe on a block; return the solution and ln(F_inner / F_outer)."""
     solution = Axisymmetric().converged(scene, ACCURACY)
     ratio = outputs(scene, solution.films[0])["ratio"]
     if ratio is None or ratio <= 0:
@@ -182,7 +182,7 @@ def _share(scene: Scene, names: tuple[str, ...]) -> Share:
 
 
 def _by_areas(scene: Scene, name: str) -> float:
-    """Derivative of ln(A_inner / A_outer), which turns a ratio of stresses into one of forces."""
+    """Return the derivative of ln(A_inner / A_outer), the areas' ratio, which converts a ratio of stresses to one of forces."""
     if name not in ("probe.inner_radius", "probe.outer_radius", "probe.gap"):
         return 0.0
     step = STEP * values(scene)[name]
@@ -191,7 +191,7 @@ def _by_areas(scene: Scene, name: str) -> float:
 
 
 def _tolerance(name: str, value: float, workshop: Workshop) -> float:
-    if name == MODULI:  # each block's own tolerance counts, see ``Share.variance``
+    if name == MODULI:  # counted for each block in ``BlockPrediction.compute_variance``
         return 0.0
     if name.endswith("modulus"):
         return workshop.modulus * value

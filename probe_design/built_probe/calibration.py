@@ -1,4 +1,4 @@
-"""Calibration: from readings on references to the gain matrix."""
+"""Calibrate a probe: from readings on references to the gain matrix."""
 
 from __future__ import annotations
 
@@ -24,22 +24,21 @@ from probe_design.built_probe.load_checks import check_reference_loads, within_l
 from probe_design.built_probe.phase_lags import lag_warnings
 from probe_design.built_probe.trusted_gains import trusted
 
-SAME = 0.01  # relative, by which the loads' frequencies may differ
+SAME = 0.01  # largest relative difference of the loads' frequencies
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """Gains with what they come from.
+    """The gains of a probe, with the readings and assumptions behind them.
 
     Attributes:
-        scene, bench: what was taken as known.
-        gains: M with its covariance.
-        variables: that ``gains.slopes`` refers to.
-        frequency: mean of the loads', Hz.
-        offsets: of both films' channels, V, the mean of all readings, shape (2,).
-        offsets_sd: of them, by the readings' scatter.
-        readings: what was read on each reference.
-        residuals: readings minus M f, each over its standard deviation by noise, shape (readings, 2).
+        scene, bench: the probe as drawn and the bench, taken as known.
+        gains: the gain matrix M of eq. BP.1 with its covariance.
+        variables: names of the variables of ``gains.slopes``.
+        frequency: mean frequency of the loads, Hz.
+        offsets: of both films' channels, V, mean of all readings, shape (2,).
+        offsets_sd: standard deviations of ``offsets``, from the readings' scatter, V.
+        readings: one observation for each reference.
         warnings: one line each.
     """
 
@@ -60,16 +59,17 @@ def calibrate(
     """Calibrate a probe.
 
     Args:
-        scene: the probe as drawn; its tissue's shape and Poisson's ratio are the blocks'.
+        scene: the probe as drawn; the blocks have its tissue's shape and Poisson's ratio.
         bench: references and tolerances.
         samples: one reading for each of the bench's references, in their order.
-        shares: the predictions, where they are known already.
-        linear: whether to take loads whose finite strain may change a prediction by more than 0.8 %; it is counted anyway.
+        shares: the predictions, if they are known already.
+        linear: whether to accept loads whose finite strain may change a prediction by more than 0.8 %; it is counted anyway.
 
     Raises:
         HardwareError: a reading has gaps, is saturated, too short or drifts.
-        InputError: the references cannot tell the gains, or the readings contradict each other: see ``trusted_gains.trusted``.
-        Refusal: the meridian level cannot take the probe, or a load is beyond what linear elasticity allows.
+        InputError: the references do not determine the gains, or the readings contradict each other: see
+            ``trusted_gains.estimate_trusted_gains``.
+        Refusal: the axisymmetric evaluator cannot compute the probe, or a load is above the limit of linear elasticity.
     """
     _check_count(samples, bench)
     measurements = [_on(reference, one, bench, scene) for reference, one in zip(bench.reference, samples, strict=True)]
@@ -79,7 +79,7 @@ def calibrate(
 def calibrated(
     scene: Scene, bench: Bench, measurements: Sequence[Measurement], shares: Shares | None = None, *, linear: bool = False
 ) -> Calibration:
-    """Calibrate from readings as ``film_forces.strict_reading`` returns them; else as ``calibrate``."""
+    """Calibrate from measurements by ``film_forces.measure_strict_reading``; otherwise as ``calibrate``."""
     _check_count(measurements, bench)
     observations = tuple(observed(one, reference, scene) for one, reference in zip(measurements, bench.reference, strict=True))
     predictions = predicted(scene, bench.reference) if shares is None else shares
@@ -88,7 +88,7 @@ def calibrated(
     lags = lag_warnings(measurements, bench.reference, bench)
     try:
         gains, notes = trusted(observations, predictions, bench)
-    except InputError as fault:  # a film that lags is worth knowing of where readings contradict each other
+    except InputError as fault:  # a film's lag may explain the contradiction
         raise InputError(fault.key, fault.value, "; ".join([fault.allowed, *lags])) from None
     gains = gains_with_rate_doubt(gains, measurements, bench)
     offsets = np.array([one.fit.offsets[:2] for one in measurements])
@@ -107,7 +107,7 @@ def calibrated(
 
 
 def waveform_warnings(measurements: Sequence[Measurement], references: Sequence[Reference]) -> tuple[str, ...]:
-    """Return what each reading warns of, with the names of its references."""
+    """List the warnings of all readings, each with the names of the references on which it occurs."""
     found: dict[str, list[str]] = {}
     for one, reference in zip(measurements, references, strict=True):
         for text in one.warnings:
@@ -121,7 +121,7 @@ def _check_count(readings: Sequence[Samples] | Sequence[Measurement], bench: Ben
 
 
 def _on(reference: Reference, samples: Samples, bench: Bench, scene: Scene) -> Measurement:
-    """A reading; what is wrong with one is told with its reference."""
+    """Measure a reading on a reference; an error names the reference."""
     try:
         return strict_reading(samples, bench, scene)
     except HardwareError as fault:
@@ -144,5 +144,5 @@ def _warnings(gains: Gains, bench: Bench) -> list[str]:
         warnings.append("no force channel: the ratio is calibrated, the stresses' common factor is not")
     for measured, entry in zip(gains.cross_talk_resolved, ("inner from outer", "outer from inner"), strict=True):
         if not measured:
-            warnings.append(f"cross-talk {entry}: the readings hardly tell it; what the bench assumes stands")
+            warnings.append(f"cross-talk {entry}: the readings do not determine it; the bench's assumption stands")
     return warnings

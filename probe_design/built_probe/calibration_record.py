@@ -1,4 +1,4 @@
-"""The calibration record: a plain TOML file, written whole, never over another."""
+"""Write and read calibration records: TOML files that are written completely, and never over another file."""
 
 from __future__ import annotations
 
@@ -29,22 +29,22 @@ from probe_design.built_probe.probe_identity import LONGEST
 
 FORMAT: Literal["probe-design calibration"] = "probe-design calibration"
 VERSION: Literal[1] = 1
-HEADER = """# A calibration of a tactile probe, by `probe-design calibrate`; docs/guides/hardware.md tells what each number means.
+HEADER = """# A calibration of a tactile probe, by `probe-design calibrate`; docs/guides/hardware.md explains each number.
 # reading / N of nominal gain = matrix @ film force / N; rows and columns: inner, outer film. Covariances row by row.
 """
 T = TypeVar("T")
 Listed = Annotated[T, Field(strict=False)]  # a tuple, which TOML writes as a list
-Finite = Annotated[float, Field(ge=-1e30, le=1e30)]  # their products are finite too
+Finite = Annotated[float, Field(ge=-1e30, le=1e30)]  # so that products are finite, too
 Row = Listed[tuple[Finite, ...]]
 
 
 @dataclass(frozen=True)
 class Raw:
-    """Where a reading's raw data are.
+    """The raw data of a reading.
 
     Attributes:
-        sha256: of the recorded file, or of the samples where nothing was recorded.
-        file: its name, or "" where nothing was recorded.
+        sha256: of the recorded file, or of the samples if nothing was recorded.
+        file: its name, or "" if nothing was recorded.
     """
 
     sha256: str
@@ -52,7 +52,7 @@ class Raw:
 
 
 class ReadingRecord(Frozen):
-    """What was read on one reference: N of nominal gain."""
+    """The reading on one reference, in N of nominal gain."""
 
     on: str
     films: Row
@@ -63,7 +63,7 @@ class ReadingRecord(Frozen):
 
 
 class ForceScaleRecord(Frozen):
-    """What was found of the force channel; see ``force_scale.ForceScale``."""
+    """The estimated scale of the force channel; see ``force_scale.ForceScale``."""
 
     factor: float = Field(default=1.0, ge=1e-3, le=1e3)
     sd: float = Field(default=0.0, ge=0.0, le=1e3)
@@ -72,7 +72,7 @@ class ForceScaleRecord(Frozen):
 
 
 class CalibrationRecord(Frozen):
-    """The file's tables as they stand there; ``gains()``, ``scene_read()`` and ``bench_read()`` give them their meaning."""
+    """The tables of the file; ``build_gains``, ``build_scene`` and ``build_bench`` convert them to objects."""
 
     format: Literal["probe-design calibration"]
     version: Literal[1]
@@ -105,14 +105,14 @@ class CalibrationRecord(Frozen):
         shapes = (gains.matrix.shape, gains.covariance.shape, gains.slopes.shape, gains.workshop.shape)
         v = len(self.variables)
         if shapes != ((2, 2), (4, 4), (4, v), (v,)) or abs(np.linalg.det(gains.matrix)) < 1e-6:
-            raise InputError("matrix", Words("of a shape its covariance or slopes do not fit"), "what calibrate has written")
+            raise InputError("matrix", Words("of a shape that its covariance or slopes do not fit"), "what calibrate has written")
         beside = gains.covariance - gains.force_scale.covariance
         if np.linalg.eigvalsh(beside).min() < -1e-9 * max(np.trace(gains.covariance), 1e-12):
             raise InputError("covariance", Words("no covariance"), "what calibrate has written")
         return self
 
     def gains(self) -> Gains:
-        """Return the gain matrix with its covariance."""
+        """Build the gain matrix with its covariance."""
         return Gains(
             matrix=np.array(self.matrix, dtype=float),
             covariance=np.array(self.covariance, dtype=float),
@@ -126,22 +126,22 @@ class CalibrationRecord(Frozen):
         )
 
     def scene_read(self) -> Scene:
-        """Return the scene that the calibration took as known."""
+        """Build the scene that the calibration assumed."""
         return scene_from_dict(self.scene)
 
     def bench_read(self) -> Bench:
-        """Return the bench."""
+        """Build the bench that the calibration assumed."""
         return bench_from_dict(self.bench)
 
 
 def record(calibration: Calibration, raw: Sequence[Raw], device: str, serial: str | None = None) -> CalibrationRecord:
-    """Return the record of a calibration.
+    """Build the record of a calibration.
 
     Args:
-        calibration: what was found.
-        raw: where its readings are, in their order.
-        device: that was read, in words.
-        serial: number of its board, where all readings tell the same one.
+        calibration: the result.
+        raw: raw data of its readings, in their order.
+        device: description of the device.
+        serial: serial number of its board, if all readings have the same one.
     """
     gains = calibration.gains
     readings = tuple(
@@ -170,10 +170,10 @@ def record(calibration: Calibration, raw: Sequence[Raw], device: str, serial: st
 
 
 def write_record(path: Path, contents: CalibrationRecord) -> Path:
-    """Write a record whole; returns ``path``.
+    """Write a record and return ``path``.
 
     Raises:
-        InputError: there is a file of that name.
+        InputError: the file exists.
     """
     import tomli_w
 
@@ -196,6 +196,6 @@ def read_record(path: Path | str) -> CalibrationRecord:
 
 
 def check_free(path: Path) -> None:
-    """Raise ``InputError`` if there is a file of that name."""
+    """Raise ``InputError`` if the file exists."""
     if os.path.exists(path):
         raise InputError("output", str(path), "a name that is not taken: calibrations are never overwritten")

@@ -1,8 +1,9 @@
-"""Which exchange of cables or references would explain readings that contradict each other.
+"""Find the exchange of cables or references that would explain readings that contradict each other.
 
-An exchange is tried as it would be mended: the films' readings change places, or readings their references, and the fit is
-judged again. The fewest exchanges win; those of one number that all do are named together. Single exchanges of two references
-are tried in the order in which they bring the films' shares to the expected ones; last, all readings as these shares rank.
+An exchange is undone in the data: the films' readings change places, or readings their references, and the fit is repeated. The
+smallest number of exchanges wins; all exchanges of that number that explain the readings are named together. Exchanges of two
+references are tried in the order of how close they bring the films' shares of the load to the expected ones. Last, all readings
+are assigned in the order of their shares.
 """
 
 from __future__ import annotations
@@ -18,29 +19,29 @@ from geometry.common.errors import InputError, Words
 from hw.signal.measure import FILMS
 from probe_design.built_probe.bench import Bench, Reference
 
-FAR = 4.0  # standard deviations by which a gain may be off what the bench says of the channels
+FAR = 4.0  # standard deviations by which a gain may differ from the bench's statement
 READ_AGAIN = "put it right, and read again"
-TRIED = 24  # exchanges of two references, the most promising ones
-SHOWS = 3.0  # standard deviations by which a film's charge stands out from its noise
-DEAD = 0.1  # share of what a film should feel below which it feels nothing
+TRIED = 24  # exchanges of two references that are tried, the most promising ones
+SHOWS = 3.0  # standard deviations of noise from which a film's charge is significant
+DEAD = 0.1  # fraction of the expected force below which a film counts as dead
 
 Order = tuple[int, ...]
 
 
 @dataclass(frozen=True)
 class Misplacement:
-    """What may have been exchanged.
+    """A possible exchange of cables or references.
 
     Attributes:
-        channels: whether the films' channels were.
-        order: by reading the index of the reference that it was taken on.
+        channels: whether the films' channels were exchanged.
+        order: for each reading the index of the reference on which it was taken.
     """
 
     channels: bool
     order: Order
 
     def told(self, references: Sequence[Reference]) -> str:
-        """Name it."""
+        """Describe the exchange in words."""
         parts = ["the films' channels (cables)"] if self.channels else []
         moved = [k for k, at in enumerate(self.order) if at != k]
         if len(moved) == 2:
@@ -50,18 +51,18 @@ class Misplacement:
         return "; besides, ".join(parts)
 
     def mended(self, films: Floats) -> Floats:
-        """Return one reading of both films as it is when their channels are put right, shape (2,) or (2, 2)."""
+        """Return one reading of both films, or its covariance, with the channels restored, shape (2,) or (2, 2)."""
         return films if not self.channels else np.flip(films)
 
 
 def explaining(films: Floats, expected: Floats, doubt: float, agrees: Callable[[Misplacement], bool]) -> tuple[Misplacement, ...]:
-    """Return the simplest exchanges with which the readings agree; none if there are none.
+    """Find the simplest exchanges with which the readings agree; return an empty tuple if there are none.
 
     Args:
         films: both films' readings on each reference, of nominal gain, shape (n, 2).
-        expected: shares of the load that the inner film should feel there, shape (n,).
-        doubt: by which a share may be off, where neither is small: what is off by more is not tried.
-        agrees: whether the readings do once an exchange is undone.
+        expected: the inner film's expected shares of the load, shape (n,).
+        doubt: largest error of a share; an exchange that leaves a larger one is not tried.
+        agrees: whether the readings agree once an exchange is undone.
     """
     shares = films[:, 0] / films.sum(axis=1)
     for equals in _candidates(shares, expected):
@@ -73,36 +74,36 @@ def explaining(films: Floats, expected: Floats, doubt: float, agrees: Callable[[
 
 
 def dead_film(films: Floats, expected: Floats) -> str | None:
-    """Return the name of a film that feels less than ``DEAD`` of what it should on every reference that should press it.
+    """Return the name of a film with less than 10 % of the expected force on every reference that should press it, or None.
 
-    Both at once are no dead films: they may feel each other's load.
+    If this holds for both films, None is returned: their cables may be exchanged.
 
     Args:
         films: both films' readings, shape (n, 2).
-        expected: shares of the load that the inner film should feel, shape (n,).
+        expected: the inner film's expected shares of the load, shape (n,).
     """
     shares = np.stack([expected, 1 - expected], axis=1)
-    load = np.abs(films).sum(axis=1)[:, None]  # of a film that is dead nothing is known: the load is the other's, or more
+    load = np.abs(films).sum(axis=1)[:, None]  # a dead film adds nothing: the sum is a lower limit of the load
     pressed, felt = shares > DEAD, np.abs(films) >= DEAD * shares * load
     dead = [name for k, name in enumerate(FILMS) if pressed[:, k].any() and not (pressed & felt)[:, k].any()]
     return dead[0] if len(dead) == 1 else None
 
 
 def share_doubt(bench: Bench) -> float:
-    """By which a share may be off for all that the bench says: a gain off by g shifts it by up to g / 4."""
+    """Return the largest error of a share that the bench's tolerances allow; a relative gain error g shifts it by up to g / 4."""
     return FAR * (bench.channels.gain + bench.channels.cross_talk)
 
 
 def check_films(films: Floats, expected: Floats, deviations: Floats) -> None:
-    """Refuse readings of which a film is dead, of reversed polarity, or below its noise.
+    """Refuse readings in which a film is dead, of reversed polarity, or below its noise.
 
     Args:
         films: both films' readings, shape (n, 2).
-        expected: shares of the load that the inner film should feel, shape (n,).
-        deviations: standard deviations of ``films`` by noise, shape (n, 2).
+        expected: the inner film's expected shares of the load, shape (n,).
+        deviations: standard deviations of ``films`` due to noise, shape (n, 2).
 
     Raises:
-        InputError: names the film, or the polarity.
+        InputError: one of these faults; the message names the film, or the polarity.
     """
     dead = dead_film(films, expected)
     if dead is not None:
@@ -121,13 +122,13 @@ def check_films(films: Floats, expected: Floats, deviations: Floats) -> None:
 
 
 def _off(shares: Floats, expected: Floats, exchange: Misplacement) -> float:
-    """The most by which a share is off what is expected with an exchange undone."""
+    """Return the largest difference between a share and its expected value with an exchange undone."""
     read = 1 - shares if exchange.channels else shares
     return float(np.abs(read - expected[list(exchange.order)]).max())
 
 
 def _candidates(shares: Floats, expected: Floats) -> Iterator[list[Misplacement]]:
-    """Lists of exchanges, each as simple as the others of its list."""
+    """Yield lists of equally simple exchanges, the simplest first."""
     here = tuple(range(len(shares)))
     plain, turned = (_transpositions(inner, expected) for inner in (shares, 1 - shares))
     yield [Misplacement(True, here), *(Misplacement(False, order) for order in plain)]
@@ -136,7 +137,7 @@ def _candidates(shares: Floats, expected: Floats) -> Iterator[list[Misplacement]
 
 
 def _transpositions(shares: Floats, expected: Floats) -> list[Order]:
-    """Those of two references that bring the shares closest to the expected ones."""
+    """Return the exchanges of two references that bring the shares closest to the expected ones, the best first."""
 
     def left(order: Order) -> float:
         return float(np.sum((shares - expected[list(order)]) ** 2))
@@ -147,7 +148,7 @@ def _transpositions(shares: Floats, expected: Floats) -> list[Order]:
 
 
 def _sorted(shares: Floats, expected: Floats) -> Order:
-    """The references in the order in which the readings' shares rank."""
+    """Assign the references to the readings by the rank of their shares."""
     order = np.empty(len(shares), dtype=int)
     order[np.argsort(shares)] = np.argsort(expected)
     return tuple(order.tolist())

@@ -1,11 +1,12 @@
-"""Readings of the built probe as data for an estimate: each ratio with its noise, and what it shares with the others.
+"""Read readings of the built probe as data for an estimate: each ratio with its noise and its shared error.
 
-The noise of a reading is its own; calibration and amplifiers are off by the same in all readings that they serve. The covariance
-is diag(n^2) + S with S_ii = c_i^2 and whatever correlation. As no correlation matrix of k readings has an eigenvalue above k,
+The noise n_i of a reading i is independent; errors c_i of calibration and amplifiers are shared by all readings that they serve.
+The covariance is diag(n^2) + S with S_ii = c_i^2 and any correlation. As no correlation matrix of k readings has an eigenvalue
+above k,
 
     S <= k diag(c^2)                                                                                     (BP.5)
 
-and independent errors of sqrt(n_i^2 + k c_i^2) understate no combination of the readings: what is common never averages out.
+and independent errors of sqrt(n_i^2 + k c_i^2) understate no combination of the readings: a shared error never averages out.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from probe_design.built_probe.reading import Read, read
 from solver.results.result import Result
 
 PHASE = ("ratio_phase", "ratio_phase_uncertainty")
-LARGEST, FARTHEST, VAGUEST = 1e150, 10.0, 1e3  # a number; from the tissue's middle, m; a relative standard deviation
+LARGEST, FARTHEST, VAGUEST = 1e150, 10.0, 1e3  # limits of any number; of a position, m; of a relative standard deviation
 LARGEST_FILE = 1_000_000  # bytes of what `read --json` prints
 WRITTEN = "what `probe-design read --json` has printed"
 NO_SAMPLES = Fingerprint((), ())
@@ -44,13 +45,13 @@ class FieldReading:
     """One reading of the probe over tissue.
 
     Attributes:
-        ratio: as read.
-        noise: its relative standard deviation by the reading's own noise.
-        shared: likewise by calibration and amplifiers.
+        ratio: stress ratio as read.
+        noise: relative standard deviation of ``ratio`` due to the reading's own noise.
+        shared: relative standard deviation of ``ratio`` due to calibration and amplifiers.
         calibration: SHA-256 of the calibration's file; None: nominal gains.
         force: of the load, N.
-        placement: x and y of the probe's axis in m where the reading tells them.
-        phase: by which stress_inner leads stress_outer, rad, and its standard deviation, where the reading tells it.
+        placement: x and y of the probe's axis, m, or None if not recorded.
+        phase: phase by which stress_inner leads stress_outer and its standard deviation, rad, or None if not recorded.
         fingerprint: of its samples.
     """
 
@@ -65,7 +66,7 @@ class FieldReading:
 
 
 def noise_of(measurement: Measurement, scene: Scene, bench: Bench, gains: Gains | None) -> float:
-    """Return the relative standard deviation of a ratio by the reading's own noise, gains and amplifiers being exact."""
+    """Return the relative standard deviation of a ratio due to the reading's noise, for exact gains and amplifiers."""
     effective = replace(Gains.nominal(bench) if gains is None else gains, covariance=np.zeros((4, 4)))
     films, noise = newtons(measurement, scene)
     slopes = np.array([1.0, -1.0]) / effective.forces(films)
@@ -73,7 +74,7 @@ def noise_of(measurement: Measurement, scene: Scene, bench: Bench, gains: Gains 
 
 
 def read_told(result: Read, noise: float, origin: dict[str, Any], scene: Scene, fingerprint: Fingerprint) -> dict[str, Any]:
-    """Return the JSON object of `read`: with what an estimate needs besides.
+    """Build the JSON object of `read`, including the data that an estimate needs.
 
     Args:
         result: the reading.
@@ -90,15 +91,15 @@ def read_told(result: Read, noise: float, origin: dict[str, Any], scene: Scene, 
 def without_prediction(
     measurement: Measurement, scene: Scene, bench: Bench, gains: Gains | None, *, origin: dict[str, Any], fingerprint: Fingerprint
 ) -> dict[str, Any]:
-    """Return the JSON object of `read` for a reading that nothing is compared with."""
+    """Build the JSON object of `read` for a reading without a prediction."""
     result = read(measurement, scene, bench, Result("none", 0.0), gains)
     return read_told(result, noise_of(measurement, scene, bench, gains), origin, scene, fingerprint)
 
 
 def placement_of(source: dict[str, Any]) -> Any:
-    """Return the placement that a recording's source tells, as it stands there, or None."""
+    """Return the placement in a recording's source, not validated, or None."""
     place = source.get("placement")
-    if not isinstance(place, str):  # HDF5 keeps it as a text
+    if not isinstance(place, str):  # HDF5 stores it as text
         return place
     try:
         return json.loads(place)
@@ -107,15 +108,15 @@ def placement_of(source: dict[str, Any]) -> Any:
 
 
 def field_reading(told: dict[str, Any], name: str, scene: Scene) -> FieldReading:
-    """Return a reading from the JSON object of `read`.
+    """Build a reading from the JSON object of `read`.
 
     Args:
         told: the object.
         name: of its file, for messages.
-        scene: with the probe that must have been read.
+        scene: for the probe, which must be the same.
 
     Raises:
-        InputError: it is none, its ratio is null, or it was read with another probe.
+        InputError: the object is no reading, its ratio is null, or it is of another probe.
     """
     _check_probe(told, name, scene)
     fingerprint = Fingerprint.from_dict(told.get("fingerprint"))
@@ -144,10 +145,10 @@ def field_reading(told: dict[str, Any], name: str, scene: Scene) -> FieldReading
 
 
 def read_result(path: Path) -> dict[str, Any] | None:
-    """Return the JSON object of a file; None where it is another kind of file.
+    """Read the JSON object of a file; return None for another kind of file.
 
     Raises:
-        InputError: it cannot be read, or ends as JSON and is none.
+        InputError: the file cannot be read, or has the suffix .json and is no such object.
     """
     try:
         with path.open("rb") as file:
@@ -169,14 +170,14 @@ def read_result(path: Path) -> dict[str, Any] | None:
 
 
 def check_different(key: str, readings: Sequence[tuple[str, Fingerprint]]) -> None:
-    """Refuse one press given as two readings, whatever the files' names and formats: its noise would count for less than it is.
+    """Refuse one press that is given as two readings, in files of any name and format: its noise would be understated.
 
     Args:
-        key: of what is refused.
-        readings: file and fingerprint of each.
+        key: for the message.
+        readings: file and fingerprint of each reading.
 
     Raises:
-        InputError: two are of the same samples.
+        InputError: two readings are of the same samples.
     """
     for k, (name, fingerprint) in enumerate(readings):
         for other, before in readings[:k]:
@@ -194,7 +195,7 @@ def _check_probe(told: dict[str, Any], name: str, scene: Scene) -> None:
 
 
 def spreads(readings: Sequence[FieldReading]) -> tuple[float, ...]:
-    """Return relative standard deviations that count as independent, eq. BP.5."""
+    """Return the relative standard deviations of readings that are then treated as independent, eq. BP.5."""
     count = Counter(one.calibration for one in readings)
     return tuple(math.sqrt(one.noise**2 + count[one.calibration] * one.shared**2) for one in readings)
 
@@ -207,7 +208,7 @@ def _number(told: dict[str, Any], key: str, name: str) -> float:
 
 
 def _is_number(value: Any) -> TypeGuard[float]:
-    """Whether it is one, and of a size whose square is one: no reading's is larger."""
+    """Whether a value is a number whose square does not overflow."""
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < LARGEST
 
 

@@ -1,4 +1,4 @@
-"""One reading of the probe: from samples to film forces in newtons of nominal gain, and what the films' temperature did."""
+"""Evaluate one reading of the probe: from samples to film forces in newtons of nominal gain, and the films' warming."""
 
 from __future__ import annotations
 
@@ -23,31 +23,31 @@ PYROELECTRIC = 30e-6  # C / (m^2 K), PHYSICS.md section 6: of PVDF
 
 
 def reading(samples: Samples, bench: Bench, calibrated_at: float | None = None) -> Measurement:
-    """Return a reading, gaps and saturation noted and left out. Raises ``HardwareError``."""
+    """Measure a reading; gaps and saturated samples are counted and left out. Raises ``HardwareError``."""
     sensitivity = None if bench.force is None else bench.force.sensitivity
     measurement = measure(samples, bench.amplifier.built(), bench.load.frequency, sensitivity, calibrated_at)
     return _corrected(measurement, bench, calibrated_at)
 
 
 def running_reading(running: RunningFit, bench: Bench, calibrated_at: float | None = None) -> Measurement:
-    """Return a reading that was fitted as it came, likewise. Raises ``HardwareError``."""
+    """Measure a reading that was fitted while it came; see ``measure_reading``. Raises ``HardwareError``."""
     sensitivity = None if bench.force is None else bench.force.sensitivity
     measurement = measured(running.fit(), running.losses, bench.amplifier.built(), sensitivity, calibrated_at)
     return _corrected(measurement, bench, calibrated_at)
 
 
 def _corrected(measurement: Measurement, bench: Bench, calibrated_at: float | None) -> Measurement:
-    """Return a reading with each film's own amplifier divided out, and what lag and rate leave in doubt."""
+    """Divide by each film's own amplifier response, and add the errors of the force channel's lag and the sampling rate."""
     behind_own = with_own_amplifiers(measurement, bench.amplifier, calibrated_at)
     return with_rate_doubt(with_force_lag(behind_own, bench), bench, calibrated_at)
 
 
 def strict_reading(samples: Samples, bench: Bench, scene: Scene) -> Measurement:
-    """Return a reading that a calibration or a check may use.
+    """Measure a reading for a calibration or a check, which allow no losses.
 
     Raises:
-        HardwareError: gaps, saturation, too few cycles, no load, or a temperature that drifts.
-        InputError: a load that is 30 times what is pressed.
+        HardwareError: the reading has gaps, saturation, too few cycles, no load, or a drift of temperature.
+        InputError: the load is 30 times the expected one.
     """
     measurement = checked(reading(samples.whole(), bench), bench.load.least_cycles)
     check_pressed(float(newtons(measurement, scene)[0].sum()), scene, bench)
@@ -63,18 +63,18 @@ def strict_reading(samples: Samples, bench: Bench, scene: Scene) -> Measurement:
 
 
 def observed(measurement: Measurement, reference: Reference, scene: Scene) -> Observed:
-    """Return a reading on a reference in newtons of nominal gain."""
+    """Build the observation of a reference from its measurement, in newtons of nominal gain."""
     films, covariance = newtons(measurement, scene)
     return Observed(reference, films, covariance, measurement.force, measurement.force_sd, measurement.force_doubt)
 
 
 def newtons(measurement: Measurement, scene: Scene, tolerance: bool = False) -> tuple[Floats, Floats]:
-    """Return both films' readings over the nominal charge per force, N, (2,), and their covariance, (2, 2).
+    """Return both films' charges over the nominal charge per force, N, (2,), and their covariance, N^2, (2, 2).
 
     Args:
-        measurement: a reading.
+        measurement: of both films.
         scene: for its film.
-        tolerance: whether what the amplifiers' parts may add is counted.
+        tolerance: whether the covariance includes the tolerances of the amplifiers' parts.
     """
     per_newton = abs(charge_per_force(scene))
     if per_newton == 0:
@@ -84,10 +84,11 @@ def newtons(measurement: Measurement, scene: Scene, tolerance: bool = False) -> 
 
 
 def warming(measurement: Measurement, bench: Bench, probe: Probe) -> Floats:
-    """Return the most by which each film's temperature may have changed during a reading, K, shape (2,).
+    """Return an upper bound of each film's change of temperature during a reading, K, shape (2,).
 
+    p is the pyroelectric coefficient, A the film's area, T its temperature, Rf, Cf and tau those of the amplifier.
     A steady rate leaves p A dT/dt through the feedback resistor, an offset V = Rf p A dT/dt; a change within tau the charge
-    p A dT, a drift V = p A dT / Cf (BP.3). The electronics' own offset counts with them, so that this is a bound.
+    p A dT, a drift V = p A dT / Cf (BP.3). The electronics' own offset adds to them, so that this is a bound.
     """
     areas = PYROELECTRIC * np.array([probe.inner_area, probe.outer_area])
     resistance, capacitance = np.array([[one.resistance, one.capacitance] for one in bench.amplifier.of_films()]).T
@@ -96,6 +97,6 @@ def warming(measurement: Measurement, bench: Bench, probe: Probe) -> Floats:
 
 
 def newtons_per_kelvin(scene: Scene) -> Floats:
-    """Force on each film whose charge equals that of warming it by 1 K, N/K, shape (2,)."""
+    """Return the force on each film whose charge equals that of warming it by 1 K, N/K, shape (2,)."""
     areas = np.array([scene.probe.inner_area, scene.probe.outer_area])
     return np.asarray(PYROELECTRIC * areas / abs(charge_per_force(scene)))

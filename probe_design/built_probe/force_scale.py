@@ -1,12 +1,12 @@
-"""The force channel's scale: what it shows over what it should, which no reading of the films alone can confirm.
+"""Estimate the force channel's scale, its reading over the true force, which readings of the films alone cannot confirm.
 
-A sensor that reads 10 % high makes all gains 10 % too small and contradicts nothing. Its maker's tolerance counts once a known
+A sensor that reads 10 % high makes all gains 10 % too small and contradicts nothing. Its maker's tolerance is used once a known
 load has confirmed it. Until then the scale k is unknown, and follows from the films' nominal gains, of standard deviation sigma
 each:
 
     F_read = k F,    (g_inner + g_outer) / 2 = 1 +- sigma / sqrt(2)                                        (BP.9)
 
-A reference of known load settles k.
+F is the true force, F_read the channel's reading, g_inner and g_outer the films' gains. A reference of known load determines k.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ import numpy as np
 from geometry.common.arrays import Floats
 from probe_design.built_probe.bench import Bench
 
-UNKNOWN_LN = 1.0  # standard deviation of ln k where nothing is known of it: the films' nominal gains outweigh it 400 times
-WORTH_TELLING = 3.0  # standard deviations of what the bench says of the sensor, beyond which its scale is reported
+UNKNOWN_LN = 1.0  # standard deviation of ln k if unknown: the films' nominal gains have 400 times the weight
+WORTH_TELLING = 3.0  # standard deviations of the bench's tolerance beyond which the scale is reported
 
 
 @dataclass(frozen=True)
 class ForceScale:
-    """What a calibration has found of the force channel.
+    """The force channel's scale as a calibration estimates it.
 
     Attributes:
-        factor: what it shows over the true force; 1 where it is not asked for.
+        factor: reading over true force; 1 without force channel.
         sd: relative standard deviation of ``factor``.
-        entries: by how much the entries of M are off with ``factor`` by one ``sd``, row by row, shape (4,); what is read with the
-            same channel shares it.
-        confirmed: whether a known load stands behind it; if not, the films' nominal gains do.
+        entries: change of the entries of M, row by row, for an error of ``factor`` by one ``sd``, shape (4,); readings with the
+            same channel share it.
+        confirmed: whether a known load determines the scale; if not, the films' nominal gains do.
     """
 
     factor: float = 1.0
@@ -41,23 +41,23 @@ class ForceScale:
 
     @property
     def covariance(self) -> Floats:
-        """Return what the channel adds to the covariance of the entries of M, shape (4, 4)."""
+        """Part of the covariance of the entries of M that is due to the scale, shape (4, 4)."""
         return np.outer(self.entries, self.entries)
 
 
 def prior_sd(bench: Bench, doubt: float) -> float:
-    """Return the standard deviation of ln k before any reading; ``doubt`` is what a lag may have changed in all alike."""
+    """Return the standard deviation of ln k before any reading; ``doubt`` is the relative error of a lag, common to all."""
     assert bench.force is not None
     return float(np.hypot(bench.force.tolerance if bench.force.verified else UNKNOWN_LN, doubt))
 
 
 def mean_gain_sd(bench: Bench) -> float:
-    """Return the standard deviation of the mean of both channels' gains about 1, films and amplifiers together."""
+    """Return the standard deviation of the mean of both channels' gains, due to films and amplifiers."""
     return float(np.sqrt(sum(bench.channels.gain**2 + one.capacitance_tolerance**2 for one in bench.amplifier.of_films())) / 2)
 
 
 def scale_warnings(scale: ForceScale, bench: Bench) -> list[str]:
-    """Return what is to be said of the force channel's scale: that nothing has confirmed it, or that it is off."""
+    """List the warnings on the force channel's scale: not confirmed by a known load, or different from 1."""
     if bench.force is None or scale.sd == 0:
         return []
     off = 100 * (scale.factor - 1)

@@ -1,13 +1,13 @@
-"""The gain matrix of both channels: what it makes of readings, and its estimate from readings on references.
+"""Apply the gain matrix of both channels to readings, and estimate it from readings on references.
 
 A reading y = Q / c (N, c the nominal charge per force) of film forces f is y = M f (BP.1): M has the relative gains on its
-diagonal and beside it the cross-talk. On a reference k under the load F_k, f = F_k (s, 1 - s): s is 1 or 0 for a pin or a ring,
-but for the share that leaks to the other block; ln(s / (1 - s)) = lambda_k is predicted for a block of tissue with an error that
-the solver, the block's modulus and the workshop leave. M, F_k, lambda_k and the leaks follow together from least squares (BP.2),
-each datum and each prediction with its covariance. A leak cannot be told from cross-talk but by what the blocks add.
+diagonal and the cross-talk off it. On a reference k under the load F_k, f = F_k (s, 1 - s): s is 1 or 0 for a pin or a ring,
+except for the fraction that leaks to the other block; ln(s / (1 - s)) = lambda_k is predicted for a block of tissue with errors
+of the solver, the block's modulus and the workshop. M, F_k, lambda_k and the leaks follow together from least squares (BP.2),
+each datum and each prediction with its covariance. Only the blocks' readings separate a leak from cross-talk.
 
-The force channel shows k F_k, k of eq. BP.9. Without it, and without a reference of known load, all F_k are free and M is told up
-to a common factor only.
+The force channel shows k F_k, with its scale k of eq. BP.9. Without it, and without a reference of known load, all F_k are free
+and M is determined only up to a common factor.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from probe_design.built_probe.block_predictions import Shares, inner_shares
 from probe_design.built_probe.force_scale import ForceScale, mean_gain_sd, prior_sd
 
 ENTRIES = ("inner gain", "inner from outer", "outer from inner", "outer gain")
-FACTOR = np.array([0, 1, 2])  # entries that are free where the outer gain is the unit
-PER_KELVIN = 0.005  # relative, by which a PVDF film's charge per force changes
-LEAST_TOLD = 0.2  # standard deviation of a gain above which it counts as not told
-STEPS = 25  # of the fit: readings that agree take ten
-PRIOR_ONLY = 0.7  # of what was assumed of a cross-talk: a standard deviation above it was not told by the readings
+FACTOR = np.array([0, 1, 2])  # free entries if the common factor is unknown: the outer gain is then 1
+PER_KELVIN = 0.005  # relative change of a PVDF film's charge per force, 1/K
+LEAST_TOLD = 0.2  # relative standard deviation of a gain above which the readings do not determine it
+STEPS = 25  # iterations of the fit; readings that agree take ten
+PRIOR_ONLY = 0.7  # posterior over prior standard deviation of a cross-talk above which the readings do not determine it
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Observed:
         covariance: of them by noise, N^2, shape (2, 2).
         force: amplitude of the load by the force channel, N, or None.
         force_sd: by noise, N.
-        force_doubt: relative, by which whatever makes the force channel lag may have changed it, in all readings alike.
+        force_doubt: relative error of ``force`` that a lag of the force channel may cause, common to all readings.
     """
 
     reference: Reference
@@ -61,18 +61,18 @@ class Observed:
 
 @dataclass(frozen=True)
 class Gains:
-    """The gain matrix with what is known of its error.
+    """The gain matrix with its uncertainty.
 
     Attributes:
         matrix: M of eq. BP.1, shape (2, 2).
         covariance: of its entries row by row, shape (4, 4).
-        slopes: by how much the estimate moves per SI unit by which a design variable is off its drawing, shape (4, v).
-        workshop: standard deviations of these variables that ``covariance`` counts, SI, shape (v,).
-        absolute: whether a force channel has told the common factor.
-        cross_talk_resolved: whether the readings have told each cross-talk, or what was assumed of it stands.
+        slopes: derivatives of the entries with respect to the design's variables, per SI unit, shape (4, v).
+        workshop: standard deviations of these variables, SI, shape (v,); ``covariance`` includes their effect.
+        absolute: whether a force channel or a known load determines the common factor.
+        cross_talk_resolved: whether the readings determine each cross-talk; if not, the assumed one stands.
         chi_square: of the fit.
-        freedom: its degrees of freedom.
-        force_scale: what was found of the force channel, whose part ``covariance`` counts.
+        freedom: degrees of freedom of the fit.
+        force_scale: scale of the force channel; ``covariance`` includes its effect.
     """
 
     matrix: Floats
@@ -87,7 +87,7 @@ class Gains:
 
     @classmethod
     def nominal(cls, bench: Bench) -> Gains:
-        """Return what is known without calibration."""
+        """Return nominal gains with the bench's tolerances, as known without calibration."""
         gain, cross = bench.channels.gain**2, bench.channels.cross_talk**2
         return cls(
             matrix=np.eye(2),
@@ -99,7 +99,7 @@ class Gains:
         )
 
     def warmed(self, kelvin: float) -> Gains:
-        """Return them at another temperature than the calibration's: each film's gain, a row of M, drifts on its own."""
+        """Add a change of temperature (1 sd, K) since the calibration: each film's gain, a row of M, drifts independently."""
         drift = PER_KELVIN * kelvin * np.kron(np.eye(2), np.ones((2, 1))).T @ np.diag(self.matrix.ravel())
         return replace(self, covariance=self.covariance + drift.T @ drift)
 
@@ -110,20 +110,20 @@ class Gains:
 
     @property
     def as_drawn(self) -> Floats:
-        """Covariance of the entries if the probe is as drawn: without the workshop's part, shape (4, 4)."""
+        """Covariance of the entries for a probe exactly as drawn, without the workshop's tolerances, shape (4, 4)."""
         spread = self.slopes * self.workshop
         return np.asarray(self.covariance - spread @ spread.T)
 
     def forces(self, films: Floats) -> Floats:
-        """Film forces f, N, from readings y, N, shape (2,)."""
+        """Return the film forces f, N, from readings y, N, shape (2,)."""
         return np.asarray(np.linalg.solve(self.matrix, films), dtype=float)
 
     def by_entries(self, films: Floats) -> Floats:
-        """Derivatives of ``forces`` by the entries of M, shape (2, 4): df = -M^-1 dM f."""
+        """Return the derivatives of the forces with respect to the entries of M, shape (2, 4): df = -M^-1 dM f."""
         return np.asarray(-np.linalg.inv(self.matrix) @ np.kron(np.eye(2), self.forces(films)))
 
     def forces_covariance(self, films: Floats, covariance: Floats) -> Floats:
-        """Of ``forces`` by that of the readings and that of M, N^2, shape (2, 2)."""
+        """Return the covariance of the forces due to the readings' and M's covariances, N^2, shape (2, 2)."""
         inverse, slopes = np.linalg.inv(self.matrix), self.by_entries(films)
         return np.asarray(inverse @ covariance @ inverse.T + slopes @ self.covariance @ slopes.T)
 
@@ -134,17 +134,17 @@ def estimated(observed: Sequence[Observed], shares: Shares, bench: Bench) -> Gai
     Args:
         observed: one for each reading.
         shares: predictions for those of them that are on tissue, in their order.
-        bench: tolerances, and what is assumed of the cross-talk.
+        bench: tolerances, and the assumed cross-talk.
 
     Raises:
-        InputError: the references cannot tell the gains.
+        InputError: the references do not determine the gains.
     """
-    from scipy.optimize import least_squares  # 15 MB that a logger of hours, who knows the gains, need not hold
+    from scipy.optimize import least_squares  # 15 MB that a logger with known gains need not load
 
     problem = _Problem(tuple(observed), shares, bench)
     if problem.read_data <= len(problem.start()):
         raise _unresolved(np.inf)
-    most = STEPS * (len(problem.start()) + 1)  # of readings that contradict each other it may wander
+    most = STEPS * (len(problem.start()) + 1)  # readings that contradict each other may not converge
     solved = least_squares(problem.residuals, problem.start(), method="lm", x_scale="jac", xtol=1e-12, ftol=1e-12, max_nfev=most)
     information = solved.jac.T @ solved.jac
     scale = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
@@ -157,10 +157,10 @@ def estimated(observed: Sequence[Observed], shares: Shares, bench: Bench) -> Gai
     spread = np.sqrt(np.diag(covariance))
     if max(spread[[0, 3]] / np.abs(np.diag(matrix))) > LEAST_TOLD:
         raise _unresolved(max(spread[[0, 3]]))
-    if not problem.absolute:  # the common factor is what it was before
+    if not problem.absolute:  # the readings do not improve the common factor
         covariance += bench.channels.gain**2 * np.outer(matrix.ravel(), matrix.ravel())
     inner_resolved, outer_resolved = (bool(spread[k] < PRIOR_ONLY * bench.channels.cross_talk) for k in (1, 2))
-    assumed = problem.mean_gain(solved.x)  # nothing that was read: gains far from nominal are refused elsewhere
+    assumed = problem.mean_gain(solved.x)  # a prior, no reading: not part of the chi-square
     return Gains(
         matrix=matrix,
         covariance=covariance,
@@ -182,10 +182,10 @@ def _unresolved(spread: float) -> InputError:
 
 @dataclass(frozen=True)
 class _Problem:
-    """Residuals of eq. BP.2, each over its standard deviation.
+    """The least-squares problem of eq. BP.2: residuals, each over its standard deviation.
 
-    Unknowns: entries of M / k, ln(k F_k), lambda_k, leaks and, with a force channel, ln k over its standard deviation. So k, of
-    which the readings say little, bends no other residual; without a force channel it is 1.
+    Unknowns: entries of M / k, ln(k F_k), lambda_k, leaks and, with a force channel, ln k over its standard deviation. With these
+    unknowns the poorly determined k does not make other residuals nonlinear; without a force channel it is 1.
     """
 
     observed: tuple[Observed, ...]
@@ -207,7 +207,7 @@ class _Problem:
 
     @property
     def read_data(self) -> int:
-        """How many residuals there are of readings and what is known of them, not of nominal gains."""
+        """Number of residuals of readings and predictions, without the prior on nominal gains."""
         return len(self.residuals(self.start())) - len(self.mean_gain(self.start()))
 
     def start(self) -> Floats:
@@ -221,7 +221,7 @@ class _Problem:
         return np.asarray(np.exp(self._log_scale(unknowns)) * self._scaled_matrix(unknowns))
 
     def matrix_derivatives(self, unknowns: Floats) -> Floats:
-        """Return the derivatives of M's entries by the unknowns, shape (4, unknowns)."""
+        """Return the derivatives of M's entries with respect to the unknowns, shape (4, unknowns)."""
         out = np.zeros((4, len(unknowns)))
         out[self.entries, np.arange(len(self.entries))] = np.exp(self._log_scale(unknowns))
         if self.sensed:
@@ -229,7 +229,7 @@ class _Problem:
         return out
 
     def _scaled_matrix(self, unknowns: Floats) -> Floats:
-        """M / k."""
+        """Return M / k, shape (2, 2)."""
         entries = np.array([0.0, 0.0, 0.0, 1.0])
         entries[self.entries] = unknowns[: len(self.entries)]
         return entries.reshape(2, 2)
@@ -253,7 +253,7 @@ class _Problem:
         return np.concatenate(parts)
 
     def mean_gain(self, unknowns: Floats) -> Floats:
-        """Return by how many standard deviations the mean gain is off 1, (1,), where nothing else tells k; else (0,)."""
+        """Return the mean gain's deviation from 1, in sd, shape (1,), if nothing else determines k; otherwise shape (0,)."""
         if not self.sensed or self._confirmed:
             return np.zeros(0)
         return np.array([(np.trace(self.matrix(unknowns)) / 2 - 1) / mean_gain_sd(self.bench)])
@@ -263,7 +263,7 @@ class _Problem:
         return (self.bench.force is not None and self.bench.force.verified) or bool(self._known_forces)
 
     def force_scale(self, unknowns: Floats, by_unknowns: Floats, covariance: Floats) -> ForceScale:
-        """Return what was found of the force channel."""
+        """Build the estimated scale of the force channel."""
         if not self.sensed:
             return ForceScale()
         sd, spread = prior_sd(self.bench, self._doubt), float(np.sqrt(covariance[-1, -1]))
@@ -271,7 +271,7 @@ class _Problem:
         return ForceScale(float(np.exp(self._log_scale(unknowns))), sd * spread, entries, self._confirmed)
 
     def shift(self, slopes: Floats) -> Floats:
-        """By how much minus the residuals move with the design's variables, shape (residuals, v)."""
+        """Return minus the derivatives of the residuals with respect to the design's variables, shape (residuals, v)."""
         before = 2 * len(self.observed)
         out = np.zeros((len(self.residuals(self.start())), slopes.shape[1]))
         if len(slopes):
@@ -279,13 +279,13 @@ class _Problem:
         return out
 
     def _shares(self, lambdas: Floats, leaks: Floats) -> Floats:
-        """Shares of the load on both films, shape (readings, 2)."""
+        """Return both films' shares of the load, shape (readings, 2)."""
         shares = inner_shares(lambdas, [one.reference for one in self.observed]) + self._leaks @ leaks
         return np.stack([shares, 1 - shares], axis=1)
 
     @cached_property
     def _leaks(self) -> Floats:
-        """What pins and rings that leak by their standard deviation add to the inner film's shares, (readings, those)."""
+        """Change of the inner film's shares for a leak of one sd, shape (readings, pins and rings)."""
         added = [(-1.0 if one.reference.on == "inner" else 1.0) * one.reference.strays for one in self.observed]
         return np.diag(added)[:, [one.reference.on != "tissue" for one in self.observed]]
 
@@ -300,7 +300,7 @@ class _Problem:
 
     @cached_property
     def _known_forces(self) -> list[tuple[int, float, float]]:
-        """Which readings' loads are known: number, ln of the load and standard deviation."""
+        """Readings with a known load: index, ln of the load and its standard deviation."""
         pairs = enumerate(one.reference for one in self.observed)
         return [(k, float(np.log(one.known_force)), one.known_force_tolerance) for k, one in pairs if one.known_force is not None]
 
@@ -312,12 +312,12 @@ class _Problem:
 
     @cached_property
     def _whitening(self) -> list[Floats]:
-        """By which each reading's errors are made independent and of unit variance."""
+        """Matrices that make each reading's errors independent and of unit variance."""
         return [np.linalg.inv(np.linalg.cholesky(one.covariance)) for one in self.observed]
 
     @cached_property
     def _root(self) -> Floats:
-        """Cholesky factor of the predictions' covariance: each block's own error, and the workshop's, which all share."""
+        """Cholesky factor of the predictions' covariance: each block's own error, and the workshop's error shared by all."""
         blocks = [one.reference for one in self.observed if one.reference.on == "tissue"]
         own = [share.variance(block) for share, block in zip(self.shares.blocks, blocks, strict=True)]
         common = self.shares.slopes * self.shares.tolerances(self.bench.workshop)

@@ -1,7 +1,7 @@
-"""Is the load that was read one that was pressed? The films' sum against the force channel and against the scene's load.
+"""Check the load of a reading: compare the films' sum with the force channel and with the scene's load.
 
-A unit that is taken for another one (millivolts for volts, a feedback capacitance in nF for pF, d33 of another film) moves both
-films alike: their ratio looks right, and nothing but the size of the load shows it.
+A wrong unit (millivolts for volts, a feedback capacitance in nF for pF, d33 of another film) scales both films by one factor:
+their ratio looks right, and only the size of the load reveals it.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from probe_design.built_probe.gain_matrix import Observed
 from solver.planning.load_limits import largest
 from solver.results.result import Result
 
-IMPLAUSIBLE_FACTOR = 30.0  # between load read and expected, either way: no hand is off by so much, most slips of units are
-DOUBTFUL_FACTOR = 2.0  # likewise, beyond what the reading's own uncertainty allows: from here on a warning tells it
+IMPLAUSIBLE_FACTOR = 30.0  # between read and expected load, either way: a hand is never off by so much, most wrong units are
+DOUBTFUL_FACTOR = 2.0  # likewise, beyond the reading's own uncertainty: from here on a warning reports it
 SIGNIFICANT_SD = 3.0
 SAFE_SHARE = 0.8  # of the largest load that linear elasticity allows on the softest block, which the printed protocol asks for
 CONTRADICTION_SD = 5.0  # between the films' sum and the force channel
-NEAR_DECADE = 0.25  # decades, within which a factor is taken for a power of ten
+NEAR_DECADE = 0.25  # decades: largest distance at which a factor is taken for a power of ten
 SLIPS = {
     3: "Are millivolts taken as volts? Give the columns' unit, --column 'inner=NAME mV'.",
     -3: "Are volts taken as millivolts? Give the columns' unit, --column 'inner=NAME V'.",
@@ -35,17 +35,17 @@ SLIPS = {
 
 
 def check_expected(load: float, spread: float, low: float, high: float, source: str) -> list[str]:
-    """Compare a load with what was to be pressed; return a warning where it is doubtful.
+    """Compare a load with the expected one; return a warning if it is doubtful.
 
     Args:
         load: as read, N.
         spread: its relative standard deviation.
-        low: the least that it should be, N, above 0.
-        high: the most, N.
-        source: what showed it, for messages: "both films show", with the reading's name where there are several.
+        low: minimum of the expected load, N, above 0.
+        high: maximum of the expected load, N.
+        source: for messages: "both films show", with the reading's name if there are several.
 
     Raises:
-        InputError: it is 30 times too large or too small.
+        InputError: the load is 30 times too large or too small.
     """
     nearest = min(max(load, low), high)
     factor = load / nearest
@@ -57,7 +57,7 @@ def check_expected(load: float, spread: float, low: float, high: float, source: 
 
 
 def remedy(factor: float) -> str:
-    """Return what may be wrong where films show ``factor`` times what they should, and what to do."""
+    """Describe the likely cause, and the remedy, of films that show ``factor`` times the expected load."""
     decade = math.log10(factor) if 0 < factor < math.inf else math.inf
     near = round(decade) if abs(decade) < 20 else 0
     likely = SLIPS.get(near, "") if abs(decade - near) < NEAR_DECADE else ""
@@ -75,10 +75,11 @@ def check_scene_load(
         measurement: for the force channel.
         scene: for its load.
         predicted: for the stiffness, where the scene has an indentation.
-        scale: what a calibration found of the force channel.
+        scale: the force channel's scale of a calibration.
 
     Raises:
-        InputError: the load is 30 times too large or too small, or the scene has none and it would go through the tissue.
+        InputError: the load is 30 times too large or too small, or would press the probe through the tissue of a scene without
+            load.
     """
     load, spread = (total[0], total[1] / max(abs(total[0]), 1e-300))
     source = "both films show"
@@ -92,11 +93,11 @@ def check_scene_load(
 
 
 def check_reference_loads(observed: Sequence[Observed], shares: Shares, scene: Scene) -> list[str]:
-    """Compare the loads on references with what is to be pressed on them: the scene's load, or less where a block allows less.
+    """Compare the loads on references with the expected ones: the scene's load, or less where a block allows less.
 
     Args:
         observed: readings on references.
-        shares: predictions for the tissue among them, for the loads that these allow.
+        shares: predictions for the blocks of tissue, for their load limits.
         scene: for its load.
 
     Raises:
@@ -112,7 +113,7 @@ def check_reference_loads(observed: Sequence[Observed], shares: Shares, scene: S
 
 
 def _check_reference(one: Observed, low: float, high: float) -> str:
-    """Return a warning, or nothing; a refusal names the reference. What contradicts the force channel is left to the fit."""
+    """Return a warning or ""; an error names the reference. A contradiction with the force channel is left to the fit."""
     if one.force is not None and not 1 / DOUBTFUL_FACTOR < one.films.sum() / max(one.force, 1e-300) < DOUBTFUL_FACTOR:
         return ""
     known = one.reference.known_force
@@ -125,10 +126,10 @@ def _check_reference(one: Observed, low: float, high: float) -> str:
 
 
 def check_pressed(load: float, scene: Scene, bench: Bench) -> None:
-    """Refuse a load, N, that is 30 times what is pressed on any reference: a wrong unit is told before what follows from it.
+    """Refuse a load, N, that is 30 times the largest expected one, so that a wrong unit is reported before its consequences.
 
     Raises:
-        InputError: it is.
+        InputError: the load is too large.
     """
     expected = expected_load(scene)
     if expected is not None:
@@ -137,16 +138,16 @@ def check_pressed(load: float, scene: Scene, bench: Bench) -> None:
 
 
 def within_limits(shares: Shares, observed: Sequence[Observed], doubts: Sequence[str], linear: bool) -> Shares:
-    """Return the predictions under the loads that were read; where these are too large, what may be wrong with them is told, too.
+    """Return the predictions under the loads that were read; an error for too large a load includes the doubts on it.
 
     Args:
-        shares: predictions for the tissue among the references.
+        shares: predictions for the blocks of tissue.
         observed: readings on references.
-        doubts: what ``check_reference_loads`` found.
-        linear: see ``Shares.under``.
+        doubts: the warnings of ``check_reference_loads``.
+        linear: see ``BlockPrediction.apply_force``.
 
     Raises:
-        Refusal: a load is beyond what linear elasticity allows.
+        Refusal: a load is above the limit of linear elasticity.
     """
     try:
         return shares.under([one.load for one in observed], [one.reference for one in observed], linear)
@@ -155,7 +156,7 @@ def within_limits(shares: Shares, observed: Sequence[Observed], doubts: Sequence
 
 
 def expected_load(scene: Scene, predicted: Result | None = None) -> float | None:
-    """Return the amplitude of the scene's load, N; None where it is 0, or an indentation of unknown stiffness."""
+    """Return the amplitude of the scene's load, N; None if it is 0, or an indentation of unknown stiffness."""
     force, indentation = scene.load.force, scene.load.indentation
     if force is None and predicted is not None and predicted.stiffness is not None and indentation is not None:
         force = predicted.stiffness * indentation
@@ -163,12 +164,12 @@ def expected_load(scene: Scene, predicted: Result | None = None) -> float | None
 
 
 def check_films(total: tuple[float, float], measurement: Measurement, bench: Bench, scale: ForceScale) -> list[str]:
-    """Compare both films' sum with the force channel: nothing else carries load. What is doubtful is warned of.
+    """Compare both films' sum with the force channel, since the films carry the whole load; return warnings.
 
-    ``total`` is the sum and its standard deviation, N, without what a calibration by the same force channel shares with it.
+    ``total`` is the sum and its standard deviation, N, without the error shared with the force channel by a calibration.
 
     Raises:
-        Flawed: they are five standard deviations apart.
+        Flawed: they differ by more than five standard deviations.
         InputError: one is 30 times the other.
     """
     if measurement.force is None or measurement.force_sd is None or bench.force is None:

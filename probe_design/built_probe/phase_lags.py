@@ -1,19 +1,21 @@
-"""Phases of force channel and films: all feel one load, so that what lags on what is elastic is a channel, and loses amplitude.
+"""Compare the phases of force channel and films: on elastic references a lag is a fault of a channel, which loses amplitude.
 
-With the films' charges q, their amplifiers divided out, and the force channel F, delayed by d, the lag at the frequency f is
+With the films' charges q, divided by their amplifiers' responses, and the force channel F, delayed by d, the lag at the frequency
+f is
 
     phi = arg(q_inner + q_outer) - arg F - 2 pi f d                                                        (BP.6)
 
-whatever tissue and probe are; a reversed sensor turns it by pi, which is taken off. A low-pass of first order loses 1 - cos phi
+for any tissue and probe; a reversed sensor adds pi, which is subtracted. A low-pass of first order loses 1 - cos phi
 of the amplitude. Play (backlash, dry friction beside a spring) of half-width r at the amplitude A loses more: by its describing
 function [1] phi = 4 r / (pi A) and the loss is 16 / (3 pi) (r / A)^(3/2), both to lowest order, together
 
     loss = 16 / (3 pi) (pi phi / 4)^(3/2)                                                                  (BP.7)
 
-which no other lag of this list exceeds up to 1 rad, and which counts for all.
+which no other lag of this list exceeds up to 1 rad, and which is used for all.
 
-Between the films: what is elastic turns neither, so that on tissue a lag is tissue that flows or a fault.
-With both charges q, their amplifiers divided out, and the outer channel sampled later than the inner by s, the inner leads by
+Between the films: elastic tissue shifts the phase of neither film, so that a lag means viscous tissue or a fault.
+With both charges q, divided by their amplifiers' responses, and the outer channel sampled later than the inner by s, the inner
+leads by
 
     phi = arg(q_inner / q_outer) + 2 pi f s                                                                (BP.8)
 
@@ -36,17 +38,17 @@ from hw.signal.measure import FILMS, Measurement, carried
 from hw.signal.waveform import Flawed
 from probe_design.built_probe.bench import Bench, Reference
 
-SEEN_SD = 3.0  # standard deviations of a lag; of one that is not seen the loss is below the noise of the amplitudes
-MIN_LOSS = 1e-3  # loss from which a warning tells it
+SEEN_SD = 3.0  # standard deviations from which a lag is significant; below, its loss is smaller than the amplitudes' noise
+MIN_LOSS = 1e-3  # relative loss from which a warning reports it
 MAX_FORCE_LAG_RAD = 0.2  # rad, beyond which the channel is not used: the loss would be a tenth
 MAX_FILM_LAG_RAD = 0.02  # beyond three standard deviations a warning reports it: a film loses 2e-4 of its amplitude by that
 
 
 def with_force_lag(measurement: Measurement, bench: Bench) -> Measurement:
-    """Return a reading with what its force channel's lag leaves in doubt, and a warning where that is more than 0.1 %.
+    """Add the loss that the force channel's lag may cause to a measurement, and a warning if it is more than 0.1 %.
 
     Args:
-        measurement: with each film's own amplifier divided out.
+        measurement: with charges by each film's own amplifier.
         bench: for the amplifiers' tolerances and the channel's delay.
 
     Raises:
@@ -67,7 +69,7 @@ def with_force_lag(measurement: Measurement, bench: Bench) -> Measurement:
 
 
 def force_lag(measurement: Measurement, bench: Bench) -> tuple[float, float]:
-    """Return the lag of eq. BP.6, rad, from -pi/2 to pi/2, and its standard deviation by noise, parts and sampling."""
+    """Return the lag of eq. BP.6, rad, from -pi/2 to pi/2, and its standard deviation due to noise, parts and sampling."""
     charges, force = measurement.charges, measurement.fit.amplitudes[2:3]
     frequency = measurement.fit.frequency
     spread = measurement.covariance + of_parts(charges, bench.amplifier.of_films(), frequency)
@@ -79,12 +81,12 @@ def force_lag(measurement: Measurement, bench: Bench) -> tuple[float, float]:
 
 
 def loss(lag: float) -> float:
-    """Return the share of its amplitude that a channel of this lag (rad) may have lost, eq. BP.7."""
+    """Return the fraction of its amplitude that a channel with this lag (rad) may have lost, eq. BP.7."""
     return 16 / (3 * math.pi) * math.pow(math.pi * abs(lag) / 4, 1.5)
 
 
 def _phase_variance(values: Complexes, covariance: Floats) -> float:
-    """Of the phase of a sum of amplitudes, (n,), from the covariance of (re, im) of each in turn."""
+    """Return the variance of the phase of the sum of amplitudes (n,), from the covariance of (re, im) of each in turn."""
     scale = float(np.abs(values).max())
     parts = np.stack([values.real, values.imag], axis=1).ravel() / scale
     return float(carried(_phase, parts, covariance / scale**2)[0, 0])
@@ -95,12 +97,12 @@ def _phase(parts: Floats) -> Floats:
 
 
 def lag_warnings(measurements: Sequence[Measurement], references: Sequence[Reference], bench: Bench) -> list[str]:
-    """Return a warning for each film that lags on tissue, with the references on which it does.
+    """List a warning for each film that lags on tissue, with the names of the references.
 
     Args:
-        measurements: one for each reference, each film's own amplifier divided out.
-        references: what was pressed on.
-        bench: for the channels' sampling, and whether the force channel counts.
+        measurements: one for each reference, with charges by each film's own amplifier.
+        references: in the same order.
+        bench: for the channels' sampling and the force channel.
     """
     lags: dict[str, list[tuple[str, float]]] = {}
     for measurement, reference in zip(measurements, references, strict=True):
@@ -124,7 +126,7 @@ def film_lag(measurement: Measurement, bench: Bench) -> tuple[float, float]:
 
 
 def _late_film(measurement: Measurement, bench: Bench, lag: float) -> str:
-    """Say which film lags; the force channel, where there is one, decides which of both is out of phase."""
+    """Describe which film lags; a force channel shows which of both is out of phase."""
     late, early = reversed(FILMS) if lag > 0 else FILMS
     words = f"the {late} film lags the {early} film"
     if measurement.force is None or bench.force is None:

@@ -1,7 +1,7 @@
-"""Which probe was it? Its drawing's numbers, on which a calibration and a ratio rest, and the serial number of its board.
+"""Identify a probe by its drawing's numbers, on which calibrations and ratios depend, and by the serial number of its board.
 
 Two probes of one drawing differ in their gains by 5 % or more, so that one's calibration is wrong for the other. A board has a
-serial number; an oscilloscope has its own, which says nothing of the probe before it, and files of other programs have none.
+serial number. An oscilloscope's serial number does not identify the probe, and files of other programs have none.
 """
 
 from __future__ import annotations
@@ -16,58 +16,58 @@ from geometry.scenes.variables import values
 from probe_design.built_probe.block_predictions import by_outer_radius
 
 CHARGE = "probe.film charge per force"
-SAME = 1e-9  # relative, within which two numbers are the same
+SAME = 1e-9  # relative difference within which two numbers are equal
 NO_BOARDS = ("visa",)  # transports whose serial number is not a probe's
 LONGEST = 100  # characters
 SHOWN = 3  # names in a message
 
 
 def probe_numbers(scene: Scene) -> dict[str, float]:
-    """Return a probe's dimensions and moduli by their keys, SI, and its film's charge per force, C/N, where it has one."""
+    """List a probe's dimensions and moduli by their keys, SI, and its film's charge per force, C/N, if it has a film."""
     numbers = {key: value for key, value in values(by_outer_radius(scene)).items() if key.startswith("probe.")}
     film = scene.probe.film
     return numbers if film is None else numbers | {CHARGE: film.charge_per_force}
 
 
 def probe_difference(numbers: Mapping[str, float], scene: Scene) -> str | None:
-    """Return in words the first number by which a probe differs from the scene's, or None.
+    """Describe the first number in which a probe differs from the scene's, or return None.
 
     Args:
-        numbers: of the probe, as ``probe_numbers`` returns them.
+        numbers: of the probe, as ``list_probe_numbers`` returns them.
         scene: with the other probe.
     """
     wanted = probe_numbers(scene)
     for key, own in wanted.items():
         if key not in numbers:
-            return f"{key} is not told there"
+            return f"{key} is missing there"
         if not math.isclose(numbers[key], own, rel_tol=SAME):
             return f"{key} is {numbers[key]:.6g} there and {own:.6g} in the scene, SI units"
     return None if numbers.keys() == wanted.keys() else "it has parts there that the scene's has not"
 
 
 def board_serial(source: Mapping[str, Any]) -> str | None:
-    """Return the serial number of the board that a source of samples tells, or None where nobody knows."""
+    """Read the serial number of the board from a source of samples; None if unknown."""
     transport, serial = source.get("transport"), source.get("serial")
-    if transport in NO_BOARDS or (transport == "serial" and "port" not in source):  # before ports were kept apart
+    if transport in NO_BOARDS or (transport == "serial" and "port" not in source):  # older recordings, in which it is the port's
         return None
     return clean_serial(serial)
 
 
 def clean_serial(serial: Any) -> str | None:
-    """Return a serial number as it is compared: printable, without blanks around it; None where it is none."""
+    """Return a serial number without surrounding blanks, for comparison; None if it is empty or not printable."""
     text = serial.strip() if isinstance(serial, str) else ""
     return text if text.isprintable() and 0 < len(text) <= LONGEST else None
 
 
 def check_serials(boards: Mapping[str, str | None], any_probe: bool) -> list[str]:
-    """Compare what is to be of one probe; return a warning where nobody knows, or where a difference is allowed.
+    """Check that serial numbers are of one probe; return a warning if one is unknown, or a difference is allowed.
 
     Args:
-        boards: serial numbers by what has them, such as "calibration probe.toml"; None where one is not known.
-        any_probe: whether different ones are allowed.
+        boards: serial numbers by their origin, such as "calibration probe.toml"; None if unknown.
+        any_probe: whether different serial numbers are allowed.
 
     Raises:
-        InputError: they differ.
+        InputError: the serial numbers differ.
     """
     by_serial: dict[str, list[str]] = {}
     for name, serial in boards.items():
@@ -86,7 +86,7 @@ def check_serials(boards: Mapping[str, str | None], any_probe: bool) -> list[str
 
 
 def common_serial(boards: Mapping[str, str | None]) -> str | None:
-    """Return the serial number that all of several readings have; None where one is not known, or they differ."""
+    """Find the serial number common to all readings; None if one is unknown, or they differ."""
     numbers = set(boards.values())
     return numbers.pop() if len(numbers) == 1 else None
 

@@ -1,12 +1,12 @@
-"""The phase of the ratio as it was read: by how much the inner film's stress leads the outer's.
+"""Compute the phase of the ratio from a measurement: the phase by which the inner film's stress leads the outer's.
 
-Gains are real, so that calibrating them leaves what differs between the channels in time. With complex charges q of both films
-at frequency f, over the nominal charge per force, and the outer channel sampled later than the inner by s,
+Gains are real, so that a calibration does not remove time differences between the channels. With complex charges q of both films
+at frequency f, over the nominal charge per force, the gain matrix M and the outer channel sampled later than the inner by s,
 
     forces = M^-1 q,     phase = arg(forces_inner / forces_outer) + 2 pi f s                                (BP.4)
 
-counted from the sign of the ratio. Its variance adds that of noise, of gains, of each amplifier's time constant, eq. SI.2, which
-no reading on an elastic reference is asked for, and of s.
+counted from the sign of the ratio. Its variance adds those of noise, of gains, of each amplifier's time constant, eq. SI.2, which
+the calibration does not determine, and of s.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from solver.phase.inertia import with_inertia
 from solver.results.result import Result
 from solver.results.warnings import Note
 
-SPREAD = 3**-0.5  # standard deviation of what lies anywhere within a bound of 1: GUM 4.3.7
-SURPRISING = 5.0  # standard deviations from what is predicted, beyond which a reading warns
+SPREAD = 3**-0.5  # standard deviation of an even distribution within a bound of 1: GUM 4.3.7
+SURPRISING = 5.0  # standard deviations from the prediction beyond which a warning is given
 
 
 def phased(result: Result, scene: Scene, accuracy: float, frequency: float | None) -> Result:
-    """Return an answer to a scene with the phase of its ratio at a frequency, Hz, that is asked for.
+    """Add the phase of the ratio at a frequency (Hz) to a scene's result.
 
-    Where that is null a warning says why. Nothing is solved for where nothing is lossy, and nothing refused.
+    If the phase is null, a warning gives the reason. Without lossy materials it is 0 and nothing is solved; nothing is refused.
     """
     if frequency is None:
         return result
@@ -45,7 +45,7 @@ def phased(result: Result, scene: Scene, accuracy: float, frequency: float | Non
         return replace(moving, ratio_phase=0.0, ratio_phase_error=0.0)
     try:
         return with_phase(result, scene, accuracy, frequency)
-    except InputError as fault:  # a load too fast for what the phase knows is read all the same
+    except InputError as fault:  # a load too fast for the phase's model may still be read
         return replace(moving, warnings=(*result.warnings, Note("null", f"predicted_ratio_phase is null: {fault}")))
 
 
@@ -65,7 +65,7 @@ def ratio_phase(measurement: Measurement, bench: Bench, gains: Gains) -> tuple[f
 
 
 def surprises(value: float, spread: float, predicted: Result) -> tuple[float | None, list[str]]:
-    """Return by how many standard deviations a phase differs from the predicted one, and a warning where it is too many."""
+    """Return the difference of a phase from its prediction in standard deviations, and a warning if it is above 5."""
     expected, error = predicted.ratio_phase, predicted.ratio_phase_error
     if expected is None or error is None:
         return None, []

@@ -1,4 +1,4 @@
-"""One reading told in stresses, beside what the solver predicts for the scene."""
+"""Convert one reading to stresses, and compare them with the solver's prediction for the scene."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ from solver.planning.load_check import check_load, with_load
 from solver.planning.load_limits import load_rule
 from solver.results.result import Result
 
-CONTRADICTS = 5.0  # standard deviations between a ratio and its prediction
-NEARER = 5.0  # times as near its prediction, in ln: what an exchange of channels makes of a ratio
+CONTRADICTS = 5.0  # standard deviations between a ratio and its prediction from which an exchange is considered
+NEARER = 5.0  # factor by which exchanged channels must reduce the difference of ln ratio from its prediction
 
 
 @dataclass(frozen=True)
 class Read:
-    """Amplitudes under the sinusoidal load, compression positive; every ``uncertainty`` is a standard deviation.
+    """Stress amplitudes under the sinusoidal load, compression positive; every ``uncertainty`` is a standard deviation.
 
     Attributes:
-        ratio, stress_inner, stress_outer: as read, stresses in Pa; referred to the drawing's end areas. The ratio is None where
+        ratio, stress_inner, stress_outer: as read, stresses in Pa, over the drawing's end areas. The ratio is None if
             stress_outer is below its own uncertainty.
-        ratio_uncertainty: of the ratio, by the delta method, on the larger side where stress_outer is uncertain.
+        ratio_uncertainty: of the ratio, by the delta method, enlarged where stress_outer is uncertain.
         force: sum of both film forces, N.
-        reference_force: by the force channel, N, or None.
+        reference_force: amplitude by the force channel, N, or None.
         predicted_ratio, predicted_stress_inner, predicted_stress_outer: by ``evaluator``, the stresses at the reference force
             or, without one, at the scene's load.
         z_ratio, z_stress_inner, z_stress_outer: differences over their standard deviations, both sides' errors counted.
@@ -47,11 +47,11 @@ class Read:
         cycles: of it in the record.
         ratio_phase, ratio_phase_uncertainty: by which stress_inner leads stress_outer, rad, counted from the ratio's sign.
         predicted_ratio_phase, z_ratio_phase: by the scene's loss factors, rad, and the difference over its standard deviation.
-        mains: frequency of the mains where any were seen, Hz.
+        mains: frequency of the mains, Hz, or None if not detected.
         calibrated: whether gains come from a calibration.
-        samples: that were used.
-        saturated: samples left out.
-        gaps, overruns: what was lost on the way, and in the device.
+        samples: number of samples used.
+        saturated: number of saturated samples, which are left out.
+        gaps, overruns: number of gaps, and of overflows of the device's buffer.
     """
 
     ratio: float | None
@@ -91,12 +91,12 @@ class Read:
 
 
 def prediction(scene: Scene, accuracy: float, linear: bool = False, frequency: float | None = None) -> Result:
-    """Evaluate a scene by the fastest level of finite elements that takes it, whatever error it then states.
+    """Evaluate a scene by the fastest finite-element evaluator that accepts it, whatever error it then states.
 
-    With a frequency (Hz) the ratio's phase is told too, null with a warning where it cannot be.
+    With a frequency (Hz) the ratio's phase is computed, too; it is null, with a warning, where this is not possible.
 
     Raises:
-        Refusal: no level takes the scene, or, unless ``linear``, its load is beyond what linear elasticity allows.
+        Refusal: no evaluator accepts the scene, or, unless ``linear``, its load is above the limit of linear elasticity.
     """
     level = next((one for one in (Axisymmetric(), EquivalentInclusion()) if one.refusal(scene) is None), None)
     if level is None:
@@ -108,18 +108,18 @@ def prediction(scene: Scene, accuracy: float, linear: bool = False, frequency: f
 
 
 def read(measurement: Measurement, scene: Scene, bench: Bench, predicted: Result, gains: Gains | None = None) -> Read:
-    """Return a reading in stresses.
+    """Compute the stresses of a reading, and compare them with the prediction.
 
     Args:
         measurement: of both films.
-        scene: what the probe was pressed on.
-        bench: how it was read.
-        predicted: the scene's ``prediction``.
-        gains: a calibration's; None: nominal, with the bench's tolerances.
+        scene: for the probe and the tissue that it was pressed on.
+        bench: of the measurement.
+        predicted: result of ``predict_scene``.
+        gains: of a calibration; None: nominal, with the bench's tolerances.
 
     Raises:
-        Flawed: a film that is dead or reversed, or films that contradict the force channel.
-        InputError: a load 30 times as large as the scene's, or a 30th of it: a wrong unit, see ``load_checks``.
+        Flawed: a film is dead or reversed, or the films contradict the force channel.
+        InputError: the load is 30 times the scene's, or a 30th of it, as with a wrong unit: see ``load_checks``.
     """
     effective = Gains.nominal(bench) if gains is None else gains
     films, noise = newtons(measurement, scene, tolerance=True)
@@ -176,7 +176,7 @@ def read(measurement: Measurement, scene: Scene, bench: Bench, predicted: Result
 
 
 def _check_films(forces: Floats, covariance: Floats) -> None:
-    """Both films are pressed on tissue. An outer film that shows nothing leaves the ratio null."""
+    """Refuse a film in tension, and an inner film without signal. An outer film without signal only makes the ratio null."""
     spread = np.sqrt(np.diag(covariance))
     for name, force, own in zip(FILMS, forces.tolist(), spread.tolist(), strict=True):
         if force < -SHOWS * own:
@@ -187,26 +187,24 @@ def _check_films(forces: Floats, covariance: Floats) -> None:
 
 
 def _beside_force(films: Floats, noise: Floats, gains: Gains) -> Floats:
-    """Covariance of the films' forces without what they share with the force channel that calibrated them."""
+    """Return the covariance of the films' forces without the error that they share with the force channel by a calibration."""
     return replace(gains, covariance=gains.covariance - gains.force_scale.covariance).forces_covariance(films, noise)
 
 
 def _sum_sd(covariance: Floats) -> float:
-    """Standard deviation of both films' sum."""
+    """Return the standard deviation of both films' sum."""
     return math.sqrt(max(float(covariance.sum()), 0.0))
 
 
 def _exchanged(films: Floats, gains: Gains, predicted: float | None, z: float | None, areas: Floats) -> list[str]:
-    """A ratio far from its prediction that is much nearer with the films' channels exchanged."""
+    """Return a warning if a ratio is far from its prediction, and much nearer with the films' channels exchanged."""
     if predicted is None or z is None or predicted <= 0 or abs(z) <= CONTRADICTS:
         return []
     forces = [gains.forces(one) / areas for one in (films, films[::-1])]
     off, turned = (abs(float(np.log(abs(one[0] / one[1] / predicted)))) for one in forces)
     if turned > off / NEARER:
         return []
-    return [
-        f"the ratio is {abs(z):.2g} standard deviations off what is predicted, and near it with the films' channels exchanged"
-    ]
+    return [f"the ratio is {abs(z):.2g} standard deviations from its prediction, and near it with the films' channels exchanged"]
 
 
 def _z(read: float | None, spread: float | None, predicted: float | None, predicted_spread: float | None) -> float | None:
@@ -225,9 +223,9 @@ def _at_load(
     factor: float,
     of_scale: float,
 ) -> tuple[tuple[float | None, ...], tuple[float | None, ...]]:
-    """Both stresses that are predicted at the load, and their standard deviations.
+    """Return the predicted stresses of both films at the load of the reading, Pa, and their standard deviations.
 
-    ``factor`` is what the force channel shows over the true force, ``of_scale`` what is not known of that, relative.
+    ``factor`` is the force channel's reading over the true force, ``scale_doubt`` its relative standard deviation.
     """
     if predicted.stress_inner is None or predicted.stress_outer is None or relative is None:
         return (None, None), (None, None)
@@ -254,7 +252,7 @@ def _warnings(measurement: Measurement, bench: Bench, gains: Gains | None, ratio
 
 
 def _ratio(forces: Floats, covariance: Floats, areas: float) -> tuple[float | None, float | None]:
-    """The ratio and its standard deviation; on the side where the outer force is smaller, 1/(1 - x) larger, x its own."""
+    """Return the ratio and its standard deviation, enlarged by 1/(1 - x) with x the outer force's relative one."""
     own = float(np.sqrt(covariance[1, 1]))
     if own >= abs(forces[1]):
         return None, None

@@ -1,4 +1,4 @@
-"""Gains that may be written down: estimated from readings that agree, or the reason why these do not."""
+"""Estimate gains only from readings that agree, or explain why they do not."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from probe_design.built_probe.load_checks import remedy
 
 UNLIKELY = 0.001  # p-value below which the readings contradict each other
 ANYTHING = 10.0  # bound on ln(F_inner / F_outer) of a block of which nothing is assumed
-TOUCHES = 2.0  # standard deviations of cross-talk and leak together that a pin or ring shows: a warning, of good ones 1 in 20
-MOST_STRAYED = 8.0  # likewise, above which the readings contradict each other
-CERTAIN = 1e-9  # likewise, from which a probe off its drawing would hardly look like one reading that is wrong
+TOUCHES = 2.0  # standard deviations of cross-talk and leak together from which a pin or ring gives a warning: 1 in 20 good ones
+MOST_STRAYED = 8.0  # standard deviations likewise above which the readings contradict each other
+CERTAIN = 1e-9  # p-value below which one wrong reading is more likely than a probe that differs from its drawing
 
 
 def trusted(observed: Sequence[Observed], shares: Shares, bench: Bench) -> tuple[Gains, tuple[str, ...]]:
-    """Estimate the gains, and say what of the readings was left out.
+    """Estimate the gains from readings that agree; return them with notes on the readings that were left out.
 
-    Where only the blocks contradict their predictions, the gains follow from pin, ring and force channel, which need none: the
-    probe may not be as drawn, which ``check`` is to find out.
+    If only the blocks contradict their predictions, the gains follow from pin, ring and force channel, which need no predictions:
+    the probe may differ from its drawing, which ``check`` tests.
 
     Args:
         observed: one for each reading.
@@ -35,7 +35,7 @@ def trusted(observed: Sequence[Observed], shares: Shares, bench: Bench) -> tuple
 
     Raises:
         InputError: a film is dead or of reversed polarity, readings contradict each other (with the exchange that would explain
-            it), the references cannot tell the gains, or a gain is far from what the bench says of its channel.
+            it), the references do not determine the gains, or a gain is far from what the bench states for its channel.
     """
     films, expected = np.array([one.films for one in observed]), _expected(observed, shares)
     check_films(films, expected, np.sqrt([np.diag(one.covariance) for one in observed]))
@@ -51,18 +51,18 @@ def trusted(observed: Sequence[Observed], shares: Shares, bench: Bench) -> tuple
     blamed = gains.p_value < CERTAIN and bool(odd) and all(one.on != "tissue" for one in odd)
     if alone is None or _strange(alone, bench) or blamed:
         raise _contradiction(_misfit(gains), odd)
-    note = f"{_misfit(gains)}: the blocks contradict their predictions; gains are told by pin, ring and force alone; run check"
+    note = f"{_misfit(gains)}: the blocks contradict their predictions; gains follow from pin, ring and force alone; run check"
     note += "".join(f"; without the reading on the {one.name} the others agree" for one in odd)
     return alone, (note, *straying)
 
 
 def _expected(observed: Sequence[Observed], shares: Shares) -> Floats:
-    """Shares of the load that the inner film should feel, shape (n,)."""
+    """Return the inner film's expected shares of the load, shape (n,)."""
     return inner_shares(shares.log_ratios, [one.reference for one in observed])
 
 
 def _check_force(observed: Sequence[Observed], bench: Bench) -> None:
-    """All readings alike off the force channel: what they share is at fault, not a film."""
+    """Refuse readings that all differ from the force channel in the same way: a common cause, not a film, is wrong."""
     if bench.force is None or any(one.force is None for one in observed):
         return
     films, forces = np.array([(one.films.sum(), one.force) for one in observed], dtype=float).T
@@ -75,9 +75,9 @@ def _check_force(observed: Sequence[Observed], bench: Bench) -> None:
 
 
 def _loosened(observed: Sequence[Observed], bench: Bench) -> tuple[list[Observed], tuple[str, ...]]:
-    """Let a pin or ring leak as much as it shows in the other channel; warn where the bench explains that by neither.
+    """Raise the leak of a pin or ring to what the other channel shows; warn if cross-talk and leak do not explain it.
 
-    A ``leak`` that the bench states is believed until a pin or ring shows more than it and cross-talk explain.
+    A ``leak`` stated by the bench is used until a pin or ring shows more than it and cross-talk explain.
     """
     found, notes = [], []
     for one in observed:
@@ -94,25 +94,25 @@ def _loosened(observed: Sequence[Observed], bench: Bench) -> tuple[list[Observed
     if guessed:
         names, most = " and ".join(one.name for one in guessed), 100 * max(one.strays for one in guessed)
         notes.append(
-            f"nobody says what share of their load {names} put on the other block: up to {most:.1g} % (1 sd) counts in ratio and "
-            "gains; where somebody has looked write leak = 0.002, say, in the bench: check then sees more, too"
+            f"the bench does not state what fraction of their load {names} put on the other block: up to {most:.1g} % (1 sd) "
+            "counts in ratio and gains; if it was inspected, write leak = 0.002, say, in the bench: check then detects more"
         )
     return found, tuple(notes)
 
 
 def _is_guessed(reference: Reference) -> bool:
-    """Whether a pin's or ring's leak is none that the bench states."""
+    """Whether a pin's or ring's leak is the default, not one that the bench states."""
     return reference.on != "tissue" and reference.leak is None
 
 
 def _in_other_channel(one: Observed) -> float:
-    """What share of a reading on a pin or ring is in the channel of the block that it should not touch; 0 on tissue."""
+    """Return the fraction of a reading on a pin or ring in the channel of the block that it should not touch; 0 on tissue."""
     other = {"inner": 1, "outer": 0}.get(one.reference.on)
     return 0.0 if other is None else float(abs(one.films[other] / one.films.sum()))
 
 
 def _attempt(observed: Sequence[Observed], shares: Shares, bench: Bench) -> tuple[Gains | None, InputError | None]:
-    """The gains, or why there are none."""
+    """Return the gains and None, or None and the error."""
     try:
         return estimated(observed, shares, bench), None
     except InputError as fault:
@@ -141,7 +141,7 @@ def _check_exchanges(observed: Sequence[Observed], shares: Shares, bench: Bench,
 
 
 def _undone(observed: Sequence[Observed], exchange: Misplacement) -> list[Observed]:
-    """The readings as they are with an exchange put right, in the references' order."""
+    """Return the readings with an exchange undone, in the references' order."""
     right, references = exchange.mended, [one.reference for one in observed]
     at = dict(zip(exchange.order, observed, strict=True))
     return [
@@ -151,9 +151,9 @@ def _undone(observed: Sequence[Observed], exchange: Misplacement) -> list[Observ
 
 
 def _without_predictions(observed: Sequence[Observed], shares: Shares, bench: Bench) -> Gains | None:
-    """The gains by pin, ring and force channel, if these agree, and with them what both films feel together on the blocks.
+    """Estimate the gains from pin, ring and force channel, if these agree with each other and with the films' sums on blocks.
 
-    That sum needs no prediction: a force channel that drifts or a film that warms meanwhile is not a probe off its drawing.
+    The sum needs no prediction: it excludes that a drifting force channel or a warming film is the cause, not the probe.
     """
     alone = [one for one in observed if one.reference.on != "tissue"]
     if not alone or any(one.force is None for one in observed):
@@ -164,7 +164,7 @@ def _without_predictions(observed: Sequence[Observed], shares: Shares, bench: Be
 
 
 def _odd_ones(observed: Sequence[Observed], shares: Shares, bench: Bench) -> list[Reference]:
-    """The references each of which, left out, leaves readings that agree."""
+    """Find the references each of which, if left out, leaves readings that agree."""
     found, places = [], iter(range(len(shares.blocks)))
     for k, one in enumerate(observed):
         place = next(places) if one.reference.on == "tissue" else None
@@ -181,12 +181,12 @@ def _contradiction(misfit: str, odd: Sequence[Reference]) -> InputError:
         names = ", or on the ".join(one.name for one in odd)
         remedy += f"; without the reading on the {names} the others agree: read it again"
     if not odd or any(one.on != "tissue" for one in odd):
-        remedy += "; with a force channel, pin and ring alone calibrate a probe that is not as drawn, and check tells what is off"
+        remedy += "; with a force channel, pin and ring alone calibrate a probe that is not as drawn, and check finds the cause"
     return InputError("reading", Words(misfit), remedy)
 
 
 def _strange(gains: Gains, bench: Bench) -> list[str]:
-    """What is further from nominal than the bench says a channel can be; the force sensor as its maker says, or confirmed."""
+    """List the gains that differ from nominal by more than the bench allows, with the force sensor as stated or confirmed."""
     scale = gains.force_scale
     factor = 1.0 if scale.confirmed else scale.factor
     covariance = gains.covariance if scale.confirmed else gains.covariance - scale.covariance

@@ -1,4 +1,4 @@
-"""A probe that is not there: what its channels would show under a sinusoidal load, from the solver's prediction."""
+"""Simulate a probe: the signals of its channels under a sinusoidal load, from the solver's prediction."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ SCALE = 2e-6  # V per count of the converter
 
 @dataclass(frozen=True)
 class Built:
-    """How the virtual probe and its bench really are; a reading has to find out.
+    """The true properties of the virtual probe and its bench, which readings have to determine.
 
     Attributes:
         gains: M of eq. BP.1 of ``probe_design.built_probe.gain_matrix`` by the films alone.
-        resistance, capacitance: of each amplifier, as multiples of the nominal.
+        resistance, capacitance: of each amplifier, relative to the nominal.
         force: true over nominal sensitivity of the force channel.
         frequency: true over nominal frequency of the load.
         noise: standard deviation of a sample, V.
@@ -60,13 +60,13 @@ class Built:
 def signals(
     built: Built, bench: Bench, scene: Scene, forces: Floats | Complexes, seed: int | list[int]
 ) -> Callable[[Floats], Floats]:
-    """Return the function from times (s, shape (n,)) to volts of inner, outer and force channel, shape (n, 3).
+    """Build the function from times (s, shape (n,)) to volts of inner, outer and force channel, shape (n, 3).
 
-    The noise goes on from call to call, so that a stream is read in order and once.
+    The noise continues from call to call: read a stream in order and once.
 
     Args:
-        built: how the bench really is.
-        bench: nominal.
+        built: true properties.
+        bench: nominal properties.
         scene: for its film.
         forces: amplitudes of both films' forces, N, perhaps complex, shape (2,).
         seed: of the noise.
@@ -92,12 +92,12 @@ def signals(
 
 
 def charge_per_force(scene: Scene) -> float:
-    """Nominal charge per force, C/N, of the scene's film, or of the default film where it has none."""
+    """Return the nominal charge per force, C/N, of the scene's film, or of the default film if it has none."""
     return (scene.probe.film or Film()).charge_per_force
 
 
 def as_delivered(reference: Reference, random: np.random.Generator) -> Reference:
-    """Return a reference block with a modulus as it may really be: off by its tolerance."""
+    """Draw a reference block's true modulus from its tolerance."""
     if reference.youngs_modulus is None:
         return reference
     off = float(np.exp(reference.tolerance * random.standard_normal()))
@@ -109,10 +109,10 @@ class VirtualBench:
     """A virtual probe on a virtual bench.
 
     Attributes:
-        drawn: the scene as everybody believes it.
-        scene: the scene with the probe as it was built.
-        bench: as everybody believes it.
-        built: how channels and amplifiers are.
+        drawn: the scene with the probe as drawn.
+        scene: the scene with the probe as built.
+        bench: nominal properties.
+        built: true properties of channels and amplifiers.
         seed: of noise, and of the blocks' true moduli.
     """
 
@@ -123,9 +123,9 @@ class VirtualBench:
     seed: int = 0
 
     def on_scene(self, result: Result) -> Callable[[Floats], Floats]:
-        """Signals on the scene's tissue, from its evaluation."""
+        """Build the signals on the scene's tissue, from its result."""
         if result.stress_inner is None or result.stress_outer is None:
-            raise Refusal("scene", result.evaluator, "one whose film stresses are told")
+            raise Refusal("scene", result.evaluator, "one whose film stresses are computed")
         probe = self.scene.probe
         inner = result.stress_inner * np.exp(1j * (result.ratio_phase or 0.0))
         forces = np.array([inner * probe.inner_area, result.stress_outer * probe.outer_area])
@@ -133,7 +133,7 @@ class VirtualBench:
         return self._signals(forces, 0, *np.array([x, y], dtype=np.float32).view(np.uint32).tolist())  # other noise elsewhere
 
     def on_references(self, load: float, run: int = 0) -> tuple[Callable[[Floats], Floats], ...]:
-        """Signals on each of the bench's references under that load, N, or its known one; noise differs from run to run."""
+        """Build the signals on each reference under a load, N, or the reference's known one; each run has other noise."""
         random = np.random.default_rng(self.seed)
         delivered = [as_delivered(one, random) for one in self.bench.reference]
         shares = inner_shares(log_ratios(self.scene, delivered), delivered)
@@ -146,10 +146,10 @@ class VirtualBench:
 
 
 def load_of(scene: Scene, stiffness: float | None) -> float:
-    """Amplitude of the scene's load, N.
+    """Return the amplitude of the scene's load, N.
 
     Raises:
-        Refusal: it is zero, or an indentation of unknown stiffness.
+        Refusal: the load is zero, or an indentation of unknown stiffness.
     """
     load = scene.load.force
     if load is None and stiffness is not None:

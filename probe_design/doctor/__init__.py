@@ -1,1 +1,1 @@
-"""`doctor`: what is installed, found and permitted, and whether a probe's channels are sound."""
+"""Diagnose installation, devices, permissions and a probe's channels, for the command `doctor`."""

@@ -1,4 +1,4 @@
-"""What the doctor found, one line each."""
+"""Define a finding of the doctor: one line of its report."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ State = Literal["good", "missing", "doubtful", "fault"]
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that was looked at.
+    """The result of one check.
 
     Attributes:
-        name: what.
-        state: good; missing, which some devices need; doubtful; a fault, by which readings are wrong or cannot be had.
-        text: what was found.
-        remedy: what to do, or nothing.
+        name: subject of the check.
+        state: good; missing, needed by some devices; doubtful; a fault, with which readings are wrong or impossible.
+        text: result.
+        remedy: what to do, or "".
     """
 
     name: str
@@ -25,5 +25,5 @@ class Finding:
     remedy: str = ""
 
     def as_dict(self) -> dict[str, Any]:
-        """Return it as plain values."""
+        """Return the finding as a JSON object."""
         return asdict(self)

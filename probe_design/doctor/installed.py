@@ -1,6 +1,6 @@
-"""What this computer has for reading probes: versions, libusb, permissions, devices, serial ports, VISA.
+"""Check what this computer has for reading probes: versions, libusb, permissions, devices, serial ports, VISA.
 
-Nothing here raises: what is missing or broken is a finding with its remedy.
+The checks never raise: anything missing or broken is a finding with its remedy.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class _Version(Structure):
 
 
 def versions() -> dict[str, str | None]:
-    """Return the versions of Python, system and packages; None for those that are not installed."""
+    """List the versions of Python, system and packages; None for packages that are not installed."""
     found: dict[str, str | None] = {"python": platform.python_version(), "system": platform.platform()}
     for name in PACKAGES:
         try:
@@ -47,7 +47,7 @@ def versions() -> dict[str, str | None]:
 
 
 def installed() -> list[Finding]:
-    """Return what was found of everything that reading needs, devices included."""
+    """Run all checks of what reading needs, devices included."""
     looks: tuple[tuple[str, Callable[[], list[Finding]]], ...] = (
         ("libusb", _libusb), ("permissions", _udev), ("probes on USB", _probes), ("serial ports", _serial_ports),
         ("VISA", _visa), ("HDF5", _hdf5),
@@ -56,7 +56,7 @@ def installed() -> list[Finding]:
 
 
 def probes() -> list[Any]:
-    """Return the probes on USB, whether they may be opened or not. Raises what libusb raises."""
+    """Find the probes on USB, including those that this user may not open. Raises libusb's exceptions."""
     from hw.usb.find import connected, libusb, release
 
     found = connected(libusb())
@@ -67,7 +67,7 @@ def probes() -> list[Any]:
 def _safely(name: str, look: Callable[[], list[Finding]]) -> list[Finding]:
     try:
         return look()
-    except Exception as fault:  # of any library, on any machine: the doctor says it and goes on
+    except Exception as fault:  # any library on any machine: reported, and the next check runs
         return [Finding(name, "missing", f"{type(fault).__name__}: {one_line(str(fault))}", "")]
 
 

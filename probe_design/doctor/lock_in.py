@@ -1,4 +1,4 @@
-"""The load in every channel by plain least squares: cruder than ``hw.signal`` and apart from it, as a check should be."""
+"""Fit the load in every channel by plain least squares, simpler than ``hw.signal`` and independent of it, for a check."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from hw.common.samples import Floats, Samples
 from hw.signal.spectrum import MAINS, WANDERS
 
 HARMONICS = 3
-DRIFT = 4  # polynomials
-ROWS = 100_000  # of a long record: enough for a diagnosis
+DRIFT = 4  # coefficients of the drift polynomial
+ROWS = 100_000  # rows used of a long record: enough for a diagnosis
 
 
 @dataclass(frozen=True)
 class LockIn:
-    """What a record holds.
+    """The load, the mains and the noise in a record.
 
     Attributes:
         frequency: of the load, Hz.
         load: (channels,) complex amplitudes, V.
-        mains: frequency of the mains, Hz: that of 50 and 60 Hz which holds more.
-        hum: (channels,) amplitudes there, V.
-        noise: (channels,) standard deviation of the rest, V.
-        rows: used.
+        mains: frequency of the mains, Hz: the stronger of the lines near 50 and 60 Hz.
+        hum: (channels,) amplitudes of the mains, V.
+        noise: (channels,) standard deviation of the residual, V.
+        rows: number of rows used.
     """
 
     frequency: float
@@ -43,7 +43,7 @@ class LockIn:
 
 
 def lock_in(samples: Samples, nominal: float) -> LockIn:
-    """Look for a load of about ``nominal`` Hz, and for the mains, in the rows that are not saturated."""
+    """Fit a load of about ``nominal`` Hz and the mains to the rows that are not saturated."""
     good = np.flatnonzero(~samples.saturated.any(axis=1))[:ROWS]
     times, volts = samples.times[good], samples.volts[good]
     times = times - times.mean()
@@ -60,7 +60,7 @@ def lock_in(samples: Samples, nominal: float) -> LockIn:
 
 
 def _at(times: Floats, volts: Floats, frequencies: Floats) -> NDArray[np.complex128]:
-    """Amplitudes at frequencies, (k, channels), through a Hann window over the record."""
+    """Return the complex amplitudes at frequencies, (k, channels), with a Hann window over the record."""
     share = (times - times[0]) / max(times[-1] - times[0], np.finfo(float).tiny)
     window = 0.5 - 0.5 * np.cos(2 * np.pi * share)
     turns = np.exp(-2j * np.pi * frequencies[:, None] * times)
@@ -69,7 +69,7 @@ def _at(times: Floats, volts: Floats, frequencies: Floats) -> NDArray[np.complex
 
 
 def _strongest(times: Floats, volts: Floats, low: float, high: float) -> float:
-    """The frequency that all channels hold most of: looked for on a grid, then on finer ones about the best."""
+    """Return the frequency of maximum power over all channels, by a grid search that is refined about the best."""
     scale = np.maximum(volts.std(axis=0), np.finfo(float).tiny)
     step = 0.25 / max(times[-1] - times[0], np.finfo(float).tiny)
     grid = np.linspace(low, high, int(np.clip((high - low) / step, 9, 200)))

@@ -1,4 +1,4 @@
-"""Whether a probe's channels are sound: noise, polarity, load, clipping, mains and lost samples, each as a finding."""
+"""Test a probe's channels: noise, polarity, load, clipping, mains and lost samples, each as a finding."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from probe_design.doctor.lock_in import LockIn, lock_in
 
 BOLTZMANN, ROOM = 1.380649e-23, 295.0  # J/K, K
 QUIET, LOUD = 0.5, 20.0  # times the expected noise
-ALONE, CLEAR = 6.0, 20.0  # amplitude of the load over its standard deviation: noise alone; enough to calibrate by
-HUM = 10.0  # times the load, above which the mains are no longer harmless
-BESIDE = 0.8  # rad, by which films and force may differ in phase, but for the sign
-PREDICTED = 0.1  # accuracy that is enough to tell whether a film must feel anything
+ALONE, CLEAR = 6.0, 20.0  # amplitude of the load over its standard deviation: limit of noise; enough for a calibration
+HUM = 10.0  # times the load's amplitude from which the mains are reported
+BESIDE = 0.8  # rad: largest phase between films and force, except for the sign
+PREDICTED = 0.1  # relative accuracy: enough to decide whether a film must show the load
 LEAST_ROWS = 200
-FLAT = 3.0  # times the share of samples that a sine has at its ends
+FLAT = 3.0  # times the fraction of samples that a sine has at its extremes
 
 
 def self_test(samples: Samples, scene: Scene, bench: Bench) -> list[Finding]:
-    """Return what samples say of each channel; under the bench's load."""
+    """Test each channel on samples under the bench's load."""
     findings = [_lost(samples)]
     dead = [name for name, swing in zip(samples.channels, np.ptp(samples.volts, axis=0), strict=True) if not swing > 0]
     findings += [Finding(f"{name} channel", "fault", "shows no change", "connect it; is its amplifier on?") for name in dead]
@@ -68,7 +68,7 @@ def _clipping(samples: Samples) -> list[Finding]:
 
 
 def _flat(volts: Floats) -> float:
-    """Share of the samples at an extreme value where it is more than a sine of such steps has there; else 0."""
+    """Return the fraction of samples at an extreme value if it is well above that of a quantised sine; otherwise 0."""
     swing = float(np.ptp(volts))
     if swing == 0:
         return 0.0
@@ -78,20 +78,20 @@ def _flat(volts: Floats) -> float:
 
 
 def _step(volts: Floats) -> float:
-    """The converter's step: the least by which two values differ."""
+    """Return the converter's step: the smallest difference of two values."""
     values = np.unique(volts[:20_000])
     return float(np.diff(values).min()) if len(values) > 1 else 0.0
 
 
 def _noise(samples: Samples, found: LockIn, bench: Bench) -> list[Finding]:
-    """Beside what there must be: kT/C of the feedback, and the converter's step over the root of 12."""
+    """Compare the noise with its minimum: kT/C noise of the feedback, and the converter's step over the root of 12."""
     findings = []
     for k, name in enumerate(samples.channels[:2]):
         expected = float(
             np.hypot(np.sqrt(BOLTZMANN * ROOM / bench.amplifier.of_films()[k].capacitance), _step(samples.volts[:, k]) / 12**0.5)
         )
         times = found.noise[k] / expected
-        text = f"{found.noise[k]:.2g} V rms, {times:.2g} times the least of resistor and converter, {expected:.2g} V"
+        text = f"{found.noise[k]:.2g} V rms, {times:.2g} times the minimum of resistor and converter, {expected:.2g} V"
         if times < QUIET:
             findings.append(Finding(f"noise, {name}", "fault", text, "too quiet: is the film connected, is anything averaged?"))
         elif times > LOUD:
@@ -120,7 +120,7 @@ def _load(samples: Samples, found: LockIn, scene: Scene, bench: Bench) -> list[F
 
 
 def _expected(film: int, found: LockIn, scene: Scene) -> bool:
-    """Whether one film, 0 inner or 1 outer, must show the load clearly where the other shows it as it does."""
+    """Whether one film, 0 inner or 1 outer, must show the load clearly, given the other film's amplitude."""
     try:
         result = prediction(scene, PREDICTED, linear=True)
     except ProbeError:
@@ -133,9 +133,9 @@ def _expected(film: int, found: LockIn, scene: Scene) -> bool:
 
 
 def _polarity(samples: Samples, found: LockIn, scene: Scene, bench: Bench) -> list[Finding]:
-    """Films with the force, or with each other where there is none: signs, and that phases are what one load gives."""
+    """Compare signs and phases of the films with the force channel, or with each other without one."""
     if (found.strength[:2] < ALONE).any():
-        return [Finding("polarity", "doubtful", "cannot be told without a load on both films")]
+        return [Finding("polarity", "doubtful", "cannot be determined without a load on both films")]
     known = "force" in samples.channels and bench.force is not None and found.strength[2] > CLEAR
     try:
         charges = found.load[:2] / [one.response(found.frequency) for one in bench.amplifier.of_films()]
@@ -165,7 +165,7 @@ def _mains(samples: Samples, found: LockIn) -> Finding:
     except NoSine as fault:
         return Finding("mains", "fault", str(fault), "another rate, or another frequency of the load")
     if samples.rate < 110:
-        return Finding("mains", "doubtful", f"not to be seen at {samples.rate:g} samples a second", "more than 120 Hz")
+        return Finding("mains", "doubtful", f"not detectable at {samples.rate:g} samples a second", "more than 120 Hz")
     if found.hum[worst] > HUM * np.abs(found.load[:2]).max():
         return Finding("mains", "doubtful", text, "shield film and cable, keep them off mains leads")
     return Finding("mains", "good", text)

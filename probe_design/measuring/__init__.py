@@ -1,1 +1,1 @@
-"""A session at the bench: the page to print, samples as they come, the prediction beside them."""
+"""Support a session at the bench: the printed page, readings fitted as they come, and their prediction."""

@@ -1,4 +1,4 @@
-"""A reading as it comes: fitted piece by piece, its last seconds shown, none of it held."""
+"""Fit a reading while it comes, piece by piece, and show its last seconds; memory does not grow with its length."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from hw.reader import Reader
 from hw.signal.measure import Losses
 from hw.signal.running import RunningFit
 
-EVERY = 0.5  # s of samples between two looks, and
-SELDOM = 5.0  # s more where samples wait: what comes faster than it is fitted is shown, too
-SHARE = 0.05  # of the time that passed, so that an hour has a hundred
+EVERY = 0.5  # s of samples between two displays, at least
+SELDOM = 5.0  # s added while samples wait, so that a display does not delay the fit
+SHARE = 0.05  # of the elapsed time between two displays: about a hundred in an hour
 
 
 def collected(
@@ -27,15 +27,15 @@ def collected(
     show: Callable[[Samples], None],
     last: float,
 ) -> None:
-    """Fit all samples of a reading as they come; the raw bytes are on disk before.
+    """Fit all samples of a reading as they come; the raw bytes are written to disk first.
 
     Args:
-        reader: open.
-        seconds: how long; None: until the source ends.
+        reader: an open reader.
+        seconds: duration; None: until the source ends.
         record: a new file for the raw bytes, or None.
-        running: takes the samples.
-        show: given the last seconds that came, every EVERY s of them; what it raises as ``HardwareError`` is passed over.
-        last: how many seconds that are.
+        running: the fit that takes the samples.
+        show: called with the latest samples, every SHOW_INTERVAL_S s or less often; its ``HardwareError`` is ignored.
+        last: duration of the samples given to ``show``, s.
 
     Raises:
         InvalidSource: a recording without samples.
@@ -59,11 +59,11 @@ def collected(
                 _shown(show, window(joined(recent), last))
     if not recent:
         raise InvalidSource("no samples: is the recording empty?")
-    running.losses += Losses(notes=recent[-1].notes)  # a recording may fail where it is closed
+    running.losses += Losses(notes=recent[-1].notes)  # closing may add a note on the recording
 
 
 def window(samples: Samples, seconds: float) -> Samples:
-    """Return the last ``seconds`` of samples."""
+    """Return the samples of the last ``seconds``."""
     rows = samples.index > samples.index[-1] - seconds * samples.rate
     return replace(samples, index=samples.index[rows], volts=samples.volts[rows], saturated=samples.saturated[rows])
 
@@ -71,5 +71,5 @@ def window(samples: Samples, seconds: float) -> Samples:
 def _shown(show: Callable[[Samples], None], samples: Samples) -> None:
     try:
         show(samples)
-    except HardwareError:  # too little of the load yet: the whole reading is judged at its end
+    except HardwareError:  # too few periods of the load yet; faults are raised at the end
         return

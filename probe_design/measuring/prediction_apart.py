@@ -1,4 +1,4 @@
-"""The prediction in a process of its own, whose memory is gone when the reading starts: what a logger of hours runs beside."""
+"""Compute the prediction in a child process, so that its memory is free again when a long reading starts."""
 
 from __future__ import annotations
 
@@ -13,27 +13,27 @@ from geometry.scenes.scene import Scene
 from probe_design.built_probe.reading import prediction
 from solver.results.result import Result
 
-LONG = 60.0  # s of a reading from which on that is worth the second which a process takes to begin
-PATIENCE = 86_400.0  # s: the solver has limits of its own
+LONG = 60.0  # s: a longer reading justifies the second that a process takes to start
+PATIENCE = 86_400.0  # s: the solver has its own limits
 
 
 def prediction_apart(scene: Scene, accuracy: float, linear: bool, frequency: float) -> Result:
-    """Return ``reading.prediction``, none of whose memory stays; where there can be no process, it is made here.
+    """Return ``reading.predict_scene`` from a child process; if no process can be started, compute it in this one.
 
     Raises:
-        ProbeError: whatever ``reading.prediction`` raises.
+        ProbeError: any error of ``reading.predict_scene``.
     """
     question = pickle.dumps((scene, accuracy, linear, frequency, limits()))
     try:
         answer = run_program(Path(__file__), {"question": np.frombuffer(question, np.uint8)}, PATIENCE)["answer"]
-    except Failure:  # a scene that is refused, too: it is refused again, by the error's own name
+    except Failure:  # also for a refused scene: computing it here raises the original error
         return prediction(scene, accuracy, linear, frequency)
     result: Result = pickle.loads(answer.tobytes())
     return result
 
 
 def run(arrays: Arrays) -> dict[str, np.ndarray]:
-    """Answer in the child."""
+    """Compute the prediction in the child process."""
     scene, accuracy, linear, frequency, held = pickle.loads(arrays["question"].tobytes())
     with limited(held):
         answer = prediction(scene, accuracy, linear, frequency)

@@ -1,6 +1,6 @@
-"""The calibration as one page to print: what to press, how hard, what the films should then say, and the commands.
+"""Draw the calibration protocol as one page: what to press, with which load, the expected signals, and the commands.
 
-Its numbers are the probe's and the bench's own: expected signals let the person at the bench notice an exchanged cable at once.
+Its numbers are computed for the probe and the bench: expected signals reveal an exchanged cable at once.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from solver.planning.load_limits import largest
 
 NAME = "calibration.pdf"
 SHEET = (8.27, 11.69)  # inches: A4
-MOST_ROWS = 20  # references that the page has room for
+MOST_ROWS = 20  # references that fit on the page
 
 
 @dataclass(frozen=True)
 class ExpectedSignal:
-    """What a reference should give: its name, the load's amplitude (N), the inner film's share, both amplitudes (V)."""
+    """The expected signal on a reference: its name, the load's amplitude (N), the inner film's share, both amplitudes (V)."""
 
     name: str
     load: float
@@ -39,10 +39,10 @@ class ExpectedSignal:
 
 
 def expectations(scene: Scene, bench: Bench) -> tuple[ExpectedSignal, ...]:
-    """Return what each of the bench's references should give at the scene's force, or less where a block allows less.
+    """Compute the expected signals on the bench's references at the scene's force, or less where a block allows less.
 
     Raises:
-        Refusal: the meridian level cannot take the probe.
+        Refusal: the axisymmetric evaluator cannot compute the probe.
     """
     shares = predicted(scene, bench.reference)
     limits = [largest(one.rule, LINEAR, promise=False).force for one in shares.blocks if one.rule is not None]
@@ -57,19 +57,19 @@ def expectations(scene: Scene, bench: Bench) -> tuple[ExpectedSignal, ...]:
 
 
 def writers(scene: Scene, bench: Bench, name: str) -> dict[str, Callable[[Path], object]]:
-    """Return by file name what writes the fixture's parts and the page; ``name`` is the scene's file.
+    """Return, by file name, the functions that write the fixture's parts and the page; ``name`` is the scene's file.
 
     Raises:
         InputError: a block is too narrow for the fixture.
         MissingLibrary: see ``geometry.cad.solids.cadquery``.
-        Refusal: the meridian level cannot take the probe.
+        Refusal: the axisymmetric evaluator cannot compute the probe.
     """
     page = partial(draw, scene.probe, bench, expectations(scene, bench), name)
     return {**fixture.writers(scene.probe), NAME: page}
 
 
 def draw(probe: Probe, bench: Bench, expected: Sequence[ExpectedSignal], name: str, path: Path) -> Path:
-    """Write the page as a PDF, or by the path's suffix as a picture; returns ``path``."""
+    """Write the page as a PDF, or as a picture by the path's suffix; return ``path``."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -103,7 +103,7 @@ def _headline(probe: Probe, name: str) -> str:
 
 
 def _section(axes: Any, probe: Probe, part: str, title: str) -> None:
-    """The probe on pin or ring, the sleeve up (outlined) and down."""
+    """Draw the section of the probe on pin or ring, with the sleeve up (dashed) and down."""
     sizes = fixture.fixture_sizes(probe)
     for name, polygons in outlines(probe).items():
         for polygon in polygons:
@@ -133,7 +133,7 @@ def _pressing(sizes: fixture.FixtureSizes, part: str) -> list[list[tuple[float, 
 
 
 def _table(figure: Any, expected: Sequence[ExpectedSignal]) -> None:
-    """References in their order, with a box to tick."""
+    """Draw the table of references in their order, with a box to tick."""
     columns = (
         (0.07, "reference, in this order"),
         (0.40, "load, mN"),
@@ -157,7 +157,7 @@ def _table(figure: Any, expected: Sequence[ExpectedSignal]) -> None:
 
 
 def _steps(bench: Bench, expected: Sequence[ExpectedSignal], name: str) -> list[str]:
-    """What to do; lines with a $ are typed."""
+    """List the steps; lines with a $ are commands."""
     seconds = max(10.0, 1.2 * bench.load.least_cycles / bench.load.frequency)
     slack, play = fixture.ALIGNED, fixture.PLAY
     load, count, channels = 1e3 * expected[0].load, len(expected), bench.channels
@@ -173,15 +173,15 @@ def _steps(bench: Bench, expected: Sequence[ExpectedSignal], name: str) -> list[
         "    clamp the carrier, slide the sleeve down again: it must not touch the base while the load is on.",
         f"    That centres to {slack:g} mm: twice {play:g} mm of play, 0.01 mm for each turned part. The ring likewise.",
         f"3. On each reference: load on at {load:.3g} mN, wait until it is steady,",
-        f"    read for {seconds:.3g} s or more ({bench.load.least_cycles:g} cycles are the least).",
+        f"    read for {seconds:.3g} s or more ({bench.load.least_cycles:g} cycles at least).",
         "4. Blocks of tissue, homogeneous, of the scene's shape, probe in the middle:",
         f"    moduli known to {known} (tolerance, in the bench file). 5 % does for calibrating with pin, ring and force;",
-        "    what a check then sees of the probe is less: it says so.",
+        "    a check then detects less of the probe's deviations, and reports it.",
         "5. Without a terminal, so many seconds to change what is pressed; exit code 0 is a record written, 1 or 2 none:",
         f"   $ probe-design calibrate {name} --device usb --wait 60 --record cal.probe -o probe.toml",
         f"    or from recordings of {count} readings, in the order above:",
         f"   $ probe-design read {name} --record 1.probe     (and so on, one for each)",
         f"   $ probe-design calibrate {name} --replay 1.probe ... --replay {count}.probe -o probe.toml",
-        "6. Is the probe as drawn?  Exit code 0: nothing contradicts it; 1: the readings do, and it says what is off",
+        "6. Is the probe as drawn?  Exit code 0: nothing contradicts it; 1: the readings do, and the likely cause is printed",
         f"   $ probe-design check {name} --device usb --wait 60 --calibration probe.toml",
     ]

@@ -1,1 +1,1 @@
-"""Whether a built probe is what was designed, within the workshop's tolerances, and what is off if not."""
+"""Check whether a built probe is as designed, within the workshop's tolerances, and find what differs if not."""

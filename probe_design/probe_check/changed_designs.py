@@ -1,6 +1,6 @@
-"""Designs whose variables are changed so that they do what a built probe does: damped Gauss-Newton, solved anew at each step.
+"""Fit variables of the design to the readings of a built probe: damped Gauss-Newton, with the design solved at each step.
 
-What is positive is changed by factors, so that a modulus that is three times too small is as near as one three times too large.
+Positive variables are changed by factors, so that a modulus three times too small is as near as one three times too large.
 """
 
 from __future__ import annotations
@@ -19,22 +19,24 @@ from probe_design.probe_check.deviation import Deviation
 
 GAIN = "relative gain"
 STEPS = 12  # of Gauss-Newton
-HALVINGS = 6  # of a step that leads to no design, or to a worse one
-LARGEST = 0.7  # step: a factor of 2
-SETTLED = 0.05  # of the standard deviation
-LITTLE = 0.01  # gain, relative, for which no further step is made
+HALVINGS = 6  # of a step that leads to an invalid or worse design
+LARGEST = 0.7  # step of ln(value): a factor of 2
+SETTLED = 0.05  # step over standard deviation at which the fit has converged
+LITTLE = 0.01  # relative decrease of chi-square below which no further step is made
 
 
 @dataclass(frozen=True)
 class Changes:
-    """Values of n variables, one or two, in place of the drawn ones; a step is one of ln(value), of Poisson's ratio its own.
+    """A changed design: values of n variables, one or two, in place of the drawn ones.
+
+    A step is a change of ln(value); of a Poisson's ratio a change of the value.
 
     Attributes:
-        drawn: the scene as drawn, its probe by its outer radius.
+        drawn: the scene as drawn, its probe given by its outer radius.
         bench: for its blocks.
         names: of the variables.
-        nominal, values: as drawn and as changed, SI; 1 for GAIN and MODULI, shape (n,).
-        there: the predictions of the changed design.
+        nominal, values: as drawn and as changed, SI; 1 for GAIN_NAME and BLOCK_MODULI, shape (n,).
+        there: predictions for the changed design.
     """
 
     drawn: Scene
@@ -46,23 +48,23 @@ class Changes:
 
     @classmethod
     def none(cls, scene: Scene, bench: Bench, shares: Shares, name: str) -> Changes:
-        """Return the design as drawn, whose predictions are known, to be changed in one variable."""
+        """Start from the design as drawn, with known predictions, to change one variable."""
         nominal = np.array([_nominal(shares, name)])
         return cls(by_outer_radius(scene), bench, (name,), nominal, nominal, shares)
 
     def and_other(self, shares: Shares, name: str) -> Changes:
-        """Return it to be changed in a second variable, which is as drawn so far."""
+        """Add a second variable, with its drawn value."""
         nominal = _nominal(shares, name)
         names, both = (*self.names, name), np.append(self.nominal, nominal)
         return replace(self, names=names, nominal=both, values=np.append(self.values, nominal))
 
     @property
     def per_step(self) -> Floats:
-        """Change of the values per step, shape (n,)."""
+        """Derivatives of the values with respect to the steps, shape (n,)."""
         return np.array([1.0 if _additive(name) else value for name, value in zip(self.names, self.values, strict=True)])
 
     def moved(self, steps: Floats) -> Changes | None:
-        """Return it after steps, shape (n,); None where there is no such design, or none that the level takes."""
+        """Apply steps, shape (n,); return None if the design is invalid, or the evaluator refuses it."""
         moves = zip(self.names, self.values, steps, strict=True)
         values = np.array([value + step if _additive(name) else value * np.exp(step) for name, value, step in moves])
         try:
@@ -71,21 +73,21 @@ class Changes:
             return None
 
     def left(self, deviation: Deviation) -> Floats:
-        """Return what the changed design leaves of a deviation, shape (k,)."""
+        """Return the deviation that remains with the changed design, shape (k,)."""
         off = deviation.logs - self.there.log_ratios
         for name, value, nominal in zip(self.names, self.values, self.nominal, strict=True):
             off = off - np.log(value) if name == GAIN else off + deviation.bias(name) * (value - nominal)
         return np.asarray(off)
 
     def slopes(self, deviation: Deviation, names: tuple[str, ...] = ()) -> Floats:
-        """Return by how much the deviation moves per step of these variables, or of its own, shape (k, n)."""
+        """Return the deviation's derivatives with respect to steps of ``names``, or of its own variables, shape (k, n)."""
         return np.stack([self._slope(deviation, name) for name in names or self.names], axis=1)
 
     def _slope(self, deviation: Deviation, name: str) -> Floats:
         if name == GAIN:
             return np.ones(len(deviation.logs))
         slope = self.there.slopes[:, self.there.variables.index(name)]
-        if name == MODULI:  # by ln of the blocks' moduli, whatever these are
+        if name == MODULI:  # already a derivative with respect to ln of the blocks' moduli
             return slope
         value = dict(zip(self.names, self.values, strict=True)).get(name, _nominal(self.there, name))
         return (slope - deviation.bias(name)) * (1.0 if _additive(name) else value)
@@ -102,11 +104,11 @@ class Changes:
 
 @dataclass(frozen=True)
 class Fit:
-    """Changes that explain a deviation best.
+    """The changes of a design that explain a deviation best.
 
     Attributes:
         changes: of n variables.
-        chi_square: that they leave.
+        chi_square: of the remaining deviation.
         uncertainties: standard deviations of the values, SI, shape (n,).
     """
 
@@ -116,12 +118,12 @@ class Fit:
 
 
 def settled(changes: Changes, deviation: Deviation) -> Fit:
-    """Fit the values, from those that stand there."""
+    """Fit the variables' values to a deviation, starting from the present ones."""
     weight = deviation.weight(*changes.names)
     for k in range(STEPS):
         step, spread = _newton(changes, deviation, weight)
         if k and _promised(changes, deviation, weight, step) < LITTLE * (1.0 + _chi_square(changes, deviation, weight)):
-            break  # before a design is solved that is no better; where none was solved yet, linear theory may not see it
+            break  # saves solving a design that is no better; not at first, where linear theory may miss an improvement
         nearer = _nearer(changes, deviation, weight, step * (LARGEST / max(LARGEST, float(np.abs(step).max()))))
         if nearer is None:
             break
@@ -134,7 +136,7 @@ def settled(changes: Changes, deviation: Deviation) -> Fit:
 
 
 def linear_left(fit: Fit, deviation: Deviation, other: str) -> float:
-    """Return the chi-square that a second variable would leave, linearly about a fit of one."""
+    """Predict the chi-square with a second variable, by linear theory about a fit of one."""
     names = (*fit.changes.names, other)
     weight = deviation.weight(*names)
     slopes, off = fit.changes.slopes(deviation, names), fit.changes.left(deviation)
@@ -145,7 +147,7 @@ def linear_left(fit: Fit, deviation: Deviation, other: str) -> float:
 
 
 def _newton(changes: Changes, deviation: Deviation, weight: Floats) -> tuple[Floats, Floats]:
-    """The step that linear theory asks for, and its standard deviations, shape (n,) each."""
+    """Return the Gauss-Newton step and its standard deviations, shape (n,) each."""
     slopes, root = changes.slopes(deviation), np.linalg.cholesky(weight).T
     step = np.linalg.lstsq(root @ slopes, root @ changes.left(deviation))[0]
     information = slopes.T @ weight @ slopes
@@ -155,13 +157,13 @@ def _newton(changes: Changes, deviation: Deviation, weight: Floats) -> tuple[Flo
 
 
 def _promised(changes: Changes, deviation: Deviation, weight: Floats, step: Floats) -> float:
-    """By how much linear theory says that a step lessens the chi-square."""
+    """Return the decrease of chi-square by a step, by linear theory."""
     moved = changes.slopes(deviation) @ step
     return float(moved @ weight @ moved)
 
 
 def _nearer(changes: Changes, deviation: Deviation, weight: Floats, step: Floats) -> Changes | None:
-    """The changes after a step, halved until it leads to a design that leaves less."""
+    """Return the changes after a step, which is halved until chi-square decreases, or None."""
     before = _chi_square(changes, deviation, weight)
     for halving in range(HALVINGS):
         there = changes.moved(step / 2**halving)

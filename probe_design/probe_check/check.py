@@ -1,8 +1,9 @@
-"""The check of a built probe: ratios measured on blocks of tissue against the predicted ones.
+"""Check a built probe: compare ratios measured on blocks of tissue with the predicted ones.
 
-d_k = ln rho_k measured - ln rho_k predicted has the covariance C: noise, the blocks' moduli, the solver, G C_M G^T, G the
-derivatives of ln rho_k by the entries of the gain matrix, and what the workshop's tolerances allow. If the probe is within these,
-d^T C^-1 d is a chi-square (PC.1). What would explain a deviation is for ``probe_design.probe_check.verdicts`` to say.
+d_k = ln rho_k measured - ln rho_k predicted, rho_k the films' force ratio on block k, has the covariance C: the sum of those of
+noise, the blocks' moduli, the solver, the gains, G C_M G^T, and the workshop's tolerances. C_M is the covariance of the gain
+matrix, G the derivatives of ln rho_k with respect to its entries. If the probe is within these,
+d^T C^-1 d is a chi-square (PC.1). ``probe_design.probe_check.verdicts`` looks for the cause of a deviation.
 """
 
 from __future__ import annotations
@@ -49,27 +50,27 @@ class BlockDeviation:
 
 @dataclass(frozen=True)
 class Check:
-    """What a check found.
+    """The result of a check.
 
     Attributes:
         verdict: "within workshop tolerance as far as tested", "out of workshop tolerance", "cannot tell" or "nothing could be
             tested".
-        reason: what is out of it, or why nothing can be told; empty within.
-        blocks: one line for each.
-        chi_square, degrees_of_freedom, p_value: of a probe within the workshop's tolerances, eq. PC.1.
-        level: the p-value below which it is not, as often as which a probe within them fails.
-        passed: whether something was tested and all of that is within.
-        failed: whether the readings contradict that the probe is within.
+        reason: what is out of tolerance, or why no verdict is possible; empty if within.
+        blocks: one comparison for each block.
+        chi_square, degrees_of_freedom, p_value: for a probe within the workshop's tolerances, eq. PC.1.
+        level: significance level: the p-value below which a probe fails, and the rate at which good probes fail.
+        passed: whether at least one variable was tested, and nothing deviates.
+        failed: whether the readings contradict a probe within tolerance.
         calibrated: whether gains come from a calibration.
-        explanations: the variables that the readings tell, best first.
-        alike: the best and those that the readings do not tell apart from it; empty if nothing deviates.
-        pairs: of variables, best first, where no single one explains the deviation.
-        unresolved: variables of which the readings tell nothing, or that the calibration has absorbed.
-        tested: the variables that this check would find off by five tolerances, each with how far off it is found.
-        untested: those that it would not, each with the reason.
-        cancelling: pairs that it would not find off together, though it would each.
+        explanations: the variables that the readings determine, best explanation first.
+        alike: the best explanation and those that the readings do not distinguish from it; empty if nothing deviates.
+        pairs: pairs of variables, best first, if no single one explains the deviation.
+        unresolved: variables that the readings do not determine, or that the calibration has absorbed.
+        tested: the variables of which this check detects a deviation of five tolerances, each with its detection limit.
+        untested: the other variables, each with the reason.
+        cancelling: pairs whose joint deviation it does not detect, although it detects at least one of them alone.
         warnings: of the readings, one line each.
-        serial: number of the board that was read, where all readings tell the same one.
+        serial: serial number of the board, if all readings have the same one.
     """
 
     verdict: str
@@ -113,15 +114,15 @@ def check(
         scene: the probe as drawn.
         bench: blocks and tolerances.
         samples: one reading for each of the bench's blocks of tissue, in their order.
-        gains: a calibration's; None: nominal, with the bench's tolerances.
-        variables: that ``gains.slopes`` refers to.
-        shares: the predictions, where they are known already.
-        linear: whether to take loads whose finite strain may change a prediction by more than 0.8 %; it is counted anyway.
+        gains: of a calibration; None: nominal, with the bench's tolerances.
+        variables: names of the variables of ``gains.slopes``.
+        shares: the predictions, if they are known already.
+        linear: whether to accept loads whose finite strain may change a prediction by more than 0.8 %; it is counted anyway.
 
     Raises:
         HardwareError: a reading has gaps, is saturated, too short or drifts.
-        InputError: no blocks, or not one reading for each; a film is dead or of reversed polarity.
-        Refusal: a load is beyond what linear elasticity allows.
+        InputError: there are no blocks, or not one reading for each; a film is dead or of reversed polarity.
+        Refusal: a load is above the limit of linear elasticity.
     """
     _check_count(samples, bench)
     measurements = [strict_reading(one, bench, scene) for one in samples]
@@ -139,7 +140,7 @@ def checked(
     linear: bool = False,
     tell: Tell = silent,
 ) -> Check:
-    """Compare readings as ``film_forces.strict_reading`` returns them; else as ``check``. ``tell`` is told what is tried."""
+    """Compare measurements by ``film_forces.measure_strict_reading``; otherwise as ``check``. ``tell`` reports progress."""
     _check_count(measurements, bench)
     predictions = predicted(scene, bench.reference) if shares is None else shares
     effective = Gains.nominal(bench) if gains is None else gains.warmed(bench.channels.warming)
@@ -191,12 +192,12 @@ def _told(
 
 @dataclass(frozen=True)
 class Comparison:
-    """What readings are compared with.
+    """The gains and predictions that readings are compared with.
 
     Attributes:
         bench: blocks and tolerances.
-        gains: with their errors at the temperature of the readings.
-        variables: that ``gains.slopes`` refers to.
+        gains: with their uncertainty at the temperature of the readings.
+        variables: names of the variables of ``gains.slopes``.
         shares: predictions for the probe as drawn.
     """
 
@@ -206,7 +207,7 @@ class Comparison:
     shares: Shares
 
     def deviation(self, films: Films) -> Deviation:
-        """Compare readings, one of each block. Raises ``InputError``: a film is dead or of reversed polarity."""
+        """Compare readings, one of each block, with the predictions. Raises ``InputError``: a film is dead or reversed."""
         parts = [_log_ratio(self.gains, *one) for one in self._pressed(films)]
         logs, noise, by_gain = (np.array(part) for part in zip(*parts, strict=True))
         blocks = zip(self.shares.blocks, self.bench.blocks, strict=True)
@@ -216,7 +217,7 @@ class Comparison:
         return Deviation(logs, self.shares.log_ratios, read, model, bias, self._workshop(bias))
 
     def exchanges(self, films: Films) -> tuple[Misplacement, ...]:
-        """Return what was exchanged, where that explains readings that are not within the workshop's tolerances."""
+        """Find the exchanges that explain readings outside the workshop's tolerances."""
         if self.deviation(films).p_value >= LEVEL:
             return ()
         forces = np.array([self.gains.forces(one) for one, _ in films])
@@ -245,7 +246,7 @@ class Comparison:
 
 
 def _log_ratio(gains: Gains, films: Floats, covariance: Floats) -> tuple[float, float, Floats]:
-    """ln(F_inner / F_outer), its variance by noise, and its derivatives by the entries of M, shape (4,)."""
+    """Return ln(F_inner / F_outer), its variance due to noise, and its derivatives with respect to M's entries, shape (4,)."""
     forces = gains.forces(films)
     slope = np.array([1.0, -1.0]) / forces
     by_films = slope @ np.linalg.inv(gains.matrix)

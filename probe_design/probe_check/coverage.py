@@ -1,7 +1,7 @@
-"""What a check can test: each variable with a tolerance, how far off it would be found, and why not where that is too far.
+"""Determine what a check can test: the detection limit of each variable with a tolerance, and what hides it.
 
-A variable counts as tested where it is found at least every second time (eq. PC.4) if it is off by ``FAR`` tolerances. What hides
-it otherwise is found by asking again without one source of doubt after the other.
+A variable counts as tested if a deviation of five tolerances is detected with a probability of at least 0.5 (eq. PC.4). To learn
+what hides a variable, one source of uncertainty after the other is left out.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ import numpy as np
 from geometry.common.arrays import Floats
 from probe_design.probe_check.deviation import FAR, POWER, Deviation, power
 
-FARTHEST = 1e6  # tolerances: what is not found there is not found at all
+FARTHEST = 1e6  # tolerances: what is not detected there is never detected
 BISECTIONS = 40
-MAX_POISSON_RATIO = 0.5  # a Poisson's ratio cannot be off by more
-EXACT = 1e-6  # factor on standard deviations that stands for none
+MAX_POISSON_RATIO = 0.5  # upper limit of a Poisson's ratio, and so of its deviation
+EXACT = 1e-6  # factor on standard deviations that makes them negligible
 
 
 @dataclass(frozen=True)
@@ -27,10 +27,10 @@ class VariableCoverage:
     Attributes:
         variable: key of the scene file.
         tolerance: of the workshop, a standard deviation, SI.
-        found_from: deviation that is found every second time, SI; None where none is.
-        effect: largest relative change of a block's ratio where it is off by ``FAR`` tolerances.
-        power: how likely the check is to find it then.
-        reason: why that is too seldom; empty where it is tested.
+        found_from: detection limit: the deviation that is detected with a probability of 0.5, SI; None if there is none.
+        effect: largest relative change of a block's ratio by a deviation of five tolerances.
+        power: probability that the check detects this deviation.
+        reason: why the power is below 0.5; empty if the variable is tested.
     """
 
     variable: str
@@ -42,16 +42,16 @@ class VariableCoverage:
 
     @property
     def tested(self) -> bool:
-        """Whether being off by ``FAR`` tolerances would be found at least every second time."""
+        """Whether a deviation of five tolerances is detected with a probability of at least 0.5."""
         return not self.reason
 
 
 def coverage(deviation: Deviation, tolerances: Mapping[str, float]) -> tuple[VariableCoverage, ...]:
-    """Return what a check tests, the best tested first.
+    """Compute how well a check tests each variable, the best tested first.
 
     Args:
         deviation: for its covariances.
-        tolerances: standard deviations, SI, by variable; those of 0 are left out.
+        tolerances: standard deviations, SI, by variable; variables with 0 are left out.
     """
     found = [_tested(deviation, name, sd) for name, sd in tolerances.items() if sd > 0]
     return tuple(sorted(found, key=lambda one: -one.power))
@@ -66,7 +66,7 @@ def _tested(deviation: Deviation, name: str, tolerance: float) -> VariableCovera
 
 
 def _found_from(deviation: Deviation, name: str, tolerance: float) -> float | None:
-    """The deviation that is found with probability ``POWER``, by bisection of its logarithm: the power rises with it."""
+    """Return the deviation detected with a probability of 0.5, by bisection of its logarithm, since the power rises with it."""
     if not np.any(deviation.workshop[name] != 0) or power(deviation, {name: FARTHEST}) < POWER:
         return None
     low, high = 0.0, np.log(FARTHEST)
@@ -78,7 +78,7 @@ def _found_from(deviation: Deviation, name: str, tolerance: float) -> float | No
 
 
 def _hidden_by(deviation: Deviation, name: str, tolerance: float) -> str:
-    """What hides a variable: the one source of doubt without which it would be found, or that no single one does."""
+    """Explain what hides a variable: the one source of uncertainty without which it is detected, or several together."""
     drawn = deviation.workshop[name] + deviation.bias(name) * tolerance  # as if the calibration had not depended on it
     if np.any(deviation.bias(name) != 0) and _found(replace(deviation, workshop={**deviation.workshop, name: drawn}), name):
         return "the calibration took it as drawn and has absorbed what it does"
@@ -107,5 +107,5 @@ def _found(deviation: Deviation, name: str) -> bool:
 
 
 def _percent(covariance: Floats) -> str:
-    """The largest standard deviation of a ratio by a covariance of logarithms, in percent."""
+    """Format the largest relative standard deviation in a covariance of logarithms as percent."""
     return f"{100 * float(np.sqrt(np.diag(covariance).max())):.2g} %"

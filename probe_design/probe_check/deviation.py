@@ -1,4 +1,4 @@
-"""What was read and predicted of the blocks, how far apart these may be, and which deviations a check can see at all."""
+"""Compare readings and predictions on the blocks statistically, and compute which deviations a check can detect."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ from scipy.special import chdtrc, chdtri, ndtri
 
 from geometry.common.arrays import Floats
 
-LEVEL = 0.01  # p-value below which a deviation is one, and the probe fails
-FAR = 5.0  # tolerances by which a variable that should be found is off
-POWER = 0.5  # probability with which it then is
-TOLD = 2.0  # tolerances below which the smaller of a pair is nothing unusual, and no part of it
-NOTHING = 1e-12  # information, in units of tolerances, below which a direction is not told
+LEVEL = 0.01  # p-value below which a deviation is significant, and the probe fails
+FAR = 5.0  # tolerances: a deviation that a check should detect
+POWER = 0.5  # probability of its detection from which a variable counts as tested
+TOLD = 2.0  # tolerances: if the smaller deviation of a pair is less, it is not unusual, and the pair is no pair
+NOTHING = 1e-12  # information, in units of tolerances, below which a direction is not determined
 EVENLY = ndtri((np.arange(100) + 0.5) / 100)  # a unit normal variable at equal steps of its probability
 
 
 @dataclass(frozen=True)
 class Deviation:
-    """What was read and what was predicted of k blocks.
+    """The readings and predictions on k blocks, with their covariances.
 
     Attributes:
         logs: ln(F_inner / F_outer) as read, shape (k,).
         drawn: as predicted for the probe as drawn, shape (k,).
         read: covariance of ``logs``, shape (k, k).
         model: variances of ``drawn`` for the probe as drawn, shape (k,).
-        calibration_bias: G S of eq. PC.2 by variable, shape (k,) each; 0 where one is missing.
-        workshop: (J - G S) t of eq. PC.2 by variable, t what the workshop's tolerance allows it, shape (k,) each.
+        calibration_bias: G S of eq. PC.2 by variable, shape (k,) each; 0 for missing variables.
+        workshop: (J - G S) t of eq. PC.2 by variable, t its workshop tolerance, shape (k,) each.
     """
 
     logs: Floats
@@ -40,18 +40,18 @@ class Deviation:
     workshop: Mapping[str, Floats] = field(default_factory=dict)
 
     def covariance(self, *without: str) -> Floats:
-        """Return C of a probe within the workshop's tolerances, those of the named variables left out, shape (k, k)."""
+        """Return C of eq. PC.1 without the tolerances of the named variables, shape (k, k)."""
         columns = [column for name, column in self.workshop.items() if name not in without]
         allowed = np.array(columns).reshape(len(columns), len(self.logs))
         return np.asarray(self.read + np.diag(self.model) + allowed.T @ allowed)
 
     def weight(self, *without: str) -> Floats:
-        """Return the inverse of ``covariance``, shape (k, k)."""
+        """Return the inverse of ``compute_covariance``, shape (k, k)."""
         return np.asarray(np.linalg.inv(self.covariance(*without)), dtype=float)
 
     @property
     def chi_square(self) -> float:
-        """Of a probe within the workshop's tolerances, eq. PC.1 of ``probe_design.probe_check.check``."""
+        """Chi-square for a probe within the workshop's tolerances, eq. PC.1 of ``probe_design.probe_check.check``."""
         off = self.logs - self.drawn
         return float(off @ self.weight() @ off)
 
@@ -61,11 +61,11 @@ class Deviation:
         return float(chdtrc(len(self.logs), self.chi_square))
 
     def bias(self, name: str) -> Floats:
-        """G S of a variable, shape (k,)."""
+        """Return G S of a variable, shape (k,), the shift of ln rho by the calibration's wrong assumption."""
         return self.calibration_bias.get(name, np.zeros(len(self.logs)))
 
     def without(self, k: int) -> Deviation:
-        """Return it without block k."""
+        """Return the deviation without block k."""
 
         def kept(by_name: Mapping[str, Floats]) -> dict[str, Floats]:
             return {name: np.delete(column, k) for name, column in by_name.items()}
@@ -78,11 +78,11 @@ class Deviation:
 
 @dataclass(frozen=True)
 class CancellingPair:
-    """Two variables that may be off together without being seen, though one of them alone would be, or either.
+    """Two variables whose joint deviation is not detected, although that of one of them alone would be.
 
     Attributes:
         variables: their names.
-        tolerances: by how many each is off, the larger one ``FAR``; of the other sign also.
+        tolerances: the deviations in tolerances, the larger one 5; the opposite signs as well.
     """
 
     variables: tuple[str, str]
@@ -90,14 +90,14 @@ class CancellingPair:
 
 
 def power(deviation: Deviation, tolerances: Mapping[str, float]) -> float:
-    """Return how likely the check is to find variables that are off, all others within their tolerances.
+    """Return the probability that the check detects deviations of variables, with all others within their tolerances.
 
     Eq. PC.1 allows these variables their tolerances, too: along their own deviations, whose information S has the eigenvalues
     s_i, it divides squares of unit variance by 1 + s_i. What is left is a chi-square (PC.4).
 
     Args:
         deviation: for its covariances.
-        tolerances: by how many each variable is off, of one or two of ``deviation.workshop``.
+        tolerances: deviation of one or two variables of ``deviation.workshop``, in tolerances.
     """
     sizes, directions = np.linalg.eigh(_seen(deviation, list(tolerances)))
     told = sizes > NOTHING
@@ -109,12 +109,12 @@ def power(deviation: Deviation, tolerances: Mapping[str, float]) -> float:
 
 
 def unseen(deviation: Deviation) -> tuple[str, ...]:
-    """Return the variables with a tolerance that may be off by ``FAR`` of it and are found less often than ``POWER``."""
+    """List the variables of which a deviation of five tolerances is detected with a probability below 0.5."""
     return tuple(name for name in _movable(deviation) if power(deviation, {name: FAR}) < POWER)
 
 
 def cancelling(deviation: Deviation) -> tuple[CancellingPair, ...]:
-    """Return the pairs that hide each other, the least visible first, of variables of which one at least is seen alone."""
+    """Find the pairs that hide each other, the least detectable first; at least one of each is detected alone."""
     hidden, found = unseen(deviation), []
     for pair in combinations(_movable(deviation), 2):
         way = np.linalg.eigh(_seen(deviation, pair))[1][:, 0]
@@ -132,6 +132,6 @@ def _movable(deviation: Deviation) -> list[str]:
 
 
 def _seen(deviation: Deviation, names: Sequence[str]) -> Floats:
-    """Information on variables in units of their tolerances, (n, n): their deviations' chi-square is its quadratic form."""
+    """Return the information matrix of n variables in units of their tolerances, (n, n): chi-square is its quadratic form."""
     columns = np.stack([deviation.workshop[name] for name in names], axis=1)
     return np.asarray(columns.T @ deviation.weight(*names) @ columns)

@@ -1,10 +1,11 @@
-"""Which variable, or which two, would explain that a probe deviates from its prediction.
+"""Find the variable, or the two variables, that would explain a probe's deviation from its prediction.
 
-A variable that is off by e shifts d = ln rho measured - ln rho predicted by (J - G S) e (PC.2): J is what it does to the probe;
-the calibration, which took the drawing as true, is off by -S e, S its slopes, and G carries that to ln rho. One e is fitted for
-each variable alone, e = D^T C^-1 d / D^T C^-1 D, D = J - G S (PC.3), where C counts what the workshop allows all others; then all
-of them again at the designs that they ask for, since large changes are far from linear. Where none explains the deviation, pairs
-are tried, from each variable's own best design.
+A variable that is off by e shifts d = ln rho measured - ln rho predicted by (J - G S) e (PC.2): J is its effect
+on the probe's ln rho; the calibration, which assumed the drawing, is wrong by -S e, with its derivatives S, and G as in eq. PC.1.
+One e is fitted for
+each variable alone, e = D^T C^-1 d / D^T C^-1 D, D = J - G S (PC.3), where C includes the tolerances of all others. Then all
+of them are fitted again with changed designs, since large changes are not linear. If none explains the deviation, pairs are
+tried, starting from each variable's own best design.
 """
 
 from __future__ import annotations
@@ -24,23 +25,23 @@ from probe_design.probe_check.changed_designs import GAIN, Changes, Fit, linear_
 from probe_design.probe_check.deviation import LEVEL, Deviation
 from solver.results.evaluator import Tell, silent
 
-ALIKE = 4.0  # difference of the remaining chi-squares below which two explanations are not told apart: 2 standard deviations
-LOOSE = 1.0  # standard deviation, relative to the value, above which an explanation says nothing
-PAIRS = 6  # that are fitted at their designs, of all that are linear about a single variable's
+ALIKE = 4.0  # difference of chi-squares, 2 standard deviations, below which two explanations cannot be distinguished
+LOOSE = 1.0  # standard deviation relative to the value above which a variable is not determined
+PAIRS = 6  # pairs that are fitted with changed designs, the best by linear theory
 
 
 @dataclass(frozen=True)
 class Explanation:
-    """One variable that may be off its drawing.
+    """One variable that may differ from the drawing.
 
     Attributes:
         variable: key of the scene file, ``reference.youngs_modulus`` (of all blocks) or ``relative gain``.
-        change: by which it would be off, SI; relative for the last two.
+        change: its difference from the drawing, SI; relative for the last two.
         uncertainty: standard deviation of ``change``.
         nominal: as drawn; 1 for the last two.
-        chi_square: that is left.
-        p_value: of it.
-        explains: whether what is left is no deviation any more.
+        chi_square: of the remaining deviation.
+        p_value: of ``chi_square``.
+        explains: whether the remaining deviation is not significant.
     """
 
     variable: str
@@ -54,7 +55,7 @@ class Explanation:
 
 @dataclass(frozen=True)
 class VariablePair:
-    """Two variables that may be off together; each as if it stood alone, but for what is left, which is that of both."""
+    """Two variables that may differ together; chi-square and p-value are those of both, also in ``first`` and ``second``."""
 
     first: Explanation
     second: Explanation
@@ -64,12 +65,12 @@ class VariablePair:
 
     @property
     def variables(self) -> tuple[str, str]:
-        """Their names."""
+        """Names of both variables."""
         return self.first.variable, self.second.variable
 
 
 def explanations(deviation: Deviation, shares: Shares) -> tuple[tuple[Explanation, ...], tuple[str, ...]]:
-    """Return what each variable would explain, linearly, best first, and the names of those that the readings do not tell."""
+    """Fit each variable alone by linear theory; return the explanations, best first, and the names of undetermined variables."""
     slopes = dict(zip(shares.variables, shares.slopes.T, strict=True)) | {GAIN: np.ones(len(deviation.logs))}
     nominal = dict(zip(shares.variables, shares.nominal.tolist(), strict=True)) | {GAIN: 1.0}
     off = deviation.logs - deviation.drawn
@@ -81,7 +82,7 @@ def explanations(deviation: Deviation, shares: Shares) -> tuple[tuple[Explanatio
 def refined(
     scene: Scene, bench: Bench, deviation: Deviation, shares: Shares, names: Sequence[str], *, tell: Tell = silent
 ) -> tuple[Fit, ...]:
-    """Fit each of these variables alone at the designs that it asks for, best first; ``tell`` is told how far it is."""
+    """Fit each of these variables alone with changed designs, best first; ``tell`` reports progress."""
     fits = []
     for k, name in enumerate(names, 1):
         tell(f"what would explain it: {name}, {k} of {len(names)}")
@@ -90,7 +91,7 @@ def refined(
 
 
 def paired(deviation: Deviation, shares: Shares, fits: Sequence[Fit], *, tell: Tell = silent) -> tuple[VariablePair, ...]:
-    """Return the pairs that explain most, best first, from the fits of single variables; none where nothing would be left."""
+    """Fit the most promising pairs, best first, from the fits of single variables; none for fewer than three blocks."""
     if len(deviation.logs) < 3:
         return ()
     best: dict[frozenset[str], tuple[float, Fit, str]] = {}
@@ -107,7 +108,7 @@ def paired(deviation: Deviation, shares: Shares, fits: Sequence[Fit], *, tell: T
 
 
 def alike(explained: Sequence[Explanation]) -> tuple[str, ...]:
-    """Return the best explanation's name and those that the readings do not tell apart from it."""
+    """List the best explanation's name and those that the readings do not distinguish from it."""
     return tuple(one.variable for one in explained if one.chi_square - explained[0].chi_square < ALIKE)
 
 
@@ -116,7 +117,7 @@ def _best_first(fits: Sequence[Explanation]) -> tuple[Explanation, ...]:
 
 
 def told(fit: Fit, deviation: Deviation, at: int = 0) -> Explanation:
-    """Return what a fit says of one of its variables."""
+    """Build the explanation by one of a fit's variables."""
     p_value = _p_value(fit.chi_square, len(deviation.logs) - len(fit.changes.names))
     return Explanation(
         variable=fit.changes.names[at],
@@ -139,7 +140,7 @@ def _p_value(left: float, freedom: int) -> float:
 
 
 def _fitted(deviation: Deviation, name: str, shift: Floats, off: Floats, nominal: float) -> Explanation:
-    """Eq. PC.3, and what it leaves."""
+    """Fit one variable by eq. PC.3, and compute the remaining chi-square."""
     weight = deviation.weight(name)
     information = max(float(shift @ weight @ shift), np.finfo(float).tiny)
     change = float(shift @ weight @ off) / information

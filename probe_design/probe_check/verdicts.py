@@ -1,7 +1,7 @@
-"""The verdict of a check: within the workshop's tolerances as far as tested, out of them and by what, or not known and why.
+"""Decide the verdict of a check: within the workshop's tolerances as far as tested, out of them, or not decidable, and why.
 
-What explains a deviation is looked for in the order of what a careless hand does most easily: exchanged cables or blocks, one
-variable of the design, one wrong reading, two variables.
+Causes of a deviation are tried from the most to the least frequent mistake: exchanged cables or blocks, one variable of the
+design, one wrong reading, two variables.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ BENCH_S = {GAIN: "one film's gain (its cable, its amplifier, its temperature sin
 
 @dataclass(frozen=True)
 class Verdict:
-    """What is concluded; see ``probe_design.probe_check.check.Check``."""
+    """The conclusion of a check; see ``probe_design.probe_check.check.Check`` for the fields."""
 
     verdict: str
     reason: str
@@ -39,16 +39,16 @@ def judged(
     scene: Scene, bench: Bench, deviation: Deviation, shares: Shares, exchanged: Sequence[str],
     *, tested: Sequence[VariableCoverage], tell: Tell = silent,
 ) -> Verdict:  # fmt: skip
-    """Say what a deviation comes to.
+    """Decide the verdict for a deviation.
 
     Args:
         scene: the probe as drawn.
         bench: blocks and tolerances.
         deviation: of all blocks.
         shares: predictions for the probe as drawn.
-        exchanged: names of exchanges each of which would explain it.
-        tested: how well each variable is.
-        tell: is told what is tried.
+        exchanged: descriptions of exchanges each of which would explain it.
+        tested: how well each variable is tested.
+        tell: called with reports of progress.
     """
     linear, unresolved = explanations(deviation, shares)
     if deviation.p_value >= LEVEL:
@@ -67,11 +67,11 @@ def judged(
 def _within(tested: Sequence[VariableCoverage]) -> tuple[str, str]:
     if any(one.tested for one in tested):
         return WITHIN, ""
-    return UNTESTED, "no variable would be found off by five tolerances, so that readings that agree say nothing of the probe"
+    return UNTESTED, "no variable would be found off by five tolerances, so that readings that agree do not confirm the probe"
 
 
 def _by_one(names: Sequence[str]) -> tuple[str, str]:
-    """Of variables that are not told apart; the bench is at fault where no dimension or modulus of the probe is among them."""
+    """Return verdict and reason for indistinguishable variables; without a variable of the probe the bench is the cause."""
     if all(name in BENCH_S for name in names):
         return UNKNOWN, f"the bench, rather than the probe: {', or '.join(BENCH_S[name] for name in names)}"
     return OUT, ", or ".join(names)
@@ -89,7 +89,7 @@ def _by_more(pairs: Sequence[VariablePair], odd: Sequence[str]) -> tuple[str, st
 
 
 def _odd_ones(deviation: Deviation, bench: Bench) -> list[str]:
-    """Names of the blocks each of which, left out, leaves a probe within the tolerances; of three blocks or more."""
+    """Find the blocks each of which, if left out, leaves a probe within the tolerances; needs three blocks or more."""
     if len(bench.blocks) < 3:
         return []
     return [block.name for k, block in enumerate(bench.blocks) if deviation.without(k).p_value >= LEVEL]

@@ -171,7 +171,7 @@ def test_a_port_without_a_probe(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_silence_and_unplugging_end_the_reading() -> None:
     with board(most=20) as made:
         silent = SerialTransport(made.port, silence=0.0)
-        with pytest.raises(Timeout, match="says nothing"):
+        with pytest.raises(Timeout, match="does not answer: unplug"):
             Reader(silent).collect(100.0)
         silent.close()
     with board(most=20) as made:

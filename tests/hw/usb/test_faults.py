@@ -35,7 +35,7 @@ from tests.support.paths import ROOT
     ("kind", "error", "remedy"),
     [
         ("stall", Stalled, "unplug it and plug it in again"), ("error", TransferError, "try another cable or port"),
-        ("unplug", Disconnected, "check plug and cable"), ("silence", Timeout, "it is there and says nothing"),
+        ("unplug", Disconnected, "check plug and cable"), ("silence", Timeout, "it is connected but does not answer"),
     ],
 )  # fmt: skip
 def test_lasting_fault_is_named(kind: Kind, error: type[HardwareError], remedy: str) -> None:

@@ -48,7 +48,7 @@ def test_a_leak_lies_within_what_is_stated(pin: float, ring: float) -> None:
     gains, notes = leaking(pin, ring)
     assert np.abs(off(gains)).max() < 1.96
     assert sum("does it touch both blocks?" in one for one in notes) == (pin > 0.02) + (ring > 0.02)
-    assert "nobody says what share of their load pin" in notes[-1]
+    assert "does not state what fraction of their load pin" in notes[-1]
 
 
 @pytest.mark.parametrize(("pin", "ring", "ratio", "cross"), [(0.0, 0.01, 2.0, 6.0), (0.01, 0.0, 1.5, 5.0)])

@@ -82,7 +82,7 @@ def test_what_nobody_has_verified_is_counted_and_told(tmp_path: Path) -> None:
     ended = run("calibrate", SCENE, "--virtual", "-o", tmp_path / "probe.toml")
     assert numbers(ended.stdout) == pytest.approx(documented("calibrate examples/scene.toml --virtual -o"), rel=0.02)
     assert "nothing confirms the force channel's scale" in ended.stderr
-    assert "nobody says what share of their load pin" in ended.stderr
+    assert "does not state what fraction of their load pin" in ended.stderr
     spread = tomllib.loads((tmp_path / "probe.toml").read_text())["covariance"][0][0] ** 0.5
     assert 0.03 < spread < 0.05
 

@@ -160,7 +160,7 @@ def test_readings_too_poor_for_any_verdict_say_so() -> None:
     at = deviation(noise=1.0)
     found = judged(scene(), BENCH, at, shares(), (), tested=coverage_of(at))
     assert found.verdict == UNTESTED
-    assert "say nothing of the probe" in found.reason
+    assert "do not confirm the probe" in found.reason
     assert all("not observable at this noise" in one.reason or "hide it together" in one.reason for one in coverage_of(at)[:4])
 
 
