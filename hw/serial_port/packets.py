@@ -1,4 +1,4 @@
-"""Encode requests and decode answers on a serial port, in place of USB's control transfers; see ``docs/reference/protocol.md``."""
+"""Encode requests and decode responses on a serial port, in place of USB's control transfers (``docs/reference/protocol.md``)."""
 
 from __future__ import annotations
 

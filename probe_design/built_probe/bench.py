@@ -30,7 +30,9 @@ Skew = Annotated[float, Quantity("time", "s", "us", -1.0, 1.0)]
 SkewTolerance = Annotated[float, Quantity("time", "s", "us", 0.0, 1.0)]
 KnownForce = Annotated[float, Quantity("force", "N", "mN", 1e-9, 1e6)]
 On = Literal["tissue", "inner", "outer"]
-LEAK = 0.007  # fraction of a pin's or ring's load on the other block, 1 sd: 1 % occurs, and is within 95 % (docs/guides/hardware.md)
+LEAK = (
+    0.007  # fraction of a pin's or ring's load on the other block, 1 sd: 1 % occurs, and is within 95 % (docs/guides/hardware.md)
+)
 
 
 class Shaker(Frozen):

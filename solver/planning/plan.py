@@ -284,11 +284,7 @@ def _dimension(scene: Scene, rough: CoarseModel, level: str | None, accuracy: fl
         sum((one.effect_on_stresses or 0.0 for one in flat), 0.0),
         sum((one.effect_on_stiffness or 0.0 for one in flat), 0.0),
     )
-    why = (
-        needs_solid(scene)
-        or ", ".join(one.feature for one in flat)
-        or "the scene is axisymmetric except for tumours"
-    )
+    why = needs_solid(scene) or ", ".join(one.feature for one in flat) or "the scene is axisymmetric except for tumours"
     return Decision.of("third dimension", level == SOLID, effect, accuracy, f"{_model(scene, level)}: {why}")
 
 
