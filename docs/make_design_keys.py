@@ -10,9 +10,9 @@ from typing import Any
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from probe_design.populations.design_file import SECTIONS, Design
+from probe_design.populations.design_file import DESIGN_SECTIONS, Design
 from probe_design.populations.tables import LayerRanges
-from probe_design.populations.template import in_toml
+from probe_design.populations.template import format_toml
 
 PAGE = Path(__file__).parent / "reference" / "design-file.md"
 HEAD = """\
@@ -32,7 +32,7 @@ This page is what `python docs/make_design_keys.py` finds in the models: run it 
 
 def page() -> str:
     """Return the page."""
-    tables = [(f"[{name}]", _model(name)) for name in SECTIONS]
+    tables = [(f"[{name}]", _model(name)) for name in DESIGN_SECTIONS]
     tables.insert(1, ("[[population.layer]]", LayerRanges))
     return "\n".join((HEAD, *(line for heading, model in tables for line in _table(heading, model))))
 
@@ -57,14 +57,14 @@ def _table(heading: str, model: type[BaseModel]) -> Iterator[str]:
 
 def _example(field: FieldInfo, default: Any) -> str:
     value = field.examples[0] if field.examples else default
-    return "" if value in (None, [], {}) else f"`{in_toml(value)}`"
+    return "" if value in (None, [], {}) else f"`{format_toml(value)}`"
 
 
 def _default(key: str, field: FieldInfo, written: dict[str, Any]) -> str:
     value = written.get(key)
     if value in (None, [], {}):
         return "-"
-    return f"`{in_toml(field.examples[0] if key == 'positions' and field.examples else value)}`"
+    return f"`{format_toml(field.examples[0] if key == 'positions' and field.examples else value)}`"
 
 
 def _words(text: str) -> str:

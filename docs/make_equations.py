@@ -91,9 +91,9 @@ def equations() -> list[Equation]:
 def definitions(text: str) -> Iterator[tuple[str, str]]:
     """Yield each label that a text defines with what it says: what stands before it, in a display line by line."""
     *parts, _ = DEFINITION.split(text)
-    for before, label in zip(parts[::2], parts[1::2], strict=True):
-        lines = [" ".join(line.strip(" #").split()) for line in sentence(before).replace("``", "").splitlines()]
-        yield label, ("\n" if before.endswith("  ") else " ").join(lines).rstrip(" ,")
+    for text_before, label in zip(parts[::2], parts[1::2], strict=True):
+        lines = [" ".join(line.strip(" #").split()) for line in sentence(text_before).replace("``", "").splitlines()]
+        yield label, ("\n" if text_before.endswith("  ") else " ").join(lines).rstrip(" ,")
 
 
 def sentence(text: str) -> str:
@@ -104,13 +104,15 @@ def sentence(text: str) -> str:
 
 def page() -> str:
     """Return the text of ``equations.md``."""
-    ordered = sorted(equations(), key=lambda one: one.order)
-    return "\n".join([HEAD, *(table(letters, list(found)) for letters, found in groupby(ordered, lambda one: one.label[:2]))])
+    ordered = sorted(equations(), key=lambda equation: equation.order)
+    return "\n".join(
+        [HEAD, *(table(letters, list(group)) for letters, group in groupby(ordered, lambda equation: equation.label[:2]))]
+    )
 
 
-def table(letters: str, found: list[Equation]) -> str:
+def table(letters: str, group: list[Equation]) -> str:
     """Return one room's part of the page."""
-    rows = [f"| {one.label} | {code(one.says)} | `{Path(one.file).name}` |\n" for one in found]
+    rows = [f"| {equation.label} | {code(equation.says)} | `{Path(equation.file).name}` |\n" for equation in group]
     return f"## {letters}: `{ROOMS[letters]}`\n\n| label | equation | file |\n|---|---|---|\n{''.join(rows)}"
 
 

@@ -12,7 +12,7 @@ from typing import Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from geometry.scenes.messages import TISSUES
+from geometry.scenes.messages import TISSUE_MODELS
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import Quantity
 
@@ -36,18 +36,18 @@ def page() -> str:
 
 def _tables() -> Iterator[tuple[str, type[BaseModel]]]:
     """Headings as they stand in the file, with their models."""
-    yield from _below("", Scene)
+    yield from _list_below("", Scene)
 
 
-def _below(path: str, model: type[BaseModel]) -> Iterator[tuple[str, type[BaseModel]]]:
+def _list_below(path: str, model: type[BaseModel]) -> Iterator[tuple[str, type[BaseModel]]]:
     for name, field in model.model_fields.items():
         inner = f"{path}.{name}".lstrip(".")
         for kind, several in _models(field.annotation):
             heading = f"[[{inner}]]" if several else f"[{inner}]"
-            shape = next((tag for tag, one in TISSUES.items() if one is kind), None)
+            shape = next((tag for tag, tissue in TISSUE_MODELS.items() if tissue is kind), None)
             yield heading if shape is None else f'{heading} with shape = "{shape}"', kind
             if shape in (None, "cylinder"):  # layers are the same in tissue of every shape
-                yield from _below(inner, kind)
+                yield from _list_below(inner, kind)
 
 
 def _models(annotation: Any, several: bool = False) -> Iterator[tuple[type[BaseModel], bool]]:
@@ -69,8 +69,10 @@ def _section(heading: str, model: type[BaseModel]) -> Iterator[str]:
     yield ""
     if keys:
         yield from ("| key | what it may be | left out | meaning |", "|---|---|---|---|")
-        told = {name: text for kind in reversed(model.__mro__) for name, text in _attributes(kind.__doc__ or "").items()}
-        yield from (f"| `{name}` | {_allowed(field)} | {_default(field)} | {told.get(name, '')} |" for name, field in keys)
+        descriptions = {name: text for kind in reversed(model.__mro__) for name, text in _attributes(kind.__doc__ or "").items()}
+        yield from (
+            f"| `{name}` | {_allowed(field)} | {_default(field)} | {descriptions.get(name, '')} |" for name, field in keys
+        )
         yield ""
 
 
@@ -81,8 +83,8 @@ def _paragraph(text: str) -> str:
 def _attributes(said: str) -> dict[str, str]:
     """What the docstring says of each key."""
     block = cleandoc(said).partition("Attributes:\n")[2]
-    found = re.findall(r"^ {4}(\w[\w, ]*): (.*(?:\n {8}.*)*)", block, re.M)
-    return {name: _paragraph(text).rstrip(".") for names, text in found for name in names.split(", ")}
+    matches = re.findall(r"^ {4}(\w[\w, ]*): (.*(?:\n {8}.*)*)", block, re.M)
+    return {name: _paragraph(text).rstrip(".") for names, text in matches for name in names.split(", ")}
 
 
 def _allowed(field: FieldInfo) -> str:
@@ -129,7 +131,7 @@ def _default(field: FieldInfo) -> str:
     if value is None:
         return "-"
     if quantity is not None and isinstance(value, float):
-        return quantity.text(value)
+        return quantity.format_value(value)
     return str(value).lower() if isinstance(value, bool) else str(list(value)) if isinstance(value, tuple) else f"{value}"
 
 

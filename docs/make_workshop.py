@@ -32,9 +32,9 @@ def halves(folder: Path, block: str, picture: Path) -> None:
     """Draw both halves of a mould, opened, without the quarter in front."""
     import pyvista
 
-    from geometry.cad.solids import cadquery
+    from geometry.cad.solids import load_cadquery
 
-    cq = cadquery()
+    cq = load_cadquery()
     plotter = pyvista.Plotter(off_screen=True, window_size=(900, 700))
     for half, lift, colour in (("lower", 0.0, "#b8bcc4"), ("upper", 8.0, "#8fa8c8")):
         shape = cq.importers.importStep(str(folder / f"mould-{block}-{half}.step")).val()

@@ -10,7 +10,7 @@ import sys
 import numpy as np
 
 from hw.common.transport import Chunk
-from hw.foreign.volts import packed, volts_header
+from hw.foreign.volts import build_volts_header, pack_samples
 from hw.reader import Reader
 
 RATE, RANGE = 1000.0, 5.0  # samples per second and channel; volts at the end of the converter's range
@@ -27,7 +27,7 @@ class DaqTransport:
     """What a reader needs: ``header``, ``read``, ``close``; every fault it raises is a ``hw.common.errors.HardwareError``."""
 
     def __init__(self) -> None:
-        self.header = volts_header(RATE, ("inner", "outer"), transport="my DAQ", serial="1234")
+        self.header = build_volts_header(RATE, ("inner", "outer"), transport="my DAQ", serial="1234")
         self._next = 0
 
     def read(self) -> Chunk:
@@ -35,7 +35,7 @@ class DaqTransport:
         volts = driver(self._next, 50)
         index = np.arange(self._next, self._next + len(volts))
         self._next += len(volts)
-        return Chunk(packed(index, volts, np.abs(volts) >= RANGE))
+        return Chunk(pack_samples(index, volts, np.abs(volts) >= RANGE))
 
     def close(self) -> None:
         """Let go of the device."""

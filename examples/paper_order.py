@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from itertools import combinations, pairwise
 
-from solver.published.table3 import printed_ratios
+from solver.published.table3 import get_printed_ratios
 
 
-def below(low: int, high: int, ratios: Mapping[int, float], bounds: Mapping[int, float]) -> bool:
+def is_below(low: int, high: int, ratios: Mapping[int, float], bounds: Mapping[int, float]) -> bool:
     """Whether the ratio at one position is below that at another by more than both relative bounds together."""
     slack = sum(bounds.get(k, 0.0) * abs(ratios[k]) for k in (low, high))
     return ratios[high] - ratios[low] > slack
@@ -17,16 +17,16 @@ def below(low: int, high: int, ratios: Mapping[int, float], bounds: Mapping[int,
 def order(ratios: Mapping[int, float], bounds: Mapping[int, float]) -> str:
     """Return the positions by rising ratio, with "<" where the bounds tell them apart, else "~"."""
     ranked = sorted(ratios, key=lambda k: ratios[k])
-    signs = ["<" if below(low, high, ratios, bounds) else "~" for low, high in pairwise(ranked)]
+    signs = ["<" if is_below(low, high, ratios, bounds) else "~" for low, high in pairwise(ranked)]
     return "".join(f" {sign} {k}" for sign, k in zip(["", *signs], ranked, strict=False)).strip() or "unknown"
 
 
 def agreed(ours: Mapping[int, float], bounds: Mapping[int, float]) -> dict[str, list[str]]:
     """Return the pairs of positions that rank alike in print and here, otherwise, or that our bounds leave open."""
-    printed = printed_ratios(signed=False)
-    found: dict[str, list[str]] = {"alike": [], "otherwise": [], "open": []}
-    for one, other in combinations(sorted(ours), 2):
-        low, high = (one, other) if printed[one] < printed[other] else (other, one)
-        same, opposite = below(low, high, ours, bounds), below(high, low, ours, bounds)
-        found["alike" if same else "otherwise" if opposite else "open"].append(f"{low} < {high}")
-    return found
+    printed = get_printed_ratios(signed=False)
+    pairs: dict[str, list[str]] = {"alike": [], "otherwise": [], "open": []}
+    for first, second in combinations(sorted(ours), 2):
+        low, high = (first, second) if printed[first] < printed[second] else (second, first)
+        agrees, opposite = is_below(low, high, ours, bounds), is_below(high, low, ours, bounds)
+        pairs["alike" if agrees else "otherwise" if opposite else "open"].append(f"{low} < {high}")
+    return pairs

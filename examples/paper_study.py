@@ -27,13 +27,13 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from paper_notes import notes
 
 from geometry import ProbeError, Scene, read_scene
-from geometry.common.files import written_whole
+from geometry.common.files import write_whole
 from geometry.common.resources import Limits
 from probe_design.maps.scan import Scan, scan
 from probe_design.pictures.formats import check_format
-from probe_design.terminal.console import message, saying
+from probe_design.terminal.console import show_steps, write_message
 from solver import Result, evaluate
-from solver.published.table3 import AREA_RATIO, PLACES, TABLE_3, check
+from solver.published.table3 import AREA_RATIO, POSITION_NAMES, TABLE_3, check_position
 
 SCENE = Path(__file__).with_name("paper-study.toml")
 FAR = 0.030  # x of position 4, m: 25 mm from the nearer tumour, 20 mm from the block's side
@@ -44,9 +44,9 @@ LIMITS = Limits(memory=4e9, seconds=1800.0)  # of each position: the check of a 
 
 def scenes(scene: Scene) -> dict[int, Scene]:
     """Return the scene with the probe at each of the four positions."""
-    one, two = scene.inclusion
-    at = {1: (one.x + two.x) / 2, 2: two.x, 3: one.x, 4: FAR}
-    return {k: scene.model_copy(update={"placement": scene.placement.model_copy(update={"x": x})}) for k, x in at.items()}
+    first, two = scene.inclusion
+    positions = {1: (first.x + two.x) / 2, 2: two.x, 3: first.x, 4: FAR}
+    return {k: scene.model_copy(update={"placement": scene.placement.model_copy(update={"x": x})}) for k, x in positions.items()}
 
 
 def solved(scene: Scene, evaluator: str, accuracy: float) -> dict[int, Result]:
@@ -55,12 +55,14 @@ def solved(scene: Scene, evaluator: str, accuracy: float) -> dict[int, Result]:
     Raises:
         InputError, Refusal: see ``solver.evaluate``.
     """
-    found = {}
-    with saying("the paper's study") as tell:
-        for k, one in scenes(scene).items():
-            tell(f"position {k} of 4, {PLACES[k]}")
-            found[k] = at_one_newton(evaluate(one, evaluator, accuracy, partial(_told, tell, k), limits=LIMITS), one)
-    return found
+    results = {}
+    with show_steps("the paper's study") as tell:
+        for k, scene_at in scenes(scene).items():
+            tell(f"position {k} of 4, {POSITION_NAMES[k]}")
+            results[k] = at_one_newton(
+                evaluate(scene_at, evaluator, accuracy, partial(_tell_line, tell, k), limits=LIMITS), scene_at
+            )
+    return results
 
 
 def at_one_newton(result: Result, scene: Scene) -> Result:
@@ -70,7 +72,7 @@ def at_one_newton(result: Result, scene: Scene) -> Result:
     return replace(result, **{key: None if value is None else value / force for key, value in at_load.items()})
 
 
-def _told(tell: Callable[[str], None], k: int, line: str) -> None:
+def _tell_line(tell: Callable[[str], None], k: int, line: str) -> None:
     tell(f"position {k} of 4: {line}")
 
 
@@ -80,7 +82,7 @@ def loaded(result: Result, load: float) -> tuple[float | None, ...]:
     return (*stresses, result.ratio, result.error_estimate)
 
 
-def study_table(found: dict[int, Result], title: str) -> Table:
+def study_table(results: dict[int, Result], title: str) -> Table:
     """Return Table 3, printed and ours side by side."""
     table = Table(title=title, title_justify="left")
     for heading in ("position", "stress 1\nprinted", "stress 2\nprinted", "ratio\nprinted"):
@@ -88,11 +90,11 @@ def study_table(found: dict[int, Result], title: str) -> Table:
     for heading in ("stress 1\nours, kPa", "stress 2\nours, kPa", "ratio\nours", "error\nbound"):
         table.add_column(heading, justify="right", no_wrap=True)
     for k, rows in TABLE_3.items():
-        table.add_row(f"{k}, {PLACES[k]}")
+        table.add_row(f"{k}, {POSITION_NAMES[k]}")
         for row in rows:
-            one, two, ratio, bound = loaded(found[k], row.load)
+            inner, two, ratio, bound = loaded(results[k], row.load)
             printed = (f"{row.stress_1:g}", f"{row.stress_2:g}", f"{row.ratio:.7g}")
-            table.add_row(f"  {row.load:g} N", *printed, _text(one, 1e-3), _text(two, 1e-3), _text(ratio), _percent(bound))
+            table.add_row(f"  {row.load:g} N", *printed, _text(inner, 1e-3), _text(two, 1e-3), _text(ratio), _percent(bound))
         table.add_section()
     return table
 
@@ -105,28 +107,28 @@ def _percent(value: float | None) -> str:
     return "-" if value is None else f"{100 * value:.2g} %"
 
 
-def check_table(found: dict[int, Result]) -> Table:
+def check_table(results: dict[int, Result]) -> Table:
     """Return what can be checked of the printed numbers alone; areas beside those of our probe."""
     table = Table(title="The printed numbers, checked", title_justify="left")
     headings = ("position", "ratio constant\nover loads within", "ratio column\nright within", "sign of\nstress 1 / stress 2")
     for heading in (*headings, "A1 that balances\n1 N, printed", "A1 that balances\n1 N, ours, mm2"):
         table.add_column(heading, justify="right")
     for k, rows in TABLE_3.items():
-        one, ours = check(rows), found[k]
+        row, ours = check_position(rows), results[k]
         total = AREA_RATIO * (ours.stress_inner or 0.0) + (ours.stress_outer or 0.0)
-        sign = "+" if one.signed > 0 else "-, printed as +"
+        sign = "+" if row.signed > 0 else "-, printed as +"
         table.add_row(
             str(k),
-            f"{100 * one.spread:.3f} %",
-            f"{one.arithmetic:.0e}",
+            f"{100 * row.spread:.3f} %",
+            f"{row.arithmetic:.0e}",
             sign,
-            f"{one.area:.4f}",
+            f"{row.area:.4f}",
             _text(1e6 / total if total else None),
         )
     return table
 
 
-def plot(found: dict[int, Result], scene: Scene, line: Scan, path: Path) -> None:
+def plot(results: dict[int, Result], scene: Scene, line: Scan, path: Path) -> None:
     """Draw the ratio at the four positions, and along the line through them by ``equivalent-inclusion``, with error bars."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -139,32 +141,32 @@ def plot(found: dict[int, Result], scene: Scene, line: Scan, path: Path) -> None
         axes.axvspan(1e3 * (body.x - half), 1e3 * (body.x + half), color="#a33b2e", alpha=0.12, linewidth=0)
     quick = {"label": f"{line.evaluator}, without the groove, with its error bounds", "color": "tab:blue", "linewidth": 0.8}
     _bars(axes, line.position, line.ratio, line.error_estimate, fmt=".-", **quick)
-    at = [one.placement.x for one in scenes(scene).values()]
-    ratios, bounds = [one.ratio for one in found.values()], [one.error_estimate for one in found.values()]
-    _bars(axes, at, ratios, bounds, label=f"{found[1].evaluator}, the four positions", color="black", fmt="o", zorder=3)
+    positions = [scene_at.placement.x for scene_at in scenes(scene).values()]
+    ratios, bounds = [scene_at.ratio for scene_at in results.values()], [scene_at.error_estimate for scene_at in results.values()]
+    _bars(axes, positions, ratios, bounds, label=f"{results[1].evaluator}, the four positions", color="black", fmt="o", zorder=3)
     axes.set(xlabel="x of the probe, mm (shaded: the tumours)", ylabel="stress 1 / stress 2")
     axes.grid(alpha=0.3)
     axes.legend()
-    with written_whole(path) as draft:
+    with write_whole(path) as draft:
         figure.savefig(draft, format=path.suffix[1:].lower())
 
 
-def _bars(axes: Any, at: Sequence[float], ratios: Sequence[Any], bounds: Sequence[Any], **style: Any) -> None:
-    x, ratio, bound = (np.array(values, dtype=float) for values in (at, ratios, bounds))
+def _bars(axes: Any, positions: Sequence[float], ratios: Sequence[Any], bounds: Sequence[Any], **style: Any) -> None:
+    x, ratio, bound = (np.array(values, dtype=float) for values in (positions, ratios, bounds))
     axes.errorbar(1e3 * x, ratio, np.abs(ratio) * np.minimum(bound, 1.0), capsize=3, elinewidth=0.8, **style)
 
 
-def report(found: dict[int, Result], scene: Scene) -> dict[str, Any]:
+def report(results: dict[int, Result], scene: Scene) -> dict[str, Any]:
     """Return the JSON object of ``--json``."""
-    at = scenes(scene)
+    places = scenes(scene)
     rows = {k: [asdict(row) for row in rows] for k, rows in TABLE_3.items()}
-    ours = {k: [dict(zip(KEYS, loaded(found[k], row.load), strict=True)) for row in TABLE_3[k]] for k in found}
+    ours = {k: [dict(zip(KEYS, loaded(results[k], row.load), strict=True)) for row in TABLE_3[k]] for k in results}
     positions = [
-        {"position": k, "place": PLACES[k], "x": at[k].placement.x, "printed": rows[k], "ours": ours[k],
-         "check": asdict(check(TABLE_3[k])), "result": found[k].as_dict()}
-        for k in found
+        {"position": k, "place": POSITION_NAMES[k], "x": places[k].placement.x, "printed": rows[k], "ours": ours[k],
+         "check": asdict(check_position(TABLE_3[k])), "result": results[k].as_dict()}
+        for k in results
     ]  # fmt: skip
-    return {"positions": positions, "notes": list(notes(found))}
+    return {"positions": positions, "notes": list(notes(results))}
 
 
 def arguments(given: Sequence[str] | None) -> argparse.Namespace:
@@ -179,39 +181,39 @@ def arguments(given: Sequence[str] | None) -> argparse.Namespace:
 
 def main(given: Sequence[str] | None = None) -> int:
     """Run the study; returns the exit code."""
-    asked = arguments(given)
+    arguments_given = arguments(given)
     try:
-        _run(asked)
+        _run(arguments_given)
     except (ProbeError, OSError) as fault:
-        message(str(fault))
+        write_message(str(fault))
         return fault.exit_code if isinstance(fault, ProbeError) else 1
     return 0
 
 
-def _run(asked: argparse.Namespace) -> None:
-    if asked.plot is not None:
-        check_format(asked.plot)
+def _run(options: argparse.Namespace) -> None:
+    if options.plot is not None:
+        check_format(options.plot)
     scene = read_scene(SCENE)
-    found = solved(scene, asked.evaluator, asked.accuracy)
-    if asked.plot is not None:
-        line = scan(scene, "x", np.linspace(-0.035, 0.035, 29), accuracy=asked.accuracy)
-        plot(found, scene, line, asked.plot)
-    if asked.json:
-        print(json.dumps(report(found, scene)))
+    results = solved(scene, options.evaluator, options.accuracy)
+    if options.plot is not None:
+        line = scan(scene, "x", np.linspace(-0.035, 0.035, 29), accuracy=options.accuracy)
+        plot(results, scene, line, options.plot)
+    if options.json:
+        print(json.dumps(report(results, scene)))
         return
-    _print(found, scene, asked)
+    _print(results, scene, options)
 
 
-def _print(found: dict[int, Result], scene: Scene, asked: argparse.Namespace) -> None:
+def _print(results: dict[int, Result], scene: Scene, options: argparse.Namespace) -> None:
     console = Console(width=None if sys.stdout.isatty() else 120)
-    seconds = sum(one.seconds for one in found.values())
-    console.print(study_table(found, f"Table 3 of the paper beside {asked.evaluator}, four positions in {seconds:.3g} s"))
+    seconds = sum(result.seconds for result in results.values())
+    console.print(study_table(results, f"Table 3 of the paper beside {options.evaluator}, four positions in {seconds:.3g} s"))
     console.print("printed: tension positive, no unit given; ours: compression positive, force on the film over the end area\n")
-    console.print(check_table(found))
-    for line in notes(found):
+    console.print(check_table(results))
+    for line in notes(results):
         console.print(f"- {line}", highlight=False)
-    for line in dict.fromkeys(note for one in found.values() for note in one.warnings if note.kind != "linear"):
-        console.print(f"- {asked.evaluator}: {line}", highlight=False)
+    for line in dict.fromkeys(note for result in results.values() for note in result.warnings if note.kind != "linear"):
+        console.print(f"- {options.evaluator}: {line}", highlight=False)
 
 
 if __name__ == "__main__":

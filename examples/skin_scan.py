@@ -30,20 +30,20 @@ def main() -> None:
     """Draw both scans."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", "--output", type=Path, default=Path("skin-scan.png"))
-    asked = parser.parse_args()
+    options = parser.parse_args()
     scene, positions = read_scene(HERE / "scene.toml"), np.linspace(-20e-3, 20e-3, 41)
     figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
-    for name, one in (("no skin", scene), ("skin of 1.44 mm and 56.3 kPa", skinned(scene))):
-        found = scan(one, "x", positions, linear=True)
-        without = found.ratio_without or np.nan
-        change = 100 * (np.array(found.ratio, dtype=float) / without - 1)
-        axes.plot(1e3 * positions, change, label=f"{name}: ratio without a tumour {without:.3f}")
-        print(f"{name}: without a tumour {without:.4f}, above it {change.max():+.1f} %")
+    for name, scanned_scene in (("no skin", scene), ("skin of 1.44 mm and 56.3 kPa", skinned(scene))):
+        line = scan(scanned_scene, "x", positions, linear=True)
+        ratio_without = line.ratio_without or np.nan
+        change = 100 * (np.array(line.ratio, dtype=float) / ratio_without - 1)
+        axes.plot(1e3 * positions, change, label=f"{name}: ratio without a tumour {ratio_without:.3f}")
+        print(f"{name}: without a tumour {ratio_without:.4f}, above it {change.max():+.1f} %")
     axes.set(xlabel="probe's axis beside the tumour's, mm", ylabel="what the tumour changes of the ratio, %")
     figure.legend(loc="outside upper center", fontsize="small", ncols=2)
     axes.grid(alpha=0.3)
-    figure.savefig(asked.output, dpi=150)
-    print(f"wrote {asked.output}")
+    figure.savefig(options.output, dpi=150)
+    print(f"wrote {options.output}")
 
 
 if __name__ == "__main__":

@@ -13,22 +13,22 @@ from hw.common.clock import Clock
 from hw.common.drain import Drain
 from hw.common.errors import InvalidSource, Timeout
 from hw.common.limits import ReadLimits
-from hw.common.samples import Samples, joined
+from hw.common.samples import Samples, join_samples
 from hw.common.transport import Chunk, Decoder, Header, Transport
-from hw.foreign.columns import ColumnMap, channel_numbers
-from hw.foreign.files import is_foreign, replayed
+from hw.foreign.columns import ColumnMap, resolve_channel_numbers
+from hw.foreign.files import is_foreign, open_file
 from hw.foreign.volts import VoltsDecoder
 from hw.oscilloscope.transport import ScopeTransport, WaveformDecoder
-from hw.recorders import DataRecorder, recorder_of
+from hw.recorders import DataRecorder, open_recorder
 from hw.recordings.replay import Replay
 from hw.serial_port.transport import SerialTransport
-from hw.simulation.virtual import Virtual
+from hw.simulation.virtual import VirtualProbe
 from hw.usb.transport import UsbTransport
 from hw.wire.decoder import Format, FrameDecoder
 
-CLOCKED = ("usb", "serial")  # transports that deliver samples in real time, so that arrival times check the rate
-SOURCES = "usb, usb:SERIAL, serial:PORT, visa:RESOURCE, replay:FILE"
-AS_IT_IS = ColumnMap()
+CLOCKED_TRANSPORTS = ("usb", "serial")  # transports that deliver samples in real time, so that arrival times check the rate
+SOURCE_FORMS = "usb, usb:SERIAL, serial:PORT, visa:RESOURCE, replay:FILE"
+DEFAULT_COLUMNS = ColumnMap()
 DEFAULT_LIMITS = ReadLimits()
 
 
@@ -47,9 +47,9 @@ class Reader:
     @classmethod
     def open(
         cls,
-        source: str | Virtual,
+        source: str | VirtualProbe,
         rate: float | None = None,
-        columns: ColumnMap = AS_IT_IS,
+        columns: ColumnMap = DEFAULT_COLUMNS,
         limits: ReadLimits = DEFAULT_LIMITS,
     ) -> Reader:
         """Open a source. A device starts to sample at the first read.
@@ -65,7 +65,7 @@ class Reader:
             HardwareError: the source cannot be opened; the message says what to do.
             OSError: a recording cannot be read.
         """
-        return cls(_transport(source, rate, columns, limits))
+        return cls(_open_transport(source, rate, columns, limits))
 
     @property
     def header(self) -> Header:
@@ -86,52 +86,52 @@ class Reader:
             HardwareError: the device went away, or another fault persists after recovery.
             FileExistsError: the file ``record`` exists.
         """
-        end = None if seconds is None else self._samples_in(seconds)
+        end = None if seconds is None else self._count_samples(seconds)
         if record is not None and Path(record).exists():
             raise FileExistsError(f"{record} exists")
-        decoder, clock = decoder_of(self.header), Clock(self.header.rate)
+        decoder, clock = build_decoder(self.header), Clock(self.header.rate)
         self._drain = Drain(self.transport)
         with ExitStack() as stack:
             stack.callback(self._drain.close)
             recorder: DataRecorder | None = None
             for chunk in self._drain:
                 if record is not None and recorder is None:
-                    recorder = recorder_of(record, self.header)
-                    stack.callback(self._unless_full, recorder, recorder.close)
+                    recorder = open_recorder(record, self.header)
+                    stack.callback(self._try_recording, recorder, recorder.close)
                 if recorder is not None:
-                    self._unless_full(recorder, recorder.write, chunk)
+                    self._try_recording(recorder, recorder.write, chunk)
                 block = decoder.feed(chunk.data, chunk.stream, chunk.note)
                 if len(block):
-                    self._compare(clock, chunk, block)
-                    asked = block if end is None else block.before(end)
+                    self._compare_clock(clock, chunk, block)
+                    wanted = block if end is None else block.select_before(end)
                     if recorder is not None:
-                        self._unless_full(recorder, recorder.write_samples, asked)
-                    yield asked
+                        self._try_recording(recorder, recorder.write_samples, wanted)
+                    yield wanted
                     if end is not None and block.index[-1] >= end - 1:
                         return
 
-    def _unless_full(self, recorder: DataRecorder, step: Callable[..., None], *data: Any) -> None:
+    def _try_recording(self, recorder: DataRecorder, step: Callable[..., None], *data: Any) -> None:
         """Run a step of recording. A full disk ends the recording but not the reading; ``close`` (no data) always runs."""
         if "unrecorded" in self.header.source and data:
             return
         try:
             step(*data)
         except OSError as fault:
-            why = (fault.strerror or str(fault)).lower()
-            self.header.source.setdefault("unrecorded", f"{recorder.ended}: {why}")
+            reason = (fault.strerror or str(fault)).lower()
+            self.header.source.setdefault("unrecorded", f"{recorder.failure_text}: {reason}")
 
-    def _compare(self, clock: Clock, chunk: Chunk, block: Samples) -> None:
+    def _compare_clock(self, clock: Clock, chunk: Chunk, block: Samples) -> None:
         if chunk.time is None:  # what a recording tells of the clock, as HDF5 does, stands
             return
-        if self.header.source.get("transport") in CLOCKED and (told := clock.told(chunk, block)):
-            self.header.source["clock"] = told
+        if self.header.source.get("transport") in CLOCKED_TRANSPORTS and (difference := clock.describe_difference(chunk, block)):
+            self.header.source["clock"] = difference
         else:
             self.header.source.pop("clock", None)
 
     @property
-    def behind(self) -> bool:
+    def is_behind(self) -> bool:
         """Whether samples wait to be fetched: not the moment to do anything that takes long."""
-        return self._drain is not None and self._drain.behind
+        return self._drain is not None and self._drain.is_behind
 
     def collect(self, seconds: float | None = None, record: Path | str | None = None) -> Samples:
         """Return all samples of ``seconds``; for the arguments see ``blocks``.
@@ -146,9 +146,9 @@ class Reader:
         parts = list(self.blocks(seconds, record))
         if not parts:
             raise Timeout(f"no samples from {self.header.source.get('transport', 'the source')}: is the recording empty?")
-        return joined(parts)
+        return join_samples(parts)
 
-    def _samples_in(self, seconds: float) -> int:
+    def _count_samples(self, seconds: float) -> int:
         count = seconds * self.header.rate
         if not 0.5 < count < 2**62:
             raise InvalidSource(f"seconds = {seconds}: allowed: a sample, {1 / self.header.rate:g} s, or more")
@@ -167,7 +167,7 @@ class Reader:
         self.close()
 
 
-def decoder_of(header: Header) -> Decoder:
+def build_decoder(header: Header) -> Decoder:
     """Return the decoder that a header asks for.
 
     Raises:
@@ -182,16 +182,16 @@ def decoder_of(header: Header) -> Decoder:
     raise InvalidSource(f"a recording of kind {header.kind!r}: allowed: frames, waveforms, volts")
 
 
-def _replay(path: Path, columns: ColumnMap, limits: ReadLimits) -> Transport:
+def _open_replay(path: Path, columns: ColumnMap, limits: ReadLimits) -> Transport:
     if is_foreign(path):
-        return replayed(path, columns, limits)
-    if columns != AS_IT_IS:
+        return open_file(path, columns, limits)
+    if columns != DEFAULT_COLUMNS:
         raise InvalidSource(f"{path} states its columns and its rate itself: allowed: no --column and no --rate")
     return Replay(path)
 
 
-def _transport(source: str | Virtual, rate: float | None, columns: ColumnMap, limits: ReadLimits) -> Transport:
-    if isinstance(source, Virtual):
+def _open_transport(source: str | VirtualProbe, rate: float | None, columns: ColumnMap, limits: ReadLimits) -> Transport:
+    if isinstance(source, VirtualProbe):
         return UsbTransport(source.serial, rate, backend=source)
     kind, _, name = source.partition(":")
     if kind == "usb":
@@ -199,7 +199,7 @@ def _transport(source: str | Virtual, rate: float | None, columns: ColumnMap, li
     if kind == "serial" and name:
         return SerialTransport(name, rate)
     if kind == "visa" and name:
-        return ScopeTransport.open(name, channel_numbers(columns), rate)
+        return ScopeTransport.open(name, resolve_channel_numbers(columns), rate)
     if kind == "replay" and name:
-        return _replay(Path(name), columns if rate is None else replace(columns, rate=rate), limits)
-    raise InvalidSource(f"source {source!r}: allowed: {SOURCES}")
+        return _open_replay(Path(name), columns if rate is None else replace(columns, rate=rate), limits)
+    raise InvalidSource(f"source {source!r}: allowed: {SOURCE_FORMS}")

@@ -7,7 +7,7 @@ from typing import Protocol
 
 from hw.common.samples import Samples
 from hw.common.transport import Chunk, Header
-from hw.foreign.files import HDF5, raw_beside
+from hw.foreign.files import HDF5_SUFFIXES, raw_recording_path
 from hw.foreign.hdf5_recording import Hdf5Recorder
 from hw.recordings.recording import Recorder
 
@@ -16,7 +16,7 @@ class DataRecorder(Protocol):
     """The interface of a recorder: it takes each chunk before it is decoded, and then the decoded samples."""
 
     @property
-    def ended(self) -> str:
+    def failure_text(self) -> str:
         """What remains of the recording if it fails, as text."""
         ...
 
@@ -33,15 +33,15 @@ class DataRecorder(Protocol):
         ...
 
 
-def recorder_of(path: Path | str, header: Header) -> DataRecorder:
+def open_recorder(path: Path | str, header: Header) -> DataRecorder:
     """Open a recorder for a new file, HDF5 if its suffix says so. Raises ``FileExistsError`` or another ``OSError``."""
-    return GuardedHdf5(Path(path), header) if Path(path).suffix.lower() in HDF5 else RawRecorder(path, header)
+    return GuardedHdf5(Path(path), header) if Path(path).suffix.lower() in HDF5_SUFFIXES else RawRecorder(path, header)
 
 
 class RawRecorder(Recorder):
     """A recorder of the raw bytes only."""
 
-    ended = "the recording ends early, whole up to there"
+    failure_text = "the recording ends early, whole up to there"
 
     def write_samples(self, samples: Samples) -> None:
         """Do nothing: the samples follow from the bytes."""
@@ -61,7 +61,7 @@ class GuardedHdf5:
     """
 
     def __init__(self, path: Path, header: Header) -> None:
-        self._path = raw_beside(path)
+        self._path = raw_recording_path(path)
         self._fault: OSError | None = None
         self._samples = Hdf5Recorder(path, header)
         self._raw: Recorder | None = None
@@ -74,7 +74,7 @@ class GuardedHdf5:
             self._fault = fault
 
     @property
-    def ended(self) -> str:
+    def failure_text(self) -> str:
         """What remains of the recording if it fails, as text."""
         return "there is no HDF5 file" + (f", but what was read is in {self._path.name}" if self._path.exists() else "")
 

@@ -45,8 +45,8 @@ __all__ = [
     "sweep",
 ]
 
-_ROOMS = dict.fromkeys(("curve", "evaluate", "load", "plan"), "solver.answers")
-_ROOMS |= {"evaluate_many": "solver.many", "sweep": "probe_design.sweeps.run"}
+_MODULE_NAMES = dict.fromkeys(("curve", "evaluate", "load", "plan"), "solver.evaluation")
+_MODULE_NAMES |= {"evaluate_many": "solver.batch", "sweep": "probe_design.sweeps.run"}
 
 
 def __getattr__(name: str) -> object:
@@ -54,7 +54,7 @@ def __getattr__(name: str) -> object:
     if name in __all__:
         from importlib import import_module
 
-        return getattr(import_module(_ROOMS.get(name, "probe_design.functions")), name)
+        return getattr(import_module(_MODULE_NAMES.get(name, "probe_design.functions")), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

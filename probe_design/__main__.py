@@ -7,19 +7,19 @@ import sys
 def main() -> None:
     """Run the command line and exit: 0 success, 1 failure, 2 bad input, 128 + signal number; never a traceback."""
     try:
-        from probe_design.process.interrupts import leave, minded
+        from probe_design.process.interrupts import leave, run_interruptible
     except KeyboardInterrupt:  # no handler is installed yet
         print("probe-design: interrupted; nothing half-written is left", file=sys.stderr)
         sys.exit(130)
-    leave(minded(_run))
+    leave(run_interruptible(_run))
 
 
 def _run() -> int:
     _open_streams()
-    from probe_design.process.limits import refused
+    from probe_design.process.limits import explain_refusal
 
-    if why := refused():
-        print(f"probe-design: {why}", file=sys.stderr)
+    if reason := explain_refusal():
+        print(f"probe-design: {reason}", file=sys.stderr)
         return 2
     from probe_design.cli.main import run
 

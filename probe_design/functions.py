@@ -14,23 +14,23 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Words
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import read_scene
-from probe_design.data.noise import NOISE, RESOLVED
+from probe_design.data.noise import DEFAULT_NOISE, MAX_RESOLVED_LOG_SD
 
 if TYPE_CHECKING:
     from probe_design.design_search.outcome import PopulationOptimum
-    from probe_design.design_search.question import Asked
+    from probe_design.design_search.question import DesignSource
     from probe_design.estimation.answer import Estimate
     from probe_design.estimation.readings import Reading
     from probe_design.maps.detectability import Detectability
     from probe_design.maps.scan import Scan
     from probe_design.optimisation.optimum import Optimum
     from probe_design.populations.design_file import Design
-    from probe_design.workshop.package import Exported
+    from probe_design.workshop.package import ExportSummary
 
-NOTHING: Mapping[str, Any] = MappingProxyType({})
+NO_NUISANCES: Mapping[str, Any] = MappingProxyType({})
 
 
-def read(scene: Scene | Path | str) -> Scene:
+def resolve_scene(scene: Scene | Path | str) -> Scene:
     """Return a scene as it is, or read it from a file.
 
     Raises:
@@ -70,13 +70,13 @@ def scan(
 
     if along not in ("x", "y"):
         raise InputError("along", along, "'x' or 'y'")
-    places = _lengths(positions, np.linspace(-20e-3, 20e-3, 41))
-    return run(read(scene), along, places, at, accuracy=accuracy, linear=linear, progress=progress)
+    line_positions = _choose_lengths(positions, np.linspace(-20e-3, 20e-3, 41))
+    return run(resolve_scene(scene), along, line_positions, at, accuracy=accuracy, linear=linear, progress=progress)
 
 
 def detectability(
     scene: Scene | Path | str, *, depths: ArrayLike | None = None, diameters: ArrayLike | None = None, points: int = 50,
-    noise: float = NOISE, seen: float = 3.0, resolved: float = RESOLVED, accuracy: float | None = None, linear: bool = False,
+    noise: float = DEFAULT_NOISE, seen: float = 3.0, resolved: float = MAX_RESOLVED_LOG_SD, accuracy: float | None = None, linear: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> Detectability:  # fmt: skip
     """Map which tumours the probe detects, and which it resolves in stiffness, over depth and diameter.
@@ -99,20 +99,26 @@ def detectability(
     """
     from probe_design.maps.detectability import detectability as run
     from probe_design.maps.sphere_effects import Thresholds
-    from probe_design.maps.target_grid import chosen_sizes
+    from probe_design.maps.target_grid import choose_sizes
 
-    asked = read(scene)
-    deep, wide = chosen_sizes(asked, points)
-    limits = Thresholds(noise, seen, resolved)
+    target_scene = resolve_scene(scene)
+    default_depths, default_diameters = choose_sizes(target_scene, points)
+    thresholds = Thresholds(noise, seen, resolved)
     return run(
-        asked, _lengths(depths, deep), _lengths(diameters, wide), limits, accuracy=accuracy, linear=linear, progress=progress
+        target_scene,
+        _choose_lengths(depths, default_depths),
+        _choose_lengths(diameters, default_diameters),
+        thresholds,
+        accuracy=accuracy,
+        linear=linear,
+        progress=progress,
     )
 
 
 def estimate(
-    scene: Scene | Path | str, *, ratio: float | None = None, noise: float = NOISE, stiffness: float | None = None,
+    scene: Scene | Path | str, *, ratio: float | None = None, noise: float = DEFAULT_NOISE, stiffness: float | None = None,
     stiffness_noise: float | None = None, readings: tuple[Reading, ...] | Path | str | None = None,
-    unknown: str = "youngs_modulus", accuracy: float | None = None, linear: bool = False, nuisances: Mapping[str, Any] = NOTHING,
+    unknown: str = "youngs_modulus", accuracy: float | None = None, linear: bool = False, nuisances: Mapping[str, Any] = NO_NUISANCES,
 ) -> Estimate:  # fmt: skip
     """Estimate one unknown of the target or the tissue from readings, with its 95 % interval.
 
@@ -133,20 +139,20 @@ def estimate(
         Refusal: nothing can be estimated for this kind of scene, or its load is beyond the range of the models.
     """
     from probe_design.estimation.estimate import estimate as run
-    from probe_design.estimation.readings import one_reading, read_readings
+    from probe_design.estimation.readings import build_single_reading, read_readings
 
-    asked = read(scene)
+    known_scene = resolve_scene(scene)
     if (ratio is None) == (readings is None):
         raise InputError("ratio", Words("missing" if ratio is None else "given beside readings"), "one of ratio and readings")
     if isinstance(readings, Path | str):
-        readings = read_readings(Path(readings), asked, noise, stiffness_noise)
-    found = one_reading(asked, ratio, noise, stiffness, stiffness_noise) if readings is None else readings
-    return run(asked, found, unknown, accuracy, linear=linear, nuisances=nuisances)
+        readings = read_readings(Path(readings), known_scene, noise, stiffness_noise)
+    measured = build_single_reading(known_scene, ratio, noise, stiffness, stiffness_noise) if readings is None else readings
+    return run(known_scene, measured, unknown, accuracy, linear=linear, nuisances=nuisances)
 
 
 def optimize(
-    design: Asked = None, *, output: Path | str | None = None, outer_radius: float | None = None,
-    starts: int = 8, evaluator: str | None = None, noise: float = NOISE, force: bool = False,
+    design: DesignSource = None, *, output: Path | str | None = None, outer_radius: float | None = None,
+    starts: int = 8, evaluator: str | None = None, noise: float = DEFAULT_NOISE, force: bool = False,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> Optimum | PopulationOptimum:  # fmt: skip
     """Find a better probe for the tumours of a design file or for the tumour of a scene, and verify it by finite elements.
@@ -173,16 +179,16 @@ def optimize(
         Refusal: the closed form or the verifying evaluator cannot model the scene.
     """
     from geometry.common.files import check_writable
-    from probe_design.design_search.question import question
+    from probe_design.design_search.question import read_design_source
     from probe_design.optimisation.optimize import optimize as run
     from probe_design.optimisation.report import write_all
 
-    tell, start = progress or _silent, question(design)
+    tell, start = progress or _ignore_progress, read_design_source(design)
     if output is not None:
         check_writable(Path(output))
     if not isinstance(start, Scene):
         _refuse_settings(outer_radius, starts, evaluator, noise)
-        return _for_population(start, output, tell, force)
+        return _optimize_population(start, output, tell, force)
     optimum = run(start, tell, outer_radius=outer_radius, starts=starts, judge=evaluator, noise=noise)
     if output is not None:
         write_all(optimum, Path(output), tell, force=force)
@@ -191,21 +197,26 @@ def optimize(
 
 def _refuse_settings(outer_radius: float | None, starts: int, evaluator: str | None, noise: float) -> None:
     """Refuse settings that a design file states by its own keys."""
-    given = {"outer_radius": (outer_radius, None), "starts": (starts, 8), "evaluator": (evaluator, None), "noise": (noise, NOISE)}
-    for key, (value, usual) in given.items():
-        if value != usual:
+    settings = {
+        "outer_radius": (outer_radius, None),
+        "starts": (starts, 8),
+        "evaluator": (evaluator, None),
+        "noise": (noise, DEFAULT_NOISE),
+    }
+    for key, (value, default) in settings.items():
+        if value != default:
             raise InputError(key, value, "none for a design file, whose tables say it")
 
 
-def _for_population(
+def _optimize_population(
     design: Design, output: Path | str | None, tell: Callable[[str, int, int], None], force: bool
 ) -> PopulationOptimum:
-    from probe_design.design_report.report import maps_of, write_all
+    from probe_design.design_report.report import compute_maps, write_all
     from probe_design.design_search.optimize import optimize as run
 
     optimum = run(design, tell)
     if output is not None:
-        write_all(optimum, Path(output), tell, maps_of(optimum), force=force)
+        write_all(optimum, Path(output), tell, compute_maps(optimum), force=force)
     return optimum
 
 
@@ -213,7 +224,7 @@ def export(
     scene: Scene | Path | str, output: Path | str, *, step: float | None = None, tolerance: float = 0.01,
     shrinkage: float | None = None, draft: float | None = None, force: bool = False,
     progress: Callable[[str], None] | None = None,
-) -> Exported:  # fmt: skip
+) -> ExportSummary:  # fmt: skip
     """Write the files for the workshop: STEP, drawings, film patterns, moulds, lists (docs/guides/workshop.md).
 
     Args:
@@ -238,20 +249,22 @@ def export(
         >>> from probe_design import export
         >>> export("examples/scene.toml", "out/parts", step=1e-4).files  # doctest: +SKIP
     """
-    from geometry.provenance.block import about
-    from geometry.workshop.package import USUAL, Casting
+    from geometry.provenance.block import record_scene
+    from geometry.workshop.package import DEFAULT_CASTING, Casting
     from probe_design.workshop.package import export as write
 
-    casting = Casting(USUAL.shrinkage if shrinkage is None else shrinkage, USUAL.draft if draft is None else draft)
-    built, tell = read(scene), progress or _silent
-    with about(built):
-        return write(built, Path(output), step=step, force=force, tolerance=tolerance, casting=casting, tell=tell)
+    casting = Casting(
+        DEFAULT_CASTING.shrinkage if shrinkage is None else shrinkage, DEFAULT_CASTING.draft if draft is None else draft
+    )
+    probe_scene, tell = resolve_scene(scene), progress or _ignore_progress
+    with record_scene(probe_scene):
+        return write(probe_scene, Path(output), step=step, force=force, tolerance=tolerance, casting=casting, tell=tell)
 
 
-def _lengths(given: ArrayLike | None, usual: Floats) -> Floats:
+def _choose_lengths(values: ArrayLike | None, default: Floats) -> Floats:
     """Return given lengths as an array of shape (n,), or the default."""
-    return usual if given is None else np.atleast_1d(np.asarray(given, dtype=float))
+    return default if values is None else np.atleast_1d(np.asarray(values, dtype=float))
 
 
-def _silent(stage: str, done: int = 0, total: int = 0) -> None:
+def _ignore_progress(stage: str, done: int = 0, total: int = 0) -> None:
     """Accept a progress report and discard it."""

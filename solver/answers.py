@@ -11,17 +11,17 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal, Words
-from geometry.common.resources import LimitReached, Limits, limited, timed
-from geometry.provenance.block import provenance
-from geometry.scenes.fit import doubts
-from geometry.scenes.probe import mm
+from geometry.common.resources import LimitReached, Limits, start_clock, use_limits
+from geometry.provenance.block import build_provenance
+from geometry.scenes.fit import list_doubts
+from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
 from geometry.scenes.surface_names import check_surface_names
 from solver import levels
-from solver.automatic import automatic, decide, level_of, supported_plan
-from solver.levels import AUTO, CONTACT, check_accuracy, read
-from solver.results.evaluator import Tell
-from solver.results.film_forces import checked_moduli
+from solver.automatic import build_supported_plan, choose_evaluator, evaluate_automatically, get_evaluator
+from solver.levels import AUTO, CONTACT, check_accuracy, load_scene
+from solver.results.evaluator import ProgressCallback
+from solver.results.film_forces import check_moduli
 from solver.results.result import Curve, Result
 from solver.results.warnings import Note
 
@@ -34,7 +34,7 @@ def evaluate(
     scene: Scene | Path | str,
     evaluator: str = AUTO,
     accuracy: float = 0.01,
-    tell: Tell | None = None,
+    tell: ProgressCallback | None = None,
     *,
     linear: bool = False,
     loads: bool = False,
@@ -57,7 +57,7 @@ def evaluate(
             and is None where that effect is unknown.
         loads: whether ``contact`` computes the ``load_limits``, which takes about ten seconds more.
         frequency: of a sinusoidal load, Hz, at which the loss factors hold. With it ``ratio_phase`` is computed, in about 1 s.
-        limits: of memory and time, 2 GB and 120 s unless ``geometry.common.resources.limited`` says otherwise.
+        limits: of memory and time, 2 GB and 120 s unless ``geometry.common.resources.use_limits`` says otherwise.
 
     Raises:
         InputError: no such evaluator, accuracy or frequency, or a surface file that is missing.
@@ -67,70 +67,78 @@ def evaluate(
     """
     from solver.phase.inertia import check_frequency
 
-    scene = read(scene)
+    scene = load_scene(scene)
     check_accuracy(accuracy)
     start = perf_counter()
-    with limited(limits), timed():
+    with use_limits(limits), start_clock():
         check_surface_names(scene)
         if frequency is not None:
             check_frequency(scene, frequency)
         named = evaluator != AUTO
-        result = _named(scene, evaluator, accuracy, tell) if named else automatic(scene, accuracy, linear, tell)
-        result = _with_loads(result, scene, accuracy) if loads else result
-        result = result if frequency is None else with_phase(result, scene, accuracy, frequency)
-        told = provenance(scene, evaluator=evaluator, accuracy=accuracy)
-        result = replace(result, warnings=(*doubtful(scene), *result.warnings))
-        return replace(result, provenance=told, seconds=result.seconds if named else perf_counter() - start)
+        result = (
+            _evaluate_by_name(scene, evaluator, accuracy, tell)
+            if named
+            else evaluate_automatically(scene, accuracy, linear, tell)
+        )
+        result = _add_load_limits(result, scene, accuracy) if loads else result
+        result = result if frequency is None else add_phase(result, scene, accuracy, frequency)
+        record = build_provenance(scene, evaluator=evaluator, accuracy=accuracy)
+        result = replace(result, warnings=(*find_doubts(scene), *result.warnings))
+        return replace(result, provenance=record, seconds=result.seconds if named else perf_counter() - start)
 
 
-def doubtful(scene: Scene) -> tuple[Note, ...]:
+def find_doubts(scene: Scene) -> tuple[Note, ...]:
     """Return a warning for each number of a scene that is probably a slip."""
-    return tuple(Note("doubt", text) for text in doubts(scene))
+    return tuple(Note("doubt", text) for text in list_doubts(scene))
 
 
-def _named(scene: Scene, name: str, accuracy: float, tell: Tell | None) -> Result:
+def _evaluate_by_name(scene: Scene, name: str, accuracy: float, tell: ProgressCallback | None) -> Result:
     """Evaluate a scene with the named evaluator; linear ones add a warning where the load is beyond linear elasticity."""
-    from solver.planning.load_check import with_warning
-    from solver.planning.load_limits import load_limits
+    from solver.planning.load_check import add_load_warning
+    from solver.planning.load_limits import compute_load_limits
 
     result = levels.evaluator(name, tell).evaluate(scene, accuracy)
-    return replace(result, load_limits=load_limits(scene, accuracy)) if name == CONTACT else with_warning(result, scene, accuracy)
+    return (
+        replace(result, load_limits=compute_load_limits(scene, accuracy))
+        if name == CONTACT
+        else add_load_warning(result, scene, accuracy)
+    )
 
 
 P = TypeVar("P", "Result", "Plan", "LoadCurve")
 
 
-def _with_loads(result: P, scene: Scene, accuracy: float) -> P:
+def _add_load_limits(result: P, scene: Scene, accuracy: float) -> P:
     """Return a result, plan or curve with the load limits computed by ``contact``, or with a warning why they are not."""
-    from solver.contact.level import ContactLevel
-    from solver.contact.load_curve import Ends, ends_of
-    from solver.planning.load_limits import computed_limits, load_limits
+    from solver.contact.level import ContactEvaluator
+    from solver.contact.load_curve import LoadEnds, find_load_ends
+    from solver.planning.load_limits import combine_computed_limits, compute_load_limits
 
-    why = ContactLevel().refusal(scene)
-    if why is not None:
-        text = f"loads are bounded, not computed: contact cannot take the scene ({why})"
+    reason = ContactEvaluator().refusal(scene)
+    if reason is not None:
+        text = f"loads are bounded, not computed: contact cannot take the scene ({reason})"
         return replace(result, warnings=(*result.warnings, Note("linear", text)))
-    ends: Ends = ends_of(scene, accuracy)
-    limits = computed_limits(ends, load_limits(scene, accuracy), accuracy)
+    ends: LoadEnds = find_load_ends(scene, accuracy)
+    limits = combine_computed_limits(ends, compute_load_limits(scene, accuracy), accuracy)
     return replace(result, load_limits=limits, warnings=(*result.warnings, *ends.notes))
 
 
-def with_phase(result: Result, scene: Scene, accuracy: float, frequency: float) -> Result:
+def add_phase(result: Result, scene: Scene, accuracy: float, frequency: float) -> Result:
     """Return a result with the phase of its ratio at a frequency (Hz), or with a warning why the phase is null.
 
     See ``solver.phase.phase``.
     """
-    from solver.phase.inertia import with_inertia
-    from solver.phase.phase import NotTold, ratio_phase
+    from solver.phase.inertia import add_inertia_error
+    from solver.phase.phase import PhaseUnknown, compute_ratio_phase
 
-    still = result
-    result = replace(result, frequency=frequency, error_estimate=with_inertia(result.error_estimate, scene, frequency))
+    quasi_static = result
+    result = replace(result, frequency=frequency, error_estimate=add_inertia_error(result.error_estimate, scene, frequency))
     try:
-        phase = ratio_phase(scene, still, accuracy, frequency)
-    except NotTold as why:
-        return replace(result, warnings=(*result.warnings, Note("null", f"ratio_phase is null: {why}")))
-    told: dict[str, Any] = {f"ratio_phase{key}": value for key, value in phase.parts.items()}
-    return replace(result, **told, warnings=(*result.warnings, *phase.notes))
+        phase = compute_ratio_phase(scene, quasi_static, accuracy, frequency)
+    except PhaseUnknown as reason:
+        return replace(result, warnings=(*result.warnings, Note("null", f"ratio_phase is null: {reason}")))
+    phase_fields: dict[str, Any] = {f"ratio_phase{key}": value for key, value in phase.suffixed_fields.items()}
+    return replace(result, **phase_fields, warnings=(*result.warnings, *phase.notes))
 
 
 def plan(scene: Scene | Path | str, accuracy: float = 0.01, solid: bool = False, *, loads: bool = False) -> Plan:
@@ -153,24 +161,24 @@ def plan(scene: Scene | Path | str, accuracy: float = 0.01, solid: bool = False,
     """
     from solver.planning.coarse_model import CoarseModel
     from solver.planning.plan import SOLID, Plan
-    from solver.planning.plan import plan as run
+    from solver.planning.plan import build_plan as run
 
-    scene = read(scene)
+    scene = load_scene(scene)
     check_accuracy(accuracy)
-    with timed():
+    with start_clock():
         check_surface_names(scene)
-        rough = CoarseModel.of(scene)
+        rough = CoarseModel.from_scene(scene)
         planned = run(scene, accuracy, SOLID if solid else None, skin=True, rough=rough)
         if not solid:
             try:
-                decided = decide(scene, accuracy, False, None, rough, sure=Plan.sure).plan
+                decided = choose_evaluator(scene, accuracy, False, None, rough, sure=Plan.is_sure).plan
                 planned = replace(decided, warnings=planned.warnings)
             except LimitReached:
                 raise
             except Refusal as fault:
-                planned = planned.refused(fault)
-        planned = replace(planned, warnings=(*doubtful(scene), *planned.warnings))
-        return _with_loads(planned, scene, accuracy) if loads else planned
+                planned = planned.with_refusal(fault)
+        planned = replace(planned, warnings=(*find_doubts(scene), *planned.warnings))
+        return _add_load_limits(planned, scene, accuracy) if loads else planned
 
 
 def load(
@@ -180,7 +188,7 @@ def load(
     indentation: float | None = None,
     points: int = 20,
     accuracy: float = 0.01,
-    tell: Tell | None = None,
+    tell: ProgressCallback | None = None,
     limits: Limits | None = None,
 ) -> LoadCurve:
     """Compute a scene under rising loads, with finite strain and contact; see ``solver.results.load_curve.LoadCurve``.
@@ -199,31 +207,33 @@ def load(
         Refusal: ``contact`` cannot take this kind of scene, or not even the first load converges.
         LimitReached: see ``evaluate``.
     """
-    from solver.contact.load_curve import load_curve
-    from solver.results.evaluator import silent
+    from solver.contact.load_curve import compute_load_curve
+    from solver.results.evaluator import ignore_progress
 
-    scene = read(scene)
+    scene = load_scene(scene)
     check_accuracy(accuracy)
-    most = force if indentation is None else indentation
-    if (force is None) == (indentation is None) or most is None or not 0 < most < float("inf") or points < 1:
+    max_load = force if indentation is None else indentation
+    if (force is None) == (indentation is None) or max_load is None or not 0 < max_load < float("inf") or points < 1:
         raise InputError(
             "load", Words(f"force = {force}, indentation = {indentation}"), "one of them, above 0, and points from 1"
         )
     if indentation is not None and scene.tissue.shape != "half-space" and indentation >= scene.tissue.depth:
-        raise InputError("indentation", mm(indentation), f"less than the tissue's depth of {mm(scene.tissue.depth)}")
-    loads = most * np.arange(1, points + 1) / points
-    with limited(limits):
-        pressed = load_curve(scene, loads, accuracy, by_force=indentation is None, tell=tell or silent)
-        (tell or silent)("loads at which the gap closes and linear elasticity ends")
-        pressed = _with_loads(pressed, scene, accuracy)
-    return replace(pressed, provenance=provenance(scene, evaluator=CONTACT, accuracy=accuracy))
+        raise InputError(
+            "indentation", format_mm(indentation), f"less than the tissue's depth of {format_mm(scene.tissue.depth)}"
+        )
+    loads = max_load * np.arange(1, points + 1) / points
+    with use_limits(limits):
+        result = compute_load_curve(scene, loads, accuracy, by_force=indentation is None, tell=tell or ignore_progress)
+        (tell or ignore_progress)("loads at which the gap closes and linear elasticity ends")
+        result = _add_load_limits(result, scene, accuracy)
+    return replace(result, provenance=build_provenance(scene, evaluator=CONTACT, accuracy=accuracy))
 
 
 def curve(
     scene: Scene | Path | str,
     moduli: Floats,
     accuracy: float = 0.01,
-    tell: Tell | None = None,
+    tell: ProgressCallback | None = None,
     *,
     linear: bool = False,
     limits: Limits | None = None,
@@ -243,14 +253,14 @@ def curve(
         Refusal: no evaluator takes this kind of scene, or its load is above the limit of linear elasticity.
         LimitReached: see ``evaluate``.
     """
-    scene = read(scene)
+    scene = load_scene(scene)
     check_accuracy(accuracy)
-    checked_moduli(scene, moduli)
+    check_moduli(scene, moduli)
     start = perf_counter()
-    with limited(limits), timed():
-        planned = supported_plan(scene, accuracy, linear)
+    with use_limits(limits), start_clock():
+        planned = build_supported_plan(scene, accuracy, linear)
         if not linear:
             planned.check_load(scene, accuracy)
-        result = level_of(planned.curve_evaluator, tell).curve(planned.scene, moduli, planned.accuracy)
-    told = provenance(scene, evaluator=AUTO, accuracy=accuracy)
-    return replace(planned.completed_curve(result, scene, accuracy, linear), seconds=perf_counter() - start, provenance=told)
+        result = get_evaluator(planned.curve_evaluator, tell).curve(planned.scene, moduli, planned.accuracy)
+    record = build_provenance(scene, evaluator=AUTO, accuracy=accuracy)
+    return replace(planned.complete_curve(result, scene, accuracy, linear), seconds=perf_counter() - start, provenance=record)

@@ -7,34 +7,34 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from geometry.common.errors import Refusal
-from geometry.common.limits import least
+from geometry.common.limits import format_minimum
 from geometry.common.resources import LimitReached
 from geometry.scenes.scene import Scene
 from geometry.scenes.surface_names import check_surface_names
 from solver.levels import AUTO, CONTACT, evaluator
-from solver.results.evaluator import Evaluator, OutOfReach, Tell
-from solver.results.kinds import unsupported
+from solver.results.evaluator import Evaluator, OutOfReach, ProgressCallback
+from solver.results.kinds import find_linear_refusal
 from solver.results.result import Result
 
 if TYPE_CHECKING:
     from solver.planning.coarse_model import CoarseModel
     from solver.planning.plan import Plan
 
-ATTEMPTS = 4  # accuracies that are tried before one is reported as within reach
-LOADED = 0.2  # share of the error due to the load above which the refusal suggests a smaller load
-MORE = 1.25  # least factor from one tried accuracy to the next
+MAX_ACCURACY_ATTEMPTS = 4  # accuracies that are tried before one is reported as within reach
+MIN_LOAD_SHARE_OF_ERROR = 0.2  # share of the error due to the load above which the refusal suggests a smaller load
+MIN_ACCURACY_GROWTH = 1.25  # least factor from one tried accuracy to the next
 
 
-Sure = Callable[["Plan"], bool]
+PlanPredicate = Callable[["Plan"], bool]
 
 
-def never(planned: Plan) -> bool:
+def never_sure(planned: Plan) -> bool:
     """Return False: every evaluator that a plan names is run, whatever its chance to reach the accuracy."""
     return False
 
 
 @dataclass(frozen=True)
-class Decided:
+class AutoChoice:
     """The plan that ``auto`` chose for a scene, with its result.
 
     Attributes:
@@ -47,7 +47,7 @@ class Decided:
 
 
 @dataclass(frozen=True)
-class Missed:
+class FailedAttempt:
     """An evaluator that refused or missed the accuracy.
 
     Attributes:
@@ -58,25 +58,33 @@ class Missed:
     plan: Plan
     fault: Refusal
 
-    def reached(self, accuracy: float) -> float:
+    def compute_error(self, accuracy: float) -> float:
         """Return the error bound of the whole result, load and left-out inclusions included; infinite without a result."""
-        return self.plan.reached(self.fault.reached, accuracy) if isinstance(self.fault, OutOfReach) else float("inf")
+        return (
+            self.plan.compute_reached_error(self.fault.reached, accuracy) if isinstance(self.fault, OutOfReach) else float("inf")
+        )
 
 
-def automatic(scene: Scene, accuracy: float, linear: bool, tell: Tell | None) -> Result:
+def evaluate_automatically(scene: Scene, accuracy: float, linear: bool, tell: ProgressCallback | None) -> Result:
     """Return the result of the cheapest evaluator that reaches the accuracy.
 
     Raises:
         Refusal: none does, or the load is above the limit of linear elasticity; see ``choose_evaluator``.
     """
-    result = decide(scene, accuracy, linear, tell).result
+    result = choose_evaluator(scene, accuracy, linear, tell).result
     assert result is not None  # it was asked for
     return result
 
 
-def decide(
-    scene: Scene, accuracy: float, linear: bool, tell: Tell | None, rough: CoarseModel | None = None, *, sure: Sure = never
-) -> Decided:
+def choose_evaluator(
+    scene: Scene,
+    accuracy: float,
+    linear: bool,
+    tell: ProgressCallback | None,
+    rough: CoarseModel | None = None,
+    *,
+    sure: PlanPredicate = never_sure,
+) -> AutoChoice:
     """Choose the evaluator that ``auto`` uses for a scene, by running evaluators in turn; nothing else makes this choice.
 
     Args:
@@ -91,19 +99,19 @@ def decide(
         Refusal: no evaluator takes the scene, or none reaches the accuracy, or its load is out of reach.
         LimitReached: see ``evaluate``.
     """
-    found = _first_to_answer(scene, accuracy, linear, tell, rough=rough, sure=sure)
-    if isinstance(found, Decided):
-        return found
-    by_load = next((one.fault for one in reversed(found) if one.fault.key.startswith("load.")), None)
-    if by_load is not None:
-        raise _with_remedy(by_load, found[-1].plan, scene) from None
-    best = min(found, key=lambda one: one.reached(accuracy))
+    outcome = _try_evaluators(scene, accuracy, linear, tell, rough=rough, sure=sure)
+    if isinstance(outcome, AutoChoice):
+        return outcome
+    load_fault = next((attempt.fault for attempt in reversed(outcome) if attempt.fault.key.startswith("load.")), None)
+    if load_fault is not None:
+        raise _add_remedy(load_fault, outcome[-1].plan, scene) from None
+    best = min(outcome, key=lambda attempt: attempt.compute_error(accuracy))
     if not isinstance(best.fault, OutOfReach):
         raise best.fault
-    raise _out_of_reach(best, best.fault, scene, accuracy, linear=linear, tell=tell) from None
+    raise _build_refusal(best, best.fault, scene, accuracy, linear=linear, tell=tell) from None
 
 
-def allowed_plan(scene: Scene, accuracy: float, linear: bool, rough: CoarseModel | None = None) -> Plan:
+def build_allowed_plan(scene: Scene, accuracy: float, linear: bool, rough: CoarseModel | None = None) -> Plan:
     """Return the plan with which ``auto`` begins, after a check of the load.
 
     Args:
@@ -115,92 +123,94 @@ def allowed_plan(scene: Scene, accuracy: float, linear: bool, rough: CoarseModel
     Raises:
         Refusal: no evaluator takes the scene, or its load is known to be too large before anything is solved.
     """
-    planned = supported_plan(scene, accuracy, linear, rough)
+    planned = build_supported_plan(scene, accuracy, linear, rough)
     if not linear:
         planned.check_load(scene, accuracy)
     return planned
 
 
-def supported_plan(scene: Scene, accuracy: float, linear: bool, rough: CoarseModel | None = None) -> Plan:
+def build_supported_plan(scene: Scene, accuracy: float, linear: bool, rough: CoarseModel | None = None) -> Plan:
     """Return the plan for a scene, without a check of the load.
 
     Raises:
         Refusal: no evaluator takes the scene.
     """
-    from solver.planning.plan import plan as run
+    from solver.planning.plan import build_plan as run
 
     check_surface_names(scene)
     planned = run(scene, accuracy, linear=linear, rough=rough)
     if planned.evaluator is None:
-        raise Refusal("evaluator", AUTO, str(unsupported(scene)))
+        raise Refusal("evaluator", AUTO, str(find_linear_refusal(scene)))
     return planned
 
 
-def level_of(name: str | None, tell: Tell | None) -> Evaluator:
+def get_evaluator(name: str | None, tell: ProgressCallback | None) -> Evaluator:
     """Return the evaluator that a plan names."""
     assert name is not None  # supported_plan has refused it
     return evaluator(name, tell)
 
 
-def _first_to_answer(
-    scene: Scene, accuracy: float, linear: bool, tell: Tell | None, *, rough: CoarseModel | None, sure: Sure
-) -> Decided | list[Missed]:
+def _try_evaluators(
+    scene: Scene, accuracy: float, linear: bool, tell: ProgressCallback | None, *, rough: CoarseModel | None, sure: PlanPredicate
+) -> AutoChoice | list[FailedAttempt]:
     """Return the first evaluator that reaches the accuracy, or the failed attempts of all."""
-    from solver.planning.plan import following
-    from solver.planning.plan import plan as run
+    from solver.planning.plan import build_plan as run
+    from solver.planning.plan import find_next_evaluator
 
-    planned, missed = allowed_plan(scene, accuracy, linear, rough), list[Missed]()
+    planned, failures = build_allowed_plan(scene, accuracy, linear, rough), list[FailedAttempt]()
     while not sure(planned):
         try:
-            result = level_of(planned.evaluator, tell).evaluate_within(planned.scene, planned.accuracy, planned.allowed)
-            return Decided(planned, planned.completed(result, scene, accuracy, linear))
+            result = get_evaluator(planned.evaluator, tell).evaluate_within(planned.scene, planned.accuracy, planned.allowed)
+            return AutoChoice(planned, planned.complete_result(result, scene, accuracy, linear))
         except LimitReached:
             raise
         except Refusal as fault:
-            missed.append(Missed(planned, fault))
-        tried = [one.plan.evaluator or "" for one in missed]
-        level = following(planned, tried, missed[-1].fault, scene, accuracy=accuracy, linear=linear)
-        if level is None:
-            return missed
-        planned = run(scene, accuracy, level, linear=linear, rough=rough)
-    return Decided(planned, None)
+            failures.append(FailedAttempt(planned, fault))
+        tried = [attempt.plan.evaluator or "" for attempt in failures]
+        next_name = find_next_evaluator(planned, tried, failures[-1].fault, scene, accuracy=accuracy, linear=linear)
+        if next_name is None:
+            return failures
+        planned = run(scene, accuracy, next_name, linear=linear, rough=rough)
+    return AutoChoice(planned, None)
 
 
-def _with_remedy(fault: Refusal, planned: Plan, scene: Scene) -> Refusal:
+def _add_remedy(fault: Refusal, planned: Plan, scene: Scene) -> Refusal:
     """Return the refusal of a load by ``contact``, with advice how to evaluate the scene linearly."""
-    from solver.planning.load_check import REMEDY
+    from solver.planning.load_check import LINEAR_REMEDY
 
-    if planned.evaluator != CONTACT or unsupported(scene) is not None or REMEDY in fault.allowed:
+    if planned.evaluator != CONTACT or find_linear_refusal(scene) is not None or LINEAR_REMEDY in fault.allowed:
         return fault
-    return Refusal(fault.key, fault.value, f"{fault.allowed}, {REMEDY}")
+    return Refusal(fault.key, fault.value, f"{fault.allowed}, {LINEAR_REMEDY}")
 
 
-def _out_of_reach(
-    best: Missed, fault: OutOfReach, scene: Scene, accuracy: float, *, linear: bool, tell: Tell | None
+def _build_refusal(
+    best: FailedAttempt, fault: OutOfReach, scene: Scene, accuracy: float, *, linear: bool, tell: ProgressCallback | None
 ) -> OutOfReach:
     """Return a refusal that names the accuracy within reach, the evaluator that reaches it, and what to do."""
-    reached = best.reached(accuracy)
-    enough, name = _enough(scene, reached, linear, tell), fault.name
-    own = f"--evaluator {name} answers with its own error"
+    reached = best.compute_error(accuracy)
+    reachable, name = _find_reachable_accuracy(scene, reached, linear, tell), fault.name
+    advice = f"--evaluator {name} answers with its own error"
     load = 0.0 if linear else (1 + accuracy) / (1 + best.plan.allowed) - 1
-    smaller, share = (", or a smaller load", f", {load:.2g} of it by the load") if load > LOADED * reached else ("", "")
-    text = f"{enough} or more for this scene{smaller} ({name} reaches {least(reached, 3)}{share}; {own})"
-    if enough is None:
+    smaller, share = (
+        (", or a smaller load", f", {load:.2g} of it by the load") if load > MIN_LOAD_SHARE_OF_ERROR * reached else ("", "")
+    )
+    text = f"{reachable} or more for this scene{smaller} ({name} reaches {format_minimum(reached, 3)}{share}; {advice})"
+    if reachable is None:
         text = f"none for this scene: errors are no smaller than the values (--evaluator {name} prints their bounds)"
     return OutOfReach(name, scene, accuracy, reached, stopped=fault.stopped, allowed=text)
 
 
-def _enough(scene: Scene, reached: float, linear: bool, tell: Tell | None) -> str | None:
+def _find_reachable_accuracy(scene: Scene, reached: float, linear: bool, tell: ProgressCallback | None) -> str | None:
     """Return an accuracy that some evaluator reaches, by trying: the effort of evaluators depends on the accuracy asked for."""
-    for _ in range(ATTEMPTS):
+    for _ in range(MAX_ACCURACY_ATTEMPTS):
         if not reached < 1:
             return None
-        text = least(reached, 2)
+        text = format_minimum(reached, 2)
         try:
-            found = _first_to_answer(scene, float(text), linear, tell, rough=None, sure=never)
+            outcome = _try_evaluators(scene, float(text), linear, tell, rough=None, sure=never_sure)
         except LimitReached:
             return text
-        if isinstance(found, Decided):
+        if isinstance(outcome, AutoChoice):
             return text
-        reached = max(min(one.reached(float(text)) for one in found), MORE * float(text))
-    return least(reached, 2) if reached < 1 else None
+        reached = max(min(attempt.compute_error(float(text)) for attempt in outcome), MIN_ACCURACY_GROWTH * float(text))
+    return format_minimum(reached, 2) if reached < 1 else None

@@ -23,10 +23,14 @@ import numpy as np
 from geometry.common.arrays import Floats, Ints
 from geometry.scenes.scene import Scene
 
-NODES = 4  # refined to 7 and 13, which contain them
-LEAST = 10  # scenes: the first nodes and both checks are then little more than half of them
-MARGIN = 10.0  # factor of the formula above
-NO_FAMILY = {("load", "force"), ("load", "indentation"), ("inclusion", 0, "youngs_modulus")}  # these share one solution anyway
+INITIAL_NODES = 4  # refined to 7 and 13, which contain them
+MIN_FAMILY_SIZE = 10  # scenes: the first nodes and both checks are then little more than half of them
+ERROR_MARGIN_FACTOR = 10.0  # factor of the formula above
+EXCLUDED_NUMBERS = {
+    ("load", "force"),
+    ("load", "indentation"),
+    ("inclusion", 0, "youngs_modulus"),
+}  # these share one solution anyway
 
 
 @dataclass(frozen=True)
@@ -43,10 +47,10 @@ class Family:
     places: Ints
     x: Floats
     nodes: Ints
-    others: Ints
+    checks: Ints
 
     @classmethod
-    def of(cls, places: Sequence[int] | Ints, x: Floats, count: int = NODES) -> Family:
+    def from_numbers(cls, places: Sequence[int] | Ints, x: Floats, count: int = INITIAL_NODES) -> Family:
         """Choose nodes near Chebyshev's points, and checks where the product of distances to the nodes is largest."""
         order = np.argsort(x)
         x = x[order]
@@ -54,70 +58,72 @@ class Family:
         nodes = np.unique(np.abs(x[:, None] - wanted).argmin(axis=0))
         size = np.abs(x[:, None] - x[nodes]).prod(axis=1)
         middle = len(x) // 2
-        others = np.array([size[:middle].argmax(), middle + size[middle:].argmax()])
-        return cls(np.asarray(places)[order], x, nodes, others)
+        checks = np.array([size[:middle].argmax(), middle + size[middle:].argmax()])
+        return cls(np.asarray(places)[order], x, nodes, checks)
 
     @property
-    def found(self) -> Ints:
+    def solved(self) -> Ints:
         """Indices of all members that have to be solved, rising."""
-        return np.union1d(self.nodes, self.others)
+        return np.union1d(self.nodes, self.checks)
 
     @property
-    def finer(self) -> Family | None:
+    def finer_family(self) -> Family | None:
         """The family with nodes added in between; None where more than half of the members would have to be solved."""
-        more = 2 * len(self.nodes) - 1
-        return Family.of(self.places, self.x, more) if len(self.x) >= 2 * (more + 2) else None
+        count = 2 * len(self.nodes) - 1
+        return Family.from_numbers(self.places, self.x, count) if len(self.x) >= 2 * (count + 2) else None
 
-    def spread(self, values: Floats) -> tuple[Floats, Floats]:
+    def interpolate(self, values: Floats) -> tuple[Floats, Floats]:
         """Interpolate values at the ``solved`` members, shape (f, k), to all members; return these and error bounds, (n, k)."""
-        found = self.found
-        all_nodes, nodes = self._weights(found), self._weights(self.nodes)
-        whole, part = all_nodes @ values, nodes @ values[np.searchsorted(found, self.nodes)]
-        missed = np.abs(part[self.others] - values[np.searchsorted(found, self.others)]).max(axis=0)
-        return whole, MARGIN * missed + np.abs(whole - part)
+        solved = self.solved
+        all_nodes, nodes = self._compute_weights(solved), self._compute_weights(self.nodes)
+        whole, part = all_nodes @ values, nodes @ values[np.searchsorted(solved, self.nodes)]
+        missed = np.abs(part[self.checks] - values[np.searchsorted(solved, self.checks)]).max(axis=0)
+        return whole, ERROR_MARGIN_FACTOR * missed + np.abs(whole - part)
 
-    def beside(self, values: Floats) -> Floats:
+    def extend_bounds(self, values: Floats) -> Floats:
         """Extend error bounds of the ``solved`` members, shape (f, k), to all members, shape (n, k).
 
         Each member gets the larger bound of its two solved neighbours, plus the difference between them.
         """
-        after = np.clip(np.searchsorted(self.found, np.arange(len(self.x))), 0, len(self.found) - 1)
-        high, low = values[after], values[np.maximum(after - 1, 0)]
+        right = np.clip(np.searchsorted(self.solved, np.arange(len(self.x))), 0, len(self.solved) - 1)
+        high, low = values[right], values[np.maximum(right - 1, 0)]
         return np.asarray(np.maximum(high, low) + np.abs(high - low))
 
-    def _weights(self, nodes: Ints) -> Floats:
+    def _compute_weights(self, nodes: Ints) -> Floats:
         """Return Lagrange's polynomials of some nodes at all members, shape (n, nodes)."""
-        at = self.x[nodes]
-        apart = np.where(np.eye(len(at), dtype=bool), 1.0, at[:, None] - at)
-        from_nodes = self.x[:, None] - at
-        factors = np.where(np.eye(len(at), dtype=bool), 1.0, from_nodes[:, None, :] / apart)
+        node_x = self.x[nodes]
+        spacing = np.where(np.eye(len(node_x), dtype=bool), 1.0, node_x[:, None] - node_x)
+        from_nodes = self.x[:, None] - node_x
+        factors = np.where(np.eye(len(node_x), dtype=bool), 1.0, from_nodes[:, None, :] / spacing)
         return np.asarray(factors.prod(axis=2))
 
 
-def families(scenes: Sequence[Scene], kind: Callable[[Scene], Any]) -> Iterator[Family]:
+def find_families(scenes: Sequence[Scene], kind: Callable[[Scene], Any]) -> Iterator[Family]:
     """Yield families of at least ``MIN_FAMILY_SIZE`` scenes, none in two, the largest first.
 
     Args:
         scenes: any.
         kind: returns what all members of a family have to share.
     """
-    tables = [dict(leaves(scene.model_dump())) for scene in scenes] if len(scenes) >= LEAST else []
+    tables = [dict(iterate_leaves(scene.model_dump())) for scene in scenes] if len(scenes) >= MIN_FAMILY_SIZE else []
     names = {name for table in tables for name in table}
     differing = {name for name in names if len({table.get(name) for table in tables}) > 1}
-    several = [group for name in sorted(differing - NO_FAMILY, key=str) for group in _groups(tables, name, differing)]
-    taken: set[int] = set()
-    for places, x in sorted(several, key=lambda group: -len(group[0])):
-        if taken.isdisjoint(places):
+    candidates = [
+        group for name in sorted(differing - EXCLUDED_NUMBERS, key=str) for group in _find_groups(tables, name, differing)
+    ]
+    used_places: set[int] = set()
+    for places, x in sorted(candidates, key=lambda group: -len(group[0])):
+        if used_places.isdisjoint(places):
             kinds: dict[Any, list[int]] = defaultdict(list)
             for k, place in enumerate(places):
                 kinds[kind(scenes[place])].append(k)
-            for some in kinds.values():
-                if len(some) >= LEAST:
-                    taken |= {places[k] for k in some}
-                    yield Family.of([places[k] for k in some], x[some])
+            for members in kinds.values():
+                if len(members) >= MIN_FAMILY_SIZE:
+                    used_places |= {places[k] for k in members}
+                    yield Family.from_numbers([places[k] for k in members], x[members])
 
 
-def _groups(tables: Sequence[Mapping[Any, Any]], name: Any, differing: set[Any]) -> Iterator[tuple[list[int], Floats]]:
+def _find_groups(tables: Sequence[Mapping[Any, Any]], name: Any, differing: set[Any]) -> Iterator[tuple[list[int], Floats]]:
     """Yield indices of scenes that differ in one number alone, with its logarithms; equal scenes are counted once."""
     others = sorted(differing - {name}, key=str)
     groups: dict[Any, dict[float, int]] = defaultdict(dict)
@@ -126,17 +132,17 @@ def _groups(tables: Sequence[Mapping[Any, Any]], name: Any, differing: set[Any])
         if isinstance(value, float) and value > 0:
             groups[tuple(table.get(other) for other in others)].setdefault(value, place)
     for group in groups.values():
-        if len(group) >= LEAST:
+        if len(group) >= MIN_FAMILY_SIZE:
             yield [*group.values()], np.log(np.array([*group]))
 
 
-def leaves(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[tuple[Any, ...], Any]]:
+def iterate_leaves(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[tuple[Any, ...], Any]]:
     """Yield paths and values of all numbers and words of nested mappings and sequences."""
     if isinstance(value, Mapping):
-        for key, one in value.items():
-            yield from leaves(one, (*path, key))
+        for key, item in value.items():
+            yield from iterate_leaves(item, (*path, key))
     elif isinstance(value, list | tuple):
-        for k, one in enumerate(value):
-            yield from leaves(one, (*path, k))
+        for k, item in enumerate(value):
+            yield from iterate_leaves(item, (*path, k))
     else:
         yield path, value

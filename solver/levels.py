@@ -6,17 +6,17 @@ from importlib import import_module
 from pathlib import Path
 from typing import cast
 
-from geometry.common.errors import InputError, one_of
+from geometry.common.errors import InputError, describe_choices
 from geometry.scenes.scene import Scene
-from solver.linalg.workspace import Workspace, current, using
-from solver.results.evaluator import Evaluator, Tell
+from solver.linalg.workspace import Workspace, get_workspace, use_workspace
+from solver.results.evaluator import Evaluator, ProgressCallback
 
 AUTO, CONTACT = "auto", "contact"
-BUILT = ("published", "closed-form", "equivalent-inclusion", "axisymmetric", "contact", "solid")
+EVALUATOR_NAMES = ("published", "closed-form", "equivalent-inclusion", "axisymmetric", "contact", "solid")
 """Names of the evaluators; each is made by the module ``solver/<name>/level.py``."""
 
 
-def evaluator(name: str, tell: Tell | None = None, workspace: Workspace | None = None) -> Evaluator:
+def evaluator(name: str, tell: ProgressCallback | None = None, workspace: Workspace | None = None) -> Evaluator:
     """Return the evaluator of that name; importing it only now keeps the start-up short.
 
     Args:
@@ -27,14 +27,14 @@ def evaluator(name: str, tell: Tell | None = None, workspace: Workspace | None =
     Raises:
         InputError: no evaluator has that name.
     """
-    if name not in BUILT:
-        raise InputError("evaluator", name, one_of(name, (AUTO, *BUILT)))
-    room = import_module(f"solver.{name.replace('-', '_')}.level")
-    with using(current() if workspace is None else workspace):
-        return cast(Evaluator, room.level(tell))
+    if name not in EVALUATOR_NAMES:
+        raise InputError("evaluator", name, describe_choices(name, (AUTO, *EVALUATOR_NAMES)))
+    module = import_module(f"solver.{name.replace('-', '_')}.level")
+    with use_workspace(get_workspace() if workspace is None else workspace):
+        return cast(Evaluator, module.level(tell))
 
 
-def read(scene: Scene | Path | str) -> Scene:
+def load_scene(scene: Scene | Path | str) -> Scene:
     """Return a scene as it is, or read it from a file. Raises ``InputError``."""
     if isinstance(scene, Scene):
         return scene

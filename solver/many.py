@@ -11,43 +11,43 @@ from time import perf_counter
 from typing import TypeVar
 
 from geometry.common.errors import ProbeError
-from geometry.common.resources import Limits, limited, limits, timed
-from geometry.provenance.block import provenance
+from geometry.common.resources import Limits, get_limits, start_clock, use_limits
+from geometry.provenance.block import build_provenance
 from geometry.scenes.scene import Scene
 from geometry.scenes.surface_names import check_surface_names
 from solver import levels
 from solver.answers import evaluate
-from solver.automatic import allowed_plan
-from solver.families import families
-from solver.results.evaluator import Answer, FilmLevel, Tell
+from solver.automatic import build_allowed_plan
+from solver.families import find_families
+from solver.results.evaluator import FilmEvaluator, FilmSolution, ProgressCallback
 from solver.results.kinds import is_round
 from solver.results.result import Result
 
-TOGETHER = ("closed-form", "axisymmetric")  # evaluators that are faster on many scenes at once than one by one
-AXISYMMETRIC, FORMULAS = "axisymmetric", "closed-form"
+BATCH_EVALUATORS = ("closed-form", "axisymmetric")  # evaluators that are faster on many scenes at once than one by one
+AXISYMMETRIC, CLOSED_FORM = "axisymmetric", "closed-form"
 T = TypeVar("T")
-Answered = Result | ProbeError
+ResultOrError = Result | ProbeError
 
 
 @dataclass(frozen=True)
-class _Question:
+class _Request:
     """The arguments of ``evaluate_many`` that hold for every scene."""
 
     evaluator: str
     accuracy: float
-    tell: Tell | None
+    tell: ProgressCallback | None
     linear: bool
 
-    def alone(self, scene: Scene) -> Answered:
+    def evaluate_alone(self, scene: Scene) -> ResultOrError:
         """Return the result of ``evaluate`` for one scene, or the error that it raises."""
-        return _caught(lambda: evaluate(scene, self.evaluator, self.accuracy, self.tell, linear=self.linear))
+        return _catch_error(lambda: evaluate(scene, self.evaluator, self.accuracy, self.tell, linear=self.linear))
 
 
 def evaluate_many(
     scenes: Sequence[Scene | Path | str],
     evaluator: str = levels.AUTO,
     accuracy: float = 0.01,
-    tell: Tell | None = None,
+    tell: ProgressCallback | None = None,
     *,
     linear: bool = False,
     limits: Limits | None = None,
@@ -78,145 +78,153 @@ def evaluate_many(
     levels.check_accuracy(accuracy)
     if evaluator != levels.AUTO:
         levels.evaluator(evaluator)
-    asked = _Question(evaluator, accuracy, tell, linear)
-    with limited(limits):
-        every = [_caught(partial(_checked, scene)) for scene in scenes]
-        known = [one for one in every if isinstance(one, Scene)]
-        found = iter(zip(known, answered(known, asked.evaluator, accuracy, tell, linear=linear), strict=True))
-        return [_told(*next(found), asked) if isinstance(one, Scene) else one for one in every]
+    request = _Request(evaluator, accuracy, tell, linear)
+    with use_limits(limits):
+        checked = [_catch_error(partial(_read_and_check, scene)) for scene in scenes]
+        valid_scenes = [item for item in checked if isinstance(item, Scene)]
+        results = iter(
+            zip(valid_scenes, evaluate_batch(valid_scenes, request.evaluator, accuracy, tell, linear=linear), strict=True)
+        )
+        return [_add_provenance(*next(results), request) if isinstance(item, Scene) else item for item in checked]
 
 
-def answered(
-    scenes: Sequence[Scene], evaluator: str, accuracy: float, tell: Tell | None = None, *, linear: bool = False
-) -> list[Answered]:
+def evaluate_batch(
+    scenes: Sequence[Scene], evaluator: str, accuracy: float, tell: ProgressCallback | None = None, *, linear: bool = False
+) -> list[ResultOrError]:
     """Evaluate checked scenes as ``evaluate_many`` does; results that were computed together have no provenance."""
-    alone = _Question(evaluator, accuracy, tell, linear).alone
-    found = together(scenes, evaluator, accuracy, tell, linear=linear)
-    return [alone(scene) if one is None else one for one, scene in zip(found, scenes, strict=True)]
+    evaluate_alone = _Request(evaluator, accuracy, tell, linear).evaluate_alone
+    results = evaluate_together(scenes, evaluator, accuracy, tell, linear=linear)
+    return [evaluate_alone(scene) if result is None else result for result, scene in zip(results, scenes, strict=True)]
 
 
-def together(
-    scenes: Sequence[Scene], evaluator: str, accuracy: float, tell: Tell | None = None, *, linear: bool = False
-) -> list[Answered | None]:
+def evaluate_together(
+    scenes: Sequence[Scene], evaluator: str, accuracy: float, tell: ProgressCallback | None = None, *, linear: bool = False
+) -> list[ResultOrError | None]:
     """Evaluate the scenes that can be computed together, without provenance; None for each that has to be evaluated alone."""
-    asked = _Question(evaluator, accuracy, tell, linear)
+    request = _Request(evaluator, accuracy, tell, linear)
     several = len(scenes) > 1
-    if evaluator in TOGETHER and (several or evaluator == FORMULAS):  # one of formulas, too: its limits are those of many
-        return [*_named(scenes, asked)]
-    return _automatic(scenes, asked) if several and evaluator == levels.AUTO else [None] * len(scenes)
+    if evaluator in BATCH_EVALUATORS and (
+        several or evaluator == CLOSED_FORM
+    ):  # one of formulas, too: its limits are those of many
+        return [*_evaluate_by_name(scenes, request)]
+    return _evaluate_shared_designs(scenes, request) if several and evaluator == levels.AUTO else [None] * len(scenes)
 
 
-def _checked(scene: Scene | Path | str) -> Scene:
-    known = levels.read(scene)
-    check_surface_names(known)
-    return known
+def _read_and_check(scene: Scene | Path | str) -> Scene:
+    valid_scene = levels.load_scene(scene)
+    check_surface_names(valid_scene)
+    return valid_scene
 
 
-def _told(scene: Scene, answer: Answered, asked: _Question) -> Answered:
-    if isinstance(answer, Result) and answer.provenance is None:
-        return replace(answer, provenance=provenance(scene, evaluator=asked.evaluator, accuracy=asked.accuracy))
-    return answer
+def _add_provenance(scene: Scene, result: ResultOrError, request: _Request) -> ResultOrError:
+    if isinstance(result, Result) and result.provenance is None:
+        return replace(result, provenance=build_provenance(scene, evaluator=request.evaluator, accuracy=request.accuracy))
+    return result
 
 
-def _named(scenes: Sequence[Scene], asked: _Question) -> list[Answered]:
+def _evaluate_by_name(scenes: Sequence[Scene], request: _Request) -> list[ResultOrError]:
     """Evaluate scenes with a batch evaluator, with warnings of loads beyond linear elasticity."""
-    from solver.planning.load_check import rule_by_formulas, with_warning
+    from solver.planning.load_check import add_load_warning, build_rule_from_formulas
 
-    level, formulas = levels.evaluator(asked.evaluator, asked.tell), asked.evaluator == FORMULAS
-    assert isinstance(level, FilmLevel)
-    found = _smooth(scenes, asked, level) if asked.evaluator == AXISYMMETRIC else {}
-    rest = [place for place in range(len(scenes)) if place not in found]
-    results = level.evaluate_many([scenes[place] for place in rest], asked.accuracy)
+    film_evaluator, formulas = levels.evaluator(request.evaluator, request.tell), request.evaluator == CLOSED_FORM
+    assert isinstance(film_evaluator, FilmEvaluator)
+    results_by_place = _interpolate_families(scenes, request, film_evaluator) if request.evaluator == AXISYMMETRIC else {}
+    places = [place for place in range(len(scenes)) if place not in results_by_place]
+    results = film_evaluator.evaluate_many([scenes[place] for place in places], request.accuracy)
 
-    def warned(result: Result, scene: Scene) -> Result:
-        with timed():
+    def add_warning(result: Result, scene: Scene) -> Result:
+        with start_clock():
             if formulas and result.stiffness is not None:  # there may be thousands of scenes: do not mesh each of them
-                return with_warning(result, scene, asked.accuracy, rule_by_formulas(scene, result), "formulas")
-            return with_warning(result, scene, asked.accuracy)
+                return add_load_warning(result, scene, request.accuracy, build_rule_from_formulas(scene, result), "formulas")
+            return add_load_warning(result, scene, request.accuracy)
 
-    for place, one in zip(rest, results, strict=True):
-        found[place] = _caught(partial(warned, one, scenes[place])) if isinstance(one, Result) else one
-    return [found[place] for place in range(len(scenes))]
+    for place, outcome in zip(places, results, strict=True):
+        results_by_place[place] = (
+            _catch_error(partial(add_warning, outcome, scenes[place])) if isinstance(outcome, Result) else outcome
+        )
+    return [results_by_place[place] for place in range(len(scenes))]
 
 
-def _smooth(scenes: Sequence[Scene], asked: _Question, level: FilmLevel) -> dict[int, Answered]:
+def _interpolate_families(scenes: Sequence[Scene], request: _Request, film_evaluator: FilmEvaluator) -> dict[int, ResultOrError]:
     """Evaluate scenes that differ in one number, by their places: some are solved, the others interpolated where accurate."""
-    from solver.interpolation import interpolated
-    from solver.planning.load_check import rule_of_answer, with_warning
+    from solver.interpolation import interpolate_family
+    from solver.planning.load_check import add_load_warning, build_rule_from_result
 
-    found: dict[int, Answered] = {}
-    for family in families(scenes, smooth_kinds):
+    results: dict[int, ResultOrError] = {}
+    for family in find_families(scenes, find_smooth_kinds):
         start, members = perf_counter(), [scenes[place] for place in family.places]
-        pairs = interpolated(family, members, level, asked.accuracy)
+        pairs = interpolate_family(family, members, film_evaluator, request.accuracy)
         share = (perf_counter() - start) / max(sum(pair is not None for pair in pairs), 1)
         for place, scene, pair in zip(family.places.tolist(), members, pairs, strict=True):
             if pair is not None:
-                with timed():
-                    result = _caught(partial(pair[0].result, AXISYMMETRIC, scene, share))
+                with start_clock():
+                    result = _catch_error(partial(pair[0].build_result, AXISYMMETRIC, scene, share))
                     if isinstance(result, Result):
-                        rule = None if pair[1] is None else rule_of_answer(pair[1], result)
-                        result = with_warning(result, scene, asked.accuracy, rule)
-                    found[place] = result
-    return found
+                        rule = None if pair[1] is None else build_rule_from_result(pair[1], result)
+                        result = add_load_warning(result, scene, request.accuracy, rule)
+                    results[place] = result
+    return results
 
 
-def smooth_kinds(scene: Scene) -> object:
+def find_smooth_kinds(scene: Scene) -> object:
     """Return a key that scenes share if their forces and load rules are smooth functions of their numbers."""
-    from solver.axisymmetric.shared_designs import smooth_kind
-    from solver.planning.coarse_model import without_tumours
+    from solver.axisymmetric.shared_designs import find_smooth_kind
+    from solver.planning.coarse_model import remove_tumours
 
-    return smooth_kind(scene), smooth_kind(without_tumours(scene))
+    return find_smooth_kind(scene), find_smooth_kind(remove_tumours(scene))
 
 
-def _automatic(scenes: Sequence[Scene], asked: _Question) -> list[Answered | None]:
+def _evaluate_shared_designs(scenes: Sequence[Scene], request: _Request) -> list[ResultOrError | None]:
     """Evaluate the scenes that share a design and for which the plan names ``axisymmetric``; None for the others."""
-    from solver.axisymmetric.shared_designs import design
+    from solver.axisymmetric.shared_designs import get_design
 
     groups: dict[Scene, list[int]] = defaultdict(list)
     for place, scene in enumerate(scenes):
         if is_round(scene):
-            groups[design(scene)].append(place)
-    found: dict[int, Answered | None] = {}
+            groups[get_design(scene)].append(place)
+    results: dict[int, ResultOrError | None] = {}
     for places in groups.values():
         if len(places) > 1:
-            found |= zip(places, _of_one_design([scenes[place] for place in places], asked), strict=True)
-    return [found.get(place) for place in range(len(scenes))]
+            results |= zip(places, _evaluate_one_design([scenes[place] for place in places], request), strict=True)
+    return [results.get(place) for place in range(len(scenes))]
 
 
-def _of_one_design(scenes: Sequence[Scene], asked: _Question) -> Iterator[Answered | None]:
+def _evaluate_one_design(scenes: Sequence[Scene], request: _Request) -> Iterator[ResultOrError | None]:
     """Evaluate scenes that share a design, in order; None where ``auto`` may choose another evaluator for the scene alone."""
     from solver.planning.coarse_model import CoarseModel
 
     start = perf_counter()
-    with limited(replace(limits(), seconds=len(scenes) * limits().seconds)), timed():
-        rough = _caught(lambda: CoarseModel.of(scenes[0]))
+    with use_limits(replace(get_limits(), seconds=len(scenes) * get_limits().seconds)), start_clock():
+        rough = _catch_error(lambda: CoarseModel.from_scene(scenes[0]))
         if isinstance(rough, ProbeError):
             return (None for _ in scenes)
-        plans = [_caught(partial(allowed_plan, one, asked.accuracy, asked.linear, rough)) for one in scenes]
+        plans = [_catch_error(partial(build_allowed_plan, scene, request.accuracy, request.linear, rough)) for scene in scenes]
     shared = {k: plan for k, plan in enumerate(plans) if not isinstance(plan, ProbeError) and plan.evaluator == AXISYMMETRIC}
-    level = levels.evaluator(AXISYMMETRIC, asked.tell)
-    assert isinstance(level, FilmLevel)
-    every = level.answers([plan.scene for plan in shared.values()], [plan.accuracy for plan in shared.values()])
-    answers = dict(zip(shared, every, strict=True))
+    film_evaluator = levels.evaluator(AXISYMMETRIC, request.tell)
+    assert isinstance(film_evaluator, FilmEvaluator)
+    solutions = film_evaluator.solve_many([plan.scene for plan in shared.values()], [plan.accuracy for plan in shared.values()])
+    solution_of_place = dict(zip(shared, solutions, strict=True))
     share = (perf_counter() - start) / len(scenes)
 
-    def completed(k: int) -> Answered | None:
-        plan, answer = plans[k], answers.get(k)
+    def complete(k: int) -> ResultOrError | None:
+        plan, solution = plans[k], solution_of_place.get(k)
         if isinstance(plan, ProbeError):
             return plan
-        if not isinstance(answer, Answer) or answer.films[0].error_under(plan.scene) > plan.allowed:
+        if not isinstance(solution, FilmSolution) or solution.films[0].compute_max_error(plan.scene) > plan.allowed:
             return None
-        result = _caught(
-            lambda: plan.completed(answer.result(AXISYMMETRIC, plan.scene, share), scenes[k], asked.accuracy, asked.linear)
+        result = _catch_error(
+            lambda: plan.complete_result(
+                solution.build_result(AXISYMMETRIC, plan.scene, share), scenes[k], request.accuracy, request.linear
+            )
         )
         return result if isinstance(result, Result) else None  # alone, another evaluator may answer
 
-    return (completed(k) for k in range(len(scenes)))
+    return (complete(k) for k in range(len(scenes)))
 
 
-def _caught(made: Callable[[], T]) -> T | ProbeError:
+def _catch_error(make: Callable[[], T]) -> T | ProbeError:
     """Return what a function makes, or the error that the toolkit raises on purpose."""
     try:
-        return made()
+        return make()
     except ProbeError as fault:
         return fault

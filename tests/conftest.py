@@ -41,9 +41,9 @@ def empty_working_directory(tmp_path_factory: pytest.TempPathFactory, monkeypatc
 @pytest.fixture(autouse=True)
 def unhurried() -> Iterator[None]:
     """Time for every answer, however busy the machine is."""
-    from geometry.common.resources import Limits, limited
+    from geometry.common.resources import Limits, use_limits
 
-    with limited(Limits(seconds=3600.0)):
+    with use_limits(Limits(seconds=3600.0)):
         yield
 
 

@@ -9,7 +9,7 @@ from functools import cache
 from typing import Any
 
 from benchmarks.attacks.files import FILE, LIMITS, ROOT, SCENE, VIRTUAL, Readable
-from geometry.provenance.texts import html_script, toml_comment
+from geometry.provenance.texts import format_html_script, format_toml_comment
 
 NAME = str(ROOT / "examples" / "scene.toml")
 AGAIN = ("rerun", FILE, "--json")
@@ -18,8 +18,8 @@ AGAIN = ("rerun", FILE, "--json")
 def answers() -> dict[str, Readable]:
     """Return every kind of them by its name."""
     made = printed("evaluate", NAME, "--evaluator", "closed-form", "--json")
-    page = "<!doctype html><title>Answer</title>" + html_script("answer", made)
-    design = toml_comment(made["provenance"]) + Readable(".toml", (), SCENE).content.decode()
+    page = "<!doctype html><title>Answer</title>" + format_html_script("answer", made)
+    design = format_toml_comment(made["provenance"]) + Readable(".toml", (), SCENE).content.decode()
     reading = printed("read", NAME, *VIRTUAL, "--json")
     return {
         "an answer": Readable(".json", AGAIN, made),

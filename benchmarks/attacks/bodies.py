@@ -82,9 +82,9 @@ def _stl_damaged(content: bytes, draw: Random) -> bytes:
 @cache
 def steps() -> tuple[bytes, ...]:
     """STEP files of a ball, a box with rounded edges, and a cone, mm."""
-    from geometry.cad.solids import cadquery
+    from geometry.cad.solids import load_cadquery
 
-    cq, files = cadquery(), []
+    cq, files = load_cadquery(), []
     cone = cq.Workplane(cq.Solid.makeCone(1, 3, 5))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "body.step")

@@ -24,7 +24,7 @@ from typing import Any
 
 from benchmarks.attacks.attempt import Ended
 from benchmarks.attacks.damage import Random
-from probe_design.sweeps.store import NAME
+from probe_design.sweeps.store import STORE_FILE
 from tests.support.interrupted import Leftovers, left, moments
 from tests.support.paths import ROOT, SCENE
 from tests.support.sweeps import command, stored, toml, wait_for_rows
@@ -76,7 +76,7 @@ def store(draw: Random, folder: Path) -> Ordeal:
     """A store with other bits, or cut: mended or refused, and never a table that is another."""
     path, out = toml(folder, n=DESIGNS), folder / "out"
     shutil.copytree(_whole()[0], out)
-    content = bytearray((out / NAME).read_bytes())
+    content = bytearray((out / STORE_FILE).read_bytes())
     kind = draw.choice(["bits", "bits", "cut", "sector"])
     if kind == "bits":
         for _ in range(draw.choice([1, 1, 30])):
@@ -86,7 +86,7 @@ def store(draw: Random, folder: Path) -> Ordeal:
     else:
         at = draw.randrange(len(content) // 512) * 512
         content[at : at + 512] = bytes(512)
-    (out / NAME).write_bytes(content)
+    (out / STORE_FILE).write_bytes(content)
     return _resumed(kind, path, out, refusable=True)
 
 

@@ -27,11 +27,16 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
 from hw.common.errors import HardwareError
 from hw.common.samples import Samples
-from probe_design.built_probe.bench import Bench, builtin_bench
-from probe_design.built_probe.block_predictions import Shares, by_outer_radius, inner_shares, predicted
+from probe_design.built_probe.bench import Bench, read_builtin_bench
+from probe_design.built_probe.block_predictions import (
+    BlockPredictions,
+    compute_inner_shares,
+    express_by_outer_radius,
+    predict_blocks,
+)
 from probe_design.built_probe.calibration import calibrate
 from probe_design.built_probe.gain_matrix import Gains
-from probe_design.built_probe.virtual_probe import RATE, Built, signals
+from probe_design.built_probe.virtual_probe import SAMPLE_RATE_HZ, BuiltProperties, build_signals
 
 SCENE = "examples/scene.toml"
 LOAD, SECONDS = 10e-3, 5.0  # N, s
@@ -91,7 +96,7 @@ def played(half_width: float) -> Change:
 
 def filtered(seconds: float) -> Change:
     """Return a low-pass of first order of this time constant."""
-    keep = float(np.exp(-1 / (RATE * seconds)))
+    keep = float(np.exp(-1 / (SAMPLE_RATE_HZ * seconds)))
     return lambda volts: np.asarray(lfilter([1 - keep], [1, -keep], volts, zi=[keep * volts[0]])[0])
 
 
@@ -133,11 +138,11 @@ FAULTS = {
 class DrawnBench:
     """A probe and its bench as they are, which nobody knows: channels, and the inner film's share of each reference's load."""
 
-    built: Built
+    built: BuiltProperties
     shares: Floats
 
     @classmethod
-    def draw(cls, fault: BenchFault, bench: Bench, shares: Shares, seed: int) -> DrawnBench:
+    def draw(cls, fault: BenchFault, bench: Bench, shares: BlockPredictions, seed: int) -> DrawnBench:
         """Draw all that chance decides, each thing by the bench's tolerance of it."""
         random = np.random.default_rng(seed)
         channels, amplifier = bench.channels, bench.amplifier
@@ -145,45 +150,47 @@ class DrawnBench:
         films = np.eye(2) + spread * random.standard_normal((2, 2))
         parts = 1 + np.array([amplifier.resistance_tolerance, amplifier.capacitance_tolerance]) * random.standard_normal((2, 2))
         tolerance = 0.0 if bench.force is None else bench.force.tolerance
-        built = Built(
+        built = BuiltProperties(
             gains=((films[0, 0], films[0, 1]), (films[1, 0], films[1, 1])),
             resistance=(parts[0, 0], parts[1, 0]),
             capacitance=(parts[0, 1], parts[1, 1]),
             force=fault.sensor * (1 + tolerance * random.standard_normal()),
             frequency=1 + 2e-4 * random.standard_normal(),
-            hum=0.0 if fault.clock != 1.0 else Built.hum,  # whose frequency would tell the rate
+            hum=0.0 if fault.clock != 1.0 else BuiltProperties.hum,  # whose frequency would tell the rate
         )
-        moduli = [one.tolerance * share.by_modulus for one, share in zip(bench.blocks, shares.blocks, strict=True)]
+        moduli = [one.tolerance * share.modulus_derivative for one, share in zip(bench.blocks, shares.blocks, strict=True)]
         logs = shares.log_ratios + moduli * random.standard_normal(len(moduli))
-        logs = logs + shares.slopes @ (shares.tolerances(bench.workshop) * random.standard_normal(len(shares.variables)))
+        logs = logs + shares.slopes @ (shares.compute_tolerances(bench.workshop) * random.standard_normal(len(shares.variables)))
         leaks = {"inner": fault.pin, "outer": fault.ring}
-        parts_of_load = inner_shares(logs, bench.reference)
+        parts_of_load = compute_inner_shares(logs, bench.reference)
         for k, one in enumerate(bench.reference):
-            drawn, leak = one.strays * abs(random.standard_normal()), leaks.get(one.on)
+            drawn, leak = one.leak_sd * abs(random.standard_normal()), leaks.get(one.on)
             parts_of_load[k] += {"inner": -1.0, "outer": 1.0}.get(one.on, 0.0) * (drawn if leak is None else leak)
         return cls(built, parts_of_load)
 
     def read(self, fault: BenchFault, scene: Scene, bench: Bench, seed: int) -> list[Samples]:
         """Return one reading on each reference."""
         names, found = ("inner", "outer", "force"), []
-        rows = np.arange(round(max(SECONDS, 25 / bench.load.frequency) * RATE))
+        rows = np.arange(round(max(SECONDS, 25 / bench.load.frequency) * SAMPLE_RATE_HZ))
         for k, (part, one) in enumerate(zip(self.shares, bench.reference, strict=True)):
             load = one.known_force or LOAD
-            volts = signals(self.built, bench, scene, load * np.array([part, 1 - part]), [seed, k])(rows / RATE / fault.clock)
+            volts = build_signals(self.built, bench, scene, load * np.array([part, 1 - part]), [seed, k])(
+                rows / SAMPLE_RATE_HZ / fault.clock
+            )
             for column, change in fault.channels.items():
                 volts[:, column] = change(volts[:, column])
             none = np.zeros(volts.shape, bool)
-            found.append(Samples(RATE, names, rows, volts, saturated=none, gaps=(), overruns=0, source={}))
+            found.append(Samples(SAMPLE_RATE_HZ, names, rows, volts, saturated=none, gaps=(), overruns=0, source={}))
         return found
 
     def matrix(self, bench: Bench) -> Floats:
         """Return the true M, amplifiers included, shape (2, 2)."""
-        nominal, frequency = bench.amplifier.of_films(), self.built.frequency * bench.load.frequency
-        pairs = zip(self.built.amplifiers(nominal), nominal, strict=True)
+        nominal, frequency = bench.amplifier.build_films(), self.built.frequency * bench.load.frequency
+        pairs = zip(self.built.build_amplifiers(nominal), nominal, strict=True)
         return np.array([[abs(one.response(frequency) / drawn.response(frequency))] for one, drawn in pairs]) * self.built.gains
 
 
-def outcome(fault: BenchFault, scene: Scene, bench: Bench, shares: Shares, seed: int) -> CalibrationOutcome:
+def outcome(fault: BenchFault, scene: Scene, bench: Bench, shares: BlockPredictions, seed: int) -> CalibrationOutcome:
     """Calibrate with a fault, then read the scene without noise."""
     drawn = DrawnBench.draw(fault, bench, shares, seed)
     try:
@@ -204,8 +211,8 @@ def _reading_errors(gains: Gains, truth: Floats) -> tuple[float, float, tuple[fl
     """Errors of ln of ratio and sum on the scene over their standard deviations, and these."""
     forces = LOAD * np.array([RATIO, 1.0]) / (1 + RATIO)
     films = truth @ forces
-    found = gains.forces(films)
-    covariance = gains.forces_covariance(films, np.zeros((2, 2)))
+    found = gains.compute_forces(films)
+    covariance = gains.compute_forces_covariance(films, np.zeros((2, 2)))
     slopes = np.array([[1.0, -1.0] / found, np.ones(2) / found.sum()])
     ratio, total = np.sqrt(np.einsum("ka,ab,kb->k", slopes, covariance, slopes)).tolist()
     off = np.log(found[0] / found[1] / RATIO), np.log(found.sum() / LOAD)
@@ -225,7 +232,7 @@ def row(name: str, outcomes: list[CalibrationOutcome]) -> str:
 
 def bench_asked(weight: float | None, leak: float | None) -> Bench:
     """Return the built-in bench, its pin's load known or its leaks others where that is asked for."""
-    bench = builtin_bench()
+    bench = read_builtin_bench()
     references = list(bench.reference)
     if leak is not None:
         references = [one if one.on == "tissue" else one.model_copy(update={"leak": leak}) for one in references]
@@ -242,8 +249,8 @@ def main() -> None:
     parser.add_argument("--leak", type=float, help="of pin and ring, in place of the bench's")
     parser.add_argument("--only", default="", help="faults whose names hold this; several, parted by commas")
     asked = parser.parse_args()
-    scene, bench = by_outer_radius(read_scene(SCENE)), bench_asked(asked.weight, asked.leak)
-    shares = predicted(scene, bench.reference)
+    scene, bench = express_by_outer_radius(read_scene(SCENE)), bench_asked(asked.weight, asked.leak)
+    shares = predict_blocks(scene, bench.reference)
     shares = replace(shares, blocks=tuple(replace(one, rule=None) for one in shares.blocks))
     print(
         f"{asked.draws} draws\n\n| fault | refused | film lags | told | gains, % | ratio, % | sum, % | sd ratio, % | sd sum, % |"

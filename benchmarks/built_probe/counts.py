@@ -9,8 +9,8 @@ import numpy as np
 from scipy.stats import binomtest, kstest
 
 from geometry.common.arrays import Floats
-from probe_design.built_probe.gain_matrix import ENTRIES
-from probe_design.probe_check.deviation import LEVEL
+from probe_design.built_probe.gain_matrix import ENTRY_NAMES
+from probe_design.probe_check.deviation import SIGNIFICANCE_LEVEL
 
 LIKELY = 0.9  # power from which a probe counts as one that the check should find
 
@@ -39,7 +39,7 @@ class ProbeOutcome:
     @property
     def found(self) -> bool:
         """Whether somebody was told that something is off."""
-        return self.p_value < LEVEL
+        return self.p_value < SIGNIFICANCE_LEVEL
 
 
 def print_within(outcomes: Sequence[ProbeOutcome]) -> None:
@@ -47,10 +47,10 @@ def print_within(outcomes: Sequence[ProbeOutcome]) -> None:
     read = [one for one in outcomes if not one.refused]
     alarms = sum(one.found for one in read)
     print(f"{len(outcomes)} within tolerance: {len(outcomes) - len(read)} calibrations refused")
-    print(f"false alarms: {share(alarms, len(read))}, stated {100 * LEVEL:g} %")
+    print(f"false alarms: {share(alarms, len(read))}, stated {100 * SIGNIFICANCE_LEVEL:g} %")
     print(f"p-values evenly spread: Kolmogorov-Smirnov p = {kstest([one.p_value for one in read], 'uniform').pvalue:.2g}")
     inside = np.sum([np.abs(one.errors) < 1.96 for one in read], axis=0)
-    for name, count in zip(ENTRIES, inside, strict=True):
+    for name, count in zip(ENTRY_NAMES, inside, strict=True):
         print(f"{name} within 1.96 sd: {share(int(count), len(read))}, stated 95 %")
 
 

@@ -22,15 +22,21 @@ from benchmarks.built_probe.solved_probes import SolvedProbes
 from geometry import Scene, read_scene
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
-from geometry.scenes.variables import changed, values
-from probe_design.built_probe.bench import Bench, Reference, builtin_bench, read_bench
-from probe_design.built_probe.block_predictions import Shares, by_outer_radius, inner_shares, log_ratios, predicted
-from probe_design.built_probe.gain_matrix import PER_KELVIN, Gains, Observed
-from probe_design.built_probe.trusted_gains import trusted
-from probe_design.built_probe.virtual_probe import as_delivered
+from geometry.scenes.variables import list_values, replace_values
+from probe_design.built_probe.bench import Bench, Reference, read_bench, read_builtin_bench
+from probe_design.built_probe.block_predictions import (
+    BlockPredictions,
+    compute_inner_shares,
+    express_by_outer_radius,
+    predict_blocks,
+    predict_log_ratios,
+)
+from probe_design.built_probe.gain_matrix import PER_KELVIN, Gains, Observation
+from probe_design.built_probe.trusted_gains import estimate_trusted_gains
+from probe_design.built_probe.virtual_probe import draw_delivered
 from probe_design.probe_check.check import Comparison
-from probe_design.probe_check.deviation import Deviation, power
-from probe_design.probe_check.verdicts import judged
+from probe_design.probe_check.deviation import Deviation, compute_power
+from probe_design.probe_check.verdicts import decide_verdict
 
 LOAD = 10e-3  # N, that examples/scene.toml has
 NOISE = 1.5e-5  # N, of a film's reading of 10 s of the virtual probe
@@ -61,7 +67,7 @@ class Drawn:
 
     def readings(self, logs: Floats) -> tuple[Floats, Floats]:
         """Return both films' readings on all references, N, shape (references, 2), at the calibration and at the check."""
-        shares = inner_shares(logs, self.blocks)
+        shares = compute_inner_shares(logs, self.blocks)
         forces = LOAD * np.stack([shares, 1 - shares], axis=1)
         return forces @ self.matrix.T + self.noise[0], forces @ self.warm.T + self.noise[1]
 
@@ -72,23 +78,23 @@ class Study:
 
     scene: Scene
     bench: Bench
-    shares: Shares
+    shares: BlockPredictions
 
     @classmethod
     def of(cls, bench: Bench, block_tolerance: float | None) -> Study:
         """Return a bench's, its blocks known to ``block_tolerance``."""
-        scene = by_outer_radius(read_scene(SCENE))
+        scene = express_by_outer_radius(read_scene(SCENE))
         if block_tolerance is not None:
             blocks = [
                 one if one.on != "tissue" else one.model_copy(update={"tolerance": block_tolerance}) for one in bench.reference
             ]
             bench = bench.model_copy(update={"reference": tuple(blocks)})
-        return cls(scene, bench, predicted(scene, bench.reference))
+        return cls(scene, bench, predict_blocks(scene, bench.reference))
 
     @property
     def names(self) -> tuple[str, ...]:
         """Variables that have a tolerance."""
-        tolerances = self.shares.tolerances(self.bench.workshop)
+        tolerances = self.shares.compute_tolerances(self.bench.workshop)
         return tuple(name for name, tolerance in zip(self.shares.variables, tolerances, strict=True) if tolerance)
 
     def drawn(self, seed: int, off: str | None) -> Drawn:
@@ -96,7 +102,7 @@ class Study:
         random = np.random.default_rng([seed, off is not None])
         probe, turn = self._built(random, off)
         matrix = np.eye(2) + np.array([[0.05, 0.01], [0.01, 0.05]]) * random.standard_normal((2, 2))
-        blocks = tuple(as_delivered(one, random) for one in self.bench.reference)
+        blocks = tuple(draw_delivered(one, random) for one in self.bench.reference)
         sensor = LOAD * (1 + (self.bench.force.tolerance if self.bench.force else 0.0) * random.standard_normal())
         noise = NOISE * random.standard_normal((2, len(blocks), 2))
         drift = 1 + PER_KELVIN * self.bench.channels.warming * random.standard_normal((2, 1))
@@ -104,15 +110,15 @@ class Study:
 
     def _built(self, random: np.random.Generator, off: str | None) -> tuple[Scene, float]:
         """Draw a probe within the tolerances, one variable beyond them; returns it and by how many tolerances that is."""
-        tolerances = dict(zip(self.shares.variables, self.shares.tolerances(self.bench.workshop), strict=True))
-        at = values(self.scene)
+        tolerances = dict(zip(self.shares.variables, self.shares.compute_tolerances(self.bench.workshop), strict=True))
+        at = list_values(self.scene)
         while True:  # until the blocks fit
             turns = {name: float(random.standard_normal()) for name in at if tolerances.get(name)}
             if off is not None:
                 turns[off] = float(random.choice([-1, 1]) * random.uniform(5, 15))
             try:
                 new = {name: at[name] + turn * tolerances[name] for name, turn in turns.items()}
-                return changed(self.scene, new), turns.get(off or "", 0.0)
+                return replace_values(self.scene, new), turns.get(off or "", 0.0)
             except ValueError:
                 continue
 
@@ -125,25 +131,25 @@ class Study:
         except InputError as fault:
             return ProbeOutcome(drawn.off, drawn.turn, refused=str(fault))
         error = (gains.matrix - drawn.matrix).ravel() / np.sqrt(np.diag(gains.covariance))
-        likely = power(deviation, {drawn.off: drawn.turn}) if drawn.off else None
+        likely = compute_power(deviation, {drawn.off: drawn.turn}) if drawn.off else None
         return ProbeOutcome(drawn.off, drawn.turn, deviation.p_value, likely, error)
 
     def _gains(self, films: Floats, sensor: float) -> Gains:
         pressed = zip(self.bench.reference, films, strict=True)
-        observed = [Observed(one, read, NOISE**2 * np.eye(2), sensor, 1e-3 * LOAD) for one, read in pressed]
-        return trusted(observed, self.shares, self.bench)[0]
+        observed = [Observation(one, read, NOISE**2 * np.eye(2), sensor, 1e-3 * LOAD) for one, read in pressed]
+        return estimate_trusted_gains(observed, self.shares, self.bench)[0]
 
     def _deviation(self, gains: Gains, films: Floats) -> Deviation:
         on_tissue = [read for one, read in zip(self.bench.reference, films, strict=True) if one.on == "tissue"]
-        known = gains.warmed(self.bench.channels.warming)
+        known = gains.add_warming(self.bench.channels.warming)
         comparison = Comparison(self.bench, known, self.shares.variables, self.shares)
-        return comparison.deviation([(read, NOISE**2 * np.eye(2)) for read in on_tissue])
+        return comparison.compute_deviation([(read, NOISE**2 * np.eye(2)) for read in on_tissue])
 
     def named(self, drawn: Drawn, logs: Floats) -> bool:
         """Return whether the check's explanation names the variable that is off."""
         first, second = drawn.readings(logs)
         deviation = self._deviation(self._gains(first, drawn.sensor), second)
-        verdict = judged(self.scene, self.bench, deviation, self.shares, (), tested=())
+        verdict = decide_verdict(self.scene, self.bench, deviation, self.shares, (), tested=())
         return drawn.off in {*verdict.alike, *(name for pair in verdict.pairs if pair.explains for name in pair.variables)}
 
 
@@ -154,7 +160,7 @@ def studied(
     left = explain
     for seed in range(count):
         drawn = study.drawn(seed, names[seed % len(names)])
-        logs = solved.get(seed, drawn.off, lambda drawn=drawn: log_ratios(drawn.probe, drawn.blocks))  # type: ignore[misc]
+        logs = solved.get(seed, drawn.off, lambda drawn=drawn: predict_log_ratios(drawn.probe, drawn.blocks))  # type: ignore[misc]
         outcome = study.outcome(drawn, logs)
         if left and outcome.found and not outcome.refused:
             left, outcome = left - 1, replace(outcome, named=study.named(drawn, logs))
@@ -171,7 +177,7 @@ def main() -> None:
     parser.add_argument("--bench", type=Path)
     parser.add_argument("--solved", type=Path)
     asked = parser.parse_args()
-    bench = builtin_bench() if asked.bench is None else read_bench(asked.bench)
+    bench = read_builtin_bench() if asked.bench is None else read_bench(asked.bench)
     study, solved = Study.of(bench, asked.block_tolerance), SolvedProbes(asked.solved, asked.block_tolerance)
     print_within(list(studied(study, asked.within, (None,), solved)))
     print_out(list(studied(study, asked.out, study.names, solved, asked.explain)))

@@ -20,7 +20,15 @@ from geometry import InputError, Scene, read_scene
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Layer
 from solver import evaluate
-from solver.closed_form.designs import BALL, LAYER, PROBE, TISSUE, Shape, forces, parameters
+from solver.closed_form.designs import (
+    LAYER_PARAMETERS,
+    PROBE_PARAMETERS,
+    SPHERE_PARAMETERS,
+    TISSUE_PARAMETERS,
+    Shape,
+    build_parameters,
+    compute_forces,
+)
 
 REFERENCE = Path(__file__).parents[2] / "tests" / "reference"
 FOLDERS = ("axisymmetric", "extra", "extreme", "half-space", "off-axis", "solid")
@@ -93,17 +101,17 @@ def designs_per_second(scene: Scene) -> float:
     best = np.inf
     for _ in range(3):
         start = process_time()
-        forces(shape, designs)
+        compute_forces(shape, designs)
         best = min(best, process_time() - start)
     return DESIGNS / best
 
 
 def designs_near(scene: Scene, number: int) -> tuple[Shape, Floats]:
     """Return designs round a scene's, all lengths and moduli varied by up to 5 %, and their structure."""
-    shape, values = parameters(scene)
+    shape, values = build_parameters(scene)
     rng = np.random.default_rng(3)
     designs = values[:, None] * np.exp(rng.uniform(-0.05, 0.05, (len(values), number)))
-    names = (*PROBE, *TISSUE, *BALL * len(shape.on_axis), *LAYER * shape.layers)
+    names = (*PROBE_PARAMETERS, *TISSUE_PARAMETERS, *SPHERE_PARAMETERS * len(shape.on_axis), *LAYER_PARAMETERS * shape.layers)
     fixed = [i for i, name in enumerate(names) if name.endswith("poisson")]  # varied they might reach 1/2
     designs[fixed] = values[fixed, None]
     return shape, designs

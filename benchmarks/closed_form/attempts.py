@@ -25,8 +25,8 @@ from benchmarks.closed_form.error import references, rows
 from benchmarks.closed_form.scenes import answered
 from geometry import Scene
 from geometry.common.arrays import Floats
-from solver.closed_form.error_bound import LEAST_SENSITIVITY, QUANTITIES
-from solver.closed_form.error_features import FEATURES
+from solver.closed_form.error_bound import BOUNDED_QUANTITIES, MIN_SENSITIVITY_ERROR
+from solver.closed_form.error_features import FEATURE_NAMES
 
 SLACK = 0.01  # beside features relative to their largest: powers of zero state nothing
 MISSED = 0.001  # of the scenes left out
@@ -40,13 +40,13 @@ def main() -> None:
     judged = [(scene, row) for scene, answer in scenes for row in rows([(scene, answer)])]
     usual = np.array([ordinary(scene) for scene, _ in judged])
     print(f"{len(judged)} scenes, {usual.sum()} ordinary")
-    for place, kind in enumerate(QUANTITIES):
+    for place, kind in enumerate(BOUNDED_QUANTITIES):
         known = np.array([kind in row.true for _, row in judged])
         true = np.array([row.true[kind] for (_, row), asked in zip(judged, known, strict=True) if asked])
         table = np.array([row.features[:, place] for _, row in judged])[known]
-        other = np.delete(table, FEATURES.index("finer"), axis=1)
+        other = np.delete(table, FEATURE_NAMES.index("finer"), axis=1)
         alone = np.zeros(len(true), bool)
-        spare = LEAST_SENSITIVITY if kind == "sensitivity" else 0.0
+        spare = MIN_SENSITIVITY_ERROR if kind == "sensitivity" else 0.0
         ways = [("the sum", summed, table, alone), ("without finer", summed, other, alone)]
         ways += [("a product", multiplied, table, alone), ("ordinary scenes apart", summed, table, usual[known])]
         print(

@@ -32,7 +32,7 @@ def main() -> None:
     parser.add_argument("--scenes", type=int, default=150)
     parser.add_argument("--seed", type=int, default=7)
     options = parser.parse_args()
-    blocks._softened = lambda block, bonded: block.E  # without the correction that is looked for
+    blocks._correct_modulus = lambda block, bonded: block.E  # without the correction that is looked for
     rng = np.random.default_rng(options.seed)
     rows = np.array([row for _ in range(options.scenes) for row in compared(rng)])
     for solid in (True, False):

@@ -24,10 +24,10 @@ from benchmarks.closed_form.envelope import weights_of
 from benchmarks.closed_form.scenes import answered
 from geometry import Scene, read_scene
 from geometry.common.arrays import Floats
-from solver.closed_form.designs import parameters
-from solver.closed_form.error_bound import LEAST_SENSITIVITY, QUANTITIES, errors
-from solver.closed_form.error_features import FEATURES, features
-from solver.closed_form.level import LARGEST_ERROR, ClosedForm, variants
+from solver.closed_form.designs import build_parameters
+from solver.closed_form.error_bound import BOUNDED_QUANTITIES, MIN_SENSITIVITY_ERROR, bound_errors
+from solver.closed_form.error_features import FEATURE_NAMES, compute_features
+from solver.closed_form.level import MAX_LOG_RATIO_ERROR, ClosedForm, compute_variants
 
 ROOT = Path(__file__).parents[2]
 REFERENCE = ROOT / "tests" / "reference"
@@ -91,17 +91,17 @@ def rows(scenes: list[tuple[Scene, dict[str, Any]]]) -> Iterator[JudgedScene]:
     for scene, answer in scenes:
         if ClosedForm().refusal(scene) is not None:
             continue
-        shape, values = parameters(scene)
-        forces, slopes, _ = (part[0] for part in variants(shape, [values]))
+        shape, values = build_parameters(scene)
+        forces, slopes, _ = (part[0] for part in compute_variants(shape, [values]))
         if not (np.all(np.isfinite(forces)) and np.all(forces.sum(axis=2) > 0)):
             continue
-        told, found = errors(scene, forces, slopes), features(scene, forces, slopes)
-        true = zip(QUANTITIES, _true(scene, answer, forces[0], slopes[0]), strict=True)
+        told, found = bound_errors(scene, forces, slopes), compute_features(scene, forces, slopes)
+        true = zip(BOUNDED_QUANTITIES, _true(scene, answer, forces[0], slopes[0]), strict=True)
         stated = told.log_ratio, *map(float, told.log_totals), told.sensitivity
         yield JudgedScene(
-            np.array([found[name] for name in FEATURES]),
+            np.array([found[name] for name in FEATURE_NAMES]),
             {name: error for name, error in true if error is not None},
-            dict(zip(QUANTITIES, stated, strict=True)),
+            dict(zip(BOUNDED_QUANTITIES, stated, strict=True)),
             unsure=answer["error_estimate"],
             layered=bool(scene.tissue.layer),
         )
@@ -112,7 +112,7 @@ def _true(scene: Scene, answer: dict[str, Any], forces: Floats, slope: Floats) -
     totals = forces.sum(axis=1)
     felt = np.array([answer["stress_inner"], answer["stress_outer"]]) * [scene.probe.inner_area, scene.probe.outer_area]
     exact = felt * answer["stiffness"] / felt.sum()
-    wrong = np.log(totals / np.where(exact > 0, exact, totals * np.exp(-LARGEST_ERROR)))  # another sign is to be refused
+    wrong = np.log(totals / np.where(exact > 0, exact, totals * np.exp(-MAX_LOG_RATIO_ERROR)))  # another sign is to be refused
     share, known = slope.sum(axis=1) / totals, answer["log_sensitivity"]
     sensitivity = None if known is None or scene.target is None else abs(float(share[0] - share[1]) - known)
     return abs(float(wrong[0] - wrong[1])), *map(float, np.abs(wrong)), sensitivity
@@ -121,21 +121,23 @@ def _true(scene: Scene, answer: dict[str, Any], forces: Floats, slope: Floats) -
 def fit(scenes: list[tuple[Scene, dict[str, Any]]]) -> dict[str, dict[str, float]]:
     """Return the weights above zero by quantity and feature."""
     found = list(rows(scenes + list(references())))
-    return {kind: _fitted(place, kind, [row for row in found if kind in row.true]) for place, kind in enumerate(QUANTITIES)}
+    return {
+        kind: _fitted(place, kind, [row for row in found if kind in row.true]) for place, kind in enumerate(BOUNDED_QUANTITIES)
+    }
 
 
 def _fitted(place: int, kind: str, known: list[JudgedScene]) -> dict[str, float]:
     true = np.array([row.true[kind] for row in known])
-    least = MARGIN * true - LEAST_SENSITIVITY
+    least = MARGIN * true - MIN_SENSITIVITY_ERROR
     if kind != "sensitivity":
-        least = np.minimum(np.maximum(MARGIN * true, true + [row.unsure for row in known]), LARGEST_ERROR)
+        least = np.minimum(np.maximum(MARGIN * true, true + [row.unsure for row in known]), MAX_LOG_RATIO_ERROR)
     found = weights_of(np.array([row.features[:, place] for row in known]), np.maximum(least, 0.0), np.median(true) / 10)
-    return {name: float(f"{weight:.3g}") for name, weight in zip(FEATURES, found, strict=True) if weight > 0}
+    return {name: float(f"{weight:.3g}") for name, weight in zip(FEATURE_NAMES, found, strict=True) if weight > 0}
 
 
 def audit(found: list[JudgedScene]) -> dict[str, Any]:
     """Print and return quantiles over those that are not refused, and over those of layers."""
-    kept = [row for row in found if row.stated["ratio"] <= LARGEST_ERROR]
+    kept = [row for row in found if row.stated["ratio"] <= MAX_LOG_RATIO_ERROR]
     layered = [row for row in kept if row.layered]
     print(f"{len(found)} scenes, {len(found) - len(kept)} refused, {len(layered)} of the others layered")
     told = {"answered": len(kept), "refused": len(found) - len(kept), "layered": len(layered), "shares": SHARES}
@@ -144,7 +146,7 @@ def audit(found: list[JudgedScene]) -> dict[str, Any]:
 
 def _quantiles(which: str, found: list[JudgedScene]) -> dict[str, Any]:
     told: dict[str, Any] = {}
-    for kind in QUANTITIES:
+    for kind in BOUNDED_QUANTITIES:
         known = [row for row in found if kind in row.true]
         true, stated = (np.array([getattr(row, name)[kind] for row in known]) for name in ("true", "stated"))
         told[kind] = {"scenes": len(known), "above": int((true > stated).sum())}

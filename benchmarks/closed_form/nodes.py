@@ -16,7 +16,7 @@ import numpy as np
 from benchmarks.closed_form.accuracy import REFERENCE
 from geometry import InputError, read_scene
 from geometry.common.arrays import Floats
-from solver.closed_form.designs import MOST, Shape, forces, parameters
+from solver.closed_form.designs import MAX_WAVE_NODES, Shape, build_parameters, compute_forces
 from solver.closed_form.level import ClosedForm
 
 DESIGNS = 24
@@ -37,15 +37,15 @@ def _shares(stem: str, path: str, spread: float) -> list[Floats]:
         scene = read_scene(path)
     except InputError:  # another kind of file
         return []
-    (found,) = ClosedForm().films([scene])
+    (found,) = ClosedForm().compute_films([scene])
     if isinstance(found, InputError) or stem == ROUNDED:
         return []
-    shape, values = parameters(scene)
+    shape, values = build_parameters(scene)
     rng = np.random.default_rng(1)
     designs = values[:, None] * np.exp(rng.uniform(-spread, spread, (len(values), DESIGNS if spread else 1)))
     near = (values > 0.45) & (values < 0.5)  # Poisson's ratios, if not some length of half a metre
     designs[near] = values[near, None]
-    finer = replace(shape, nodes=min(4 * shape.nodes, MOST), side_nodes=2 * shape.side_nodes)
+    finer = replace(shape, nodes=min(4 * shape.nodes, MAX_WAVE_NODES), side_nodes=2 * shape.side_nodes)
     stated = np.array([found.errors.log_ratio, *found.errors.log_totals, found.errors.sensitivity])
     with np.errstate(all="ignore"):
         changed = np.abs(_quantities(shape, designs) - _quantities(finer, designs)).T / stated
@@ -54,7 +54,7 @@ def _shares(stem: str, path: str, spread: float) -> list[Floats]:
 
 def _quantities(shape: Shape, designs: Floats) -> Floats:
     """ln(ratio), the logarithms of both totals, and the log-sensitivity, shape (4, n)."""
-    totals, slopes = (part.sum(axis=2) for part in forces(shape, designs))
+    totals, slopes = (part.sum(axis=2) for part in compute_forces(shape, designs))
     logs, shares = np.log(totals), slopes / totals
     return np.array([logs @ [1, -1], *logs.T, shares @ [1, -1]])
 

@@ -26,9 +26,9 @@ from benchmarks.closed_form.accuracy import REFERENCE, designs_near
 from geometry import Scene, read_scene
 from geometry.common.arrays import Floats
 from solver.closed_form import bessel
-from solver.closed_form.designs import PROBE, TISSUE, Shape, forces, gradients
+from solver.closed_form.designs import PROBE_PARAMETERS, TISSUE_PARAMETERS, Shape, compute_forces, compute_gradients
 from solver.linalg.memory import keep_freed
-from solver.linalg.threads import one_thread
+from solver.linalg.threads import limit_to_one_thread
 
 NEAR = 2.0  # outer radii to the near sides
 DESIGNS = 4096
@@ -43,7 +43,7 @@ PARTS = {
 
 def main() -> None:
     argparse.ArgumentParser(description=__doc__).parse_args()
-    with one_thread():  # two of BLAS would count twice
+    with limit_to_one_thread():  # two of BLAS would count twice
         measure()
 
 
@@ -62,10 +62,10 @@ def measure() -> None:
     shares = []
     for name, scene in scenes():
         shape, values = designs_near(scene, DESIGNS)
-        spent = best(partial(forces, shape, values)) / DESIGNS
+        spent = best(partial(compute_forces, shape, values)) / DESIGNS
         needs = _needed(shape, values[:, :512])
         limits = " | ".join(f"{needs[kind]:.0f} | {1e6 * needs[kind] * rates[kind]:.1f}" for kind in (BESSEL, SOLVE))
-        every = best(partial(gradients, shape, values[:, 0], np.flatnonzero(values[:, 0]).tolist()))
+        every = best(partial(compute_gradients, shape, values[:, 0], np.flatnonzero(values[:, 0]).tolist()))
         both = _two_threads(shape, values)
         last = f"{1e6 * every:.0f} | {1e6 * both:.0f} | {_held(shape, values):.0f}"
         print(f"| {name} | {1 / spent:.0f} | {1e6 * spent:.0f} | {limits} | {last} |")
@@ -94,15 +94,15 @@ def best(run: Callable[[], object]) -> float:
 def _held(shape: Shape, values: Floats) -> float:
     """Designs a second that differ in their inclusion alone."""
     same = values.copy()
-    same[: len(PROBE) + len(TISSUE)] = values[: len(PROBE) + len(TISSUE), :1]
-    return DESIGNS / best(partial(forces, shape, same))
+    same[: len(PROBE_PARAMETERS) + len(TISSUE_PARAMETERS)] = values[: len(PROBE_PARAMETERS) + len(TISSUE_PARAMETERS), :1]
+    return DESIGNS / best(partial(compute_forces, shape, same))
 
 
 def _two_threads(shape: Shape, values: Floats) -> float:
     """Processor seconds of a design on two threads."""
     halves = [values[:, k::2] for k in range(2)]
     with ThreadPoolExecutor(2) as pool:
-        return best(lambda: list(pool.map(lambda half: forces(shape, half), halves))) / DESIGNS
+        return best(lambda: list(pool.map(lambda half: compute_forces(shape, half), halves))) / DESIGNS
 
 
 @contextmanager
@@ -129,7 +129,7 @@ def _needed(shape: Shape, values: Floats) -> dict[str, float]:
         _counting(bessel, "_between", lambda x, tables: x.size * len(tables), looked),
         _counting(np.linalg, "solve", lambda a, b: len(a) * _flops(a.shape[-1], b.shape[-1]), solved),
     ):
-        forces(shape, values)
+        compute_forces(shape, values)
     return {BESSEL: sum(looked) / values.shape[1], SOLVE: sum(solved) / values.shape[1]}
 
 
@@ -150,7 +150,7 @@ def _solve_rate() -> float:
 def _shares(shape: Shape, values: Floats) -> dict[str, float]:
     """Share of the parts in all time."""
     profile = cProfile.Profile(process_time)
-    profile.runcall(forces, shape, values)
+    profile.runcall(compute_forces, shape, values)
     found: dict[str, float] = {}
     stats: Any = pstats.Stats(profile)
     for (path, _, name), (_, _, _, spent, _) in stats.stats.items():

@@ -20,7 +20,7 @@ from benchmarks.contact.peers import scene
 from geometry import Scene
 from geometry.common.arrays import Floats
 from geometry.meridian.frame import MeridianFineness
-from solver.axisymmetric.sections import sections
+from solver.axisymmetric.sections import build_sections
 from solver.contact.model import ContactModel
 from solver.contact.path import Path
 
@@ -33,9 +33,9 @@ Told = tuple[Floats, float]
 
 def ours(of: Scene) -> list[Told]:
     """Return what one mesh of order 3 tells at ``DEPTHS``."""
-    cut = sections(of)
-    path = Path(ContactModel.of(cut.section, cut.materials, "bonded", MeridianFineness(1, 0, 3)), sensitive=True)
-    points = [path.at_indentation(depth) for depth in DEPTHS]
+    cut = build_sections(of)
+    path = Path(ContactModel.from_section(cut.section, cut.materials, "bonded", MeridianFineness(1, 0, 3)), sensitive=True)
+    points = [path.press_to_indentation(depth) for depth in DEPTHS]
     return [(point.films, point.log_sensitivity) for point in points]
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from time import process_time
 
 from geometry import Scene, read_scene
-from geometry.common.resources import Limits, limited
+from geometry.common.resources import Limits, use_limits
 from geometry.scenes.scene import CylinderTissue, Inclusion, Load
 from probe_design.optimisation.candidate import Candidate
 from probe_design.optimisation.optimize import optimize
@@ -37,17 +37,20 @@ def _told(one: Candidate) -> str:
     probe, load = one.scene.probe, one.pressing
     lengths = probe.inner_radius, probe.tube_radius, probe.gap, probe.core_height
     sizes = ", ".join(f"{1e3 * length:.3g}" for length in lengths)
-    return f"{sizes} | {load.force:.3g} ({load.by}) | {one.judged_objective:.3g} ({one.least:.3g} to {one.most:.3g})"
+    return (
+        f"{sizes} | {load.force:.3g} ({load.limited_by}) | {one.judged_objective:.3g} ({one.objective_min:.3g} to "
+        f"{one.objective_max:.3g})"
+    )
 
 
 def row(name: str, force: float, starts: int) -> str:
     """Return the line of one scene under one largest force."""
     begin, scene = process_time(), SCENES[name]().model_copy(update={"load": Load(force=force)})
     found = optimize(scene, lambda *_: None, starts=starts)
-    best, start = found.found, found.baseline
+    best, start = found.best_tried, found.baseline
     within = min((one.linear or one for one in found.candidates), key=lambda one: one.judged_objective)
-    gain, error = best.gain_over(within)
-    told = f"{start.judged_objective:.3g} at {start.pressing.force:.3g} N ({start.pressing.by})"
+    gain, error = best.compute_gain(within)
+    told = f"{start.judged_objective:.3g} at {start.pressing.force:.3g} N ({start.pressing.limited_by})"
     cells = name, f"{force:g}", told, _told(within), _told(best), f"{gain:.0%} ({error:.1%})", found.status
     return f"| {' | '.join(cells)} | {process_time() - begin:.0f} |"
 
@@ -62,7 +65,7 @@ def main() -> None:
     design = "inner, outer radius, gap, height, mm | N (limited by) | sd (within)"
     print(f"| scene | up to, N | start's sd | linearly: {design} | freely: {design} | gain (error) | status | processor, s |")
     print("|" + "---|" * 12)
-    with limited(Limits(seconds=3600.0)):
+    with use_limits(Limits(seconds=3600.0)):
         for name in given.scene or SCENES:
             for force in given.force or (0.25,):
                 print(row(name, force, given.starts), flush=True)

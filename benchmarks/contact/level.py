@@ -15,12 +15,12 @@ from time import process_time
 import numpy as np
 
 from geometry import ProbeError, Scene, read_scene
-from geometry.common.resources import Limits, limited
+from geometry.common.resources import Limits, use_limits
 from geometry.meridian.frame import MeridianFineness
 from geometry.scenes.scene import Contact, Load
 from solver.answers import load
-from solver.axisymmetric.sections import sections
-from solver.contact.level import ContactLevel
+from solver.axisymmetric.sections import build_sections
+from solver.contact.level import ContactEvaluator
 from solver.contact.model import ContactModel
 from solver.contact.path import Path as LoadPath
 
@@ -37,7 +37,7 @@ def references() -> None:
         scene = read_scene(FOLDER / f"{name}.toml")
         for row in expected["rows"]:
             start, depth = process_time(), row["indentation"]
-            found = ContactLevel().evaluate(scene.model_copy(update={"load": Load(indentation=depth)}))
+            found = ContactEvaluator().evaluate(scene.model_copy(update={"load": Load(indentation=depth)}))
             seconds = process_time() - start
             assert found.ratio is not None
             assert found.stiffness is not None
@@ -88,8 +88,8 @@ def faces() -> None:
         start, cells = process_time(), []
         for force in (0.02, 0.05):
             pressed = scene.model_copy(update={"contact": contact, "load": Load(force=force)})
-            with limited(Limits(seconds=600.0)):
-                found = ContactLevel().evaluate(pressed, accuracy=0.03)
+            with use_limits(Limits(seconds=600.0)):
+                found = ContactEvaluator().evaluate(pressed, accuracy=0.03)
             cells.append(f"{found.ratio:.4f} ({found.error_estimate:.1%}) | {found.log_sensitivity:.4f}")
         print(f"| {name} | {' | '.join(cells)} | {process_time() - start:.0f} |", flush=True)
 
@@ -101,9 +101,9 @@ def section(picture: Path) -> None:
     from matplotlib.figure import Figure
 
     scene = read_scene(FOLDER / "example.toml")
-    of = sections(scene)
-    path = LoadPath(ContactModel.of(of.section, of.materials, "bonded", MeridianFineness(1, 0, 3)), sensitive=False)
-    point = path.at_indentation(DEEP * path.radius)
+    of = build_sections(scene)
+    path = LoadPath(ContactModel.from_section(of.section, of.materials, "bonded", MeridianFineness(1, 0, 3)), sensitive=False)
+    point = path.press_to_indentation(DEEP * path.radius)
     outlines = 1e3 * _outlines(path.model, point.equilibrium.state.v, point.indentation)
     figure = Figure(figsize=(10.0, 5.0), dpi=150, facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
@@ -121,16 +121,16 @@ def section(picture: Path) -> None:
 
 def _outlines(model: ContactModel, v: np.ndarray, depth: float) -> np.ndarray:
     """The elements' edges as they are deformed, m, shape (n, points, 2)."""
-    from geometry.meridian.mesh import nodes
-    from solver.elements.shape_functions import functions, shapes
+    from geometry.meridian.mesh import compute_nodes
+    from solver.elements.shape_functions import build_shapes, evaluate_functions
 
     t = np.linspace(0, 1, 9)[:-1]
     zero, one = np.zeros_like(t), np.ones_like(t)
     around = np.concatenate([np.stack(pair, axis=-1) for pair in ((t, zero), (one, t), (1 - t, one), (zero, 1 - t))])
-    own = shapes(model.elements.shapes.order)
-    value = functions(around, own.degrees)[0][:, : own.skeleton]
-    moved = model.displaced(v, depth).reshape(len(model.mesh.body), 2, -1)
-    return np.asarray(nodes(model.section, model.mesh, around) + np.einsum("gs,ncs->ngc", value, moved))
+    own = build_shapes(model.elements.shapes.order)
+    value = evaluate_functions(around, own.degrees)[0][:, : own.skeleton]
+    moved = model.compute_displacements(v, depth).reshape(len(model.mesh.body), 2, -1)
+    return np.asarray(compute_nodes(model.section, model.mesh, around) + np.einsum("gs,ncs->ngc", value, moved))
 
 
 def main() -> None:

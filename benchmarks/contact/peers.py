@@ -37,8 +37,8 @@ from benchmarks.tables import MeasuredTable
 from geometry import Scene, read_scene
 from geometry.common.arrays import Floats
 from geometry.meridian.frame import MeridianFineness
-from solver.axisymmetric.sections import sections
-from solver.contact.level import ContactLevel
+from solver.axisymmetric.sections import build_sections
+from solver.contact.level import ContactEvaluator
 from solver.contact.model import ContactModel
 from solver.contact.path import Path as LoadPath
 
@@ -74,9 +74,9 @@ def scene() -> Scene:
 
 def one_mesh(order: int) -> PressedRun:
     """Press on one mesh of this project, without an error estimate."""
-    start, of, probe = process_time(), sections(scene()), scene().probe
-    path = LoadPath(ContactModel.of(of.section, of.materials, "bonded", MeridianFineness(1, 0, order)), sensitive=True)
-    points = [path.at_indentation(load) for load in LOADS]
+    start, of, probe = process_time(), build_sections(scene()), scene().probe
+    path = LoadPath(ContactModel.from_section(of.section, of.materials, "bonded", MeridianFineness(1, 0, order)), sensitive=True)
+    points = [path.press_to_indentation(load) for load in LOADS]
     seconds = process_time() - start
     films = np.array([point.films for point in points])
     ratio = films[:, 0] / films[:, 1] * probe.outer_area / probe.inner_area
@@ -88,8 +88,8 @@ def one_mesh(order: int) -> PressedRun:
 def estimated() -> PressedRun:
     """Press on two meshes of this project, with error bounds, as ``probe-design load`` does before it looks for what ends."""
     start, probe = process_time(), scene().probe
-    on = ContactLevel().pressed(scene(), 0.01)
-    found = [on.at_indentation(load) for load in LOADS]
+    on = ContactEvaluator().prepare_scene(scene(), 0.01)
+    found = [on.press_to_indentation(load) for load in LOADS]
     seconds = process_time() - start
     films = np.array([one.films.totals for one in found])
     ratio = films[:, 0] / films[:, 1] * probe.outer_area / probe.inner_area

@@ -28,12 +28,12 @@ from benchmarks.tables import MeasuredTable
 from geometry import Scene
 from geometry.common.arrays import Floats
 from geometry.meridian.frame import MeridianFineness
-from geometry.meridian.mesh import nodes
+from geometry.meridian.mesh import compute_nodes
 from solver import evaluate
-from solver.axisymmetric.sections import sections
+from solver.axisymmetric.sections import build_sections
 from solver.contact.model import ContactModel
 from solver.contact.path import Path
-from solver.contact.pressed import Pressed
+from solver.contact.pressed import PathPoint
 
 COVERS = (0.25, 0.5, 1.0, 1.5)  # diameters
 DIAMETERS, CONTRASTS = (4e-3, 8e-3), (5.0, 0.2)
@@ -61,8 +61,8 @@ def with_tumour(diameter: float, cover: float, contrast: float) -> Scene:
 
 def path_of(of: Scene) -> Path:
     """Return its path at rest, on a mesh of order 3."""
-    cut = sections(of)
-    return Path(ContactModel.of(cut.section, cut.materials, "bonded", FINENESS), sensitive=True)
+    cut = build_sections(of)
+    return Path(ContactModel.from_section(cut.section, cut.materials, "bonded", FINENESS), sensitive=True)
 
 
 def dipole(contrast: float, poisson: float) -> tuple[float, float]:
@@ -72,13 +72,13 @@ def dipole(contrast: float, poisson: float) -> tuple[float, float]:
     return (contrast - 1) / within, contrast / within**2
 
 
-def ln_ratio(point: Pressed) -> float:
+def ln_ratio(point: PathPoint) -> float:
     """Return ln of the films' forces' ratio, at rest of their slopes': areas cancel in differences."""
     inner, outer = point.films if point.indentation > 0 else point.tangent
     return log(inner / outer)
 
 
-def told(bare: Pressed, true: Pressed) -> tuple[float, float, float]:
+def told(bare: PathPoint, true: PathPoint) -> tuple[float, float, float]:
     """Return S1, the true change of ln ratio and the true log-sensitivity at one force."""
     return bare.log_sensitivity / NEARLY_ONE, ln_ratio(true) - ln_ratio(bare), true.log_sensitivity
 
@@ -90,8 +90,8 @@ def rows(diameter: float, cover: float, contrast: float) -> list[tuple[float | s
     at_rest, change_at_rest, sensitivity_at_rest = told(alone.points[0], real.points[0])
     found: list[tuple[float | str, ...]] = []
     for depth in DEPTHS:
-        bare = alone.at_indentation(depth * alone.radius)
-        first, change, sensitivity = told(bare, real.at_force(bare.force))
+        bare = alone.press_to_indentation(depth * alone.radius)
+        first, change, sensitivity = told(bare, real.press_to_force(bare.force))
         carried = first / at_rest
         by_dipole = strength * first / change, slope * first / sensitivity
         by_load = carried * change_at_rest / change, carried * sensitivity_at_rest / sensitivity
@@ -103,7 +103,7 @@ def rows(diameter: float, cover: float, contrast: float) -> list[tuple[float | s
 def shares(model: ContactModel, x: float, depth: float, diameter: float) -> Floats:
     """Return a sphere's share of the circles through all Gauss points, shape (n, q)."""
     functions = model.elements.shapes
-    at = nodes(model.section, model.mesh, functions.places)
+    at = compute_nodes(model.section, model.mesh, functions.places)
     r, z = (at[..., k] @ functions.geometry.T for k in (0, 1))
     reach = (diameter / 2) ** 2 - (z + depth) ** 2
     if x == 0:
@@ -111,9 +111,9 @@ def shares(model: ContactModel, x: float, depth: float, diameter: float) -> Floa
     return np.asarray(np.arccos(np.clip((r**2 + x**2 - reach) / (2 * r * x), -1, 1)) / np.pi)
 
 
-def first_order(model: ContactModel, point: Pressed, target: Floats) -> float:
+def first_order(model: ContactModel, point: PathPoint, target: Floats) -> float:
     """Return S1 of a target at a point of a path without a tumour, at the same force."""
-    _, slopes = model.responses(point.equilibrium.state, point.equilibrium.at, target)
+    _, slopes = model.compute_responses(point.equilibrium.state, point.equilibrium.equations, target)
     by_modulus = slopes[:, 1] - slopes[:, 0] * (slopes[:, 1].sum() / slopes[:, 0].sum())
     return float(by_modulus @ ([1, -1] / point.films))
 
@@ -123,10 +123,10 @@ def beside(diameter: float, cover: float, offset: float) -> tuple[float | str, .
     of = with_tumour(diameter, cover, NEARLY_ONE)
     x = offset * of.probe.tube_radius
     bare = of.model_copy(update={"inclusion": ()})
-    cut = sections(bare)
-    path = Path(ContactModel.of(cut.section, cut.materials, "bonded", FINENESS), sensitive=False)
+    cut = build_sections(bare)
+    path = Path(ContactModel.from_section(cut.section, cut.materials, "bonded", FINENESS), sensitive=False)
     target = shares(path.model, x, of.inclusion[0].depth, diameter)
-    points = [path.at_indentation(depth * path.radius) for depth in (SMALL, *DEPTHS)]
+    points = [path.press_to_indentation(depth * path.radius) for depth in (SMALL, *DEPTHS)]
     found = [first_order(path.model, point, target) for point in points]
     moved = of.model_copy(update={"inclusion": (of.inclusion[0].model_copy(update={"x": x, "target": True}),)})
     linear = evaluate(moved, "equivalent-inclusion", 1e-3).log_sensitivity

@@ -28,17 +28,17 @@ from threadpoolctl import threadpool_limits
 from benchmarks.tables import MeasuredTable
 from geometry import Contact, CylinderTissue, Inclusion, InputError, Load, Material, Probe, Scene
 from geometry.common.errors import Refusal, SolveError
-from geometry.common.resources import Limits, limited
-from geometry.meridian.frame import MeridianFineness, kind
-from geometry.meridian.mesh import nodes, topology
+from geometry.common.resources import Limits, use_limits
+from geometry.meridian.frame import MeridianFineness, find_kind
+from geometry.meridian.mesh import build_topology, compute_nodes
 from geometry.scenes.scene import Layer
 from solver.axisymmetric.level import Axisymmetric
-from solver.axisymmetric.refinement import LEVELS
-from solver.axisymmetric.sample import sample
-from solver.axisymmetric.sections import sections
-from solver.elements.quadrilateral import geometry
-from solver.elements.shape_functions import shapes
-from solver.linalg.workspace import current
+from solver.axisymmetric.refinement import MESH_LEVELS
+from solver.axisymmetric.sample import solve_on_mesh
+from solver.axisymmetric.sections import build_sections
+from solver.elements.quadrilateral import compute_geometry
+from solver.elements.shape_functions import build_shapes
+from solver.linalg.workspace import get_workspace
 
 TRUE = MeridianFineness(1.5, 6, 9)
 ROOM = Limits(memory=5e9, seconds=600.0)  # of the truth
@@ -142,11 +142,13 @@ def drawn(seed: int, count: int) -> Iterator[tuple[str, Scene]]:
 
 def meshes(scene: Scene) -> int:
     """Return how many of the level's meshes have a cell without area."""
-    section, bad = sections(scene).section, 0
-    for level in LEVELS:
-        functions = shapes(level.order)
+    section, bad = build_sections(scene).section, 0
+    for level in MESH_LEVELS:
+        functions = build_shapes(level.order)
         try:
-            geometry(nodes(section, topology(kind(section, level.lean), level), functions.places), functions)
+            compute_geometry(
+                compute_nodes(section, build_topology(find_kind(section, level.lean), level), functions.places), functions
+            )
         except SolveError:
             bad += 1
     return bad
@@ -158,9 +160,9 @@ def truth(scene: Scene) -> CrossedTruth:
     Raises:
         SolveError, LimitReached: it cannot be solved.
     """
-    of = sections(scene)
-    with limited(ROOM):
-        found = sample(of.section, of, scene, TRUE)
+    of = build_sections(scene)
+    with use_limits(ROOM):
+        found = solve_on_mesh(of.section, of, scene, TRUE)
     inner, outer = found.totals[0]
     return CrossedTruth(float(inner / outer * _areas(scene)), float(found.log_sensitivity[0]))
 
@@ -171,10 +173,10 @@ def _areas(scene: Scene) -> float:
 
 def compare(scene: Scene, true: CrossedTruth, accuracy: float) -> BoundCheck:
     """Return errors and bounds."""
-    current().begin()  # what earlier scenes needed may go
-    found = Axisymmetric().converged(scene, accuracy)
+    get_workspace().begin()  # what earlier scenes needed may go
+    found = Axisymmetric().compute_converged(scene, accuracy)
     (films,), (inner, outer) = found.films, found.sample.totals[0]
-    bound, slope = films.error_under(scene), films.log_sensitivity or 0.0
+    bound, slope = films.compute_max_error(scene), films.log_sensitivity or 0.0
     wide = any(note.kind == "sensitivity" for note in found.notes)
     promised = films.sensitivity_error if wide else max(5 * accuracy * abs(slope), 1e-5)
     error = abs(float(inner / outer) * _areas(scene) / true.ratio - 1)
@@ -232,7 +234,7 @@ def main() -> None:
     scenes = list(drawn(asked.seed, asked.scenes))
     if asked.meshes:
         bad = {name: count for name, scene in scenes if (count := meshes(scene))}
-        print(f"{len(scenes)} scenes, {len(LEVELS)} meshes each: {sum(bad.values())} have a cell without area {bad or ''}")
+        print(f"{len(scenes)} scenes, {len(MESH_LEVELS)} meshes each: {sum(bad.values())} have a cell without area {bad or ''}")
         return
     known = _known(asked.truths)
     found: dict[float, list[BoundCheck]] = {accuracy: [] for accuracy in ACCURACIES}

@@ -24,13 +24,13 @@ from benchmarks.tables import MeasuredTable
 from geometry import InputError, Scene
 from geometry.common.errors import ProbeError
 from solver.axisymmetric.level import Axisymmetric
-from solver.families import NO_FAMILY, families, leaves
-from solver.interpolation import interpolated
-from solver.linalg.workspace import current
-from solver.many import smooth_kinds
-from solver.planning.load_limits import load_rule
+from solver.families import EXCLUDED_NUMBERS, find_families, iterate_leaves
+from solver.interpolation import interpolate_family
+from solver.linalg.workspace import get_workspace
+from solver.many import find_smooth_kinds
+from solver.planning.load_limits import build_load_rule
 from solver.planning.loads import LoadRule
-from solver.results.evaluator import Answer
+from solver.results.evaluator import FilmSolution
 from solver.results.film_forces import FilmForces
 
 ACCURACIES = (0.02, 0.005, 0.001)
@@ -67,7 +67,9 @@ def sweep(seed: int, number: int) -> DrawnSweep | None:
         base = (draw_layered if number % 3 == 2 else draw)(seed, number).scene()
     except (InputError, ValueError):
         return None
-    numbers = {path: value for path, value in leaves(base.model_dump()) if path[0] in BODIES and path not in NO_FAMILY}
+    numbers = {
+        path: value for path, value in iterate_leaves(base.model_dump()) if path[0] in BODIES and path not in EXCLUDED_NUMBERS
+    }
     paths = sorted((path for path, value in numbers.items() if isinstance(value, float) and value > 0), key=str)
     path = paths[int(rng.integers(len(paths)))]
     width, count = np.exp(rng.uniform(*np.log(WIDTHS))), int(rng.integers(*COUNTS, endpoint=True))
@@ -113,16 +115,16 @@ def shares(one: FilmForces, other: FilmForces) -> tuple[float, ...]:
 
 def compare(asked: DrawnSweep, compared: ComparedAnswers) -> None:
     """Compare a sweep's interpolated members, and say which are off."""
-    current().begin()
+    get_workspace().begin()
     level, found = Axisymmetric(), []
-    for family in families(asked.scenes, smooth_kinds):
+    for family in find_families(asked.scenes, find_smooth_kinds):
         some = [asked.scenes[place] for place in family.places]
-        pairs = interpolated(family, some, level, asked.accuracy)
+        pairs = interpolate_family(family, some, level, asked.accuracy)
         found += [(scene, pair) for scene, pair in zip(some, pairs, strict=True) if pair is not None]
     others = []
     for scene, (answer, rule) in found:
-        (alone,) = level.answers([scene], [asked.accuracy])
-        if not isinstance(alone, Answer) or (alone.notes, alone.plan) != (answer.notes, answer.plan):
+        (alone,) = level.solve_many([scene], [asked.accuracy])
+        if not isinstance(alone, FilmSolution) or (alone.notes, alone.plan) != (answer.notes, answer.plan):
             print(f"{asked.name}: alone it is {alone}", flush=True)
         elif not np.array_equal(alone.films[0].forces, answer.films[0].forces):
             others.append((scene, answer.films[0]))
@@ -133,15 +135,15 @@ def compare(asked: DrawnSweep, compared: ComparedAnswers) -> None:
                 tell(asked, "rule", [compared.rules[-1] / RULE])
     chosen = np.random.default_rng(len(others)).permutation(len(others))[:TRUE_OF]
     for scene, film in (others[k] for k in chosen):
-        (true,) = level.answers([scene], [asked.accuracy / FINER])
-        if isinstance(true, Answer):
+        (true,) = level.solve_many([scene], [asked.accuracy / FINER])
+        if isinstance(true, FilmSolution):
             compared.finer.append(shares(film, true.films[0]))
             tell(asked, "finer", compared.finer[-1])
 
 
 def apart(scene: Scene, rule: LoadRule) -> float:
     """Relative difference of a rule's largest load and stiffness from those of the scene's own."""
-    own = load_rule(scene)
+    own = build_load_rule(scene)
     return float(
         max(abs(rule.stiffness / own.stiffness - 1), abs(rule.strain / own.strain - 1), abs(rule.closure / own.closure - 1))
     )

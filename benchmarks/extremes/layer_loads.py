@@ -22,15 +22,15 @@ from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 from geometry import ProbeError, Scene
 from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError
-from geometry.common.resources import LimitReached, timed
+from geometry.common.resources import LimitReached, start_clock
 from geometry.scenes.scene import Contact
 from geometry.scenes.scene_file import scene_from_dict
-from solver.contact.level import ContactLevel
-from solver.contact.limits import closed
+from solver.contact.level import ContactEvaluator
+from solver.contact.limits import is_gap_closed
 from solver.contact.loaded import LoadedScene
 from solver.contact.path import Path
-from solver.planning.load_limits import largest, load_rule
-from solver.planning.loads import LoadRule, sensitivity_size
+from solver.planning.load_limits import build_load_rule, find_largest_load
+from solver.planning.loads import LoadRule, compute_sensitivity_size
 from solver.results.load_limits import LargestLoad
 
 ACCURACY = 0.01
@@ -108,13 +108,13 @@ class LoadedLayers:
     @classmethod
     def of(cls, scene: Scene) -> tuple[LoadedLayers, LoadedScene]:
         """Press a scene until a promise is broken, or as far as anything converges."""
-        with timed():
-            on = ContactLevel().pressed(scene)
+        with start_clock():
+            on = ContactEvaluator().prepare_scene(scene)
         for path in on.paths:
             try:
-                with timed():
-                    for _ in path.steps(DEEPEST * path.radius):
-                        if closed(path) or _broken(on, path):
+                with start_clock():
+                    for _ in path.iterate_steps(DEEPEST * path.radius):
+                        if is_gap_closed(path) or _broken(on, path):
                             break
             except (SolveError, LimitReached):
                 pass
@@ -125,10 +125,10 @@ class LoadedLayers:
         coarse, fine = (_changes(on, path, places) for path in on.paths)
         films = on.linear.films[0]
         stiffness = float(on.paths[1].points[0].tangent.sum()) * (1 + fine[3])
-        touched = [point.indentation for path in on.paths for point in path.points if closed(path) and point.walls <= 0]
+        touched = [point.indentation for path in on.paths for point in path.points if is_gap_closed(path) and point.walls <= 0]
         made = cls(
             places, stiffness * places, fine, np.abs(fine - coarse),
-            sensitivity_size(films.film_log_sensitivities or (0.0, 0.0)), abs(films.log_sensitivity or 0.0),
+            compute_sensitivity_size(films.film_log_sensitivities or (0.0, 0.0)), abs(films.log_sensitivity or 0.0),
             min(touched, default=math.inf),
         )  # fmt: skip
         return made, on
@@ -147,7 +147,7 @@ def _changes(on: LoadedScene, path: Path, places: Floats) -> Floats:
     films = CubicHermiteSpline(depth, [point.films for point in points], [point.tangent for point in points])(places).T
     secants = np.tile(rest.tangent[:, None], len(places))
     secants[:, 1:] = films[:, 1:] / places[1:]
-    slopes = PchipInterpolator(depth, [on.sensitivity(path, point) for point in points])(places)
+    slopes = PchipInterpolator(depth, [on.compute_sensitivity(path, point) for point in points])(places)
     inner, outer = secants / rest.tangent[:, None]
     stiffness = secants.sum(axis=0) / rest.tangent.sum()
     return np.array([inner / outer - 1, inner - 1, outer - 1, stiffness - 1, slopes - slopes[0]])
@@ -186,12 +186,12 @@ def audit(scene: Scene) -> LayerAudit:
 def rule_of(scene: Scene, on: LoadedScene) -> LoadRule:
     """The rule with the linear result's own stiffness and log-sensitivities, as every command has it."""
     films = on.linear.films[0]
-    return replace(load_rule(scene), stiffness=float(films.totals.sum()), films=films.film_log_sensitivities)
+    return replace(build_load_rule(scene), stiffness=float(films.totals.sum()), films=films.film_log_sensitivities)
 
 
 def judge(made: LoadedLayers, rule: LoadRule) -> LayerAudit:
     """Hold a rule's limit against what happens."""
-    limit, shares = largest(rule, ACCURACY, promise=True), made.shares()
+    limit, shares = find_largest_load(rule, ACCURACY, promise=True), made.shares()
     taken = tuple(float(np.interp(limit.force, made.force, one)) for one in shares)
     beyond = np.flatnonzero((shares.max(axis=0) > 1) | (made.indentation >= made.closes))
     true = float(made.force[beyond[0]] if len(beyond) else made.force[-1])

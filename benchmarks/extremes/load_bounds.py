@@ -23,13 +23,19 @@ import numpy as np
 
 from geometry import ProbeError, Scene
 from geometry.common.errors import SolveError
-from geometry.common.resources import LimitReached, timed
+from geometry.common.resources import LimitReached, start_clock
 from geometry.scenes.scene_file import scene_from_dict
-from solver.contact.level import ContactLevel
-from solver.contact.limits import gap_closure_load
+from solver.contact.level import ContactEvaluator
+from solver.contact.limits import find_gap_closure_load
 from solver.contact.loaded import LoadedScene
-from solver.planning.load_limits import load_rule, rule_numbers
-from solver.planning.loads import LoadRule, least_closure, log_sensitivity_change, ratio_change, sensitivity_size
+from solver.planning.load_limits import build_load_rule, compute_rule_numbers
+from solver.planning.loads import (
+    LoadRule,
+    bound_closure_force,
+    bound_log_sensitivity_change,
+    bound_ratio_change,
+    compute_sensitivity_size,
+)
 
 SHARES, LIGHT = (0.1, 0.3, 1.0), (0.15,)  # of the largest load of which the rule says anything
 NEAR_CLOSURE = 0.4  # of the force by eq. PL.4
@@ -111,48 +117,48 @@ def narrowed(seed: int) -> Iterator[Scene]:
             body = body.model_copy(update={"youngs_modulus": softer * scene.tissue.youngs_modulus})
         made = scene.model_copy(update={"probe": probe, "inclusion": (body,)})
         try:
-            with timed():
-                rule, (totals, _) = load_rule(made), rule_numbers(made)
+            with start_clock():
+                rule, (totals, _) = build_load_rule(made), compute_rule_numbers(made)
         except ProbeError:
             continue
-        if rule.known > NEAR_CLOSURE * least_closure(made, totals):
+        if rule.largest_known_force > NEAR_CLOSURE * bound_closure_force(made, totals):
             yield made
 
 
 def audit(scene: Scene, light: bool = False) -> Audit:
     """Press a scene and hold it against the rule."""
-    with timed():
-        on = ContactLevel().pressed(scene)
+    with start_clock():
+        on = ContactEvaluator().prepare_scene(scene)
     totals = on.linear.films[0].totals
-    rule = replace(load_rule(scene), stiffness=float(totals.sum()))
+    rule = replace(build_load_rule(scene), stiffness=float(totals.sum()))
     used, force = np.zeros(4), 0.0
     for share in LIGHT if light else SHARES:
         try:
-            with timed():
-                force = on.at_force(share * rule.known).point.force
+            with start_clock():
+                force = on.press_to_force(share * rule.largest_known_force).point.force
         except (SolveError, LimitReached, ProbeError):
             break
         used = np.maximum(used, _used(on, rule, force))
     closes, closure = (False, force) if light else _closure(on)
-    formulas = replace(rule, closure=least_closure(scene, totals))
-    opened = (closure / rule.known, closure / formulas.known)
-    return Audit(force, rule.x(force), tuple(used.tolist()), opened, closes)
+    formulas = replace(rule, closure=bound_closure_force(scene, totals))
+    opened = (closure / rule.largest_known_force, closure / formulas.largest_known_force)
+    return Audit(force, rule.compute_x(force), tuple(used.tolist()), opened, closes)
 
 
 def _used(on: LoadedScene, rule: LoadRule, force: float) -> np.ndarray[Any, Any]:
     """Shares of the bounds on ratio, stresses, stiffness and log-sensitivity that a load takes."""
     _, path = on.paths
-    _, point = (one.at_force(force) for one in on.paths)
-    rest, bound = path.points[0], ratio_change(rule.x(force), rule.covered)
-    off = on.differences(point.indentation)
+    _, point = (one.press_to_force(force) for one in on.paths)
+    rest, bound = path.points[0], bound_ratio_change(rule.compute_x(force), rule.covered)
+    off = on.compute_differences(point.indentation)
     films = np.abs(point.films / point.indentation / rest.tangent - 1) - off.films
     stiffness = abs(point.force / point.indentation / rest.tangent.sum() - 1) - off.films.max()
     odds = abs(_ratio(point.films) / _ratio(rest.tangent) - 1) - off.log_ratio
-    first, then = on.sensitivity(path, rest), on.sensitivity(path, point)
-    size = sensitivity_size(on.linear.films[0].film_log_sensitivities or (0.0, 0.0))
+    first, then = on.compute_sensitivity(path, rest), on.compute_sensitivity(path, point)
+    size = compute_sensitivity_size(on.linear.films[0].film_log_sensitivities or (0.0, 0.0))
     slope = max(0.0, abs(then - first) - SMALL - off.sensitivity * max(abs(first), abs(then))) / size
     strained = (odds / bound, films.max() / bound, stiffness / bound)
-    return np.array([*strained, slope / log_sensitivity_change(rule.x(force))])
+    return np.array([*strained, slope / bound_log_sensitivity_change(rule.compute_x(force))])
 
 
 def _ratio(films: Any) -> float:
@@ -163,8 +169,8 @@ def _closure(on: LoadedScene) -> tuple[bool, float]:
     """Whether the gap closes, and the load, N: where it does or as far as it does not."""
     path = on.paths[0]
     try:
-        with timed():
-            found = gap_closure_load(path)
+        with start_clock():
+            found = find_gap_closure_load(path)
     except (SolveError, LimitReached):
         found = None
     return found is not None, path.last.force if found is None else found.force

@@ -18,17 +18,17 @@ from benchmarks.extremes.load_bounds import draws
 from benchmarks.levels.inclusion_draws import draw, draw_layered
 from geometry import ProbeError, Scene, read_scene
 from geometry.common.errors import InputError, SolveError
-from geometry.common.resources import timed
-from solver.axisymmetric.refinement import LEVELS
-from solver.axisymmetric.sample import sample
-from solver.axisymmetric.sections import sections
-from solver.linalg.workspace import current
+from geometry.common.resources import start_clock
+from solver.axisymmetric.refinement import MESH_LEVELS
+from solver.axisymmetric.sample import solve_on_mesh
+from solver.axisymmetric.sections import build_sections
+from solver.linalg.workspace import get_workspace
 from solver.planning.coarse_model import CoarseModel
 from solver.planning.gap_profile import GapProfile
-from solver.planning.loads import nearing_at_most
+from solver.planning.loads import bound_wall_nearing
 from tests.support.paths import REFERENCE
 
-FINE, SMALL = LEVELS[3], 0.05  # where the nearing is less than this share of eq. PL.4 the floor of eq. PL.9 counts
+FINE, SMALL = MESH_LEVELS[3], 0.05  # where the nearing is less than this share of eq. PL.4 the floor of eq. PL.9 counts
 FOLDERS = ("axisymmetric", "contact", "extra", "extremes", "half-space", "solid")
 
 
@@ -47,13 +47,13 @@ def scenes(seeds: list[int], count: int) -> Iterator[Scene]:
 
 def shares(scene: Scene) -> tuple[float, float]:
     """Return the coarsest mesh's nearing over a fine one's, and over eq. PL.4."""
-    current().begin()
-    with timed():
-        rough = CoarseModel.of(scene, details=False)
-        plain = sections(rough.scene)
-        fine = GapProfile.of(sample(plain.section, plain, rough.scene, FINE).states)
-    by_formula = rough.gap.most / nearing_at_most(rough.scene, rough.forces.sum(axis=1))
-    return rough.gap.most / fine.most if by_formula > SMALL else 1.0, by_formula
+    get_workspace().begin()
+    with start_clock():
+        rough = CoarseModel.from_scene(scene, details=False)
+        plain = build_sections(rough.scene)
+        fine = GapProfile.from_states(solve_on_mesh(plain.section, plain, rough.scene, FINE).states)
+    by_formula = rough.gap_profile.max_nearing / bound_wall_nearing(rough.scene, rough.forces.sum(axis=1))
+    return rough.gap_profile.max_nearing / fine.max_nearing if by_formula > SMALL else 1.0, by_formula
 
 
 def main() -> None:

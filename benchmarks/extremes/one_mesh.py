@@ -30,17 +30,17 @@ from geometry import InputError, Scene, read_scene
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, SolveError
 from solver.axisymmetric.level import Axisymmetric
-from solver.axisymmetric.lower_order import graded_everywhere, near_errors, order_errors, own_errors
-from solver.axisymmetric.refinement import BELIEVED, LEVELS, LIGHT, SampleErrors
-from solver.axisymmetric.sample import MeshSample, sample
-from solver.axisymmetric.sections import sections
-from solver.linalg.workspace import current
+from solver.axisymmetric.lower_order import bound_by_descent, bound_by_last_degree, bound_by_lower_order, is_graded_everywhere
+from solver.axisymmetric.refinement import LIGHT_MESH, MAX_LIGHT_MESH_BOUND, MESH_LEVELS, SampleErrors
+from solver.axisymmetric.sample import MeshSample, solve_on_mesh
+from solver.axisymmetric.sections import build_sections
+from solver.linalg.workspace import get_workspace
 
 FOLDERS = ("axisymmetric", "extra", "extreme", "extremes", "half-space", "tissue-layers")
 REFERENCES = Path(__file__).parents[2] / "tests" / "reference"
-TRUE, ONE_MESH = LEVELS[4], {"light": LIGHT, "4": LEVELS[1], "5": LEVELS[2], "6": LEVELS[3]}
+TRUE, ONE_MESH = MESH_LEVELS[4], {"light": LIGHT_MESH, "4": MESH_LEVELS[1], "5": MESH_LEVELS[2], "6": MESH_LEVELS[3]}
 OWN, NEAR, CURVE_OF = ", of its own", ", near", ", curve"  # what is told without a smaller space, by one step; of all moduli
-CURVES = {"light": LIGHT, "6": LEVELS[3]}
+CURVES = {"light": LIGHT_MESH, "6": MESH_LEVELS[3]}
 CURVE = (0.01, 1.0, 100.0)  # moduli of a curve, over the scene's own
 LEAST_SENSITIVITY = 1e-5  # absolute, that a log-sensitivity is promised to
 # by mesh: error over bound of totals and of log-sensitivity; largest bounds on the ratio and on a total
@@ -76,7 +76,7 @@ def references() -> Iterator[tuple[str, Scene]]:
     """Yield the references that the level takes."""
     for path in (path for folder in FOLDERS for path in sorted((REFERENCES / folder).glob("*.toml"))):
         scene = read_scene(path)
-        if Axisymmetric().refusal(scene) is None and graded_everywhere(sections(scene).section):
+        if Axisymmetric().refusal(scene) is None and is_graded_everywhere(build_sections(scene).section):
             yield f"{path.parent.name}/{path.stem}", scene
 
 
@@ -86,10 +86,10 @@ def truths(scene: Scene, curve: bool) -> Truths:
     Raises:
         SolveError: the mesh cannot be solved.
     """
-    of = sections(scene)
-    found = {"lone": TrueForces.of(sample(of.section, of, scene, TRUE))}
+    of = build_sections(scene)
+    found = {"lone": TrueForces.of(solve_on_mesh(of.section, of, scene, TRUE))}
     if curve and scene.inclusion:
-        found["curve"] = TrueForces.of(sample(of.section, of, scene, TRUE, moduli=_moduli(scene)))
+        found["curve"] = TrueForces.of(solve_on_mesh(of.section, of, scene, TRUE, moduli=_moduli(scene)))
     return found
 
 
@@ -99,16 +99,16 @@ def shares(scene: Scene, true: Truths) -> Shares:
     Raises:
         SolveError: a mesh cannot be solved.
     """
-    of = sections(scene)
-    solved = {name: sample(of.section, of, scene, level) for name, level in ONE_MESH.items()}
-    found = {name: _share(one, order_errors(one), true["lone"]) for name, one in solved.items()}
-    for kind, tell in ((OWN, own_errors), (NEAR, near_errors)):
+    of = build_sections(scene)
+    solved = {name: solve_on_mesh(of.section, of, scene, level) for name, level in ONE_MESH.items()}
+    found = {name: _share(one, bound_by_lower_order(one), true["lone"]) for name, one in solved.items()}
+    for kind, tell in ((OWN, bound_by_last_degree), (NEAR, bound_by_descent)):
         found |= {f"{name}{kind}": _share(one, bounds, true["lone"]) for name, one in solved.items() if (bounds := tell(one))}
     if "curve" in true:
         for name, level in CURVES.items():
-            one = sample(of.section, of, scene, level, moduli=_moduli(scene))
-            found[f"{name}{CURVE_OF}"] = _share(one, own_errors(one) or order_errors(one), true["curve"])
-    return {name: one for name, one in found.items() if not name.startswith("light") or one[3] <= BELIEVED}
+            one = solve_on_mesh(of.section, of, scene, level, moduli=_moduli(scene))
+            found[f"{name}{CURVE_OF}"] = _share(one, bound_by_last_degree(one) or bound_by_lower_order(one), true["curve"])
+    return {name: one for name, one in found.items() if not name.startswith("light") or one[3] <= MAX_LIGHT_MESH_BOUND}
 
 
 def _moduli(scene: Scene) -> Floats:
@@ -167,7 +167,7 @@ def main() -> None:
     with threadpool_limits(1), Console(stderr=True).status("one mesh") as status:
         for name, scene in cases + list(references() if asked.references else ()):
             status.update(name)
-            current().begin()  # what earlier scenes needed may go
+            get_workspace().begin()  # what earlier scenes needed may go
             try:
                 if name not in known:
                     known[name] = truths(scene, not asked.no_curves)

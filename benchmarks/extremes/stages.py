@@ -18,17 +18,22 @@ from rich.console import Console
 from benchmarks.peers.measured import NAMES, cases
 from benchmarks.tables import MeasuredTable
 from geometry.meridian.frame import MeridianFineness
-from geometry.meridian.mesh import nodes
-from solver.axisymmetric.base_states import MeridianModel, base_states, integrated, model
-from solver.axisymmetric.lower_order import MOST_OF_OWN, near_errors, order_errors, own_errors
-from solver.axisymmetric.refinement import LEVELS, LIGHT
-from solver.axisymmetric.sample import sample
-from solver.axisymmetric.sections import sections
-from solver.elements.quadrilateral import geometry
+from geometry.meridian.mesh import compute_nodes
+from solver.axisymmetric.base_states import MeridianModel, build_model, integrate_elements, solve_base_states
+from solver.axisymmetric.lower_order import (
+    OWN_DEGREE_FACTOR_OF_ORDER,
+    bound_by_descent,
+    bound_by_last_degree,
+    bound_by_lower_order,
+)
+from solver.axisymmetric.refinement import LIGHT_MESH, MESH_LEVELS
+from solver.axisymmetric.sample import solve_on_mesh
+from solver.axisymmetric.sections import build_sections
+from solver.elements.quadrilateral import compute_geometry
 from solver.elements.tensor_products import TensorSums
 from solver.linalg.cholesky import factorise
 from solver.linalg.memory import keep_freed
-from solver.linalg.threads import one_thread
+from solver.linalg.threads import limit_to_one_thread
 
 RUNS = 25
 
@@ -41,15 +46,15 @@ def least(run: Callable[[], Any]) -> float:
 def stages(one: MeridianModel) -> dict[str, Callable[[], Any]]:
     """Return what makes a model, by name."""
     shapes = one.shapes
-    integrate = partial(integrated, one.mesh, one.at, shapes, one.two_mu, one.lam)
+    integrate = partial(integrate_elements, one.mesh, one.geometry, shapes, one.two_mu, one.lam)
     matrices, pattern = list(integrate()), one.system.numbering.pattern
     return {
-        "nodes and geometry": lambda: geometry(nodes(one.section, one.mesh, shapes.places), shapes),
+        "nodes and geometry": lambda: compute_geometry(compute_nodes(one.section, one.mesh, shapes.places), shapes),
         "integrals": lambda: list(integrate()),
-        "insides eliminated": lambda: [part.condensed() for part in matrices],
+        "insides eliminated": lambda: [part.condense() for part in matrices],
         "added up": lambda: one.system.numbering.assemble(one.system.stiffness),
         "factorised": lambda: factorise(one.system.matrix, pattern),
-        "states": lambda: base_states(one),
+        "states": lambda: solve_base_states(one),
     }
 
 
@@ -62,10 +67,10 @@ def operations(one: MeridianModel) -> dict[str, float]:
     volume = 2 * pressures * (pressures * (edge + inside) + entries + pressures**2)
 
     def sums(table: TensorSums, terms: int) -> int:
-        points, pairs = table.first[0].shape
-        return int(2 * pairs * (points * points * terms + table.then.size))
+        points, pairs = table.y_tables[0].shape
+        return int(2 * pairs * (points * points * terms + table.x_tables.size))
 
-    shear = sums(tables.even, 5) + sums(tables.even, 4) + sums(tables.odd, 4)
+    shear = sums(tables.symmetric, 5) + sums(tables.symmetric, 4) + sums(tables.unsymmetric, 4)
     shear += sums(tables.dilation, 3) + sums(tables.dilation, 2)
     eliminated = inside**3 / 3 + inside * inside * edge + inside * edge * edge
     return {"integrals": (n - one.mesh.columns[-1]) * (shear + volume), "insides eliminated": n * eliminated}
@@ -74,18 +79,21 @@ def operations(one: MeridianModel) -> dict[str, float]:
 def measure(fineness: MeridianFineness) -> MeasuredTable:
     """Return the stages of one mesh."""
     scene = cases(NAMES[:1])[0].scene
-    of = sections(scene)
-    found = sample(of.section, of, scene, fineness)
+    of = build_sections(scene)
+    found = solve_on_mesh(of.section, of, scene, fineness)
     one = found.states.model
-    every = stages(one) | {"error, smaller space": lambda: order_errors(found), "error, one step": lambda: near_errors(found)}
-    if fineness.order in MOST_OF_OWN:
-        every["error, own part"] = lambda: own_errors(found)
+    every = stages(one) | {
+        "error, smaller space": lambda: bound_by_lower_order(found),
+        "error, one step": lambda: bound_by_descent(found),
+    }
+    if fineness.order in OWN_DEGREE_FACTOR_OF_ORDER:
+        every["error, own part"] = lambda: bound_by_last_degree(found)
     counted = operations(one)
     cells, unknowns = len(one.two_mu), one.system.numbering.unknowns
     table = MeasuredTable(f"order {fineness.order}, {cells} cells, {unknowns} unknowns", ("stage", "least, ms", "operations"))
     for name, run in every.items():
         table.add(name, least(run), f"{counted[name] / 1e6:.0f} M" if name in counted else "")
-    table.add("model, all of it", least(partial(model, of.section, of.materials, "bonded", fineness)), "")
+    table.add("model, all of it", least(partial(build_model, of.section, of.materials, "bonded", fineness)), "")
     return table
 
 
@@ -93,9 +101,9 @@ def main() -> None:
     """Print both meshes' tables."""
     keep_freed()
     many = np.random.default_rng(0).random((200, 48, 48))
-    with one_thread():
+    with limit_to_one_thread():
         print(f"products of 48 x 48: {200 * 2 * 48**3 / least(lambda: many @ many) / 1e9:.0f} Gflop/s")
-        for fineness in (LIGHT, LEVELS[3]):
+        for fineness in (LIGHT_MESH, MESH_LEVELS[3]):
             measure(fineness).print(Console(width=100))
 
 

@@ -13,8 +13,8 @@ from benchmarks.tables import MeasuredTable
 from geometry import InputError, Refusal
 from geometry.common.errors import SolveError
 from solver.axisymmetric.level import Axisymmetric
-from solver.equivalent_inclusion.probe_on_tissue import undisturbed
-from solver.equivalent_inclusion.readings import Readings, readings
+from solver.equivalent_inclusion.probe_on_tissue import solve_undisturbed
+from solver.equivalent_inclusion.readings import Readings, compute_readings
 from solver.inclusions.tumours import Tumours
 from solver.results.film_forces import FilmForces
 
@@ -76,7 +76,7 @@ class AuditedScene:
 
 def judge(found: Readings, true: FilmForces) -> Judged | None:
     """Compare one answer with the reference."""
-    if not found.resolved[0] or true.unresolved_stress is not None:
+    if not found.resolved[0] or true.stress_below_error is not None:
         return None
     log_ratio = np.log(np.abs(found.totals[0] / true.totals)) @ [1.0, -1.0]
     off = np.abs(found.totals[0] - true.totals) - true.bound.totals
@@ -99,9 +99,9 @@ def case(seed: int, number: int, accuracy: float, kind: str) -> AuditedScene | N
     drawn = DRAWS[kind](seed, number)
     try:
         scene = drawn.scene()
-        true = Axisymmetric().converged(scene, REFERENCE * accuracy).films[0]
-        base, tumours = undisturbed(scene, accuracy), Tumours.of(scene)
-        first, reflected = (judge(readings(base, tumours, reflect=reflect), true) for reflect in (False, True))
+        true = Axisymmetric().compute_converged(scene, REFERENCE * accuracy).films[0]
+        base, tumours = solve_undisturbed(scene, accuracy), Tumours.from_scene(scene)
+        first, reflected = (judge(compute_readings(base, tumours, reflect=reflect), true) for reflect in (False, True))
     except (InputError, Refusal, SolveError, ValueError):
         return None
     return AuditedScene(seed, number, drawn, first, reflected)

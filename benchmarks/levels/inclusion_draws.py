@@ -79,7 +79,7 @@ class DrawnScene:
         body = Inclusion(
             diameter=self.diameter * mm,
             depth=depth,
-            youngs_modulus=self.contrast * tissue.material_at(depth).youngs_modulus,
+            youngs_modulus=self.contrast * tissue.find_material(depth).youngs_modulus,
             poisson_ratio=self.inclusion_poisson,
         )
         contact = Contact(interface="bonded" if self.contact == "bonded" else "frictionless")

@@ -14,10 +14,10 @@ import numpy as np
 
 from benchmarks.tables import MeasuredTable
 from geometry import Scene, read_scene
-from solver.equivalent_inclusion.ellipsoids import with_ellipsoids
+from solver.equivalent_inclusion.ellipsoids import correct_for_ellipsoids
 from solver.equivalent_inclusion.level import EquivalentInclusion
-from solver.equivalent_inclusion.probe_on_tissue import Undisturbed, undisturbed
-from solver.equivalent_inclusion.readings import Readings, readings
+from solver.equivalent_inclusion.probe_on_tissue import Undisturbed, solve_undisturbed
+from solver.equivalent_inclusion.readings import Readings, compute_readings
 from solver.inclusions.tumours import Tumours
 
 REFERENCE = Path(__file__).parents[2] / "tests" / "reference"
@@ -102,15 +102,15 @@ def answers(one: Known, accuracy: float) -> Answers:
         return perf_counter() - start
 
     cold, warm = seconds(), median(seconds() for _ in range(WARM))
-    base = undisturbed(one.scene, unheard)
+    base = solve_undisturbed(one.scene, unheard)
     first, reflected = (told(one, answer(base, one.scene, reflect)) for reflect in (False, True))
     return Answers(first, reflected, cold, warm)
 
 
 def answer(base: Undisturbed, scene: Scene, reflect: bool) -> Readings:
     """One tier's answer for a scene's bodies."""
-    found = readings(base, Tumours.of(scene), scene.target or 0, reflect=reflect)
-    return with_ellipsoids(base, scene, found, scene.inclusion)
+    found = compute_readings(base, Tumours.from_scene(scene), scene.target or 0, reflect=reflect)
+    return correct_for_ellipsoids(base, scene, found, scene.inclusion)
 
 
 def told(one: Known, found: Readings) -> Told:
@@ -118,7 +118,7 @@ def told(one: Known, found: Readings) -> Told:
     if not found.resolved[0]:
         return Told(None, None, None, None)
     slope = excess = None
-    if one.log_sensitivity and found.by:
+    if one.log_sensitivity and found.derivatives:
         off = abs(float(found.log_sensitivity[0]) - one.log_sensitivity)
         slope, excess = off / abs(one.log_sensitivity), max(0.0, off - one.doubt) / float(found.sensitivity_error[0])
     return Told(abs(float(found.ratio[0]) / one.ratio - 1), float(found.error_estimate[0]), slope, excess)

@@ -20,12 +20,12 @@ from benchmarks.tables import MeasuredTable
 from geometry import Scene, read_scene
 from geometry.common.arrays import Floats
 from solver import Result, evaluate
-from solver.equivalent_inclusion.probe_on_tissue import Undisturbed, undisturbed
-from solver.equivalent_inclusion.readings import TOLERANCE, Readings, readings
+from solver.equivalent_inclusion.probe_on_tissue import Undisturbed, solve_undisturbed
+from solver.equivalent_inclusion.readings import REFLECTION_TOLERANCE_RELATIVE, Readings, compute_readings
 from solver.inclusions.tumours import Tumours
 from solver.multiple_scattering.exchange import Exchange, Reflector
 from solver.multiple_scattering.near_exchange import CloseExchange
-from solver.multiple_scattering.solve import arranged, solve_scattering
+from solver.multiple_scattering.solve import arrange_spheres, solve_scattering
 
 SCENE = Path(__file__).parents[2] / "tests" / "reference" / "off-axis" / "stiff-cover-0.25-offset-1.toml"
 ACCURACIES = (0.01, 0.003, 0.001)
@@ -62,7 +62,7 @@ def speed(repeats: int, tell: Callable[[str], None]) -> Iterator[MeasuredTable]:
     """Yield tables of seconds."""
     scene = read_scene(SCENE)
     yield _setup(scene, repeats, tell)
-    base = undisturbed(scene, 0.003)
+    base = solve_undisturbed(scene, 0.003)
     yield _orders(base, repeats, tell)
     yield _first_order(base, repeats, tell)
     yield _reflections(base, repeats, tell)
@@ -84,7 +84,7 @@ def _setup(scene: Scene, repeats: int, tell: Callable[[str], None]) -> MeasuredT
 
 def _solved(scene: Scene, accuracy: float) -> Undisturbed:
     """The probe, solved anew: nobody asked for just this accuracy yet."""
-    return undisturbed(scene, accuracy * (1 - 1e-9 * next(_number)))
+    return solve_undisturbed(scene, accuracy * (1 - 1e-9 * next(_number)))
 
 
 def _orders(base: Undisturbed, repeats: int, tell: Callable[[str], None]) -> MeasuredTable:
@@ -92,7 +92,7 @@ def _orders(base: Undisturbed, repeats: int, tell: Callable[[str], None]) -> Mea
     spent: list[list[Time]] = [[] for _ in range(ORDERS)]
     for k in range(repeats):
         tell(f"speed: orders, run {k + 1} of {repeats}")
-        reflector = replace(base.reflector(Tumours.of(base.scene).flat()), _responses={}, _complements={})
+        reflector = replace(base.choose_reflector(Tumours.from_scene(base.scene).flatten()), _responses={}, _complements={})
         for m, times in enumerate(spent):
             times.append(timed(partial(_asked, reflector, m), 1))
     for m, times in enumerate(spent):
@@ -102,8 +102,8 @@ def _orders(base: Undisturbed, repeats: int, tell: Callable[[str], None]) -> Mea
 
 
 def _asked(reflector: Reflector, m: int) -> None:
-    order = reflector.response(m)
-    order.to(np.ones((order.boundary.direct.shape[0], 2)), False)
+    order = reflector.find_response(m)
+    order.apply(np.ones((order.boundary.direct.shape[0], 2)), False)
 
 
 def many(scene: Scene, number: int, seed: int = 1) -> Tumours:
@@ -130,17 +130,17 @@ def _first_order(base: Undisturbed, repeats: int, tell: Callable[[str], None]) -
     )
     tumours = many(base.scene, MANY)
     tell("speed: table of strains")
-    table_time = timed(lambda: replace(base.energies).quick(*np.full((2, 1), 0.0)), repeats)
+    table_time = timed(lambda: replace(base.energies).interpolate(*np.full((2, 1), 0.0)), repeats)
     table.note(f"table of strain products, once per probe: {table_time.wall:.2f} s, {table_time.cpu:.2f} s of process time")
-    readings(base, tumours.of_index(slice(0, 10)), reflect=False)
+    compute_readings(base, tumours.select(slice(0, 10)), reflect=False)
     inside = base.energies.covers(tumours.offset + tumours.diameter / 2, -tumours.cover, -tumours.depth - tumours.diameter / 2)
     table.note(f"{np.mean(inside):.0%} of the tumours lie in the table, the others too near to the probe: elements are asked")
     for places, text in ((False, "forces, by modulus and Poisson's ratio"), (True, "by depth, offset, diameter too")):
         tell(f"speed: first order, {text}")
-        spent = timed(partial(readings, base, tumours, places=places, reflect=False), repeats)
+        spent = timed(partial(compute_readings, base, tumours, places=places, reflect=False), repeats)
         table.add(text, spent.wall, spent.cpu, round(MANY / spent.cpu))
-    deep = tumours.of_index(np.flatnonzero(inside[:, 0]))
-    spent = timed(lambda: readings(base, deep, reflect=False), repeats)
+    deep = tumours.select(np.flatnonzero(inside[:, 0]))
+    spent = timed(lambda: compute_readings(base, deep, reflect=False), repeats)
     table.add("the first for those in the table alone", spent.wall, spent.cpu, round(len(deep.x) / spent.cpu))
     return table
 
@@ -154,12 +154,14 @@ def _reflections(base: Undisturbed, repeats: int, tell: Callable[[str], None]) -
         for offset in OFFSETS:
             tell(f"speed: reflections, cover {cover:g}, offset {offset:g}")
             one = _stiff(base, cover, offset)
-            alone = one.of_index(0)
-            told = solve_scattering(base.field, base.reflector(alone), base.strata, alone, TOLERANCE * base.accuracy)
-            bound = float(readings(base, one, reflect=True).error_estimate[0])
+            alone = one.select(0)
+            told = solve_scattering(
+                base.field, base.choose_reflector(alone), base.strata, alone, REFLECTION_TOLERANCE_RELATIVE * base.accuracy
+            )
+            bound = float(compute_readings(base, one, reflect=True).error_estimate[0])
             batch = replace(one, youngs_modulus=modulus * np.linspace(0.9, 1.1, BATCH)[:, None])
-            readings(base, batch, reflect=True)  # finds each order's matrix
-            single, many_ = (timed(partial(readings, base, some, reflect=True), repeats).cpu for some in (one, batch))
+            compute_readings(base, batch, reflect=True)  # finds each order's matrix
+            single, many_ = (timed(partial(compute_readings, base, some, reflect=True), repeats).cpu for some in (one, batch))
             table.add(f"{cover:g}", f"{offset:g}", told.orders, told.steps, bound, single, many_ / BATCH)
     table.note(f"process time; accuracy {base.accuracy:g}; outer radius {1e3 * outer:g} mm")
     return table
@@ -175,15 +177,17 @@ def _limits(base: Undisturbed, repeats: int, tell: Callable[[str], None]) -> Mea
         for offset in OFFSETS[1:]:
             tell(f"speed: limits, cover {cover:g}, offset {offset:g}")
             one = _stiff(base, cover, offset)
-            mine = one.of_index(0)
-            reflector = base.reflector(mine)
-            told = solve_scattering(base.field, reflector, base.strata, mine, TOLERANCE * base.accuracy)
-            readings(base, one, reflect=True)
-            matrices = [np.array(reflector.response(m)._matrix) for m in range(told.orders)]
+            mine = one.select(0)
+            reflector = base.choose_reflector(mine)
+            told = solve_scattering(base.field, reflector, base.strata, mine, REFLECTION_TOLERANCE_RELATIVE * base.accuracy)
+            compute_readings(base, one, reflect=True)
+            matrices = [np.array(reflector.find_response(m)._matrix) for m in range(told.orders)]
             column = np.ones(len(matrices[-1]))
             read = 2 * told.steps * timed(partial(_read, matrices, column), 9).cpu  # both base states
-            flops = told.steps * _sums(reflector.exchange(*arranged(reflector.states.model.section, base.strata, mine)))
-            alone = timed(partial(readings, base, one, reflect=True), repeats).cpu
+            flops = told.steps * _sums(
+                reflector.build_exchange(*arrange_spheres(reflector.states.model.section, base.strata, mine))
+            )
+            alone = timed(partial(compute_readings, base, one, reflect=True), repeats).cpu
             size = told.steps * sum(one.nbytes for one in matrices) / 1e6
             table.add(f"{cover:g}", f"{offset:g}", round(size), read, round(flops / 1e6), flops / rate, alone)
     return table
@@ -199,7 +203,7 @@ def _sums(exchange: Exchange | CloseExchange) -> float:
     assert isinstance(exchange, Exchange)
     samplers = [sampler for part in exchange.samples.parts for own in part._samplers for sampler in own]
     return float(
-        sum(2 * 2 * len(rows) * one.stack.harmonics.count * one.count for one in samplers for rows, _ in one._families(2))
+        sum(2 * 2 * len(rows) * one.stack.harmonics.count * one.count for one in samplers for rows, _ in one._list_families(2))
     )
 
 
@@ -235,7 +239,7 @@ def one_map(points: int, sample: int, accuracy: float, tell: Callable[[str], Non
     for text, spent in times.items():
         found = maps[text]
         off = float(np.max(np.abs(found.ratio[chosen] / ratios - 1)))
-        table.add(text, points**2, int(found.reflected.sum()), float(found.worst.max()), off, spent.wall, spent.cpu)
+        table.add(text, points**2, int(found.reflected.sum()), float(found.max_error.max()), off, spent.wall, spent.cpu)
     walls, cpus = (points**2 * float(np.mean([getattr(one, key) for _, one in results])) for key in ("wall", "cpu"))
     table.add("axisymmetric, one evaluate each", points**2, None, None, None, walls, cpus)
     table.note(
@@ -245,7 +249,7 @@ def one_map(points: int, sample: int, accuracy: float, tell: Callable[[str], Non
 
 
 def _map(into: dict[str, Readings], text: str, scene: Scene, accuracy: float, tumours: Tumours, sensitive: bool) -> None:
-    into[text] = readings(_solved(scene, accuracy), tumours, sensitive=sensitive)
+    into[text] = compute_readings(_solved(scene, accuracy), tumours, sensitive=sensitive)
 
 
 def _axisymmetric(scene: Scene, tumours: Tumours, k: int, accuracy: float, tell: Callable[[str], None]) -> tuple[Result, Time]:

@@ -20,7 +20,7 @@ from rich.console import Console
 from benchmarks.tables import MeasuredTable
 from geometry import ProbeError, Scene
 from solver import evaluate
-from solver.linalg.workspace import current
+from solver.linalg.workspace import get_workspace
 from tests.support.random_scenes import scenes
 
 LEVELS = ("published", "closed-form", "equivalent-inclusion", "axisymmetric")
@@ -83,7 +83,7 @@ def measured(count: int, each: int = EACH) -> MeasuredTable:
     for number, question in enumerate(questions(count), 1):
         refused += not answered(*question)
         if number % each == 0 or number == count:
-            held = (memory("VmRSS"), memory("VmHWM"), current().bytes_held)
+            held = (memory("VmRSS"), memory("VmHWM"), get_workspace().bytes_held)
             table.add(number, refused, *(round(one / 1e6) for one in held), process_time() - start)
             reset()
     return table

@@ -19,10 +19,10 @@ import numpy as np
 
 from geometry import Refusal, Scene, SolveError, read_scene
 from geometry.common.errors import InputError
-from geometry.tetra.layout import body_layout, extent
-from geometry.tetra.mesher import COARSE, ROUGH, mesh_layout
-from solver.solid.domain import domain, reach
-from solver.solid.symmetric_part import BESIDE, reference_wall
+from geometry.tetra.layout import build_layout, find_extent
+from geometry.tetra.mesher import COARSE_FINENESS, ROUGH_FINENESS, mesh_layout
+from solver.solid.domain import choose_domain, compute_reach
+from solver.solid.symmetric_part import MIN_SIDE_TISSUE_RADII, find_reference_wall
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "scene.toml"
 
@@ -61,7 +61,7 @@ def _draw(random: np.random.Generator, example: Scene) -> dict[str, Any]:
 
 def _place(random: np.random.Generator, tube: float, half: Any, round_: bool) -> tuple[float, float]:
     """A place whose rim is 0.12 to 1.5 outer radii from one edge or, in a corner of a block, from two."""
-    beside = tube * (1 + np.exp(random.uniform(math.log(1.1 * BESIDE), math.log(1.5), 2)))
+    beside = tube * (1 + np.exp(random.uniform(math.log(1.1 * MIN_SIDE_TISSUE_RADII), math.log(1.5), 2)))
     if round_:
         return float(max(half[0] - beside[0], 0.0)), 0.0
     x, y = np.maximum(half - beside, 0.0)
@@ -94,9 +94,9 @@ def outcome(scene: Scene) -> tuple[bool, str]:
     """Whether both meshes passed the checks, and what they are."""
     said, start = [], time.perf_counter()
     try:
-        chosen = domain(scene, reach(scene), reference_wall(scene))
-        layout = body_layout(chosen.scene, chosen.half, extent(chosen.scene, None), chosen.radius)
-        for fineness in (ROUGH, COARSE):
+        chosen = choose_domain(scene, compute_reach(scene), find_reference_wall(scene))
+        layout = build_layout(chosen.scene, chosen.half, find_extent(chosen.scene, None), chosen.radius)
+        for fineness in (ROUGH_FINENESS, COARSE_FINENESS):
             mesh, timing = mesh_layout(layout, fineness)
             said.append(f"{len(mesh.elements)} in {timing.trials}")
     except (SolveError, Refusal, InputError) as fault:

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from geometry import Scene, read_scene
-from geometry.scenes.variables import changed, loss_factors
+from geometry.scenes.variables import list_loss_factors, replace_values
 from solver import evaluate
 
 ROOT = Path(__file__).parents[2]
@@ -26,14 +26,14 @@ FREQUENCY = 2.0  # Hz
 
 def lossy(scene: Scene) -> Scene:
     """Return a scene whose tissue and tumour lose as above."""
-    found = {key: LOSSES[key.removesuffix(".loss_factor")] for key in loss_factors(scene) if not key.startswith("probe")}
-    return changed(scene, found)
+    found = {key: LOSSES[key.removesuffix(".loss_factor")] for key in list_loss_factors(scene) if not key.startswith("probe")}
+    return replace_values(scene, found)
 
 
 def spreads(scene: Scene) -> tuple[float, float, float, float]:
     """Return phase and its error, rad, and the standard deviation of ln E_object by the ratio alone and by both."""
     told = evaluate(scene, "axisymmetric", 0.003, frequency=FREQUENCY)
-    by, losses = told.ratio_phase_derivatives, loss_factors(scene)
+    by, losses = told.ratio_phase_derivatives, list_loss_factors(scene)
     assert by is not None
     assert told.ratio_phase is not None
     assert told.ratio_phase_error is not None

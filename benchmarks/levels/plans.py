@@ -16,7 +16,7 @@ from timeit import repeat
 from geometry import Scene, read_scene
 from solver import Decision, evaluate, plan
 from solver.planning.plan import Plan
-from solver.planning.plan import plan as estimate
+from solver.planning.plan import build_plan as estimate
 
 REFERENCE = Path(__file__).parents[2] / "tests" / "reference"
 FOLDERS = ("axisymmetric", "solid", "layers")

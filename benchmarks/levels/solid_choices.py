@@ -22,15 +22,15 @@ from rich.console import Console
 from benchmarks.tables import MeasuredTable
 from geometry import Scene, read_scene
 from geometry.scenes.probe import Material
-from geometry.tetra.sizing import COARSE, ROUGH
+from geometry.tetra.sizing import COARSE_FINENESS, ROUGH_FINENESS
 from geometry.tetra.tet_mesh import TetMesh
-from solver.axisymmetric.converged_forces import converged_forces
+from solver.axisymmetric.converged_forces import compute_converged_forces
 from solver.linalg.cholesky import factorise
 from solver.linalg.conjugate_gradients import Stiffness, solve
 from solver.solid.base_states import SolidStates
-from solver.solid.body_stiffness import assembled, part
+from solver.solid.body_stiffness import assemble, integrate_part
 from solver.solid.difference import difference
-from solver.solid.domain import domain
+from solver.solid.domain import choose_domain
 from solver.solid.domain_mesh import mesh_domain
 
 TESTS = Path(__file__).parents[2] / "tests"
@@ -62,24 +62,24 @@ def apparent_modulus(nodes: Any, tetrahedra: Any, ratio: float, averaged: bool) 
     held = (np.abs(z) < 1e-9) | (np.abs(z - 1) < 1e-9)
     number = np.full(nodes.shape, -1)
     number[~held] = np.arange(3 * np.sum(~held)).reshape(-1, 3)
-    piece = part(nodes, tetrahedra, averaged)
-    matrix = Stiffness(assembled({0: piece}, {0: stuff}, number))
+    piece = integrate_part(nodes, tetrahedra, averaged)
+    matrix = Stiffness(assemble({0: piece}, {0: stuff}, number))
     u = np.zeros((nodes.size, 1))
     u[2::3, 0] = np.where(z > 0.5, -1.0 * held, 0.0)
     free = number.ravel() >= 0
-    u[free] = solve(matrix, -piece.forces(stuff, u)[free], matrix.factor())
-    return float((u.T @ piece.forces(stuff, u)).item() / np.pi)
+    u[free] = solve(matrix, -piece.compute_forces(stuff, u)[free], matrix.factor())
+    return float((u.T @ piece.compute_forces(stuff, u)).item() / np.pi)
 
 
 def correction() -> Iterator[MeasuredTable]:
     """One scene on two meshes: its ratio by itself and corrected by the reference; then its solvers."""
     scene = read_scene(TESTS / "reference" / "solid" / f"{SCENE}.toml")
     known = json.loads((TESTS / "reference" / "solid" / "expected.json").read_text())[SCENE]["ratio"]
-    chosen = domain(scene, np.inf, None)
-    exact = converged_forces(chosen.reference, 1e-3).films[0].forces
+    chosen = choose_domain(scene, np.inf, None)
+    exact = compute_converged_forces(chosen.reference, 1e-3).films[0].forces
     heads = ("tetrahedra, count", "unknowns, count", "by itself, error", "corrected, error")
     table, solvers = MeasuredTable(f"{SCENE}: errors of the ratio", heads), []
-    for fineness in (ROUGH, COARSE):
+    for fineness in (ROUGH_FINENESS, COARSE_FINENESS):
         print(f"{SCENE}: meshing and solving", file=sys.stderr, flush=True)
         mesh: TetMesh = mesh_domain(chosen, fineness)
         found, states = difference(chosen, mesh)

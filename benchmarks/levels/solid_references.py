@@ -20,7 +20,7 @@ from rich.console import Console
 from benchmarks.tables import MeasuredTable
 from geometry import Refusal, Scene, read_scene
 from geometry.common.errors import SolveError
-from solver.solid.level import SolidLevel
+from solver.solid.level import SolidEvaluator
 
 REFERENCE = Path(__file__).parents[2] / "tests" / "reference"
 
@@ -60,9 +60,9 @@ def scenes(folders: list[str], names: list[str] | None) -> Iterator[tuple[str, S
 def row(scene: Scene, known: dict[str, float], accuracy: float) -> Iterator[Any]:
     start = perf_counter()
     try:
-        level = SolidLevel()
-        forces = level.solved(scene, accuracy)
-        found = level.answer_of(scene, forces, accuracy).result(level.name, scene, 0.0)
+        level = SolidEvaluator()
+        forces = level.solve_forces(scene, accuracy)
+        found = level.build_answer(scene, forces, accuracy).build_result(level.name, scene, 0.0)
     except (Refusal, SolveError) as fault:
         print(f"refused: {fault}", file=sys.stderr)
         yield from [None] * 8

@@ -21,7 +21,7 @@ from rich.table import Table
 from probe_design import sweep
 from probe_design.sweeps.file import sweep_from_dict
 from probe_design.sweeps.progress import Progress
-from probe_design.sweeps.results import rows
+from probe_design.sweeps.results import iterate_rows
 from probe_design.sweeps.rows import Job
 
 SCENE = Path(__file__).parents[2] / "examples" / "scene.toml"
@@ -41,10 +41,10 @@ def asked(evaluator: str, n: int) -> dict[str, Any]:
 def bare(evaluator: str, n: int) -> float:
     """Rows a second of a loop without a store."""
     checked = sweep_from_dict(asked(evaluator, n))
-    job, designs = Job.of(checked), [values for _, values in checked.designs()]
-    list(job.pieces(designs[:1]))
+    job, designs = Job.from_sweep(checked), [values for _, values in checked.list_designs()]
+    list(job.evaluate_parts(designs[:1]))
     begin = time.perf_counter()
-    list(job.pieces(designs))
+    list(job.evaluate_parts(designs))
     return n / (time.perf_counter() - begin)
 
 
@@ -55,7 +55,9 @@ def swept(evaluator: str, n: int, workers: int) -> tuple[float, float, float]:
 
         def noted(state: Progress) -> None:
             if state.done and (not states or state.done == n):
-                states.append((time.perf_counter(), time.process_time(), state.done, sum(row["seconds"] for row in rows(folder))))
+                states.append(
+                    (time.perf_counter(), time.process_time(), state.done, sum(row["seconds"] for row in iterate_rows(folder)))
+                )
 
         found = sweep(asked(evaluator, n), folder, workers=workers, progress=noted)
     (begin, idle, few, before), (end, used, _, after) = states[0], states[-1]

@@ -20,7 +20,7 @@ from benchmarks.peers.ngsolve_meridian import evaluate as ngsolve_evaluate
 from benchmarks.peers.ngsolve_settings import ACCURACIES, COARSE, EXACT, FINE, cheapest
 from benchmarks.tables import MeasuredTable
 from geometry.common.arrays import Floats
-from solver.axisymmetric.refinement import LEVELS
+from solver.axisymmetric.refinement import MESH_LEVELS
 
 STEP = 0.01  # relative, of central differences: smaller ones drown in the changes of the mesh
 DIFFERENCED = {"sphere_depth": len(LENGTHS), "tissue.youngs_modulus": len(MATERIALS)}  # and how many variables each stands for
@@ -72,7 +72,7 @@ def evaluations(cases: list[KnownScene], repeats: int, tell: Tell) -> Iterator[M
 def _evaluation(case: KnownScene, accuracy: float, repeats: int, table: MeasuredTable) -> None:
     first = ours.evaluate(case.scene, accuracy)
     mine = typical(partial(ours.evaluate, case.scene, accuracy), repeats)
-    level = next(one for one in LEVELS if case.error(ours.one_mesh(case.scene, one).ratio) <= accuracy)
+    level = next(one for one in MESH_LEVELS if case.error(ours.one_mesh(case.scene, one).ratio) <= accuracy)
     bare = typical(partial(ours.one_mesh, case.scene, level), repeats)
     table.add(case.name, "ours, one mesh", level.order, bare.unknowns, case.error(bare.ratio), None, None, bare.seconds, None)
     for code, answer in (("ours, first", first), ("ours", mine)):

@@ -23,8 +23,8 @@ from rich.table import Table
 from benchmarks.peers.measured import KnownScene, cases
 from geometry.scenes.scene import Load, Scene
 from solver import Result, Workspace, evaluate, evaluate_many
-from solver.linalg.threads import one_thread
-from solver.linalg.workspace import using
+from solver.linalg.threads import limit_to_one_thread
+from solver.linalg.workspace import use_workspace
 
 ASKED = {"closed-form": 0.01, "axisymmetric": 0.005, "auto": 0.01}
 NEAR = 1.25  # factor within which designs are drawn
@@ -70,7 +70,7 @@ def drawn(scene: Scene, rng: np.random.Generator) -> Scene:
 
 def seconds(run: Callable[[], list[Any]], scenes: list[Scene], name: str) -> tuple[float, list[Any]]:
     """Processor time of a run in a workspace that has answered one design of the topology, and its answers."""
-    with using(Workspace()):
+    with use_workspace(Workspace()):
         for gap in (0.99, 0.995):  # twice: the second keeps its factorisations' analyses
             evaluate(with_probe(scenes[0], gap=gap * scenes[0].probe.gap), name, ASKED[name], linear=True)
         begin = time.process_time()
@@ -111,7 +111,7 @@ def main() -> None:
     table = Table(title=f"{case.name}, answers a second of processor time, one thread")
     for heading in ("evaluator", "designs", "loop", "evaluate_many", "ratio", "apart, in errors"):
         table.add_column(heading, justify="left" if heading in ("evaluator", "designs") else "right")
-    with one_thread():
+    with limit_to_one_thread():
         for name in asked.evaluator or ASKED:
             for what, scenes in sets(case, asked.count):
                 table.add_row(*row(name, what, scenes, asked.repeats))

@@ -13,12 +13,12 @@ from geometry import Scene
 from geometry.common.arrays import Floats
 from geometry.meridian.frame import MeridianFineness
 from solver import evaluate as solver_evaluate
-from solver.axisymmetric.base_states import base_states, model
-from solver.axisymmetric.energy_derivatives import variables
-from solver.axisymmetric.gradients import areas, by_section
+from solver.axisymmetric.base_states import build_model, solve_base_states
+from solver.axisymmetric.energy_derivatives import list_variables
+from solver.axisymmetric.gradients import differentiate_areas, differentiate_by_section
 from solver.axisymmetric.level import Axisymmetric
-from solver.axisymmetric.sample import sample
-from solver.axisymmetric.sections import sections
+from solver.axisymmetric.sample import solve_on_mesh
+from solver.axisymmetric.sections import build_sections
 from solver.linalg import cholesky as factor
 
 GROWTH = (1, 2, 4, 8, 16)  # multiples of the coarsest mesh's cells in each direction, at order 4: 4e3 to 1e6 unknowns
@@ -34,9 +34,9 @@ def evaluate(scene: Scene, accuracy: float) -> PeerAnswer:
 
 def one_mesh(scene: Scene, level: MeridianFineness) -> PeerAnswer:
     """Find the ratio on one mesh, without an error estimate."""
-    of = sections(scene)
+    of = build_sections(scene)
     start = PeerClock.now()
-    found = sample(of.section, of, scene, level)
+    found = solve_on_mesh(of.section, of, scene, level)
     inner, outer = found.totals[0]
     ratio = inner / outer * scene.probe.outer_area / scene.probe.inner_area
     unknowns = found.states.model.system.numbering.unknowns
@@ -52,10 +52,10 @@ def curve(scene: Scene, moduli: Floats, accuracy: float) -> RatioCurve:
 
 def gradients(scene: Scene, moduli: Floats, accuracy: float) -> dict[str, Floats]:
     """Find d ln ratio / d ln x along the curve for each variable x of ``designs.VARIABLES``, and what ``curve`` finds."""
-    sample = Axisymmetric().converged(scene, accuracy, moduli).sample
-    logs = by_section(sample).totals - areas(scene, sample.states.model)
+    sample = Axisymmetric().compute_converged(scene, accuracy, moduli).sample
+    logs = differentiate_by_section(sample).totals - differentiate_areas(scene, sample.states.model)
     found = {}
-    for k, name in enumerate(variables(sample.states.model)):
+    for k, name in enumerate(list_variables(sample.states.model)):
         body, _, what = name.partition("_")
         change = logs[:, k, 0] - logs[:, k, 1]
         ratios = {one.name.lower(): material.poisson_ratio for one, material in sample.states.model.materials.items()}
@@ -68,35 +68,35 @@ def gradients(scene: Scene, moduli: Floats, accuracy: float) -> dict[str, Floats
 @contextmanager
 def using(library: str) -> Iterator[None]:
     """Factorise with SuperLU even where PARDISO is installed, or with what is installed."""
-    usual = factor.pardiso
+    usual = factor.load_pardiso
     if library == "SuperLU":
-        factor.pardiso = lambda: None  # type: ignore[assignment]
+        factor.load_pardiso = lambda: None  # type: ignore[assignment]
     try:
         yield
     finally:
-        factor.pardiso = usual
+        factor.load_pardiso = usual
 
 
 def libraries() -> tuple[str, ...]:
     """Names of the libraries that ``using`` can choose."""
-    return ("SuperLU",) if factor.pardiso() is None else ("SuperLU", "PARDISO")
+    return ("SuperLU",) if factor.load_pardiso() is None else ("SuperLU", "PARDISO")
 
 
 def bare_factorisation(scene: Scene, accuracy: float, moduli: Floats | None = None) -> float:
     """Return the processor seconds of factorising the matrix that an evaluation or a curve ends with; its pattern is known."""
-    system = Axisymmetric().converged(scene, accuracy, moduli).sample.states.model.system
+    system = Axisymmetric().compute_converged(scene, accuracy, moduli).sample.states.model.system
     return timed(lambda: factor.factorise(system.matrix, system.numbering.pattern), 15, process_time)[1]
 
 
 def growth(scene: Scene) -> Iterator[PeerAnswer]:
     """Solve on finer and finer meshes whose topologies are known, 1e3 to 1e6 unknowns."""
-    of = sections(scene)
+    of = build_sections(scene)
     areas = scene.probe.outer_area / scene.probe.inner_area
     for fineness in (SMALLEST, *(MeridianFineness(cells, 3, 4) for cells in GROWTH)):
         for _ in range(2):  # the first time numbers the unknowns
             watch = Stopwatch()
-            found = model(of.section, of.materials, scene.contact.interface, fineness)  # type: ignore[arg-type]
+            found = build_model(of.section, of.materials, scene.contact.interface, fineness)  # type: ignore[arg-type]
             watch.lap("assemble and factorise")
-            forces = base_states(found).forces.sum(axis=1)
+            forces = solve_base_states(found).forces.sum(axis=1)
             watch.lap("solve")
         yield PeerAnswer(float(forces[0] / forces[1] * areas), found.system.numbering.unknowns, watch.stages)

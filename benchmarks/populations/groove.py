@@ -18,7 +18,7 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import ProbeError
 from geometry.common.resources import Limits
 from geometry.scenes.scene import Inclusion, Scene
-from probe_design.populations.scan_errors import groove_share
+from probe_design.populations.scan_errors import bound_groove_change
 from solver import evaluate
 from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.results.result import Result
@@ -86,8 +86,8 @@ def drawn(rng: np.random.Generator) -> tuple[Scene, list[Inclusion]]:
 def compared(scene: Scene, bodies: list[Inclusion]) -> Iterator[Compared]:
     """Evaluate both with and without the groove."""
     plain = scene.model_copy(update={"probe": scene.probe.model_copy(update={"groove": None})})
-    base = EquivalentInclusion().alone(plain, 1e-3).films
-    share = groove_share(scene, base.forces)
+    base = EquivalentInclusion().solve_alone(plain, 1e-3).films
+    share = bound_groove_change(scene, base.forces)
 
     def logs(result: Result) -> Floats:
         assert result.ratio is not None

@@ -16,19 +16,19 @@ import numpy as np
 from benchmarks.populations.cases import CASES, case
 from geometry.common.arrays import Floats, Ints
 from probe_design.design_report.judgement_pictures import plot_judgements, plot_levers
-from probe_design.design_report.levers import levers
+from probe_design.design_report.levers import compute_levers
 from probe_design.populations.design_file import Design
-from probe_design.populations.detection import Detector, log_likelihood_ratio, whitened
+from probe_design.populations.detection import Detector, compute_log_likelihood_ratio, whiten
 from probe_design.populations.examination import Examination
-from probe_design.populations.judge import examined, scored
-from probe_design.populations.noise import covariance, film_charges
+from probe_design.populations.judge import examine, score
+from probe_design.populations.noise import build_difference_covariance, compute_film_charges
 
 
 def simulated(scan: Examination, design: Design, scans: int) -> tuple[Floats, Ints]:
     """Return the errors of scans with a blank, part by part, and numbers of the tumours that they are over."""
     rng, noise, readings = np.random.default_rng(2024), design.noise, scan.readings
-    p, forces = readings.positions, np.vstack([np.exp(np.log(readings.blank).mean(axis=0)), readings.over])
-    charges = film_charges(scan.draw.scene, forces)
+    p, forces = readings.positions, np.vstack([np.exp(np.log(readings.blank).mean(axis=0)), readings.mean_forces])
+    charges = compute_film_charges(scan.draw.scene, forces)
     ratio = noise.white * rng.standard_normal((scans, p + 1)) + np.sqrt(2) * noise.gain * rng.standard_normal((scans, 1))
     for film in (0, 1):
         ratio += (1 - 2 * film) * noise.charge / charges[:, film] * rng.standard_normal((scans, p + 1))
@@ -41,12 +41,14 @@ def simulated(scan: Examination, design: Design, scans: int) -> tuple[Floats, In
 def found(scan: Examination, design: Design, scans: int) -> tuple[float, float]:
     """Return the share of simulated scans in which the detector finds the tumour, and of those without one."""
     blank = np.exp(np.log(scan.readings.blank).mean(axis=0))
-    C = covariance(design.noise, design.protocol, scan.draw.scene, blank, over=scan.readings.over)
-    detector = Detector.trained(scan.reference, C, design.protocol.false_alarm)
+    C = build_difference_covariance(
+        design.noise, design.protocol, scan.draw.scene, blank, tumour_forces=scan.readings.mean_forces
+    )
+    detector = Detector.train(scan.reference, C, design.protocol.false_alarm)
     errors, tumour = simulated(scan, design, scans)
     shares = []
     for readings in (errors + scan.readings.signal[tumour], errors):
-        statistic = log_likelihood_ratio(detector.templates, whitened(detector.factor, readings))
+        statistic = compute_log_likelihood_ratio(detector.templates, whiten(detector.factor, readings))
         shares.append(float((statistic > detector.threshold).mean()))
     return shares[0], shares[1]
 
@@ -62,9 +64,9 @@ def main() -> None:
     print("population | scored, s | judged, s (processor) | P formulas | P judged | simulated | alarms | resolved | information")
     for name in [given.only] if given.only else CASES:
         design = case(name)
-        formulas, start, spent = scored(design.scene, design), perf_counter(), process_time()
-        scan = examined(design.scene, design, samples=given.tumours, unseen=True)
-        judgement = scan.judgement(design)
+        formulas, start, spent = score(design.scene, design), perf_counter(), process_time()
+        scan = examine(design.scene, design, samples=given.tumours, unseen=True)
+        judgement = scan.evaluate(design)
         took, spent = perf_counter() - start, process_time() - spent
         simulation, alarms = found(scan, design, given.scans)
         print(
@@ -77,7 +79,7 @@ def main() -> None:
         if given.pictures is not None:
             slug = name.replace(" ", "-")
             plot_judgements([("formulas", formulas), ("judge", judgement)], given.pictures / f"{slug}.png")
-            plot_levers(levers(design.scene, design), "probability to be found", given.pictures / f"{slug}-levers.png")
+            plot_levers(compute_levers(design.scene, design), "probability to be found", given.pictures / f"{slug}-levers.png")
 
 
 if __name__ == "__main__":

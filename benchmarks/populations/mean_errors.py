@@ -15,12 +15,12 @@ from scipy.special import logsumexp
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Load, Scene
-from geometry.scenes.variables import changed
-from probe_design.design_search.question import builtin_design
+from geometry.scenes.variables import replace_values
+from probe_design.design_search.question import read_builtin_design
 from probe_design.populations.design_file import Design
-from probe_design.populations.judge import judged
+from probe_design.populations.judge import verify
 from solver.equivalent_inclusion.level import EquivalentInclusion
-from solver.equivalent_inclusion.readings import readings
+from solver.equivalent_inclusion.readings import compute_readings
 from solver.inclusions.tumours import Tumours
 
 OPTIMUM = {"probe.inner_radius": 6.26e-3, "probe.outer_radius": 8.37e-3, "probe.gap": 0.5e-3, "probe.height": 1.25e-3}
@@ -31,12 +31,12 @@ def optimum(design: Design) -> Scene:
     """Return the built-in scene with the recommended probe under its force."""
     probe = design.scene.probe.model_copy(update={"area_ratio": None, "outer_radius": OPTIMUM["probe.outer_radius"]})
     scene = design.scene.model_copy(update={"probe": probe, "load": Load(force=0.025)})
-    return changed(scene, OPTIMUM | {f"probe.{name}.youngs_modulus": 1e6 for name in ("inner", "outer")})
+    return replace_values(scene, OPTIMUM | {f"probe.{name}.youngs_modulus": 1e6 for name in ("inner", "outer")})
 
 
 def signals(scene: Scene, design: Design, count: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
     """Draw tumours; return ln ratio over them at all positions less that without, (count, p), and film forces without, (2,)."""
-    base = EquivalentInclusion().prepared(scene.model_copy(update={"inclusion": ()}), ACCURACY)
+    base = EquivalentInclusion().prepare(scene.model_copy(update={"inclusion": ()}), ACCURACY)
     p = design.population
     logs = [np.log(one.values) for one in (p.depth, p.diameter, p.object) if one is not None]
     kept = np.empty((0, 3))
@@ -49,7 +49,7 @@ def signals(scene: Scene, design: Design, count: int, rng: np.random.Generator) 
     nu = scene.inclusion[0].poisson_ratio
     nothing = np.zeros((along.size, 1))
     tumours = Tumours(along.reshape(-1, 1), nothing, depth, diameter, modulus, nothing + nu)
-    totals = readings(base, tumours, 0, reflect=True).totals.reshape(*along.shape, 2)
+    totals = compute_readings(base, tumours, 0, reflect=True).totals.reshape(*along.shape, 2)
     return np.log(totals[..., 0] / totals[..., 1]) - np.log(base.films.totals[0] / base.films.totals[1]), base.films.totals
 
 
@@ -81,13 +81,13 @@ def main() -> None:
     parser.add_argument("--samples", type=int, nargs="+", default=[40, 80, 200, 400])
     parser.add_argument("--tumours", type=int, default=400)
     given = parser.parse_args()
-    design = builtin_design()
+    design = read_builtin_design()
     scene = optimum(design)
     print("| tumours | detection | sampling error | model error | both |\n|---|---|---|---|---|")
     for samples in given.samples:
-        one = judged(scene, design, samples=samples)
+        one = verify(scene, design, samples=samples)
         error = one.errors["detection"]
-        print(f"| {samples} | {one.detection:.3f} | {error.sampling:.4f} | {error.model:.4f} | {error.whole:.4f} |", flush=True)
+        print(f"| {samples} | {one.detection:.3f} | {error.sampling:.4f} | {error.model:.4f} | {error.total:.4f} |", flush=True)
     truth, spread = monte_carlo(scene, design, given.tumours)
     print(f"| independent, {given.tumours} | {truth:.3f} | {spread:.4f} | | |")
 

@@ -16,11 +16,11 @@ from scipy.optimize import differential_evolution
 
 from benchmarks.tables import MeasuredTable
 from geometry.common.arrays import Floats
-from probe_design.data.builtin import typical_scenes
-from probe_design.design_search.choices import choose
+from probe_design.data.builtin import read_typical_scenes
+from probe_design.design_search.choices import search_combinations
 from probe_design.design_search.optimize import optimize
-from probe_design.design_search.room import Room, room
-from probe_design.design_search.steered_population import SteeredDesigns
+from probe_design.design_search.room import SearchSpace, build_search_space
+from probe_design.design_search.steered_population import DesignObjective
 from probe_design.populations.design_file import Design, design_from_dict
 
 EVALUATIONS = 3000
@@ -36,7 +36,7 @@ POPULATIONS: dict[str, dict[str, Any]] = {
 
 def design(name: str) -> Design:
     """Return a population's design file; limits of 8 mm and 0.5 N, the ratio alone is read."""
-    scene = typical_scenes()["on-axis"]
+    scene = read_typical_scenes()["on-axis"]
     if "skin" in name:
         skin = {"thickness": 1.44e-3, "youngs_modulus": 56.3e3, "poisson_ratio": 0.45}  # Briot 2022, OSTI 22130565
         tissue = scene.tissue.model_dump(exclude_unset=True) | {"layer": [skin]}
@@ -45,13 +45,13 @@ def design(name: str) -> Design:
     return design_from_dict({"scene": scene, **tables})
 
 
-def evolved(steered: SteeredDesigns, found: Room) -> float:
+def evolved(steered: DesignObjective, found: SearchSpace) -> float:
     """Return the best objective that differential evolution finds in ``EVALUATIONS``; designs beyond constraints are worth 0."""
     space = found.space
 
     def worth(x: Floats) -> float:
         one = np.exp(x)[:, None]
-        return -float(steered.real_values(one, found.start_poisson)[0]) if space.admits(one)[0] else 0.0
+        return -float(steered.evaluate_designs(one, found.start_poisson)[0]) if space.admits(one)[0] else 0.0
 
     bounds = list(zip(np.log(space.low), np.log(space.high), strict=True))
     settings: dict[str, Any] = {"polish": False, "tol": 0.0, "seed": 1, "popsize": MEMBERS // 6}
@@ -64,10 +64,10 @@ def closed_form() -> MeasuredTable:
     table = MeasuredTable(f"closed-form stage against {EVALUATIONS} evaluations of differential evolution", columns)
     for name in POPULATIONS:
         asked = design(name)
-        found = room(asked)
-        steered = SteeredDesigns.of(asked, found.space.outer_radius)
+        found = build_search_space(asked)
+        steered = DesignObjective.from_design(asked, found.space.outer_radius)
         start = perf_counter()
-        mine = choose(steered, found, lambda done, total: None).choices[0].value
+        mine = search_combinations(steered, found, lambda done, total: None).choices[0].value
         middle = perf_counter()
         theirs = evolved(steered, found)
         end = perf_counter()
@@ -82,8 +82,8 @@ def judged() -> MeasuredTable:
     for name in POPULATIONS:
         found = optimize(design(name))
         told = [
-            "-" if one is None else "{:.3f} +- {:.3f}".format(*one.value(found.design))
-            for one in (found.start, found.single, found.found)
+            "-" if one is None else "{:.3f} +- {:.3f}".format(*one.get_objective(found.design))
+            for one in (found.start, found.single, found.best_tried)
         ]
         table.add(name, *told, *(round(one, 3) for one in found.gain), found.seconds["search"], found.seconds["all"])
     return table

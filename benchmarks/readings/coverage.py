@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.readings.faults import AMPLIFIER, FAULTS, FREQUENCY, SENSITIVITY, TRUTH, good
 from hw.common.errors import HardwareError
 from hw.common.samples import Samples
-from hw.signal.measure import carried, measure
+from hw.signal.measure import measure, propagate_covariance
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class FaultOutcome:
 def told(samples: Samples) -> tuple[float, float]:
     """Return the ratio of the charges' parts in phase and its standard deviation. Raises ``HardwareError``."""
     found = measure(samples, AMPLIFIER, round(FREQUENCY), SENSITIVITY)
-    spread = carried(lambda x: x[:1] / x[1:], found.in_phase, found.in_phase_covariance)
+    spread = propagate_covariance(lambda x: x[:1] / x[1:], found.in_phase, found.in_phase_covariance)
     return float(found.in_phase[0] / found.in_phase[1]), float(np.sqrt(spread[0, 0]))
 
 

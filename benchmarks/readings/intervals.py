@@ -20,8 +20,8 @@ from scipy.stats import binomtest
 from benchmarks.readings.cases import cases
 from benchmarks.readings.truths import ReadingCase, ReadingTruth
 from geometry.common.arrays import Floats
-from probe_design.estimation.estimate import accuracy_for, estimate
-from probe_design.estimation.intervals import Likelihood, hulls
+from probe_design.estimation.estimate import choose_accuracy, estimate
+from probe_design.estimation.intervals import Likelihood, compute_hulls
 from probe_design.estimation.model import TargetModel
 from probe_design.estimation.profile import Track
 from probe_design.estimation.readings import Measurements, Reading
@@ -71,9 +71,9 @@ def row_of(truth: ReadingTruth, out: CoverageOutcome, defect: float) -> str:
 
 def fitted(case: ReadingCase, row: Floats) -> Likelihood:
     """Return what `estimate` holds readings against: predictions depend on places, noise and signs, not on values."""
-    data = Measurements.of(readings(case, row))
-    model = TargetModel(case.scene, data, accuracy_for(None, data))
-    return Likelihood(Track.of(model, case.unknown).with_spread(case.nuisances), data.noise)
+    data = Measurements.from_readings(readings(case, row))
+    model = TargetModel(case.scene, data, choose_accuracy(None, data))
+    return Likelihood(Track.from_model(model, case.unknown).add_nuisances(case.nuisances), data.noise)
 
 
 def readings(case: ReadingCase, row: Floats) -> tuple[Reading, ...]:
@@ -111,7 +111,7 @@ def outcome(truth: ReadingTruth, draws: int, seed: int) -> CoverageOutcome:
     case = truth.case
     points, rows = simulated(truth, draws, seed)
     fit, values = fitted(case, rows[0]), np.exp(points[:, 0])
-    found = hulls(fit, rows)
+    found = compute_hulls(fit, rows)
     for row, interval in zip(rows[:ASKED], found, strict=False):
         own = estimate(case.scene, readings(case, row), case.unknown, nuisances=case.nuisances).interval
         if not np.allclose(_numbers(own), _numbers(interval), rtol=1e-3):
@@ -119,7 +119,7 @@ def outcome(truth: ReadingTruth, draws: int, seed: int) -> CoverageOutcome:
     low, high = np.array([_numbers(one) for one in found]).T
     bounded = int((np.isfinite(high) & (low > 0)).sum())
     return CoverageOutcome(
-        int((high < values).sum()), int((low > values).sum()), bounded, int(fit.unexplained(rows).sum()), draws
+        int((high < values).sum()), int((low > values).sum()), bounded, int(fit.find_unexplained(rows).sum()), draws
     )
 
 

@@ -20,9 +20,9 @@ from benchmarks.readings.faults import AMPLIFIER, AMPLITUDES, FREQUENCY, NOISE, 
 from hw.common.samples import Floats
 from hw.reader import Reader
 from hw.recordings.recording import Recording
-from hw.signal.measure import measured
+from hw.signal.measure import build_measurement
 from hw.signal.running import RunningFit
-from hw.simulation.virtual import virtual
+from hw.simulation.virtual import make_virtual_probe
 
 EVERY = 300.0  # s between two lines
 
@@ -50,14 +50,14 @@ def soak(seconds: float, rate: float, path: Path) -> None:
     print(f"{before:.0f} MB before the first sample")
     rows, last, gaps = 0, 0, 0
     notes: tuple[str, ...] = ()
-    with Reader.open(virtual(signals(), rate, channels=3, scale=1e-6)) as reader:
+    with Reader.open(make_virtual_probe(signals(), rate, channels=3, scale=1e-6)) as reader:
         for block in reader.blocks(seconds, path):
             running.add(block)
             rows, last, gaps, notes = rows + len(block), int(block.index[-1]), gaps + len(block.gaps), block.notes
             if last / rate >= shown + EVERY:
                 shown = last / rate
                 print(f"{shown:6.0f} s of samples after {time.monotonic() - begun:4.0f} s: {memory():.0f} MB", flush=True)
-    found = measured(running.fit(), running.losses, AMPLIFIER, SENSITIVITY)
+    found = build_measurement(running.fit(), running.losses, AMPLIFIER, SENSITIVITY)
     off = abs(found.charges * AMPLIFIER.response(found.fit.frequency)) / np.abs(AMPLITUDES[:2]) - 1
     spread = np.sqrt(np.diag(found.covariance)[::2]) / abs(found.charges)
     print(f"{rows} rows of {last + 1}, {gaps} gaps; the process held {memory():.0f} MB at most")
@@ -81,7 +81,7 @@ def verb(seconds: float, rate: float, path: Path) -> None:
 def told_by(path: Path) -> str:
     """Return how many bytes of frames a recording holds, and whether it was cut."""
     recording = Recording(path)
-    size = sum(len(chunk.data) for chunk in recording.chunks())
+    size = sum(len(chunk.data) for chunk in recording.read_chunks())
     return f"{recording.cut is not None}, frames {size / 1e6:.0f} MB"
 
 

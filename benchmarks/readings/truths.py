@@ -18,8 +18,8 @@ from numpy.polynomial import chebyshev
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Placement, Scene
-from geometry.scenes.variables import changed, values
-from probe_design.estimation.model import OF_TARGET
+from geometry.scenes.variables import list_values, replace_values
+from probe_design.estimation.model import TARGET_UNKNOWNS
 from solver import evaluator
 
 REACH_SD = 3.0  # of a nuisance: beyond it lie 0.3 % of the draws, which are drawn again
@@ -76,7 +76,7 @@ class ReadingCase:
     @property
     def key(self) -> str:
         """Of the unknown among the scene's numbers."""
-        return f"inclusion.{self.unknown}" if self.unknown in OF_TARGET else self.unknown
+        return f"inclusion.{self.unknown}" if self.unknown in TARGET_UNKNOWNS else self.unknown
 
     @property
     def box(self) -> list[tuple[float, float, int]]:
@@ -91,9 +91,9 @@ class ReadingCase:
 
     def scene_at(self, point: Sequence[float]) -> Scene:
         """Return the scene at a point of the box."""
-        told, priors = values(self.scene), self.nuisances.items()
+        told, priors = list_values(self.scene), self.nuisances.items()
         new = {name: told[name] * math.exp(sd * eta) for (name, sd), eta in zip(priors, point[1:], strict=True)}
-        return changed(self.scene, new | {self.key: math.exp(point[0])})
+        return replace_values(self.scene, new | {self.key: math.exp(point[0])})
 
     def readings(self, point: Sequence[float], moduli: Floats | None = None) -> Floats:
         """Return ln ratio of each press, then ln stiffness of those whose stiffness is read, shape (n, k).

@@ -19,7 +19,7 @@ from scipy.spatial import KDTree
 
 from benchmarks.references.outline import Refinement
 from geometry import Inclusion, Material, Scene
-from geometry.scenes.fit import semi_axes
+from geometry.scenes.fit import compute_semi_axes
 
 LAYER = 0.125  # thickness of the layer of elements at the rims, over that of the elements it is cut from
 FLAT = 1e-4  # more than the margins of the shapes' bounding boxes, less than their sizes
@@ -69,12 +69,12 @@ def surface_points(body: Inclusion, unit: float, count: int = 6000) -> np.ndarra
     k = np.arange(count) + 0.5
     z, angle = 1 - 2 * k / count, k * math.pi * (1 + math.sqrt(5))
     sphere = np.stack([np.sqrt(1 - z**2) * np.cos(angle), np.sqrt(1 - z**2) * np.sin(angle), z])
-    return np.asarray((np.array(semi_axes(body)) @ sphere).T + np.array([body.x, 0.0, -body.depth])) / unit
+    return np.asarray((np.array(compute_semi_axes(body)) @ sphere).T + np.array([body.x, 0.0, -body.depth])) / unit
 
 
 def tumour(body: Inclusion, unit: float) -> Any:
     """Return an ellipsoid as a shape, in inner radii."""
-    axes, centre = np.array(semi_axes(body)) / unit, occ.Pnt(body.x / unit, 0.0, -body.depth / unit)
+    axes, centre = np.array(compute_semi_axes(body)) / unit, occ.Pnt(body.x / unit, 0.0, -body.depth / unit)
     radii = np.linalg.norm(axes, axis=0)
     if body.diameter is not None:
         return occ.Sphere(centre, float(radii[0]))

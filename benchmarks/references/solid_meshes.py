@@ -10,7 +10,15 @@ import numpy as np
 from netgen.occ import Box, Cylinder, Glue, OCCGeometry, Pnt, Sphere, Z
 from ngsolve import Mesh
 
-from geometry.tetra.tet_mesh import BEYOND, EDGES, GROOVE, INCLUSION, INNER, OUTER, TISSUE
+from geometry.tetra.tet_mesh import (
+    BEYOND_BODY,
+    EDGE_CORNERS,
+    FIRST_INCLUSION_BODY,
+    GROOVE_BODY,
+    INNER_BODY,
+    OUTER_BODY,
+    TISSUE_BODY,
+)
 
 MESHES = Path(__file__).parents[2] / "tests" / "meshes"
 HALF = Box(Pnt(-500, 0, -500), Pnt(500, 500, 500))
@@ -23,8 +31,13 @@ def probe() -> Any:
     sphere = Sphere(Pnt(3, 0, -6), 2.5)
     tissue = Cylinder((0, 0, -16), Z, 16, 16)
     beyond = Cylinder((0, 0, -16), Z, 20, 16) - tissue
-    bodies = {INNER: Cylinder((0, 0, 0), Z, 4, 3), OUTER: tube - groove, GROOVE: groove, TISSUE: tissue - sphere}
-    shape = Glue(list(_named({**bodies, BEYOND: beyond, INCLUSION: sphere})))
+    bodies = {
+        INNER_BODY: Cylinder((0, 0, 0), Z, 4, 3),
+        OUTER_BODY: tube - groove,
+        GROOVE_BODY: groove,
+        TISSUE_BODY: tissue - sphere,
+    }
+    shape = Glue(list(_named({**bodies, BEYOND_BODY: beyond, FIRST_INCLUSION_BODY: sphere})))
     for edge in shape.edges:
         low, high = edge.bounding_box
         if max(abs(low.z), abs(high.z)) < 1e-6 and max(abs(low.x), abs(high.x)) < 6.01:
@@ -36,14 +49,14 @@ def _named(bodies: dict[int, Any]) -> Iterable[Any]:
     for label, body in bodies.items():
         for part in (body * HALF).solids:
             part.mat(str(label))
-            part.maxh = 100 if label in (TISSUE, BEYOND) else 2
+            part.maxh = 100 if label in (TISSUE_BODY, BEYOND_BODY) else 2
             yield part
 
 
 def cylinder(size: float) -> Any:
     """A cylinder of unit radius and height, finer at its two edges."""
     shape = Cylinder((0, 0, 0), Z, 1, 1)
-    shape.mat(str(TISSUE))
+    shape.mat(str(TISSUE_BODY))
     for edge in shape.edges:
         low, high = edge.bounding_box
         if abs(low.z - high.z) < 1e-6:
@@ -71,7 +84,7 @@ def write(name: str, shape: Any, size: float, unit: float = 1.0, half: bool = Fa
 def _vtk(points: Any, elements: Any) -> Any:
     """Netgen's corners turned to the right hand, and its middles sorted to VTK's edges by where they are."""
     corners = elements[:, [0, 2, 1, 3]]
-    away = points[corners][:, EDGES].mean(axis=2)[:, :, None] - points[elements[:, 4:]][:, None]
+    away = points[corners][:, EDGE_CORNERS].mean(axis=2)[:, :, None] - points[elements[:, 4:]][:, None]
     nearest = np.linalg.norm(away, axis=3).argmin(axis=2)
     return np.hstack([corners, np.take_along_axis(elements[:, 4:], nearest, axis=1)])
 

@@ -18,12 +18,12 @@ from rich.console import Console
 
 from benchmarks.tables import MeasuredTable
 from geometry import Scene, read_scene
-from geometry.common.resources import Limits, limited
+from geometry.common.resources import Limits, use_limits
 from geometry.scenes.scene import Layer
-from geometry.tetra.cache import FOLDER
+from geometry.tetra.cache import CACHE_VARIABLE
 from solver.linalg.workspace import Workspace
 from solver.results.result import Result
-from solver.solid.level import SolidLevel
+from solver.solid.level import SolidEvaluator
 
 SCENE = Path(__file__).parents[2] / "tests" / "reference" / "solid" / "flank.toml"
 SKIN = Layer(thickness=1.5e-3, youngs_modulus=3e4, poisson_ratio=0.45)
@@ -69,10 +69,10 @@ def processor() -> float:
     return sum(one.ru_utime + one.ru_stime for one in used)
 
 
-def answered(level: SolidLevel, scene: Scene, accuracy: float, cache: Path | None) -> tuple[Result, float]:
-    with limited(Limits(seconds=3600.0)), tempfile.TemporaryDirectory() as empty:
+def answered(level: SolidEvaluator, scene: Scene, accuracy: float, cache: Path | None) -> tuple[Result, float]:
+    with use_limits(Limits(seconds=3600.0)), tempfile.TemporaryDirectory() as empty:
         if cache is None:
-            os.environ[FOLDER] = empty
+            os.environ[CACHE_VARIABLE] = empty
         start = processor()
         return level.evaluate(scene, accuracy), processor() - start
 
@@ -84,7 +84,7 @@ def main() -> None:
     parser.add_argument("--cache", type=Path)
     given = parser.parse_args()
     if given.cache is not None:
-        os.environ[FOLDER] = str(given.cache)
+        os.environ[CACHE_VARIABLE] = str(given.cache)
     scene, name, console = read_scene(given.scene), given.scene.stem, Console(width=150)
     measured(scene, changes(scene), given.accuracy, name, given.cache).print(console)
     if not scene.tissue.layer:
@@ -92,14 +92,14 @@ def main() -> None:
 
 
 def measured(scene: Scene, others: Iterable[tuple[str, Scene]], accuracy: float, name: str, cache: Path | None) -> MeasuredTable:
-    shared = SolidLevel(workspace=Workspace())
+    shared = SolidEvaluator(workspace=Workspace())
     table = MeasuredTable(f"{name} at accuracy {accuracy:g}", COLUMNS)
     first, seconds = answered(shared, scene, accuracy, cache)
     table.add("the first scene", seconds, None, None, first.error_estimate, peak())
     for what, changed in others:
         print(f"{what} ...", file=sys.stderr, flush=True)
         after, quick = answered(shared, changed, accuracy, cache)
-        alone, slow = answered(SolidLevel(workspace=Workspace()), changed, accuracy, cache)
+        alone, slow = answered(SolidEvaluator(workspace=Workspace()), changed, accuracy, cache)
         apart = abs((after.ratio or 0.0) / (alone.ratio or 1.0) - 1)
         print(what, slow, quick, apart, after.error_estimate, peak(), file=sys.stderr, flush=True)
         table.add(what, slow, quick, apart, after.error_estimate, peak())

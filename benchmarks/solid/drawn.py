@@ -21,10 +21,10 @@ from benchmarks.levels.inclusion_draws import DrawnScene, draw, draw_layered
 from benchmarks.solid.changes import processor
 from benchmarks.tables import MeasuredTable
 from geometry import Refusal, Scene, SolveError
-from geometry.common.resources import LimitReached, Limits, limited
+from geometry.common.resources import LimitReached, Limits, use_limits
 from solver import evaluate
 from solver.results.result import Result
-from solver.solid.level import SolidLevel
+from solver.solid.level import SolidEvaluator
 
 COLUMNS = ("scene", "accuracy", "true, error", "stated, error", "worst share", "log-sensitivity, share", "meshes", "processor, s")
 QUANTITIES = "ratio", "stress_inner", "stress_outer", "stiffness"
@@ -88,16 +88,16 @@ def _usual(drawn: DrawnScene) -> DrawnScene:
 
 def rows(scene: Scene, judge: str, accuracies: list[float]) -> Iterator[tuple[Any, ...]]:
     try:
-        with limited(Limits(seconds=60.0)):
+        with use_limits(Limits(seconds=60.0)):
             true = evaluate(scene, judge, TRUE[judge])
         if true.error_estimate is None or true.error_estimate > 2 * TRUE[judge]:
             return
         for accuracy in accuracies:
             meshes, start = list[str](), processor()
-            with limited(Limits(seconds=90.0)):
-                level = SolidLevel(tell=meshes.append)
-                forces = level.solved(scene, accuracy)
-                found = level.answer_of(scene, forces, accuracy).result(level.name, scene, 0.0)
+            with use_limits(Limits(seconds=90.0)):
+                level = SolidEvaluator(tell=meshes.append)
+                forces = level.solve_forces(scene, accuracy)
+                found = level.build_answer(scene, forces, accuracy).build_result(level.name, scene, 0.0)
             seconds = processor() - start
             every = shares(found, true, forces.films[0].sensitivity_error)
             yield (accuracy, *every, sum(text.startswith("solving") for text in meshes), seconds)

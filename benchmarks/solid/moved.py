@@ -22,10 +22,10 @@ from benchmarks.solid.changes import processor, with_first
 from benchmarks.tables import MeasuredTable
 from geometry import Refusal, Scene
 from geometry.common.errors import InputError
-from geometry.common.resources import Limits, limited
-from geometry.tetra.cache import FOLDER
+from geometry.common.resources import Limits, use_limits
+from geometry.tetra.cache import CACHE_VARIABLE
 from solver.linalg.workspace import Workspace
-from solver.solid.level import SolidLevel
+from solver.solid.level import SolidEvaluator
 
 COLUMNS = ("scene", "from", "true, error", "stated, error", "log-sensitivity, error", "processor, s", "meshes")
 
@@ -63,9 +63,9 @@ def starts(scene: Scene, by: float) -> Iterator[tuple[str, Scene]]:
 
 
 def row(scene: Scene, start: Scene, known: dict[str, float], accuracy: float) -> Iterator[Any]:
-    with tempfile.TemporaryDirectory() as empty, limited(Limits(seconds=3600.0)):
-        os.environ[FOLDER] = empty
-        level = SolidLevel(workspace=Workspace())
+    with tempfile.TemporaryDirectory() as empty, use_limits(Limits(seconds=3600.0)):
+        os.environ[CACHE_VARIABLE] = empty
+        level = SolidEvaluator(workspace=Workspace())
         try:
             level.evaluate(start, accuracy)
         except Refusal as fault:

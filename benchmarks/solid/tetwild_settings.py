@@ -23,14 +23,14 @@ from geometry import Scene
 from geometry.common.child_process import Failure
 from geometry.common.errors import SolveError
 from geometry.tetra import mesher
-from geometry.tetra.check import check, largest_error
-from geometry.tetra.layout import body_layout, extent
-from geometry.tetra.sizing import COARSE, ROUGH, TetraFineness
-from solver.axisymmetric.converged_forces import converged_forces
+from geometry.tetra.check import check_mesh, find_max_error
+from geometry.tetra.layout import build_layout, find_extent
+from geometry.tetra.sizing import COARSE_FINENESS, ROUGH_FINENESS, TetraFineness
+from solver.axisymmetric.converged_forces import compute_converged_forces
 from solver.solid.difference import difference
-from solver.solid.domain import domain, reach
+from solver.solid.domain import choose_domain, compute_reach
 
-FINENESS = {"rough": ROUGH, "coarse": COARSE}
+FINENESS = {"rough": ROUGH_FINENESS, "coarse": COARSE_FINENESS}
 SIZES = "rim", "block", "wall", "sphere", "layer", "growth"
 SETTINGS: Mapping[str, tuple[dict[str, float], float]] = {  # constants of the mesher, and a factor on all sizes
     "as it is": ({}, 1.0),
@@ -46,15 +46,15 @@ SETTINGS: Mapping[str, tuple[dict[str, float], float]] = {  # constants of the m
 
 
 def trials(scene: Scene, fineness: TetraFineness, true: float) -> Iterator[tuple[Any, ...]]:
-    of = domain(scene, reach(scene), None)
-    layout = body_layout(of.scene, of.half, extent(of.scene, None), of.radius)
-    exact = converged_forces(of.reference, 1e-4).films[0].forces
+    of = choose_domain(scene, compute_reach(scene), None)
+    layout = build_layout(of.scene, of.half, find_extent(of.scene, None), of.radius)
+    exact = compute_converged_forces(of.reference, 1e-4).films[0].forces
     for name, (constants, factor) in SETTINGS.items():
         sizes = replace(fineness, **{key: factor * getattr(fineness, key) for key in SIZES})
         with ExitStack() as stack:
             for constant, value in constants.items():
                 stack.enter_context(patch.object(mesher, constant, value))
-            chosen, start = mesher.NETGEN if name == "netgen" else mesher.TETWILD, processor()
+            chosen, start = mesher.NETGEN_MESHER if name == "netgen" else mesher.TETWILD_MESHER, processor()
             try:
                 mesh = chosen.trial(layout, sizes, 0)
             except (SolveError, Failure) as fault:
@@ -62,14 +62,21 @@ def trials(scene: Scene, fineness: TetraFineness, true: float) -> Iterator[tuple
                 continue
         seconds, passed = processor() - start, "passed"
         try:
-            check(mesh, layout)
+            check_mesh(mesh, layout)
             found, _ = difference(of, mesh)
         except SolveError as fault:
-            yield name, seconds, len(mesh.elements), largest_error(mesh, layout), None, str(fault)[:60]
+            yield name, seconds, len(mesh.elements), find_max_error(mesh, layout), None, str(fault)[:60]
             continue
         inner, outer = (exact + found.forces[0]).sum(axis=1)
         off = abs(float(inner / outer) * scene.probe.outer_area / scene.probe.inner_area / true - 1)
-        yield name, seconds, len(mesh.elements), largest_error(mesh, layout), off, f"{passed}, quality {np.min(mesh.quality):.2f}"
+        yield (
+            name,
+            seconds,
+            len(mesh.elements),
+            find_max_error(mesh, layout),
+            off,
+            f"{passed}, quality {np.min(mesh.quality):.2f}",
+        )
 
 
 def main() -> None:

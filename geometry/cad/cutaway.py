@@ -9,31 +9,31 @@ import numpy as np
 
 from geometry.cad import solids
 
-ELEVATION, AZIMUTH = 22.0, -50.0  # of the eye, in degrees; it looks into the missing quarter
+VIEW_ELEVATION_DEG, VIEW_AZIMUTH_DEG = 22.0, -50.0  # of the eye, in degrees; it looks into the missing quarter
 
 
-def draw(axes: Any, shapes: dict[str, Any], hole: float) -> None:
+def draw_cutaway(axes: Any, shapes: dict[str, Any], hole: float) -> None:
     """Draw the assembly without its quarter x > 0, y < 0, from whose side the eye looks; ``hole`` is the tube's hole radius."""
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-    up, turn = math.radians(ELEVATION), math.radians(AZIMUTH)
-    eye = np.array([math.cos(up) * math.cos(turn), math.cos(up) * math.sin(turn), math.sin(up)])
-    low, high = _bounds(shapes["base"], shapes["inner"], shapes["outer"])
+    elevation, azimuth = math.radians(VIEW_ELEVATION_DEG), math.radians(VIEW_AZIMUTH_DEG)
+    eye = np.array([math.cos(elevation) * math.cos(azimuth), math.cos(elevation) * math.sin(azimuth), math.sin(elevation)])
+    low, high = _find_bounds(shapes["base"], shapes["inner"], shapes["outer"])
     for name, solid in shapes.items():
-        triangles = _triangles(_without_quarter(solid, high), float(np.max(high - low)) / 30)
+        triangles = _triangulate(_cut_quarter(solid, high), float(np.max(high - low)) / 30)
         normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-        layers = np.where(normals @ eye > 0, _layers(name, triangles, normals, hole), -1)
+        layers = np.where(normals @ eye > 0, _order_layers(name, triangles, normals, hole), -1)
         light = 0.6 + 0.4 * np.clip(normals @ np.array([0.15, -0.6, 0.79]), 0, 1)
-        colours = light[:, None] * np.array(solids.COLOURS[name])
+        colours = light[:, None] * np.array(solids.PART_COLOURS[name])
         for layer in range(int(layers.max()) + 1):
             chosen = layers == layer
             faces = Poly3DCollection(triangles[chosen], facecolors=colours[chosen], antialiaseds=False, zorder=layer)
             axes.add_collection3d(faces)
-    _look(axes, low, high)
+    _set_view(axes, low, high)
 
 
-def _layers(name: str, triangles: Any, normals: Any, hole: float) -> Any:
+def _order_layers(name: str, triangles: Any, normals: Any, hole: float) -> Any:
     """Return the order of painting of each triangle, since sorting by depth fails where parts are a thin gap apart.
 
     Seen from outside and above, through the missing quarter: walls that face the axis are hidden by everything, then
@@ -45,35 +45,35 @@ def _layers(name: str, triangles: Any, normals: Any, hole: float) -> Any:
     layers = np.full(len(triangles), {"inner": 1, "film-inner": 1, "outer": 2, "film-outer": 2, "base": 3}[name])
     layers[(outward > 0.9) & (radius < hole)] = 1
     layers[(outward < -0.9) | ((outward < 0) & (normals[:, 2] < -1e-6))] = 0  # a hole's round edge looks down, too
-    near = 1e-9 * hole
-    layers[((np.abs(y) < near) & (x > 0)) | ((np.abs(x) < near) & (y < 0))] = 4
+    tolerance = 1e-9 * hole
+    layers[((np.abs(y) < tolerance) & (x > 0)) | ((np.abs(x) < tolerance) & (y < 0))] = 4
     return layers
 
 
-def _look(axes: Any, low: Any, high: Any) -> None:
+def _set_view(axes: Any, low: Any, high: Any) -> None:
     width, _, height = span = high - low
-    up = math.radians(ELEVATION)
-    tall = height * math.cos(up) + width * math.sin(up)
+    elevation = math.radians(VIEW_ELEVATION_DEG)
+    tall = height * math.cos(elevation) + width * math.sin(elevation)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set_box_aspect(span, zoom=float(np.linalg.norm(span)) * min(0.92 / tall, 0.93 / width))
     axes.set_proj_type("ortho")
-    axes.view_init(ELEVATION, AZIMUTH)
+    axes.view_init(VIEW_ELEVATION_DEG, VIEW_AZIMUTH_DEG)
     axes.computed_zorder = False
     axes.set_axis_off()
 
 
-def _bounds(*shapes: Any) -> tuple[Any, Any]:
+def _find_bounds(*shapes: Any) -> tuple[Any, Any]:
     boxes = [shape.BoundingBox() for shape in shapes]
     low = np.min([(box.xmin, box.ymin, box.zmin) for box in boxes], axis=0)
     return low, np.max([(box.xmax, box.ymax, box.zmax) for box in boxes], axis=0)
 
 
-def _without_quarter(solid: Any, high: Any) -> Any:
-    cq, (x, y, z) = solids.cadquery(), 2 * high
-    return solids.built("drawing", lambda: solid.cut(cq.Solid.makeBox(x, y, 2 * z, cq.Vector(0, -y, -z / 2))))
+def _cut_quarter(solid: Any, high: Any) -> Any:
+    cq, (x, y, z) = solids.load_cadquery(), 2 * high
+    return solids.call_modeller("drawing", lambda: solid.cut(cq.Solid.makeBox(x, y, 2 * z, cq.Vector(0, -y, -z / 2))))
 
 
-def _triangles(shape: Any, longest: float) -> Any:
+def _triangulate(shape: Any, longest: float) -> Any:
     """Return triangles (n, 3, 3) in mm, halved across their longest edge until none is longer than ``longest``."""
     vertices, faces = shape.tessellate(longest / 20, 0.15)
     triangles = np.array([vertex.toTuple() for vertex in vertices])[np.array(faces)]

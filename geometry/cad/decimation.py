@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
-MANY = 20_000  # triangles up to which pytetwild takes no longer than for a thousand
-FEW = 10_000
-WITHIN = 0.005  # of half the least side of the box around a surface: how far fewer triangles may lie from it
+MAX_DIRECT_TRIANGLES = 20_000  # triangles up to which pytetwild takes no longer than for a thousand
+DECIMATED_TRIANGLES = 10_000
+MAX_RELATIVE_DISTANCE = 0.005  # of half the least side of the box around a surface: how far fewer triangles may lie from it
 
 
-def decimated(surface: Any) -> tuple[Any, float] | None:
+def decimate(surface: Any) -> tuple[Any, float] | None:
     """Decimate a surface of more than ``MAX_DIRECT_TRIANGLES`` triangles to ``DECIMATED_TRIANGLES``.
 
     Quadric error metrics: M. Garland, P. S. Heckbert, Proc. SIGGRAPH 1997, 209-216.
@@ -22,24 +22,24 @@ def decimated(surface: Any) -> tuple[Any, float] | None:
         Fewer triangles and how far they are from surface, see ``hausdorff_distance``; None where there are not so many, or where
         fewer do not stay within ``MAX_RELATIVE_DISTANCE``, or are open where the surface is closed.
     """
-    if surface.n_cells <= MANY:
+    if surface.n_cells <= MAX_DIRECT_TRIANGLES:
         return None
-    few = surface.decimate(1 - FEW / surface.n_cells)
+    fewer = surface.decimate(1 - DECIMATED_TRIANGLES / surface.n_cells)
     low_x, high_x, low_y, high_y, low_z, high_z = surface.bounds
-    allowed = WITHIN * min(high_x - low_x, high_y - low_y, high_z - low_z) / 2
-    if few.n_cells == 0 or (surface.is_manifold and not few.is_manifold):
+    allowed = MAX_RELATIVE_DISTANCE * min(high_x - low_x, high_y - low_y, high_z - low_z) / 2
+    if fewer.n_cells == 0 or (surface.is_manifold and not fewer.is_manifold):
         return None
-    off = apart(surface, few)
-    return (few, off) if off <= allowed else None
+    distance = hausdorff_distance(surface, fewer)
+    return (fewer, distance) if distance <= allowed else None
 
 
-def apart(surface: Any, few: Any) -> float:
+def hausdorff_distance(surface: Any, fewer: Any) -> float:
     """Hausdorff's distance of two surfaces, seen from the corners of the first and some dozen points a triangle of the second."""
     from vtkmodules.vtkFiltersModeling import vtkHausdorffDistancePointSetFilter
 
     measure = vtkHausdorffDistancePointSetFilter()
     measure.SetTargetDistanceMethodToPointToCell()
     measure.SetInputData(0, surface)
-    measure.SetInputData(1, few.subdivide_adaptive(max_edge_len=math.sqrt(few.area / few.n_cells) / 2))
+    measure.SetInputData(1, fewer.subdivide_adaptive(max_edge_len=math.sqrt(fewer.area / fewer.n_cells) / 2))
     measure.Update()
     return float(measure.GetHausdorffDistance())

@@ -8,23 +8,23 @@ from typing import Any
 import numpy as np
 
 from geometry.cad import cutaway, solids
-from geometry.cad.materials import part_materials
-from geometry.common.files import written_whole
-from geometry.provenance.texts import picture_metadata
+from geometry.cad.materials import find_part_materials
+from geometry.common.files import write_whole
+from geometry.provenance.texts import build_picture_metadata
 from geometry.scenes.base_sizes import assumed_sizes, base_sizes, has_flange
 from geometry.scenes.probe import Probe
 
-ASSUMED = "*"  # behind dimensions that the scene does not give
-DIAMETER = "\N{LATIN CAPITAL LETTER O WITH STROKE}"
+ASSUMED_MARK = "*"  # behind dimensions that the scene does not give
+DIAMETER_SIGN = "\N{LATIN CAPITAL LETTER O WITH STROKE}"
 Points = list[tuple[float, float]]
-SHEET = (16.0, 9.0)  # inches
-PANEL = (0.025, 0.05, 0.56, 0.86)  # the section's place on the sheet: left, bottom, width, height
-CHORDS = 32  # that are drawn for a round edge
-LEVEL = 0.34  # inches between two dimension lines
-HATCHES = {"inner": "//", "outer": "\\\\", "film-inner": "xxxx", "film-outer": "xxxx", "base": "/"}
+SHEET_SIZE_INCH = (16.0, 9.0)  # inches
+SECTION_PANEL = (0.025, 0.05, 0.56, 0.86)  # the section's place on the sheet: left, bottom, width, height
+CHORDS_PER_ARC = 32  # that are drawn for a round edge
+DIMENSION_SPACING_INCH = 0.34  # inches between two dimension lines
+HATCH_OF_PART = {"inner": "//", "outer": "\\\\", "film-inner": "xxxx", "film-outer": "xxxx", "base": "/"}
 
 
-def draw(probe: Probe, path: Path, edge_radius: float = 0.0) -> Path:
+def draw_probe(probe: Probe, path: Path, edge_radius: float = 0.0) -> Path:
     """Write the drawing of the probe as a PNG of 2400 x 1350 pixels, dimensions in mm; returns ``path``.
 
     Args:
@@ -36,137 +36,168 @@ def draw(probe: Probe, path: Path, edge_radius: float = 0.0) -> Path:
         ExportError, InputError, MissingLibrary: see ``solids.build_parts``.
         OSError: the file cannot be written.
     """
-    shapes = solids.parts(probe, edge_radius)
+    shapes = solids.build_parts(probe, edge_radius)
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=SHEET, dpi=150, facecolor="white")
+    figure = Figure(figsize=SHEET_SIZE_INCH, dpi=150, facecolor="white")
     FigureCanvasAgg(figure)
     plane = "its axis" if probe.groove is None else "the groove's plane"
-    star = f"; {ASSUMED} assumed: not in the scene" if assumed_sizes(probe) else ""
+    star = f"; {ASSUMED_MARK} assumed: not in the scene" if assumed_sizes(probe) else ""
     figure.text(0.03, 0.955, f"Tactile probe: section through {plane} (y = 0)", fontsize=15, weight="bold")
     figure.text(0.03, 0.93, f"dimensions in mm; tissue below, at z = 0{star}", fontsize=10)
-    _section(figure.add_axes(PANEL), probe, edge_radius)
-    _detail(figure.add_axes((0.60, 0.07, 0.16, 0.31)), probe, edge_radius)
-    for line, (text, colour) in enumerate(_notes(probe, edge_radius)):
+    _draw_section(figure.add_axes(SECTION_PANEL), probe, edge_radius)
+    _draw_detail(figure.add_axes((0.60, 0.07, 0.16, 0.31)), probe, edge_radius)
+    for line, (text, colour) in enumerate(_build_notes(probe, edge_radius)):
         figure.text(0.785, 0.37 - 0.028 * line, "\N{BLACK SQUARE}", fontsize=13, va="center", color=colour or "none")
         figure.text(0.798, 0.37 - 0.028 * line, text, fontsize=9, va="center")
-    cutaway.draw(figure.add_axes((0.57, 0.40, 0.43, 0.58), projection="3d"), shapes, probe.hole_radius * solids.MM)
-    with written_whole(Path(path)) as draft:
-        figure.savefig(draft, format="png", metadata=picture_metadata("png"))
+    cutaway.draw_cutaway(figure.add_axes((0.57, 0.40, 0.43, 0.58), projection="3d"), shapes, probe.hole_radius * solids.MM_PER_M)
+    with write_whole(Path(path)) as draft:
+        figure.savefig(draft, format="png", metadata=build_picture_metadata("png"))
     return Path(path)
 
 
-def outlines(probe: Probe, edge_radius: float = 0.0) -> dict[str, list[Points]]:
+def section_outlines(probe: Probe, edge_radius: float = 0.0) -> dict[str, list[Points]]:
     """Return polygons (x, z) in mm in which plane y = 0 cuts each part; round edges (radius in m) by ``CHORDS_PER_ARC`` each."""
-    mm, t, groove = solids.MM, solids.film_thickness(probe) * solids.MM, probe.groove
-    r2, ri, ro, h2, h1 = _sizes(probe)
+    mm, t, groove = solids.MM_PER_M, solids.film_thickness(probe) * solids.MM_PER_M, probe.groove
+    r2, ri, ro, h2, h1 = _lengths_mm(probe)
     ends, edge = (h1, h1) if groove is None else (h1, h1 - groove.depth * mm), edge_radius * mm
-    films = [_box(-ro, -ri, h1, h1 + t)] + ([_box(ri, ro, h1, h1 + t)] if groove is None else [])
+    films = [_box_outline(-ro, -ri, h1, h1 + t)] + ([_box_outline(ri, ro, h1, h1 + t)] if groove is None else [])
     sizes, middle = base_sizes(probe), (r2 + ri) / 2
-    rf, under = sizes.flange_radius * mm, max(h1, h2) + t + sizes.step_height * mm
-    side = [(middle, h2 + t), (middle, h1 + t), (ro, h1 + t), (ro, under), (rf, under), (rf, under + sizes.thickness * mm)]
+    rf, flange_bottom = sizes.flange_radius * mm, max(h1, h2) + t + sizes.step_height * mm
+    side = [
+        (middle, h2 + t),
+        (middle, h1 + t),
+        (ro, h1 + t),
+        (ro, flange_bottom),
+        (rf, flange_bottom),
+        (rf, flange_bottom + sizes.thickness * mm),
+    ]
     return {
-        "inner": [_block(-r2, r2, h2, edge)],
-        "outer": [_block(-ro, -ri, ends[0], edge), _block(ri, ro, ends[1], edge)],
-        **({} if probe.film is None else {"film-inner": [_box(-r2, r2, h2, h2 + t)], "film-outer": films}),
+        "inner": [_block_outline(-r2, r2, h2, edge)],
+        "outer": [_block_outline(-ro, -ri, ends[0], edge), _block_outline(ri, ro, ends[1], edge)],
+        **({} if probe.film is None else {"film-inner": [_box_outline(-r2, r2, h2, h2 + t)], "film-outer": films}),
         "base": [side + [(-x, z) for x, z in reversed(side)]],
     }
 
 
-def _sizes(probe: Probe) -> tuple[float, float, float, float, float]:
+def _lengths_mm(probe: Probe) -> tuple[float, float, float, float, float]:
     lengths = (probe.inner_radius, probe.hole_radius, probe.tube_radius, probe.core_height, probe.tube_height)
-    return tuple(length * solids.MM for length in lengths)  # type: ignore[return-value]
+    return tuple(length * solids.MM_PER_M for length in lengths)  # type: ignore[return-value]
 
 
-def _box(left: float, right: float, bottom: float, top: float) -> Points:
+def _box_outline(left: float, right: float, bottom: float, top: float) -> Points:
     return [(left, bottom), (right, bottom), (right, top), (left, top)]
 
 
-def _block(left: float, right: float, top: float, edge: float) -> Points:
+def _block_outline(left: float, right: float, top: float, edge: float) -> Points:
     """A box on z = 0 whose lower corners are arcs, from left to right, where ``edge`` is not 0."""
     if edge == 0:
-        return _box(left, right, 0, top)
-    angles = np.linspace(0, np.pi / 2, CHORDS + 1)
-    across, up = edge * (1 - np.cos(angles)), edge * (1 - np.sin(angles))
-    arcs = [*zip(left + across, up, strict=True), *zip(right - across[::-1], up[::-1], strict=True)]
+        return _box_outline(left, right, 0, top)
+    angles = np.linspace(0, np.pi / 2, CHORDS_PER_ARC + 1)
+    across, rise = edge * (1 - np.cos(angles)), edge * (1 - np.sin(angles))
+    arcs = [*zip(left + across, rise, strict=True), *zip(right - across[::-1], rise[::-1], strict=True)]
     return [(float(x), float(z)) for x, z in arcs] + [(right, top), (left, top)]
 
 
-def _fill(axes: Any, probe: Probe, edge_radius: float) -> None:
+def _fill_section(axes: Any, probe: Probe, edge_radius: float) -> None:
     if probe.groove is not None:  # what is seen behind the cut: the groove's side, and the film's edge above it
-        _, ri, ro, _, h1 = _sizes(probe)
-        bottom, top = h1 - probe.groove.depth * solids.MM, h1 + solids.film_thickness(probe) * solids.MM
+        _, ri, ro, _, h1 = _lengths_mm(probe)
+        bottom, top = h1 - probe.groove.depth * solids.MM_PER_M, h1 + solids.film_thickness(probe) * solids.MM_PER_M
         axes.fill(
-            *zip(*_box(ri, ro, bottom, h1), strict=True), facecolor=(*solids.COLOURS["outer"], 0.25), edgecolor="0.4", lw=0.6
+            *zip(*_box_outline(ri, ro, bottom, h1), strict=True),
+            facecolor=(*solids.PART_COLOURS["outer"], 0.25),
+            edgecolor="0.4",
+            lw=0.6,
         )
-        axes.fill(*zip(*_box(ri, ro, h1, top), strict=True), facecolor=(*solids.COLOURS["film-outer"], 0.35), edgecolor="none")
-    for name, polygons in outlines(probe, edge_radius).items():
-        tint = (*solids.COLOURS[name], 0.75)
+        axes.fill(
+            *zip(*_box_outline(ri, ro, h1, top), strict=True),
+            facecolor=(*solids.PART_COLOURS["film-outer"], 0.35),
+            edgecolor="none",
+        )
+    for name, polygons in section_outlines(probe, edge_radius).items():
+        tint = (*solids.PART_COLOURS[name], 0.75)
         for polygon in polygons:
-            axes.fill(*zip(*polygon, strict=True), facecolor=tint, edgecolor="0.15", hatch=HATCHES[name], lw=0.9)
+            axes.fill(*zip(*polygon, strict=True), facecolor=tint, edgecolor="0.15", hatch=HATCH_OF_PART[name], lw=0.9)
 
 
-def _section(axes: Any, probe: Probe, edge_radius: float) -> None:
-    base, t = base_sizes(probe), solids.film_thickness(probe) * solids.MM
-    r2, ri, ro, h2, h1 = _sizes(probe)
-    rf, under = base.flange_radius * solids.MM, max(h1, h2) + t + base.step_height * solids.MM
-    top = under + base.thickness * solids.MM
-    inch = _frame(axes, rf, top)  # mm of the probe in an inch of paper
-    _fill(axes, probe, edge_radius)
+def _draw_section(axes: Any, probe: Probe, edge_radius: float) -> None:
+    base, t = base_sizes(probe), solids.film_thickness(probe) * solids.MM_PER_M
+    r2, ri, ro, h2, h1 = _lengths_mm(probe)
+    rf, flange_bottom = base.flange_radius * solids.MM_PER_M, max(h1, h2) + t + base.step_height * solids.MM_PER_M
+    top = flange_bottom + base.thickness * solids.MM_PER_M
+    inch = _set_frame(axes, rf, top)  # mm of the probe in an inch of paper
+    _fill_section(axes, probe, edge_radius)
     axes.axhline(0, color="0.55", lw=0.6, ls=(0, (6, 3)), zorder=0)
     axes.plot([0, 0], [-0.15 * inch, top + 0.15 * inch], color="0.2", lw=0.8, ls="-.")
-    step = LEVEL * inch
+    step = DIMENSION_SPACING_INCH * inch
     for level, radius in enumerate((r2, ri, ro), start=1):
-        _dimension(axes, (-radius, 0), (radius, 0), at=-level * step, text=DIAMETER + number(2 * radius), inch=inch)
+        _draw_dimension(
+            axes,
+            (-radius, 0),
+            (radius, 0),
+            line_position=-level * step,
+            text=DIAMETER_SIGN + format_number(2 * radius),
+            inch=inch,
+        )
     if has_flange(probe):
-        text = DIAMETER + _marked(probe, "base.flange_radius", 2 * rf)
-        _dimension(axes, (-rf, top), (rf, top), at=top + step, text=text, inch=inch)
-        text, low = _marked(probe, "base.step_height", base.step_height * solids.MM), max(h1, h2) + t
-        _dimension(axes, (ro, under), (ro, low), at=rf + 2 * step, text=text, inch=inch, upright=True)
-    whole = number(top) + ASSUMED * (assumed_sizes(probe).keys() - {"probe.base.flange_radius"} != set())
-    lefts = [((-ro, h1), number(h1)), ((-r2, h2), number(h2)), ((-rf, top), whole)]
+        text = DIAMETER_SIGN + _mark_assumed(probe, "base.flange_radius", 2 * rf)
+        _draw_dimension(axes, (-rf, top), (rf, top), line_position=top + step, text=text, inch=inch)
+        text, low = _mark_assumed(probe, "base.step_height", base.step_height * solids.MM_PER_M), max(h1, h2) + t
+        _draw_dimension(axes, (ro, flange_bottom), (ro, low), line_position=rf + 2 * step, text=text, inch=inch, upright=True)
+    whole = format_number(top) + ASSUMED_MARK * (assumed_sizes(probe).keys() - {"probe.base.flange_radius"} != set())
+    lefts = [((-ro, h1), format_number(h1)), ((-r2, h2), format_number(h2)), ((-rf, top), whole)]
     for level, (corner, text) in enumerate(lefts if h1 != h2 else lefts[::2], start=1):
-        _dimension(axes, (-ro, 0), corner, at=-rf - level * step, text=text, inch=inch, upright=True)
-    text = _marked(probe, "base.thickness", top - under)
-    _dimension(axes, (rf, under), (rf, top), at=rf + step, text=text, inch=inch, upright=True)
-    _leader(axes, (-(r2 + ri) / 2, edge_radius * solids.MM), (-rf - step, -2.2 * step), f"gap {number(ri - r2)}")
+        _draw_dimension(axes, (-ro, 0), corner, line_position=-rf - level * step, text=text, inch=inch, upright=True)
+    text = _mark_assumed(probe, "base.thickness", top - flange_bottom)
+    _draw_dimension(axes, (rf, flange_bottom), (rf, top), line_position=rf + step, text=text, inch=inch, upright=True)
+    _draw_leader(
+        axes, (-(r2 + ri) / 2, edge_radius * solids.MM_PER_M), (-rf - step, -2.2 * step), f"gap {format_number(ri - r2)}"
+    )
     if edge_radius > 0:
-        edge = edge_radius * solids.MM
+        edge = edge_radius * solids.MM_PER_M
         cut = edge * (1 - 0.5**0.5)  # from the corner that is not there to the middle of the arc
         low = min(-0.35 * step, h1 - 0.25 * inch - 0.5 * step)  # below the arrows of what is measured to the right
-        _leader(axes, (ro - cut, cut), (rf + 2.2 * step, low), f"R {number(edge)}")
+        _draw_leader(axes, (ro - cut, cut), (rf + 2.2 * step, low), f"R {format_number(edge)}")
     if probe.groove is not None:
-        depth = probe.groove.depth * solids.MM
-        _dimension(axes, (ro, h1 - depth), (ro, h1), at=rf + 3 * step, text=number(depth), inch=inch, upright=True)
-        text = f"groove {number(probe.groove.width * solids.MM)} wide, {number(depth)} deep,\non this side only"
-        _leader(axes, ((ri + ro) / 2, h1 - depth / 2), (max(rf, ro + 0.6 * inch) + step, -3.8 * step), text)
+        depth = probe.groove.depth * solids.MM_PER_M
+        _draw_dimension(
+            axes, (ro, h1 - depth), (ro, h1), line_position=rf + 3 * step, text=format_number(depth), inch=inch, upright=True
+        )
+        text = (
+            f"groove {format_number(probe.groove.width * solids.MM_PER_M)} wide, {format_number(depth)} deep,\non this side only"
+        )
+        _draw_leader(axes, ((ri + ro) / 2, h1 - depth / 2), (max(rf, ro + 0.6 * inch) + step, -3.8 * step), text)
 
 
-def _frame(axes: Any, radius: float, height: float) -> float:
+def _set_frame(axes: Any, radius: float, height: float) -> float:
     """Scale the axes so that the probe and its dimension lines fill them; returns mm of the probe per inch."""
-    width, tall = PANEL[2] * SHEET[0], PANEL[3] * SHEET[1]
-    inch = max(2 * radius / (width - 8 * LEVEL - 0.4), height / (tall - 7 * LEVEL))
+    width, tall = SECTION_PANEL[2] * SHEET_SIZE_INCH[0], SECTION_PANEL[3] * SHEET_SIZE_INCH[1]
+    inch = max(2 * radius / (width - 8 * DIMENSION_SPACING_INCH - 0.4), height / (tall - 7 * DIMENSION_SPACING_INCH))
     axes.set_xlim(-width / 2 * inch, width / 2 * inch)
-    middle = height / 2 - 1.5 * LEVEL * inch  # there are more dimension lines below than above
+    middle = height / 2 - 1.5 * DIMENSION_SPACING_INCH * inch  # there are more dimension lines below than above
     axes.set_ylim(middle - tall / 2 * inch, middle + tall / 2 * inch)
     axes.set_axis_off()
     return inch
 
 
-def _dimension(
+def _draw_dimension(
     axes: Any,
     start: tuple[float, float],
     end: tuple[float, float],
     *,
-    at: float,
+    line_position: float,
     text: str,
     inch: float,
     upright: bool = False,
 ) -> None:
     """Draw a dimension line at ``line_position`` between two points; short ones get arrows from outside."""
     axis = 1 if upright else 0
-    place = (lambda along: (at, along)) if upright else (lambda along: (along, at))
+    place = (
+        (lambda text_position: (line_position, text_position))
+        if upright
+        else (lambda text_position: (text_position, line_position))
+    )
     low, high = sorted((start[axis], end[axis]))
     for point in (start, end):
         axes.plot(*zip(point, place(point[axis]), strict=True), color="0.45", lw=0.5)
@@ -176,44 +207,44 @@ def _dimension(
     else:
         for tip, tail in ((low, low - 0.25 * inch), (high, high + 0.25 * inch)):
             axes.annotate("", place(tip), place(tail), arrowprops={"arrowstyle": "-|>,head_width=0.12,head_length=0.35", **style})
-    along, room = (low + high) / 2, (0.1 + 0.085 * len(text)) * inch
+    text_position, room = (low + high) / 2, (0.1 + 0.085 * len(text)) * inch
     if high - low < room:  # no room for the number between the arrows: it goes beyond them
-        along = high + 0.3 * inch + room / 2
-        axes.plot(*zip(place(high), place(along), strict=True), color="black", lw=0.7)
+        text_position = high + 0.3 * inch + room / 2
+        axes.plot(*zip(place(high), place(text_position), strict=True), color="black", lw=0.7)
     white = {"facecolor": "white", "edgecolor": "none", "pad": 0.8}
-    axes.text(*place(along), text, rotation=90 * upright, ha="center", va="center", fontsize=10, bbox=white)
+    axes.text(*place(text_position), text, rotation=90 * upright, ha="center", va="center", fontsize=10, bbox=white)
 
 
-def _leader(axes: Any, tip: tuple[float, float], place: tuple[float, float], text: str) -> None:
+def _draw_leader(axes: Any, tip: tuple[float, float], place: tuple[float, float], text: str) -> None:
     arrow = {"arrowstyle": "-|>,head_width=0.12,head_length=0.35", "lw": 0.7, "color": "black", "shrinkB": 0}
     box = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
     axes.annotate(text, tip, place, ha="center", va="center", fontsize=10, arrowprops=arrow, bbox=box, zorder=9)
 
 
-def _detail(axes: Any, probe: Probe, edge_radius: float) -> None:
+def _draw_detail(axes: Any, probe: Probe, edge_radius: float) -> None:
     """Magnify the gap's corner at the outer film."""
-    r2, ri, ro, h2, h1 = _sizes(probe)
-    t, gap = solids.film_thickness(probe) * solids.MM, ri - r2
+    r2, ri, ro, h2, h1 = _lengths_mm(probe)
+    t, gap = solids.film_thickness(probe) * solids.MM_PER_M, ri - r2
     reach = 2.2 * max(gap, t)
     x, z = -(r2 + ri) / 2, h1 + t / 2
     axes.set(xlim=(x - reach, x + reach), ylim=(z - reach, z + reach), xticks=[], yticks=[], aspect="equal")
     place = "film" if probe.film else "block's upper end"
     axes.set_title(f"detail at the outer {place}, -x side", fontsize=10)
-    _fill(axes, probe, edge_radius)
+    _fill_section(axes, probe, edge_radius)
     height = h1 - min(reach, h1) / 2
     boss = h2 + t < height  # the base reaches down into the hole and halves the gap
-    tip, text = (x - gap / 4, f"clearance {number(gap / 2)}") if boss else (x, f"gap {number(gap)}")
-    _leader(axes, (tip, height), (x - 0.5 * reach, z - 0.85 * reach), text)
+    tip, text = (x - gap / 4, f"clearance {format_number(gap / 2)}") if boss else (x, f"gap {format_number(gap)}")
+    _draw_leader(axes, (tip, height), (x - 0.5 * reach, z - 0.85 * reach), text)
     if probe.film is not None:
         film = -ri - min(reach - gap / 2, ro - ri) / 2  # the middle of what is seen of it
-        _leader(axes, (film, z), (film, z + 0.7 * reach), f"film {_marked(probe, 'film.thickness', t)}")
+        _draw_leader(axes, (film, z), (film, z + 0.7 * reach), f"film {_mark_assumed(probe, 'film.thickness', t)}")
 
 
-def _notes(probe: Probe, edge_radius: float) -> list[tuple[str, Any]]:
+def _build_notes(probe: Probe, edge_radius: float) -> list[tuple[str, Any]]:
     """Return lines of text, those of the parts with their colour."""
-    thick = f"{_marked(probe, 'film.thickness', solids.film_thickness(probe) * solids.MM)} thick"
-    cut, step = probe.groove_footprint, DIAMETER + number(2 * probe.tube_radius * solids.MM)
-    materials = part_materials(probe)
+    thick = f"{_mark_assumed(probe, 'film.thickness', solids.film_thickness(probe) * solids.MM_PER_M)} thick"
+    cut, step = probe.groove_footprint, DIAMETER_SIGN + format_number(2 * probe.tube_radius * solids.MM_PER_M)
+    materials = find_part_materials(probe)
     texts = {
         "inner": f"inner block: {materials['inner'].text}",
         "outer": f"outer block: {materials['outer'].text}",
@@ -222,25 +253,25 @@ def _notes(probe: Probe, edge_radius: float) -> list[tuple[str, Any]]:
         "base": ("base" if probe.base.material is None else f"base of {probe.base.material}")
         + (f", step {step}" if has_flange(probe) else f", {step}"),
     }
-    drawn = outlines(probe)
-    lines: list[tuple[str, Any]] = [(text, solids.COLOURS[name]) for name, text in texts.items() if name in drawn]
+    drawn = section_outlines(probe)
+    lines: list[tuple[str, Any]] = [(text, solids.PART_COLOURS[name]) for name, text in texts.items() if name in drawn]
     lines += [] if probe.film else [("no films: the scene has none", None)]
     areas = {"inner end A2": probe.inner_area, "outer end A1": probe.outer_area}
     if cut:
         end = "film" if probe.film else "base"
         areas |= {f"outer end at the {end}": probe.outer_area - cut, "groove's footprint": cut}
-    lines += [(f"{what} = {area * solids.MM**2:.6g} mm\u00b2", None) for what, area in areas.items()]
+    lines += [(f"{what} = {area * solids.MM_PER_M**2:.6g} mm\u00b2", None) for what, area in areas.items()]
     lines += [(f"A2/A1 = {probe.inner_area / probe.outer_area:.6g}", None)]
-    round_edges = f"lower edges R {number(edge_radius * solids.MM)}; A1, A2 as if sharp"
+    round_edges = f"lower edges R {format_number(edge_radius * solids.MM_PER_M)}; A1, A2 as if sharp"
     lines += [(round_edges, None)] if edge_radius else []
     return lines
 
 
-def _marked(probe: Probe, key: str, length: float) -> str:
+def _mark_assumed(probe: Probe, key: str, length: float) -> str:
     """Write a length in mm that the probe's scene may leave open under ``key``."""
-    return number(length) + (ASSUMED if f"probe.{key}" in assumed_sizes(probe) else "")
+    return format_number(length) + (ASSUMED_MARK if f"probe.{key}" in assumed_sizes(probe) else "")
 
 
-def number(length: float) -> str:
+def format_number(length: float) -> str:
     """Write a length in mm to 0.1 um, finer only where nothing would be left."""
     return f"{length:.4f}".rstrip("0").rstrip(".") if length >= 5e-4 else f"{length:.3g}"

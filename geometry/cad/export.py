@@ -8,20 +8,20 @@ from pathlib import Path
 from types import MappingProxyType
 
 from geometry.cad import record, solids, step_check, step_writer
-from geometry.cad.stamp import stamp_of
-from geometry.common.files import written_together
+from geometry.cad.stamp import build_stamp
+from geometry.common.files import write_together
 from geometry.scenes.probe import Probe
 
 Writer = Callable[[Path], object]
-NOTHING: Mapping[str, Writer] = MappingProxyType({})
+NO_FILES: Mapping[str, Writer] = MappingProxyType({})
 
 
-def export(
+def export_parts(
     probe: Probe,
     folder: Path,
     force: bool = False,
-    asked: str | None = None,
-    beside: Mapping[str, Writer] = NOTHING,
+    question_digest: str | None = None,
+    other_files: Mapping[str, Writer] = NO_FILES,
     *,
     edge_radius: float = 0.0,
 ) -> tuple[Path, ...]:
@@ -46,23 +46,25 @@ def export(
         MissingLibrary: see ``solids.load_cadquery``.
         OSError: the folder cannot be written.
     """
-    before = record.read_record(folder) if force else record.check_same(folder, probe, edge_radius)
-    same = before if before is not None and before.design == record.design_of(probe, edge_radius) else None
-    stamp = stamp_of(probe, edge_radius)
-    with step_writer.quiet():
-        shapes = solids.parts(probe, edge_radius)
+    old_record = record.read_record(folder) if force else record.check_same_design(folder, probe, edge_radius)
+    same_design_record = (
+        old_record if old_record is not None and old_record.design == record.compute_design_digest(probe, edge_radius) else None
+    )
+    stamp = build_stamp(probe, edge_radius)
+    with step_writer.silence_messages():
+        shapes = solids.build_parts(probe, edge_radius)
         contents = {name: {name: shape} for name, shape in shapes.items()} | {"assembly": shapes}
-        parts = dict(zip(contents, record.part_files(probe), strict=True))
+        parts = dict(zip(contents, record.list_part_files(probe), strict=True))
         # the record first: a kill between the moves leaves parts that it does not fit
-        with written_together(folder, names := [record.NAME, *parts.values(), *beside]) as new:
+        with write_together(folder, names := [record.RECORD_NAME, *parts.values(), *other_files]) as draft_folder:
             for name, content in contents.items():
-                solids.built(parts[name], partial(step_writer.write, content, new / parts[name], stamp))
-            read = {name: new / file for name, file in parts.items()}
-            solids.built("reading back", partial(step_check.check, probe, read, edge_radius))
-            for name, write in beside.items():
-                write(new / name)
-            drafts = {name: new / name for name in names[1:]}
-            told = record.record_of(probe, drafts, same, asked, edge_radius)
-            (new / record.NAME).write_text(told.text(), encoding="utf-8")
-    record.clear(folder, before if same is None else None, names[1:])
-    return tuple(folder / name for name in (*parts.values(), record.NAME, *beside))
+                solids.call_modeller(parts[name], partial(step_writer.write_step, content, draft_folder / parts[name], stamp))
+            read = {name: draft_folder / file for name, file in parts.items()}
+            solids.call_modeller("reading back", partial(step_check.check_files, probe, read, edge_radius))
+            for name, write in other_files.items():
+                write(draft_folder / name)
+            drafts = {name: draft_folder / name for name in names[1:]}
+            new_record = record.build_record(probe, drafts, same_design_record, question_digest, edge_radius)
+            (draft_folder / record.RECORD_NAME).write_text(new_record.text(), encoding="utf-8")
+    record.remove_replaced(folder, old_record if same_design_record is None else None, names[1:])
+    return tuple(folder / name for name in (*parts.values(), record.RECORD_NAME, *other_files))

@@ -16,18 +16,18 @@ from typing import Any
 
 from geometry.cad import solids, step_check, step_writer
 from geometry.cad.parts_check import PartMeasures
-from geometry.cad.stamp import Stamp, stamp_of
+from geometry.cad.stamp import Stamp, build_stamp
 from geometry.common.errors import InputError
 from geometry.scenes.base_sizes import base_sizes
-from geometry.scenes.probe import Probe, mm
+from geometry.scenes.probe import Probe, format_mm
 
-ALIGNED = 0.05  # mm: of the ring's axis with the probe's
-PLAY = 0.015  # mm between the sleeve and either rim, on the radius; turning centres each part to 0.01
-MARGIN = 2 * ALIGNED  # of what presses to the edge of the block, so that the other one is never touched
-RISE = 2.0  # of pin and ring above their carrier
-GRIP = 1.5  # of the sleeve on carrier and base
-WALL, SLOT, FOOT = 3.0, 3.0, 4.0  # the sleeve's wall, the least width of its slot, the foot's height
-NAMES = ("pin", "ring", "sleeve")
+RING_ALIGNMENT_MM = 0.05  # mm: of the ring's axis with the probe's
+SLEEVE_PLAY_MM = 0.015  # mm between the sleeve and either rim, on the radius; turning centres each part to 0.01
+EDGE_MARGIN_MM = 2 * RING_ALIGNMENT_MM  # of what presses to the edge of the block, so that the other one is never touched
+CARRIER_RISE_MM = 2.0  # of pin and ring above their carrier
+SLEEVE_GRIP_MM = 1.5  # of the sleeve on carrier and base
+SLEEVE_WALL_MM, MIN_SLOT_MM, FOOT_HEIGHT_MM = 3.0, 3.0, 4.0  # the sleeve's wall, the least width of its slot, the foot's height
+FIXTURE_PARTS = ("pin", "ring", "sleeve")
 
 
 @dataclass(frozen=True)
@@ -51,104 +51,133 @@ class FixtureSizes:
     slot: float
 
 
-def fixture_sizes(probe: Probe) -> FixtureSizes:
+def find_fixture_sizes(probe: Probe) -> FixtureSizes:
     """Derive the fixture from the probe.
 
     Raises:
         InputError: a block is too narrow for what is aligned to 0.05 mm.
     """
-    scale, base = solids.MM, base_sizes(probe)
-    pin = probe.inner_radius * scale - MARGIN
-    ring = probe.hole_radius * scale + MARGIN, probe.tube_radius * scale - MARGIN
-    if pin < MARGIN:
-        raise InputError("probe.inner_radius", mm(probe.inner_radius), f"{2 * MARGIN:g} mm or more for a pin on it alone")
-    if ring[1] - ring[0] < MARGIN:
-        wall = mm(probe.tube_radius - probe.hole_radius)
-        raise InputError("probe.outer_radius", f"a wall of {wall}", f"a wall of {3 * MARGIN:g} mm or more for a ring on it alone")
+    scale, base = solids.MM_PER_M, base_sizes(probe)
+    pin = probe.inner_radius * scale - EDGE_MARGIN_MM
+    ring = probe.hole_radius * scale + EDGE_MARGIN_MM, probe.tube_radius * scale - EDGE_MARGIN_MM
+    if pin < EDGE_MARGIN_MM:
+        raise InputError(
+            "probe.inner_radius", format_mm(probe.inner_radius), f"{2 * EDGE_MARGIN_MM:g} mm or more for a pin on it alone"
+        )
+    if ring[1] - ring[0] < EDGE_MARGIN_MM:
+        wall = format_mm(probe.tube_radius - probe.hole_radius)
+        raise InputError(
+            "probe.outer_radius", f"a wall of {wall}", f"a wall of {3 * EDGE_MARGIN_MM:g} mm or more for a ring on it alone"
+        )
     reach = (max(probe.core_height, probe.tube_height) + solids.film_thickness(probe) + base.step_height) * scale
-    slot = max(SLOT, 0.0 if probe.groove is None else 2 * probe.groove.width * scale)
+    slot = max(MIN_SLOT_MM, 0.0 if probe.groove is None else 2 * probe.groove.width * scale)
     carrier = base.flange_radius * scale
-    return FixtureSizes(pin, ring, carrier, carrier + PLAY, GRIP + RISE + reach + GRIP, min(slot, carrier))
+    return FixtureSizes(
+        pin,
+        ring,
+        carrier,
+        carrier + SLEEVE_PLAY_MM,
+        SLEEVE_GRIP_MM + CARRIER_RISE_MM + reach + SLEEVE_GRIP_MM,
+        min(slot, carrier),
+    )
 
 
-def fixture(probe: Probe) -> dict[str, Any]:
+def build_fixture(probe: Probe) -> dict[str, Any]:
     """Build pin, ring and sleeve, sleeve where it centres; raises as ``solids.build_parts``, and as ``find_fixture_sizes``."""
-    sizes = fixture_sizes(probe)
-    builders = {"pin": _pin, "ring": _ring, "sleeve": _sleeve}
-    return {name: solids.built(name, partial(builder, sizes)) for name, builder in builders.items()}
+    sizes = find_fixture_sizes(probe)
+    builders = {"pin": _build_pin, "ring": _build_ring, "sleeve": _build_sleeve}
+    return {name: solids.call_modeller(name, partial(builder, sizes)) for name, builder in builders.items()}
 
 
-def writers(probe: Probe) -> dict[str, Callable[[Path], object]]:
+def build_writers(probe: Probe) -> dict[str, Callable[[Path], object]]:
     """Return by file name what writes each part as STEP, reads it back and measures it; raises as ``build_fixture``."""
-    solids.cadquery()
-    shapes, expected, stamp = fixture(probe), expected_fixture(probe), stamp_of(probe)
-    return {f"{name}.step": partial(_write, name, shapes[name], expected[name], stamp) for name in NAMES}
+    solids.load_cadquery()
+    shapes, expected, stamp = build_fixture(probe), compute_expected_fixture(probe), build_stamp(probe)
+    return {f"{name}.step": partial(_write, name, shapes[name], expected[name], stamp) for name in FIXTURE_PARTS}
 
 
-def expected_fixture(probe: Probe) -> dict[str, PartMeasures]:
+def compute_expected_fixture(probe: Probe) -> dict[str, PartMeasures]:
     """Derive what each part must measure from its sizes alone: formulas that know nothing of the CAD model."""
-    one = fixture_sizes(probe)
-    low, top, foot = -RISE - one.sleeve, -RISE, math.pi * (one.carrier + WALL) ** 2
-    body = math.pi * one.carrier**2
-    carrier = foot * FOOT + body * one.sleeve
-    faces, outside = {"pin": math.pi * one.pin**2, "ring": math.pi * (one.ring[1] ** 2 - one.ring[0] ** 2)}, one.carrier + WALL
-    ends = ((low - FOOT, foot), (low, foot - body))
-    radii = {"pin": (one.pin, one.carrier, outside), "ring": (*one.ring, one.carrier, outside)}
-    inside = math.pi * one.ring[0] ** 2  # of the ring, a face of its own
+    sizes = find_fixture_sizes(probe)
+    low, top, foot = -CARRIER_RISE_MM - sizes.sleeve, -CARRIER_RISE_MM, math.pi * (sizes.carrier + SLEEVE_WALL_MM) ** 2
+    body = math.pi * sizes.carrier**2
+    carrier = foot * FOOT_HEIGHT_MM + body * sizes.sleeve
+    faces, outside = (
+        {"pin": math.pi * sizes.pin**2, "ring": math.pi * (sizes.ring[1] ** 2 - sizes.ring[0] ** 2)},
+        sizes.carrier + SLEEVE_WALL_MM,
+    )
+    ends = ((low - FOOT_HEIGHT_MM, foot), (low, foot - body))
+    radii = {"pin": (sizes.pin, sizes.carrier, outside), "ring": (*sizes.ring, sizes.carrier, outside)}
+    inside = math.pi * sizes.ring[0] ** 2  # of the ring, a face of its own
     tops = {"pin": ((top, body - faces["pin"]),), "ring": ((top, inside), (top, body - faces["ring"] - inside))}
     blocks = {
-        name: PartMeasures(carrier + face * RISE, (*ends, *sorted(tops[name]), (0.0, face)), radii[name])
+        name: PartMeasures(carrier + face * CARRIER_RISE_MM, (*ends, *sorted(tops[name]), (0.0, face)), radii[name])
         for name, face in faces.items()
     }
-    return blocks | {"sleeve": _expected_sleeve(one)}
+    return blocks | {"sleeve": _expected_sleeve(sizes)}
 
 
-def _expected_sleeve(one: FixtureSizes) -> PartMeasures:
+def _expected_sleeve(sizes: FixtureSizes) -> PartMeasures:
     """Compute measures of a tube with a slot along x from the carrier's top upwards: it takes |y| < a, x > 0."""
-    a, inner, outer, low = one.slot / 2, one.bore, one.bore + WALL, -RISE - GRIP
-    strip = 2 * (_under(outer, a) - _under(inner, a))
+    a, inner, outer, low = sizes.slot / 2, sizes.bore, sizes.bore + SLEEVE_WALL_MM, -CARRIER_RISE_MM - SLEEVE_GRIP_MM
+    strip = 2 * (_half_strip_area(outer, a) - _half_strip_area(inner, a))
     annulus = math.pi * (outer**2 - inner**2)
-    high = one.sleeve - GRIP
+    high = sizes.sleeve - SLEEVE_GRIP_MM
     x_i, x_o = math.sqrt(inner**2 - a**2), math.sqrt(outer**2 - a**2)
     wall = ((x_i + x_o) / 2, high * (x_o - x_i))
-    ends = ((low, annulus), (-RISE, strip), (low + one.sleeve, annulus - strip))
-    return PartMeasures(annulus * one.sleeve - strip * high, ends, (inner, outer), ((-a, *wall), (a, *wall)))
+    ends = ((low, annulus), (-CARRIER_RISE_MM, strip), (low + sizes.sleeve, annulus - strip))
+    return PartMeasures(annulus * sizes.sleeve - strip * high, ends, (inner, outer), ((-a, *wall), (a, *wall)))
 
 
-def _under(radius: float, a: float) -> float:
+def _half_strip_area(radius: float, a: float) -> float:
     """Return the area of the strip 0 < y < a, x > 0 of a disc."""
     return (a * math.sqrt(radius**2 - a**2) + radius**2 * math.asin(a / radius)) / 2
 
 
-def _pin(one: FixtureSizes) -> Any:
-    return _revolved([*_carrier(one), (one.pin, -RISE), (one.pin, 0.0), (0.0, 0.0)])
+def _build_pin(sizes: FixtureSizes) -> Any:
+    return _revolve([*_carrier_profile(sizes), (sizes.pin, -CARRIER_RISE_MM), (sizes.pin, 0.0), (0.0, 0.0)])
 
 
-def _ring(one: FixtureSizes) -> Any:
-    inner, outer = one.ring
-    return _revolved([*_carrier(one), (outer, -RISE), (outer, 0.0), (inner, 0.0), (inner, -RISE), (0.0, -RISE)])
+def _build_ring(sizes: FixtureSizes) -> Any:
+    inner, outer = sizes.ring
+    return _revolve(
+        [
+            *_carrier_profile(sizes),
+            (outer, -CARRIER_RISE_MM),
+            (outer, 0.0),
+            (inner, 0.0),
+            (inner, -CARRIER_RISE_MM),
+            (0.0, -CARRIER_RISE_MM),
+        ]
+    )
 
 
-def _revolved(profile: list[tuple[float, float]]) -> Any:
-    return solids.revolved([(radius / solids.MM, height / solids.MM) for radius, height in profile])
+def _revolve(profile: list[tuple[float, float]]) -> Any:
+    return solids.revolve([(radius / solids.MM_PER_M, height / solids.MM_PER_M) for radius, height in profile])
 
 
-def _carrier(one: FixtureSizes) -> list[tuple[float, float]]:
-    low, foot = -RISE - one.sleeve, one.carrier + WALL
-    return [(0.0, low - FOOT), (foot, low - FOOT), (foot, low), (one.carrier, low), (one.carrier, -RISE)]
+def _carrier_profile(sizes: FixtureSizes) -> list[tuple[float, float]]:
+    low, foot = -CARRIER_RISE_MM - sizes.sleeve, sizes.carrier + SLEEVE_WALL_MM
+    return [
+        (0.0, low - FOOT_HEIGHT_MM),
+        (foot, low - FOOT_HEIGHT_MM),
+        (foot, low),
+        (sizes.carrier, low),
+        (sizes.carrier, -CARRIER_RISE_MM),
+    ]
 
 
-def _sleeve(one: FixtureSizes) -> Any:
+def _build_sleeve(sizes: FixtureSizes) -> Any:
     """Build the sleeve where it centres: gripping the carrier below, the base above."""
-    cq, low, outer = solids.cadquery(), -RISE - GRIP, one.bore + WALL
-    top = low + one.sleeve
-    tube = _revolved([(one.bore, low), (outer, low), (outer, top), (one.bore, top)])
-    tool = cq.Solid.makeBox(2 * outer, one.slot, one.sleeve, cq.Vector(0.0, -one.slot / 2, -RISE))
+    cq, low, outer = solids.load_cadquery(), -CARRIER_RISE_MM - SLEEVE_GRIP_MM, sizes.bore + SLEEVE_WALL_MM
+    top = low + sizes.sleeve
+    tube = _revolve([(sizes.bore, low), (outer, low), (outer, top), (sizes.bore, top)])
+    tool = cq.Solid.makeBox(2 * outer, sizes.slot, sizes.sleeve, cq.Vector(0.0, -sizes.slot / 2, -CARRIER_RISE_MM))
     (piece,) = tube.cut(tool).Solids()
     return piece
 
 
 def _write(name: str, shape: Any, expected: PartMeasures, stamp: Stamp, path: Path) -> None:
-    with step_writer.quiet():
-        step_writer.write({name: shape}, path, stamp)
-        step_check.check_alone(path, name, expected)
+    with step_writer.silence_messages():
+        step_writer.write_step({name: shape}, path, stamp)
+        step_check.check_part_file(path, name, expected)

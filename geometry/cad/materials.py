@@ -9,7 +9,7 @@ from geometry.scenes.catalogue import find_material
 from geometry.scenes.probe import Material, Probe
 
 STIFFEST_CAST = 50e6  # Pa: above the hardest castable silicones and polyurethane rubbers, below the softest plastics
-KINDS = {"casting": "elastomer", "machining": "solid material"}  # of a block that has no name, by how it is made
+KIND_OF_PROCESS = {"casting": "elastomer", "machining": "solid material"}  # of a block that has no name, by how it is made
 PVDF_DENSITY = 1780.0
 """kg/m^3, of poled PVDF film: Measurement Specialties, Piezo Film Sensors Technical Manual (1999), p. 3."""
 
@@ -36,40 +36,42 @@ class PartMaterial:
         return f"{self.name}, {self.properties}"
 
 
-def part_materials(probe: Probe) -> dict[str, PartMaterial]:
+def find_part_materials(probe: Probe) -> dict[str, PartMaterial]:
     """Return the materials of a probe's parts by their names, as ``geometry.cad.solids.build_parts`` has them."""
     base = probe.base
     if base.youngs_modulus is None or base.poisson_ratio is None:
         kind, properties = "rigid material", "metal or glass-filled polymer, far stiffer than the blocks"
     else:
-        kind, properties = "elastic material", elastic(base.youngs_modulus, base.poisson_ratio)
-    stiff = PartMaterial(base.material or kind, properties, process=_process(base.material, base.youngs_modulus or math.inf))
+        kind, properties = "elastic material", describe_elastic(base.youngs_modulus, base.poisson_ratio)
+    stiff = PartMaterial(
+        base.material or kind, properties, process=_find_process_name(base.material, base.youngs_modulus or math.inf)
+    )
     films = {}
     if probe.film is not None:
-        film = PartMaterial("piezoelectric PVDF film", f"E = {modulus(probe.film.youngs_modulus)}", PVDF_DENSITY)
+        film = PartMaterial("piezoelectric PVDF film", f"E = {format_modulus(probe.film.youngs_modulus)}", PVDF_DENSITY)
         films = {"film-inner": film, "film-outer": film}
-    return {"inner": _block(probe.inner), "outer": _block(probe.outer), **films, "base": stiff}
+    return {"inner": _block_material(probe.inner), "outer": _block_material(probe.outer), **films, "base": stiff}
 
 
-def elastic(youngs_modulus: float, poisson_ratio: float) -> str:
+def describe_elastic(youngs_modulus: float, poisson_ratio: float) -> str:
     """Write both constants of an isotropic material (Pa, 1)."""
-    return f"E = {modulus(youngs_modulus)}, Poisson's ratio {poisson_ratio:g}"
+    return f"E = {format_modulus(youngs_modulus)}, Poisson's ratio {poisson_ratio:g}"
 
 
-def modulus(value: float) -> str:
+def format_modulus(value: float) -> str:
     """Write a modulus (Pa) with the unit that suits it."""
     size, unit = next(((size, unit) for size, unit in ((1e9, "GPa"), (1e6, "MPa"), (1e3, "kPa")) if value >= size), (1.0, "Pa"))
     return f"{value / size:.4g} {unit}"
 
 
-def _block(material: Material) -> PartMaterial:
+def _block_material(material: Material) -> PartMaterial:
     loss = f", tan delta {material.loss_factor:g}" if material.loss_factor else ""
-    properties = elastic(material.youngs_modulus, material.poisson_ratio) + loss
-    process = _process(material.material, material.youngs_modulus)
-    return PartMaterial(material.material or KINDS[process], properties, process=process)
+    properties = describe_elastic(material.youngs_modulus, material.poisson_ratio) + loss
+    process = _find_process_name(material.material, material.youngs_modulus)
+    return PartMaterial(material.material or KIND_OF_PROCESS[process], properties, process=process)
 
 
-def _process(name: str | None, youngs_modulus: float) -> str:
+def _find_process_name(name: str | None, youngs_modulus: float) -> str:
     """How a part is made: as the catalogue has it, or by its modulus (Pa) alone."""
     if name is not None:
         return find_material(name).process

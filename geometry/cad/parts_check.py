@@ -31,9 +31,9 @@ class PartMeasures:
     edges: tuple[tuple[float, float, float, float], ...] = ()
 
 
-def expected_bodies(probe: Probe, edge_radius: float = 0.0) -> dict[str, PartMeasures]:
+def compute_expected_bodies(probe: Probe, edge_radius: float = 0.0) -> dict[str, PartMeasures]:
     """Derive what each part must measure from the probe's parameters and the radius of its lower edges (m) alone."""
-    mm, groove = solids.MM, probe.groove
+    mm, groove = solids.MM_PER_M, probe.groove
     r2, ri, ro = probe.inner_radius * mm, probe.hole_radius * mm, probe.tube_radius * mm
     h2, h1, t = probe.core_height * mm, probe.tube_height * mm, solids.film_thickness(probe) * mm
     a2, a1, cut = probe.inner_area * mm**2, probe.outer_area * mm**2, probe.groove_footprint * mm**2
@@ -44,19 +44,19 @@ def expected_bodies(probe: Probe, edge_radius: float = 0.0) -> dict[str, PartMea
         floor = ((h1 - depth, cut),)
     films = {
         "film-inner": PartMeasures(a2 * t, ((h2, a2), (h2 + t, a2)), (r2,)),
-        "film-outer": PartMeasures((a1 - cut) * t, ((h1, a1 - cut), (h1 + t, a1 - cut)), (ri, ro), _walls(probe, t)),
+        "film-outer": PartMeasures((a1 - cut) * t, ((h1, a1 - cut), (h1 + t, a1 - cut)), (ri, ro), _groove_walls(probe, t)),
     }
     inner = PartMeasures(a2 * h2, ((0, a2), (h2, a2)), (r2,))
-    outer = PartMeasures(a1 * h1 - cut * depth, ((0, a1), *floor, (h1, a1 - cut)), (ri, ro), _walls(probe, depth))
+    outer = PartMeasures(a1 * h1 - cut * depth, ((0, a1), *floor, (h1, a1 - cut)), (ri, ro), _groove_walls(probe, depth))
     return {
-        "inner": _rounded(inner, edge_radius * mm),
-        "outer": _rounded(outer, edge_radius * mm),
+        "inner": _subtract_round_edges(inner, edge_radius * mm),
+        "outer": _subtract_round_edges(outer, edge_radius * mm),
         **({} if probe.film is None else films),
         "base": _expected_base(probe),
     }
 
 
-def _rounded(block: PartMeasures, e: float) -> PartMeasures:
+def _subtract_round_edges(block: PartMeasures, e: float) -> PartMeasures:
     """Take from a sharp block what its lower edges lose, by Pappus' theorems; the last of its radii is its rim, another its hole.
 
     What a quarter disc leaves of its square has the area (1 - pi/4) e^2, and the moment e^3/6 about the side through the arc's
@@ -68,30 +68,30 @@ def _rounded(block: PartMeasures, e: float) -> PartMeasures:
     volume = sum(math.tau * (centre * (1 - math.pi / 4) * e**2 + side * e**3 / 6) for centre, side in sides)
     face = sum(math.pi * e * (2 * centre + side * e) for centre, side in sides)
     edges = sorted((centre, e, e, math.tau * (centre * math.pi / 2 * e + side * e**2)) for centre, side in sides)
-    (z, area), *others = block.ends
-    return replace(block, volume=block.volume - volume, ends=((z, area - face), *others), edges=tuple(edges))
+    (z, area), *other_ends = block.ends
+    return replace(block, volume=block.volume - volume, ends=((z, area - face), *other_ends), edges=tuple(edges))
 
 
-def _walls(probe: Probe, height: float) -> tuple[tuple[float, float, float], ...]:
+def _groove_walls(probe: Probe, height: float) -> tuple[tuple[float, float, float], ...]:
     """Return the groove's two sides, from the hole at x_i = sqrt(Ri^2 - a^2) to the outside at x_o, a = width/2."""
     if probe.groove is None:
         return ()
-    a, ri, ro = (size * solids.MM for size in (probe.groove.width / 2, probe.hole_radius, probe.tube_radius))
+    a, ri, ro = (size * solids.MM_PER_M for size in (probe.groove.width / 2, probe.hole_radius, probe.tube_radius))
     x_i, x_o = (math.sqrt((radius - a) * (radius + a)) for radius in (ri, ro))
     area = height * (ro - ri) * (ro + ri) / (x_o + x_i)
     return ((-a, (x_i + x_o) / 2, area), (a, (x_i + x_o) / 2, area))
 
 
 def _expected_base(probe: Probe) -> PartMeasures:
-    mm, sizes = solids.MM, base_sizes(probe)
+    mm, sizes = solids.MM_PER_M, base_sizes(probe)
     ro, rf, rm = probe.tube_radius * mm, sizes.flange_radius * mm, (probe.inner_radius + probe.gap / 2) * mm
-    low, side = (height * mm for height in solids.film_tops(probe))
-    under = max(low, side) + sizes.step_height * mm
-    top = under + sizes.thickness * mm
+    low, side = (height * mm for height in solids.find_film_tops(probe))
+    flange_bottom = max(low, side) + sizes.step_height * mm
+    top = flange_bottom + sizes.thickness * mm
     middle, ring, flange = math.pi * rm**2, math.pi * (ro - rm) * (ro + rm), math.pi * rf**2
     ends = [(low, middle), (side, ring)] if low != side else [(low, math.pi * ro**2)]
     if rf > ro:
-        ends.append((under, math.pi * (rf - ro) * (rf + ro)))
-    volume = middle * (under - low) + ring * (under - side) + flange * (top - under)
+        ends.append((flange_bottom, math.pi * (rf - ro) * (rf + ro)))
+    volume = middle * (flange_bottom - low) + ring * (flange_bottom - side) + flange * (top - flange_bottom)
     radii = {*((rm,) if low != side else ()), ro, rf}
     return PartMeasures(volume, tuple(sorted([*ends, (top, flange)])), tuple(sorted(radii)))

@@ -13,15 +13,15 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from geometry.common.errors import InputError
 from geometry.common.text_files import read_text
-from geometry.provenance.block import provenance
-from geometry.provenance.digest import digest
+from geometry.provenance.block import build_provenance
+from geometry.provenance.digest import compute_digest
 from geometry.scenes.base_sizes import assumed_sizes, base_sizes
-from geometry.scenes.probe import Probe, mm
+from geometry.scenes.probe import Probe, format_mm
 
-NAME = "parts.json"
-PARTS = tuple(f"{name}.step" for name in ("inner", "outer", "film-inner", "film-outer", "base", "assembly"))
-FORMAT: Literal["probe-design parts"] = "probe-design parts"
-VERSION: Literal[1] = 1
+RECORD_NAME = "parts.json"
+PART_FILES = tuple(f"{name}.step" for name in ("inner", "outer", "film-inner", "film-outer", "base", "assembly"))
+RECORD_FORMAT: Literal["probe-design parts"] = "probe-design parts"
+RECORD_VERSION: Literal[1] = 1
 Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 FileName = Annotated[str, Field(pattern=r"^\w[\w.-]*$", max_length=100)]
 
@@ -39,8 +39,8 @@ class PartsRecord(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
-    format: Literal["probe-design parts"] = FORMAT
-    version: Literal[1] = VERSION
+    format: Literal["probe-design parts"] = RECORD_FORMAT
+    version: Literal[1] = RECORD_VERSION
     design: Digest
     assumed: dict[str, str]
     files: dict[FileName, Digest]
@@ -52,12 +52,12 @@ class PartsRecord(BaseModel):
         return self.model_dump_json(indent=2) + "\n"
 
 
-def part_files(probe: Probe) -> tuple[str, ...]:
+def list_part_files(probe: Probe) -> tuple[str, ...]:
     """Return the names of a probe's files: those of films only where it has any."""
-    return tuple(name for name in PARTS if probe.film is not None or not name.startswith("film"))
+    return tuple(name for name in PART_FILES if probe.film is not None or not name.startswith("film"))
 
 
-def design_of(probe: Probe, edge_radius: float = 0.0) -> str:
+def compute_design_digest(probe: Probe, edge_radius: float = 0.0) -> str:
     """Return the digest of all numbers and materials of the parts, however the scene has given them."""
     sizes = probe.inner_radius, probe.hole_radius, probe.tube_radius, probe.core_height, probe.tube_height
     bodies = probe.model_dump(
@@ -70,11 +70,11 @@ def design_of(probe: Probe, edge_radius: float = 0.0) -> str:
         }
     )
     edges = {"edge_radius": edge_radius} if edge_radius else {}  # sharp designs keep the digest from before edges could be round
-    return digest({"sizes": sizes, "base": astuple(base_sizes(probe)), "bodies": bodies, **edges})
+    return compute_digest({"sizes": sizes, "base": astuple(base_sizes(probe)), "bodies": bodies, **edges})
 
 
-def record_of(
-    probe: Probe, drafts: Mapping[str, Path], before: PartsRecord | None, asked: str | None, edge_radius: float = 0.0
+def build_record(
+    probe: Probe, drafts: Mapping[str, Path], old_record: PartsRecord | None, question: str | None, edge_radius: float = 0.0
 ) -> PartsRecord:
     """Return the record of new parts.
 
@@ -85,77 +85,79 @@ def record_of(
         question: see ``PartsRecord``.
         edge_radius: of the blocks' lower edges, m.
     """
-    kept, question = ({}, asked) if before is None else (before.files, asked or before.asked)
-    assumed = {key: str(mm(length)) for key, length in assumed_sizes(probe).items()}
-    files = {**kept, **{name: _sha256(path) for name, path in drafts.items()}}
-    design = design_of(probe, edge_radius)
-    return PartsRecord(design=design, assumed=assumed, files=files, asked=question, provenance=provenance())
+    old_files, question_digest = ({}, question) if old_record is None else (old_record.files, question or old_record.asked)
+    assumed = {key: str(format_mm(length)) for key, length in assumed_sizes(probe).items()}
+    files = {**old_files, **{name: _file_sha256(path) for name, path in drafts.items()}}
+    design = compute_design_digest(probe, edge_radius)
+    return PartsRecord(design=design, assumed=assumed, files=files, asked=question_digest, provenance=build_provenance())
 
 
-def check_same(folder: Path, probe: Probe, edge_radius: float = 0.0) -> PartsRecord | None:
+def check_same_design(folder: Path, probe: Probe, edge_radius: float = 0.0) -> PartsRecord | None:
     """Return the record of the parts in a folder, which are this probe's with these edges, or None where it holds none.
 
     Raises:
         InputError: it holds parts of another design, or parts whose design is unknown.
     """
-    record = held(folder)
-    if record is not None and record.design != design_of(probe, edge_radius):
-        raise _refused(folder, "those there are of another design")
+    record = find_record(folder)
+    if record is not None and record.design != compute_design_digest(probe, edge_radius):
+        raise _build_refusal(folder, "those there are of another design")
     return record
 
 
-def check_asked(folder: Path, asked: str) -> None:
+def check_same_question(folder: Path, question: str) -> None:
     """Refuse a folder that holds parts of another design question, before the work.
 
     Raises:
         InputError: it does, or their design is unknown.
     """
-    record = held(folder)
-    if record is not None and record.asked != asked:
-        raise _refused(folder, "those there are of another design")
+    record = find_record(folder)
+    if record is not None and record.asked != question:
+        raise _build_refusal(folder, "those there are of another design")
 
 
-def held(folder: Path) -> PartsRecord | None:
+def find_record(folder: Path) -> PartsRecord | None:
     """Return the record of the parts in a folder, or None where it holds none.
 
     Raises:
         InputError: the record is missing, damaged, or one of other files than those that are there.
     """
-    there = [name for name in PARTS if os.path.lexists(folder / name)]
-    if not there and not os.path.lexists(folder / NAME):
+    present = [name for name in PART_FILES if os.path.lexists(folder / name)]
+    if not present and not os.path.lexists(folder / RECORD_NAME):
         return None
     record = read_record(folder)
     if record is None:
-        trouble = "damaged" if os.path.lexists(folder / NAME) else "missing"
-        raise _refused(folder, f"the design of its parts is unknown: {NAME} is {trouble}")
-    for name in there:
-        if record.files.get(name) != _sha256(folder / name):
-            raise _refused(folder, f"{name} is not the file listed in {NAME}")
+        trouble = "damaged" if os.path.lexists(folder / RECORD_NAME) else "missing"
+        raise _build_refusal(folder, f"the design of its parts is unknown: {RECORD_NAME} is {trouble}")
+    for name in present:
+        if record.files.get(name) != _file_sha256(folder / name):
+            raise _build_refusal(folder, f"{name} is not the file listed in {RECORD_NAME}")
     return record
 
 
 def read_record(folder: Path) -> PartsRecord | None:
     """Return the record in a folder; None where there is none that can be read."""
     try:
-        return PartsRecord.model_validate_json(read_text(folder / NAME, "output"))
+        return PartsRecord.model_validate_json(read_text(folder / RECORD_NAME, "output"))
     except (InputError, ValidationError):
         return None
 
 
-def clear(folder: Path, before: PartsRecord | None, written: Iterable[str]) -> None:
+def remove_replaced(folder: Path, old_record: PartsRecord | None, written: Iterable[str]) -> None:
     """Remove what is left of a design that was replaced: its other parts, and files of its record that nobody has changed."""
-    new, told = set(written), {} if before is None else before.files
-    for name in {*PARTS, *told} - new:
+    new, recorded = set(written), {} if old_record is None else old_record.files
+    for name in {*PART_FILES, *recorded} - new:
         path = folder / name
-        if path.is_file() and (name in PARTS or _sha256(path) == told[name]):
+        if path.is_file() and (name in PART_FILES or _file_sha256(path) == recorded[name]):
             path.unlink()
 
 
-def _refused(folder: Path, why: str) -> InputError:
-    return InputError("output", str(folder), f"a folder without parts, or with the same design's ({why}); --force replaces them")
+def _build_refusal(folder: Path, reason: str) -> InputError:
+    return InputError(
+        "output", str(folder), f"a folder without parts, or with the same design's ({reason}); --force replaces them"
+    )
 
 
-def _sha256(path: Path) -> str:
+def _file_sha256(path: Path) -> str:
     """Return the SHA-256 of a file's content; an empty text if the path is no file."""
     if not path.is_file():
         return ""

@@ -14,16 +14,16 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from geometry.common.errors import ExportError, InputError, MissingLibrary
-from geometry.common.interrupts import unbroken
-from geometry.common.limits import most_mm
+from geometry.common.interrupts import defer_signals
+from geometry.common.limits import format_maximum_mm
 from geometry.scenes.base_sizes import base_sizes
-from geometry.scenes.probe import Probe, mm
+from geometry.scenes.probe import Probe, format_mm
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-MM = 1e3  # millimetres in a metre
-COLOURS = {
+MM_PER_M = 1e3  # millimetres in a metre
+PART_COLOURS = {
     "inner": (0.86, 0.47, 0.20),
     "outer": (0.25, 0.51, 0.71),
     "film-inner": (0.93, 0.78, 0.22),
@@ -36,7 +36,7 @@ COLOURS = {
 }
 
 
-def cadquery() -> Any:
+def load_cadquery() -> Any:
     """Import cadquery and return it.
 
     Raises:
@@ -44,7 +44,7 @@ def cadquery() -> Any:
     """
     try:
         with (
-            unbroken(),  # libraries in C++ that are torn out of their start crash, or cannot start again
+            defer_signals(),  # libraries in C++ that are torn out of their start crash, or cannot start again
             warnings.catch_warnings(),
         ):  # what its dependencies say while they load is nothing that a user can act on:
             warnings.simplefilter("ignore")  # pyparsing 3.3 warns of cadquery's grammar, SWIG's types of Python 3.12
@@ -62,51 +62,51 @@ def film_thickness(probe: Probe) -> float:
     return 0.0 if probe.film is None else probe.film.thickness
 
 
-def film_tops(probe: Probe) -> tuple[float, float]:
+def find_film_tops(probe: Probe) -> tuple[float, float]:
     """Return heights of the base's lower faces over both blocks in m; one height where "5 mm" and "0.5 cm" differ by rounding."""
     inner, outer = (height + film_thickness(probe) for height in (probe.core_height, probe.tube_height))
     return (outer, outer) if math.isclose(inner, outer, rel_tol=1e-14) else (inner, outer)
 
 
-def inner_block(probe: Probe, edge_radius: float = 0.0) -> Any:
+def build_inner_block(probe: Probe, edge_radius: float = 0.0) -> Any:
     """Build the solid cylinder, its lower edge round by ``edge_radius`` (m)."""
-    return _block(0.0, probe.inner_radius, probe.core_height, edge_radius)
+    return _build_block(0.0, probe.inner_radius, probe.core_height, edge_radius)
 
 
-def outer_block(probe: Probe, edge_radius: float = 0.0) -> Any:
+def build_outer_block(probe: Probe, edge_radius: float = 0.0) -> Any:
     """Build the tube, its lower edges round by ``edge_radius`` (m), with its groove at the film end.
 
     Raises:
         ExportError: the groove does not leave one body.
         InputError: the groove reaches down into the round edges.
     """
-    tube = _block(probe.hole_radius, probe.tube_radius, probe.tube_height, edge_radius)
+    tube = _build_block(probe.hole_radius, probe.tube_radius, probe.tube_height, edge_radius)
     if probe.groove is None:
         return tube
     deepest = probe.tube_height - edge_radius
     if probe.groove.depth > deepest:
-        why = f"down to the round edges of {mm(edge_radius)}, see contact.edge_radius"
-        raise InputError("probe.groove.depth", mm(probe.groove.depth), f"up to {most_mm(deepest)} ({why})")
-    return _grooved(tube, probe, probe.tube_height - probe.groove.depth, probe.tube_height + probe.groove.depth)
+        reason = f"down to the round edges of {format_mm(edge_radius)}, see contact.edge_radius"
+        raise InputError("probe.groove.depth", format_mm(probe.groove.depth), f"up to {format_maximum_mm(deepest)} ({reason})")
+    return _cut_groove(tube, probe, probe.tube_height - probe.groove.depth, probe.tube_height + probe.groove.depth)
 
 
-def inner_film(probe: Probe) -> Any:
+def build_inner_film(probe: Probe) -> Any:
     """Build the disc of film on the inner block."""
-    return _ring(0.0, probe.inner_radius, probe.core_height, probe.core_height + film_thickness(probe))
+    return _build_ring(0.0, probe.inner_radius, probe.core_height, probe.core_height + film_thickness(probe))
 
 
-def outer_film(probe: Probe) -> Any:
+def build_outer_film(probe: Probe) -> Any:
     """Build the ring of film on the outer block, open above the groove so that the inner film's lead can leave.
 
     Raises:
         ExportError: the groove does not leave one body.
     """
     thickness, bottom = film_thickness(probe), probe.tube_height
-    ring = _ring(probe.hole_radius, probe.tube_radius, bottom, bottom + thickness)
-    return ring if probe.groove is None else _grooved(ring, probe, bottom - thickness, bottom + 2 * thickness)
+    ring = _build_ring(probe.hole_radius, probe.tube_radius, bottom, bottom + thickness)
+    return ring if probe.groove is None else _cut_groove(ring, probe, bottom - thickness, bottom + 2 * thickness)
 
 
-def base(probe: Probe) -> Any:
+def build_base(probe: Probe) -> Any:
     """Build the base; where the blocks differ in height its lower face steps in the middle of the gap.
 
     A boss reaches down to a shorter inner block, a recess takes a longer one; both keep half the gap to the blocks.
@@ -114,15 +114,15 @@ def base(probe: Probe) -> Any:
     Raises:
         InputError: see ``base_sizes``.
     """
-    sizes, radius, (low, side) = base_sizes(probe), probe.tube_radius, film_tops(probe)
+    sizes, radius, (low, side) = base_sizes(probe), probe.tube_radius, find_film_tops(probe)
     flange = max(low, side) + sizes.step_height
     middle, top = probe.inner_radius + probe.gap / 2, flange + sizes.thickness
     lower = [(0.0, low), (middle, low), (middle, side)] if low != side else [(0.0, low)]
     shoulder = [(radius, flange), (sizes.flange_radius, flange)] if sizes.flange_radius > radius else []
-    return revolved([*lower, (radius, side), *shoulder, (sizes.flange_radius, top), (0.0, top)])
+    return revolve([*lower, (radius, side), *shoulder, (sizes.flange_radius, top), (0.0, top)])
 
 
-def parts(probe: Probe, edge_radius: float = 0.0) -> dict[str, Any]:
+def build_parts(probe: Probe, edge_radius: float = 0.0) -> dict[str, Any]:
     """Build all solids, by their names: inner, outer, film-inner and film-outer where there are films, base.
 
     Args:
@@ -134,14 +134,17 @@ def parts(probe: Probe, edge_radius: float = 0.0) -> dict[str, Any]:
         InputError: see ``build_outer_block`` and ``base_sizes``.
         MissingLibrary: see ``load_cadquery``.
     """
-    cadquery()
-    films = {} if probe.film is None else {"film-inner": inner_film, "film-outer": outer_film}
-    blocks = {"inner": partial(inner_block, edge_radius=edge_radius), "outer": partial(outer_block, edge_radius=edge_radius)}
-    builders: dict[str, Callable[[Probe], Any]] = {**blocks, **films, "base": base}
-    return {name: built(name, partial(builder, probe)) for name, builder in builders.items()}
+    load_cadquery()
+    films = {} if probe.film is None else {"film-inner": build_inner_film, "film-outer": build_outer_film}
+    blocks = {
+        "inner": partial(build_inner_block, edge_radius=edge_radius),
+        "outer": partial(build_outer_block, edge_radius=edge_radius),
+    }
+    builders: dict[str, Callable[[Probe], Any]] = {**blocks, **films, "base": build_base}
+    return {name: call_modeller(name, partial(builder, probe)) for name, builder in builders.items()}
 
 
-def built(name: str, make: Callable[[], Any]) -> Any:
+def call_modeller(name: str, make: Callable[[], Any]) -> Any:
     """Call ``make`` and turn the modeller's own exceptions into ``ExportError`` naming the part."""
     try:
         return make()
@@ -152,53 +155,55 @@ def built(name: str, make: Callable[[], Any]) -> Any:
         raise ExportError(f"{name}: the modeller fails: {type(fault).__name__} {_first_line(fault)}".rstrip()) from fault
 
 
-def _ring(inner: float, outer: float, bottom: float, top: float) -> Any:
-    return revolved([(inner, bottom), (outer, bottom), (outer, top), (inner, top)])
+def _build_ring(inner: float, outer: float, bottom: float, top: float) -> Any:
+    return revolve([(inner, bottom), (outer, bottom), (outer, top), (inner, top)])
 
 
-def _block(inner: float, outer: float, top: float, edge: float) -> Any:
+def _build_block(inner: float, outer: float, top: float, edge: float) -> Any:
     """Build a ring that stands on z = 0, its lower edges quarters of circles; a cylinder has one, for its axis is none."""
     if edge == 0:
-        return _ring(inner, outer, 0.0, top)
-    cq, hole, middle = cadquery(), edge if inner > 0 else 0.0, edge * (1 - math.sqrt(0.5))
+        return _build_ring(inner, outer, 0.0, top)
+    cq, hole, middle = load_cadquery(), edge if inner > 0 else 0.0, edge * (1 - math.sqrt(0.5))
     arcs = [[(outer - edge, 0.0), (outer - middle, middle), (outer, edge)]]
     arcs += [[(inner, edge), (inner + middle, middle), (inner + edge, 0.0)]] if inner > 0 else []
     lines = pairwise([(outer, edge), (outer, top), (inner, top), (inner, hole)])
     sides = [*lines, ((inner + hole, 0.0), (outer - edge, 0.0))]
-    edges = [cq.Edge.makeLine(*_points(side)) for side in sides] + [cq.Edge.makeThreePointArc(*_points(arc)) for arc in arcs]
-    return _turned(cq.Wire.assembleEdges(edges))
+    edges = [cq.Edge.makeLine(*_to_vectors(side)) for side in sides] + [
+        cq.Edge.makeThreePointArc(*_to_vectors(arc)) for arc in arcs
+    ]
+    return _revolve_wire(cq.Wire.assembleEdges(edges))
 
 
-def revolved(profile: list[tuple[float, float]]) -> Any:
+def revolve(profile: list[tuple[float, float]]) -> Any:
     """Build one solid of revolution about z from its (r, z) polygon in m."""
-    return _turned(cadquery().Wire.makePolygon(_points(profile), close=True))
+    return _revolve_wire(load_cadquery().Wire.makePolygon(_to_vectors(profile), close=True))
 
 
-def _points(profile: Iterable[tuple[float, float]]) -> list[Any]:
+def _to_vectors(profile: Iterable[tuple[float, float]]) -> list[Any]:
     """Return vectors in mm of (r, z) in m, on +x side, so that the groove removes the surfaces' seam."""
-    cq = cadquery()
-    return [cq.Vector(radius * MM, 0, height * MM) for radius, height in profile]
+    cq = load_cadquery()
+    return [cq.Vector(radius * MM_PER_M, 0, height * MM_PER_M) for radius, height in profile]
 
 
-def _turned(wire: Any) -> Any:
+def _revolve_wire(wire: Any) -> Any:
     """Build one solid of revolution about z from its closed profile: exact where booleans would leave tolerances."""
-    cq = cadquery()
+    cq = load_cadquery()
     return cq.Solid.revolve(cq.Face.makeFromWires(wire), 360.0, cq.Vector(0, 0, 0), cq.Vector(0, 0, 1))
 
 
-def _grooved(tube: Any, probe: Probe, bottom: float, top: float) -> Any:
-    cq, groove = cadquery(), probe.groove
+def _cut_groove(tube: Any, probe: Probe, bottom: float, top: float) -> Any:
+    cq, groove = load_cadquery(), probe.groove
     assert groove is not None  # the callers ask
-    a, far, low = groove.width / 2 * MM, 1.5 * probe.tube_radius * MM, bottom * MM
+    a, far, low = groove.width / 2 * MM_PER_M, 1.5 * probe.tube_radius * MM_PER_M, bottom * MM_PER_M
     # a wedge from the axis to the hole's wall, whose corners are computed here: a groove almost as wide as the hole meets
     # the wall at an angle so small that OCC, left to find the corner, is off by more than its tolerance
-    x = math.sqrt((probe.hole_radius * MM - a) * (probe.hole_radius * MM + a))
+    x = math.sqrt((probe.hole_radius * MM_PER_M - a) * (probe.hole_radius * MM_PER_M + a))
     outline = [cq.Vector(*point, low) for point in ((0, 0), (x, -a), (far, -a), (far, a), (x, a))]
     face = cq.Face.makeFromWires(cq.Wire.makePolygon(outline, close=True))
-    tool = cq.Solid.extrudeLinear(face, cq.Vector(0, 0, (top - bottom) * MM))
+    tool = cq.Solid.extrudeLinear(face, cq.Vector(0, 0, (top - bottom) * MM_PER_M))
     pieces = tube.cut(tool).Solids()
     if len(pieces) != 1:
-        raise ExportError(f"outer: bodies left by the groove = {len(pieces)}, expected 1 (groove {mm(groove.width)} wide)")
+        raise ExportError(f"outer: bodies left by the groove = {len(pieces)}, expected 1 (groove {format_mm(groove.width)} wide)")
     return pieces[0]
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from importlib.metadata import version
 
-from geometry.cad.materials import PartMaterial, part_materials
-from geometry.cad.record import design_of
-from geometry.provenance.block import Provenance, provenance
+from geometry.cad.materials import PartMaterial, find_part_materials
+from geometry.cad.record import compute_design_digest
+from geometry.provenance.block import Provenance, build_provenance
 from geometry.scenes.probe import Probe
 
-UNITS = "millimetres"
+LENGTH_UNIT_NAME = "millimetres"
 
 
 @dataclass(frozen=True)
@@ -32,10 +32,10 @@ class Stamp:
     @property
     def text(self) -> str:
         """One line for headers."""
-        return f"design {self.design}; {self.program}; {UNITS}"
+        return f"design {self.design}; {self.program}; {LENGTH_UNIT_NAME}"
 
 
-def stamp_of(probe: Probe, edge_radius: float = 0.0) -> Stamp:
+def build_stamp(probe: Probe, edge_radius: float = 0.0) -> Stamp:
     """Stamp the files of a probe whose lower edges have that radius (m)."""
     program = f"probe-design {version('probe-design')}"
-    return Stamp(design_of(probe, edge_radius), program, part_materials(probe), provenance())
+    return Stamp(compute_design_digest(probe, edge_radius), program, find_part_materials(probe), build_provenance())

@@ -9,79 +9,81 @@ from pathlib import Path
 from typing import Any
 
 from geometry.cad import solids
-from geometry.cad.parts_check import PartMeasures, expected_bodies
-from geometry.cad.step_reader import Part, read, rgb
-from geometry.cad.step_writer import ASSEMBLY, colour_of
+from geometry.cad.parts_check import PartMeasures, compute_expected_bodies
+from geometry.cad.step_reader import Part, read_rgb, read_step
+from geometry.cad.step_writer import ASSEMBLY_NAME, find_colour
 from geometry.common.errors import ExportError
 from geometry.scenes.probe import Probe
 
-TOLERANCE = 1e-6
+RELATIVE_TOLERANCE = 1e-6
 """Largest relative mismatch between a dimension read back and the parameters."""
 
-_PARALLEL = 1e-12  # sine of the angle below which two directions count as parallel: OCC's own tolerance
+MAX_PARALLEL_SINE = 1e-12  # sine of the angle below which two directions count as parallel: OCC's own tolerance
 Row = tuple[str, float, float, float]  # quantity, found, expected, and the size that the mismatch is relative to
 
 
-def check(probe: Probe, drafts: dict[str, Path], edge_radius: float = 0.0) -> None:
+def check_files(probe: Probe, drafts: dict[str, Path], edge_radius: float = 0.0) -> None:
     """Compare the files of all parts and of the assembly, by their names, with the probe and the radius of its lower edges (m).
 
     Raises:
         ExportError: a file does not hold what the parameters say, to ``RELATIVE_TOLERANCE``.
     """
-    expected = expected_bodies(probe, edge_radius)
-    measured = {name: check_alone(drafts[name], name, body) for name, body in expected.items()}
-    _compare("inner.step and outer.step", _between(probe, measured))
+    expected = compute_expected_bodies(probe, edge_radius)
+    measured = {name: check_part_file(drafts[name], name, body) for name, body in expected.items()}
+    _check_rows("inner.step and outer.step", _compare_parts(probe, measured))
     _check_assembly(drafts["assembly"], probe, expected)
 
 
-def check_alone(path: Path, name: str, expected: PartMeasures) -> PartMeasures:
+def check_part_file(path: Path, name: str, expected: PartMeasures) -> PartMeasures:
     """Read a file of one part back and compare it; returns what it measures. Raises ``ExportError``."""
     (_, shape, _), *_ = _read_named(path, [name])
     return check_body(path.name, shape, expected)
 
 
 def _check_assembly(path: Path, probe: Probe, expected: dict[str, PartMeasures]) -> None:
-    parts = dict(zip(expected, _read_named(path, [f"{ASSEMBLY}/{name}" for name in expected]), strict=True))
+    parts = dict(zip(expected, _read_named(path, [f"{ASSEMBLY_NAME}/{name}" for name in expected]), strict=True))
     for name, (_, _, colour) in parts.items():
-        _compare(path.name, [(f"{name}: colour", *pair, 1.0) for pair in zip(colour, rgb(colour_of(name)), strict=True)])
+        _check_rows(
+            path.name, [(f"{name}: colour", *pair, 1.0) for pair in zip(colour, read_rgb(find_colour(name)), strict=True)]
+        )
     measured = {name: check_body(f"{path.name}: {name}", shape, expected[name]) for name, (_, shape, _) in parts.items()}
-    _compare(path.name, _between(probe, measured))
+    _check_rows(path.name, _compare_parts(probe, measured))
     total = sum(body.volume for body in expected.values())
-    _compare(path.name, [("volume", sum(body.volume for body in measured.values()), total, total)])
-    for (one, (_, first, _)), (other, (_, second, _)) in combinations(parts.items(), 2):
-        _check_apart(f"{path.name}: {one} and {other}", first, second)
+    _check_rows(path.name, [("volume", sum(body.volume for body in measured.values()), total, total)])
+    for (first_name, (_, first, _)), (second_name, (_, second, _)) in combinations(parts.items(), 2):
+        _check_apart(f"{path.name}: {first_name} and {second_name}", first, second)
 
 
 def _read_named(path: Path, names: list[str]) -> list[Part]:
-    parts = read(path)
+    parts = read_step(path)
     if [name for name, _, _ in parts] != names:
         raise ExportError(f"{path.name}: parts = {[name for name, _, _ in parts]}, expected {names}")
     return parts
 
 
-def _check_apart(where: str, first: Any, second: Any) -> None:
-    common = solids.built(where, lambda: first.intersect(second))
+def _check_apart(file_label: str, first: Any, second: Any) -> None:
+    common = solids.call_modeller(file_label, lambda: first.intersect(second))
     scale = min(first.Volume(), second.Volume())
-    _compare(where, [("common volume", sum(solid.Volume() for solid in common.Solids()), 0.0, scale)])
+    _check_rows(file_label, [("common volume", sum(solid.Volume() for solid in common.Solids()), 0.0, scale)])
 
 
-def check_body(where: str, shape: Any, expected: PartMeasures) -> PartMeasures:
+def check_body(file_label: str, shape: Any, expected: PartMeasures) -> PartMeasures:
     """Raise unless ``shape`` is one valid closed solid that measures what is expected; returns what it measures."""
     if shape.ShapeType() != "Solid" or not shape.isValid():
-        raise ExportError(f"{where}: shape = {shape.ShapeType()}, valid = {shape.isValid()}, expected a valid Solid")
+        raise ExportError(f"{file_label}: shape = {shape.ShapeType()}, valid = {shape.isValid()}, expected a valid Solid")
     closed = [shell.wrapped.Closed() for shell in shape.Shells()]
     if closed != [True]:
-        raise ExportError(f"{where}: closed shells = {closed}, expected [True]")
-    measured = _measure(where, shape)
+        raise ExportError(f"{file_label}: closed shells = {closed}, expected [True]")
+    measured = _measure(file_label, shape)
     for key in ("ends", "radii", "walls", "edges"):
         count, expected_count = len(getattr(measured, key)), len(getattr(expected, key))
         if count != expected_count:
-            raise ExportError(f"{where}: number of {key} = {count}, expected {expected_count}")
-    _compare(where, _rows(measured, expected))
+            raise ExportError(f"{file_label}: number of {key} = {count}, expected {expected_count}")
+    _check_rows(file_label, _compare_measures(measured, expected))
     return measured
 
 
-def _rows(measured: PartMeasures, expected: PartMeasures) -> Iterator[Row]:
+def _compare_measures(measured: PartMeasures, expected: PartMeasures) -> Iterator[Row]:
     """Yield volume, areas and radii; distances between neighbouring faces, among them every height, thickness and groove size."""
     yield "volume", measured.volume, expected.volume, expected.volume
     farthest = max(abs(z) for z, _ in expected.ends)
@@ -101,27 +103,28 @@ def _rows(measured: PartMeasures, expected: PartMeasures) -> Iterator[Row]:
             yield f"{quantity} of a round edge", value, wish, wish
 
 
-def _between(probe: Probe, measured: dict[str, PartMeasures]) -> Iterator[Row]:
+def _compare_parts(probe: Probe, measured: dict[str, PartMeasures]) -> Iterator[Row]:
     """Yield what holds between the parts: the area ratio, the gap and the common axis."""
     ratio = probe.inner_area / probe.outer_area if probe.area_ratio is None else probe.area_ratio
     # of the faces that look up, the groove's floor among them: round edges leave these whole
     inner, outer = (sum(area for _, area in measured[name].ends[1:]) for name in ("inner", "outer"))
     yield "area ratio A2/A1", inner / outer, ratio, ratio
-    gap = probe.gap * solids.MM
+    gap = probe.gap * solids.MM_PER_M
     yield "gap", measured["outer"].radii[0] - measured["inner"].radii[0], gap, gap
     for name, body in measured.items():
         yield f"{name}: distance of its axis from z", body.off_axis, 0.0, gap
 
 
-def _compare(where: str, rows: Iterable[Row]) -> None:
+def _check_rows(file_label: str, rows: Iterable[Row]) -> None:
     for quantity, measured, expected, scale in rows:
-        if not abs(measured - expected) <= TOLERANCE * scale:  # so that NaN fails too
+        if not abs(measured - expected) <= RELATIVE_TOLERANCE * scale:  # so that NaN fails too
             raise ExportError(
-                f"{where}: {quantity} = {measured:.12g}, expected {expected:.12g} within {TOLERANCE:g} of {scale:.6g}"
+                f"{file_label}: {quantity} = {measured:.12g}, expected {expected:.12g} within {RELATIVE_TOLERANCE:g} of "
+                f"{scale:.6g}"
             )
 
 
-def _measure(where: str, solid: Any) -> PartMeasures:
+def _measure(file_label: str, solid: Any) -> PartMeasures:
     from OCP.BRepAdaptor import BRepAdaptor_Surface
 
     ends, radii, walls, edges, off_axis = [], [], [], [], 0.0
@@ -129,19 +132,19 @@ def _measure(where: str, solid: Any) -> PartMeasures:
         kind, surface = face.geomType(), BRepAdaptor_Surface(face.wrapped)
         shape = {"PLANE": surface.Plane, "CYLINDER": surface.Cylinder, "TORUS": surface.Torus}.get(kind)
         place, x, y, z = _origin_and_direction(None if shape is None else shape().Axis())
-        if kind == "PLANE" and math.hypot(x, y) < _PARALLEL:
+        if kind == "PLANE" and math.hypot(x, y) < MAX_PARALLEL_SINE:
             ends.append((place.Z(), face.Area()))
-        elif kind == "CYLINDER" and math.hypot(x, y) < _PARALLEL:
+        elif kind == "CYLINDER" and math.hypot(x, y) < MAX_PARALLEL_SINE:
             radii.append(surface.Cylinder().Radius())
             off_axis = max(off_axis, math.hypot(place.X(), place.Y()))
-        elif kind == "TORUS" and math.hypot(x, y) < _PARALLEL:
+        elif kind == "TORUS" and math.hypot(x, y) < MAX_PARALLEL_SINE:
             edges.append((surface.Torus().MajorRadius(), surface.Torus().MinorRadius(), place.Z(), face.Area()))
             off_axis = max(off_axis, math.hypot(place.X(), place.Y()))
-        elif kind == "PLANE" and math.hypot(x, z) < _PARALLEL:
+        elif kind == "PLANE" and math.hypot(x, z) < MAX_PARALLEL_SINE:
             walls.append((place.Y(), face.Center().x, face.Area()))
         else:
             allowed = "planes, cylinders or tori along z"
-            raise ExportError(f"{where}: a face = {kind} along ({x:.6g}, {y:.6g}, {z:.6g}), expected {allowed}")
+            raise ExportError(f"{file_label}: a face = {kind} along ({x:.6g}, {y:.6g}, {z:.6g}), expected {allowed}")
     return PartMeasures(
         solid.Volume(), tuple(sorted(ends)), tuple(sorted(radii)), tuple(sorted(walls)), off_axis, tuple(sorted(edges))
     )

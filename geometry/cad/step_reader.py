@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from geometry.cad import solids
-from geometry.cad.step_writer import new_document
+from geometry.cad.step_writer import create_document
 from geometry.common.errors import ExportError
 
 Rgb = tuple[float, float, float]  # linear red, green and blue
 Part = tuple[str, Any, Rgb]  # name, shape, colour
 
 
-def read(path: Path) -> list[Part]:
+def read_step(path: Path) -> list[Part]:
     """Return name, shape and colour of every part in a STEP file that declares millimetres.
 
     The parts of an assembly are named ``assembly/part``; a colour that is missing is NaN.
@@ -29,53 +29,53 @@ def read(path: Path) -> list[Part]:
     unit = re.search(rb"LENGTH_UNIT\(\)[^;]*?SI_UNIT\(([^)]*)\)", path.read_bytes())
     if unit is None or unit[1] != b".MILLI.,.METRE.":
         raise ExportError(f"{path.name}: unit = {unit and unit[1].decode()}, expected .MILLI.,.METRE.")
-    reader, document = STEPCAFControl_Reader(), new_document()
+    reader, document = STEPCAFControl_Reader(), create_document()
     if reader.ReadFile(str(path)) != IFSelect_ReturnStatus.IFSelect_RetDone or not reader.Transfer(document):
         raise ExportError(f"{path.name}: the STEP reader stopped, expected a readable file")
-    return _parts(document)
+    return _list_parts(document)
 
 
-def _parts(document: Any) -> list[Part]:
+def _list_parts(document: Any) -> list[Part]:
     from OCP.TDF import TDF_Label, TDF_LabelSequence
     from OCP.XCAFDoc import XCAFDoc_DocumentTool, XCAFDoc_ShapeTool
 
     labels = TDF_LabelSequence()
     XCAFDoc_DocumentTool.ShapeTool_s(document.Main()).GetFreeShapes(labels)
     parts = []
-    for label in _each(labels):
+    for label in _list_labels(labels):
         components = TDF_LabelSequence()
         XCAFDoc_ShapeTool.GetComponents_s(label, components)
-        for placed in _each(components):
+        for placed in _list_labels(components):
             part = TDF_Label()
             XCAFDoc_ShapeTool.GetReferredShape_s(placed, part)
-            parts.append(_part(f"{_name(label)}/{_name(part)}", part, placed))
+            parts.append(_read_part(f"{_read_name(label)}/{_read_name(part)}", part, placed))
         if components.IsEmpty():
-            parts.append(_part(_name(label), label, label))
+            parts.append(_read_part(_read_name(label), label, label))
     return parts
 
 
-def _each(labels: Any) -> list[Any]:
+def _list_labels(labels: Any) -> list[Any]:
     return [labels.Value(index + 1) for index in range(labels.Length())]
 
 
-def _part(name: str, label: Any, placed: Any) -> Part:
+def _read_part(name: str, label: Any, placed: Any) -> Part:
     from OCP.Quantity import Quantity_Color
     from OCP.XCAFDoc import XCAFDoc_ColorTool, XCAFDoc_ColorType, XCAFDoc_ShapeTool
 
     colour = Quantity_Color()
     kinds = (XCAFDoc_ColorType.XCAFDoc_ColorSurf, XCAFDoc_ColorType.XCAFDoc_ColorGen)
     coloured = any(XCAFDoc_ColorTool.GetColor_s(label, kind, colour) for kind in kinds)
-    shape = solids.cadquery().Shape.cast(XCAFDoc_ShapeTool.GetShape_s(placed))
-    return name, shape, rgb(colour) if coloured else (math.nan,) * 3
+    shape = solids.load_cadquery().Shape.cast(XCAFDoc_ShapeTool.GetShape_s(placed))
+    return name, shape, read_rgb(colour) if coloured else (math.nan,) * 3
 
 
-def _name(label: Any) -> str:
+def _read_name(label: Any) -> str:
     from OCP.TDataStd import TDataStd_Name
 
     name = TDataStd_Name()
     return name.Get().ToExtString() if label.FindAttribute(TDataStd_Name.GetID_s(), name) else ""
 
 
-def rgb(colour: Any) -> Rgb:
+def read_rgb(colour: Any) -> Rgb:
     """Return the components of an OCC colour."""
     return colour.Red(), colour.Green(), colour.Blue()

@@ -11,15 +11,15 @@ from geometry.cad import solids
 from geometry.cad.materials import PartMaterial
 from geometry.cad.stamp import Stamp
 from geometry.common.errors import ExportError
-from geometry.provenance.texts import pieces
+from geometry.provenance.texts import split_block
 
-ASSEMBLY = "probe"
+ASSEMBLY_NAME = "probe"
 """Name of the assembly inside ``assembly.step``."""
-SCHEMA = "AP242DIS"
-TIMELESS = "1970-01-01T00:00:00"  # in place of a date, which the format wants: the same design gives the same file
+STEP_SCHEMA = "AP242DIS"
+FIXED_TIMESTAMP = "1970-01-01T00:00:00"  # in place of a date, which the format wants: the same design gives the same file
 
 
-def write(shapes: dict[str, Any], path: Path, stamp: Stamp) -> None:
+def write_step(shapes: dict[str, Any], path: Path, stamp: Stamp) -> None:
     """Write one solid, or several as the components of an assembly, with their names, colours and materials.
 
     Raises:
@@ -29,27 +29,27 @@ def write(shapes: dict[str, Any], path: Path, stamp: Stamp) -> None:
     from OCP.Interface import Interface_Static
     from OCP.STEPCAFControl import STEPCAFControl_Writer
 
-    document, writer = new_document(), STEPCAFControl_Writer()
-    Interface_Static.SetCVal_s("write.step.schema", SCHEMA)
-    _add(document, shapes, stamp)
+    document, writer = create_document(), STEPCAFControl_Writer()
+    Interface_Static.SetCVal_s("write.step.schema", STEP_SCHEMA)
+    _add_shapes(document, shapes, stamp)
     transferred = writer.Transfer(document)
-    _sign(writer.ChangeWriter().Model(), path.name, stamp)
+    _write_header(writer.ChangeWriter().Model(), path.name, stamp)
     if not transferred or writer.Write(str(path)) != IFSelect_ReturnStatus.IFSelect_RetDone:
         raise ExportError(f"{path.name}: the STEP writer stopped, expected a file in {path.parent.parent}")
 
 
-def _sign(model: Any, name: str, stamp: Stamp) -> None:
+def _write_header(model: Any, name: str, stamp: Stamp) -> None:
     from OCP.APIHeaderSection import APIHeaderSection_MakeHeader
     from OCP.Interface import Interface_HArray1OfHAsciiString
     from OCP.TCollection import TCollection_HAsciiString
 
     header, (system, file, time, nobody) = (
         APIHeaderSection_MakeHeader(model),
-        (TCollection_HAsciiString(text) for text in (stamp.program, name, TIMELESS, "")),
+        (TCollection_HAsciiString(text) for text in (stamp.program, name, FIXED_TIMESTAMP, "")),
     )
-    told = [stamp.text, *pieces(stamp.provenance)]
-    description = Interface_HArray1OfHAsciiString(1, len(told))
-    for place, text in enumerate(told, start=1):
+    header_lines = [stamp.text, *split_block(stamp.provenance)]
+    description = Interface_HArray1OfHAsciiString(1, len(header_lines))
+    for place, text in enumerate(header_lines, start=1):
         description.SetValue(place, TCollection_HAsciiString(text))
     header.SetName(file)
     header.SetTimeStamp(time)
@@ -59,23 +59,23 @@ def _sign(model: Any, name: str, stamp: Stamp) -> None:
     header.SetOrganizationValue(1, nobody)
 
 
-def _add(document: Any, shapes: dict[str, Any], stamp: Stamp) -> None:
+def _add_shapes(document: Any, shapes: dict[str, Any], stamp: Stamp) -> None:
     from OCP.TopLoc import TopLoc_Location
     from OCP.XCAFDoc import XCAFDoc_ColorType, XCAFDoc_DocumentTool
 
     tool, colours = XCAFDoc_DocumentTool.ShapeTool_s(document.Main()), XCAFDoc_DocumentTool.ColorTool_s(document.Main())
-    whole = _named(tool.NewShape(), ASSEMBLY) if len(shapes) > 1 else None
+    whole = _set_name(tool.NewShape(), ASSEMBLY_NAME) if len(shapes) > 1 else None
     for name, shape in shapes.items():
         # the solid itself: wrapped in a compound, as cadquery's exporter has it, it reads back as a nameless assembly
-        label = _named(tool.AddShape(shape.wrapped, False), name)
-        colours.SetColor(label, colour_of(name), XCAFDoc_ColorType.XCAFDoc_ColorSurf)
-        _make_of(document, label, stamp.materials.get(name))
+        label = _set_name(tool.AddShape(shape.wrapped, False), name)
+        colours.SetColor(label, find_colour(name), XCAFDoc_ColorType.XCAFDoc_ColorSurf)
+        _set_material(document, label, stamp.materials.get(name))
         if whole is not None:
-            _named(tool.AddComponent(whole, label, TopLoc_Location()), name)
+            _set_name(tool.AddComponent(whole, label, TopLoc_Location()), name)
     tool.UpdateAssemblies()
 
 
-def _make_of(document: Any, label: Any, material: PartMaterial | None) -> None:
+def _set_material(document: Any, label: Any, material: PartMaterial | None) -> None:
     """Give a part its material; the density among its properties, for OCC 7.9 writes that of the format in g^3 cm^2."""
     from OCP.TCollection import TCollection_HAsciiString
     from OCP.XCAFDoc import XCAFDoc_DocumentTool
@@ -87,7 +87,7 @@ def _make_of(document: Any, label: Any, material: PartMaterial | None) -> None:
     XCAFDoc_DocumentTool.MaterialTool_s(document.Main()).SetMaterial(label, name, properties, 0.0, nothing, nothing)
 
 
-def new_document() -> Any:
+def create_document() -> Any:
     """Create an empty OCC document that holds shapes with names and colours."""
     from OCP.TCollection import TCollection_ExtendedString
     from OCP.TDocStd import TDocStd_Document
@@ -98,17 +98,17 @@ def new_document() -> Any:
     return document
 
 
-def colour_of(name: str) -> Any:
+def find_colour(name: str) -> Any:
     """Return the colour of the part of that name as OCC has it."""
     from OCP.Quantity import Quantity_Color, Quantity_TypeOfColor
 
-    return Quantity_Color(*solids.COLOURS[name], Quantity_TypeOfColor.Quantity_TOC_sRGB)
+    return Quantity_Color(*solids.PART_COLOURS[name], Quantity_TypeOfColor.Quantity_TOC_sRGB)
 
 
 @contextmanager
-def quiet() -> Iterator[None]:
+def silence_messages() -> Iterator[None]:
     """Keep OCC's own messages off stdout, where the program prints its JSON."""
-    solids.cadquery()
+    solids.load_cadquery()
     from OCP.Message import Message
 
     messenger = Message.DefaultMessenger_s()
@@ -122,7 +122,7 @@ def quiet() -> Iterator[None]:
             messenger.AddPrinter(printer)
 
 
-def _named(label: Any, name: str) -> Any:
+def _set_name(label: Any, name: str) -> Any:
     from OCP.TCollection import TCollection_ExtendedString
     from OCP.TDataStd import TDataStd_Name
 

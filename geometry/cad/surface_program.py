@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pyvista
 
-from geometry.cad.decimation import decimated
+from geometry.cad.decimation import decimate
 
-DEFLECTION = 0.002  # of a STEP surface's diagonal: how far its triangles may lie from it
-TURN = 0.2  # rad: by how much neighbouring triangles' normals may differ
+RELATIVE_DEFLECTION = 0.002  # of a STEP surface's diagonal: how far its triangles may lie from it
+MAX_TURN_RAD = 0.2  # rad: by how much neighbouring triangles' normals may differ
 
 
 def run(arguments: dict[str, Any]) -> dict[str, Any]:
@@ -23,25 +23,25 @@ def run(arguments: dict[str, Any]) -> dict[str, Any]:
         Its points (n, 3), mm, and triangles (t, 3); where it has very many, ``few_points`` and ``few_triangles`` that follow it
         and ``off``, how far they are from it, mm: see ``geometry.cad.decimation.decimate``.
     """
-    read = _stl if arguments["suffix"].item() == ".stl" else _step
+    read = _read_stl if arguments["suffix"].item() == ".stl" else _read_step
     poly = read(arguments["name"].item()).clean(tolerance=1e-7)  # both formats give each face points of its own
-    fewer = decimated(poly)
-    return _arrays(poly) if fewer is None else {**_arrays(poly), **_arrays(fewer[0], "few_"), "off": np.array(fewer[1])}
+    fewer = decimate(poly)
+    return _to_arrays(poly) if fewer is None else {**_to_arrays(poly), **_to_arrays(fewer[0], "few_"), "off": np.array(fewer[1])}
 
 
-def _arrays(poly: Any, prefix: str = "") -> dict[str, Any]:
+def _to_arrays(poly: Any, prefix: str = "") -> dict[str, Any]:
     points, triangles = np.asarray(poly.points, dtype=float), np.asarray(poly.regular_faces, dtype=np.int64)
     return {f"{prefix}points": points, f"{prefix}triangles": triangles}
 
 
-def _stl(name: str) -> Any:
+def _read_stl(name: str) -> Any:
     return pyvista.read(name, force_ext=".stl").triangulate()
 
 
-def _step(name: str) -> Any:
-    from geometry.cad.solids import cadquery
+def _read_step(name: str) -> Any:
+    from geometry.cad.solids import load_cadquery
 
-    shape = cadquery().importers.importStep(name).val()
-    vertices, triangles = shape.tessellate(DEFLECTION * shape.BoundingBox().DiagonalLength, TURN)
+    shape = load_cadquery().importers.importStep(name).val()
+    vertices, triangles = shape.tessellate(RELATIVE_DEFLECTION * shape.BoundingBox().DiagonalLength, MAX_TURN_RAD)
     points = np.array([vertex.toTuple() for vertex in vertices], dtype=float)
     return pyvista.PolyData.from_regular_faces(points, np.array(triangles, dtype=np.int64))

@@ -26,8 +26,8 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-_STOPPED = (-int(signal.SIGINT), 128 + int(signal.SIGINT), 0xC000013A)  # what a process ends with after Ctrl-C
-_FAILED = 3  # the program's own exceptions; everything else is a crash
+_INTERRUPT_EXIT_CODES = (-int(signal.SIGINT), 128 + int(signal.SIGINT), 0xC000013A)  # what a process ends with after Ctrl-C
+_PROGRAM_ERROR_EXIT_CODE = 3  # the program's own exceptions; everything else is a crash
 Arrays = Mapping[str, NDArray[Any]]
 
 
@@ -56,13 +56,13 @@ class ProgramGroup:
     def context(self) -> contextvars.Context:
         """Return a copy of the context in which programs belong to the group."""
         context = contextvars.copy_context()
-        context.run(_GROUP.set, self)
+        context.run(_CURRENT_GROUP.set, self)
         return context
 
     def add(self, child: subprocess.Popen[bytes]) -> None:
         """Add a process to the group."""
         with self._lock:
-            self._children = [one for one in self._children if one.returncode is None] + [child]
+            self._children = [running for running in self._children if running.returncode is None] + [child]
             if self._ended:
                 child.kill()
 
@@ -77,7 +77,7 @@ class ProgramGroup:
                     child.kill()
 
 
-_GROUP: contextvars.ContextVar[ProgramGroup | None] = contextvars.ContextVar("group", default=None)
+_CURRENT_GROUP: contextvars.ContextVar[ProgramGroup | None] = contextvars.ContextVar("group", default=None)
 
 
 def run_program(program: Path, arrays: Arrays, seconds: float, memory: float | None = None) -> dict[str, NDArray[Any]]:
@@ -111,7 +111,7 @@ def _run(arguments: list[str], arrays: Arrays, seconds: float, folder: str) -> d
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
-            env=_environment(),
+            env=_build_environment(),
             cwd=folder,
             creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
         )
@@ -119,82 +119,82 @@ def _run(arguments: list[str], arrays: Arrays, seconds: float, folder: str) -> d
         raise Failure(f"no process can be started for it ({fault})") from fault
     with child:
         try:
-            if (group := _GROUP.get()) is not None:
+            if (group := _CURRENT_GROUP.get()) is not None:
                 group.add(child)
-            out, stderr = child.communicate(_packed(arrays), timeout=seconds)
+            stdout, stderr = child.communicate(_pack(arrays), timeout=seconds)
         except subprocess.TimeoutExpired:
             raise TooLong(f"it took longer than {seconds:.3g} s") from None
         finally:
             child.kill()
             child.wait()
-    if child.returncode in _STOPPED:
+    if child.returncode in _INTERRUPT_EXIT_CODES:
         raise KeyboardInterrupt
     if child.returncode != 0:
-        raise (TooLong if child.returncode == -_alarm() else Failure)(_reason(child.returncode, stderr))
-    return _unpacked(out)
+        raise (TooLong if child.returncode == -_alarm_signal() else Failure)(_describe_end(child.returncode, stderr))
+    return _unpack(stdout)
 
 
-def _environment() -> dict[str, str]:
+def _build_environment() -> dict[str, str]:
     """Return parent's environment with one thread and the parent's module path, so that the child imports the same libraries."""
     path = os.pathsep.join(os.path.abspath(entry) for entry in sys.path if entry)
     return {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": path, "PYTHONWARNINGS": "ignore"}
 
 
-def _reason(code: int, stderr: bytes) -> str:
+def _describe_end(code: int, stderr: bytes) -> str:
     lines = stderr.decode(errors="replace").strip().splitlines()
     last = f": {lines[-1]}" if lines else ""
-    if code == _FAILED:
+    if code == _PROGRAM_ERROR_EXIT_CODE:
         return last.removeprefix(": ") or "it gives no reason"
-    if code == -_alarm():
+    if code == -_alarm_signal():
         return "it took too long"
     if code < 0:
-        name = next((one.name for one in signal.Signals if one == -code), f"signal {-code}")
+        name = next((known.name for known in signal.Signals if known == -code), f"signal {-code}")
         return f"its process was ended by {name}{last}"
     return f"its process ended with code {code:#x}{last}"
 
 
-def _alarm() -> int:
+def _alarm_signal() -> int:
     return int(getattr(signal, "SIGALRM", 0))
 
 
-def _packed(arrays: Arrays) -> bytes:
+def _pack(arrays: Arrays) -> bytes:
     buffer = io.BytesIO()
     np.savez(buffer, allow_pickle=False, **arrays)
     return buffer.getvalue()
 
 
-def _unpacked(content: bytes) -> dict[str, NDArray[Any]]:
+def _unpack(content: bytes) -> dict[str, NDArray[Any]]:
     with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
         return dict(arrays)
 
 
-def _child(program: str, seconds: int, memory: int) -> int:
+def _run_child(program: str, seconds: int, memory: int) -> int:
     """Read arguments from stdin, run the program, write its results to stdout; return the exit code."""
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.SIG_DFL)  # at once, whatever is running, and without a word
     if hasattr(signal, "alarm"):
         signal.alarm(seconds + 5)  # the limit holds even if the parent is killed
     if memory:
-        _hold(memory)
+        _limit_memory(memory)
     answer = os.fdopen(os.dup(1), "wb")
     silent = os.open(os.devnull, os.O_WRONLY)
     os.dup2(silent, 1)
-    arguments = _unpacked(sys.stdin.buffer.read())
+    arguments = _unpack(sys.stdin.buffer.read())
     try:
         results = runpy.run_path(program)["run"](arguments)
     except MemoryError:
         sys.stderr.write("it needs more memory than it may have\n")
-        return _FAILED
+        return _PROGRAM_ERROR_EXIT_CODE
     except Exception as fault:  # libraries raise what they like
         text = " ".join(str(fault).split()) or type(fault).__name__
         sys.stderr.write(f"{text}\n")
-        return _FAILED
-    answer.write(_packed(results))
+        return _PROGRAM_ERROR_EXIT_CODE
+    answer.write(_pack(results))
     answer.close()
     return 0
 
 
-def _hold(memory: int) -> None:
+def _limit_memory(memory: int) -> None:
     """Limit the process's data to ``memory`` bytes, where the system can (Linux)."""
     with suppress(ImportError, AttributeError, OSError, ValueError):
         import resource
@@ -203,4 +203,4 @@ def _hold(memory: int) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(_child(sys.argv[1], int(sys.argv[2]), int(sys.argv[3])))
+    sys.exit(_run_child(sys.argv[1], int(sys.argv[2]), int(sys.argv[3])))

@@ -34,7 +34,7 @@ class InputError(ProbeError, ValueError):
 
     def __init__(self, key: str, value: object, allowed: str) -> None:
         self.key, self.value, self.allowed = key, value, allowed
-        super().__init__(one_line(f"{_shortened(key, 120)} = {_short(value)}: allowed: {allowed}"))
+        super().__init__(to_one_line(f"{_shorten(key, 120)} = {_describe_value(value)}: allowed: {allowed}"))
 
 
 class Refusal(InputError):  # noqa: N818 - the error is the scene's, not the program's
@@ -53,18 +53,18 @@ class MissingLibrary(ProbeError):  # noqa: N818 - says what is missing
     """A system library that a dependency needs; the text names the package to install."""
 
 
-def did_you_mean(word: object, words: Iterable[str]) -> str:
+def suggest_word(word: object, words: Iterable[str]) -> str:
     """Return "; did you mean ...?" if one of ``words`` resembles ``word``, else an empty text."""
     from difflib import get_close_matches
 
-    near = get_close_matches(str(word).lower()[:100], [*words], n=1) if isinstance(word, str) else []
-    return f"; did you mean {near[0]!r}?" if near else ""
+    matches = get_close_matches(str(word).lower()[:100], [*words], n=1) if isinstance(word, str) else []
+    return f"; did you mean {matches[0]!r}?" if matches else ""
 
 
-def one_of(word: object, words: Iterable[str]) -> str:
+def describe_choices(word: object, words: Iterable[str]) -> str:
     """Return "one of ..." with all of ``words``, and a suggestion if one of them resembles ``word``."""
     known = [*words]
-    return f"one of {', '.join(known)}{did_you_mean(word, known)}"
+    return f"one of {', '.join(known)}{suggest_word(word, known)}"
 
 
 class _Repr(reprlib.Repr):
@@ -83,23 +83,23 @@ class _Repr(reprlib.Repr):
         return self.repr_str(str(value), level).strip("'") if value.bit_length() < 10_000 else f"<{value.bit_length()} bits>"
 
 
-_REPR = _Repr()
+_VALUE_REPR = _Repr()
 
 
-def _short(value: object) -> str:
-    return _shortened(str(value) if isinstance(value, Words) else _REPR.repr(value), 200)
+def _describe_value(value: object) -> str:
+    return _shorten(str(value) if isinstance(value, Words) else _VALUE_REPR.repr(value), 200)
 
 
-def _shortened(text: str, limit: int) -> str:
+def _shorten(text: str, limit: int) -> str:
     half = limit // 2 - 2
     return text if len(text) <= limit else f"{text[:half]}...{text[-half:]}"
 
 
-def one_line(text: str) -> str:
+def to_one_line(text: str) -> str:
     """Join a text into one line and escape characters that cannot be printed."""
-    return printable(" ".join(text.split()))
+    return escape_unprintable(" ".join(text.split()))
 
 
-def printable(text: str) -> str:
+def escape_unprintable(text: str) -> str:
     """Escape characters that cannot be printed, such as control codes of a terminal."""
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)

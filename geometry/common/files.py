@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from geometry.common.errors import InputError
-from geometry.common.interrupts import unbroken
+from geometry.common.interrupts import defer_signals
 
 # what another name for the output helps against; a full disk is no fault of the name
 _OF_THE_NAME = {errno.EEXIST, errno.ENOTDIR, errno.EISDIR, errno.ENOENT, errno.EACCES, errno.EPERM, errno.EROFS,
@@ -19,7 +19,7 @@ _OF_THE_NAME = {errno.EEXIST, errno.ENOTDIR, errno.EISDIR, errno.ENOENT, errno.E
 
 
 @contextmanager
-def written_whole(path: Path, once: bool = False) -> Iterator[Path]:
+def write_whole(path: Path, once: bool = False) -> Iterator[Path]:
     """Yield a temporary name beside ``path`` that takes its place, flushed to disk, if the block succeeds.
 
     Args:
@@ -30,12 +30,12 @@ def written_whole(path: Path, once: bool = False) -> Iterator[Path]:
         >>> with written_whole(Path("table.txt")) as draft:  # doctest: +SKIP
         ...     draft.write_text("whole")
     """
-    with written_together(path.parent, [path.name], once) as folder:
+    with write_together(path.parent, [path.name], once) as folder:
         yield folder / path.name  # keeps the suffix, from which some writers choose the format
 
 
 @contextmanager
-def written_together(folder: Path, names: Sequence[str], once: bool = False) -> Iterator[Path]:
+def write_together(folder: Path, names: Sequence[str], once: bool = False) -> Iterator[Path]:
     """Yield a temporary folder whose files of these names take their places in ``folder`` if the block succeeds, or none does.
 
     They are flushed to disk before, and a signal that ends the program waits until they are moved. A kill in between, which
@@ -44,42 +44,42 @@ def written_together(folder: Path, names: Sequence[str], once: bool = False) -> 
     Raises:
         OSError: a file cannot be written, is missing, or a folder is in its place.
     """
-    with _made(folder):
+    with _make_folder(folder):
         drafts = Path(tempfile.mkdtemp(prefix=f".{names[0][:50]}.", dir=folder))
-        yield from _moved_together(drafts, folder, names, once)
+        yield from _move_together(drafts, folder, names, once)
 
 
 @contextmanager
-def _made(folder: Path) -> Iterator[None]:
+def _make_folder(folder: Path) -> Iterator[None]:
     """Make a folder, with those above it, for the block; where the block fails, remove again which of them are empty."""
-    new = [one for one in (folder, *folder.parents) if not os.path.lexists(one)]
+    new = [new_folder for new_folder in (folder, *folder.parents) if not os.path.lexists(new_folder)]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         yield
     except BaseException:
-        with unbroken(), suppress(OSError):  # the first that is not empty ends it
-            for one in new:
-                one.rmdir()
+        with defer_signals(), suppress(OSError):  # the first that is not empty ends it
+            for new_folder in new:
+                new_folder.rmdir()
         raise
 
 
-def _moved_together(drafts: Path, folder: Path, names: Sequence[str], once: bool) -> Iterator[Path]:
+def _move_together(drafts: Path, folder: Path, names: Sequence[str], once: bool) -> Iterator[Path]:
     try:
         yield drafts
         for name in names:
             _flush(drafts / name)
             if os.path.isdir(folder / name):
                 raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(folder / name))
-        with unbroken():
+        with defer_signals():
             for name in names:
-                (_place if once else os.replace)(drafts / name, folder / name)
+                (_place_once if once else os.replace)(drafts / name, folder / name)
             _flush(folder)
     finally:
-        with unbroken():
+        with defer_signals():
             shutil.rmtree(drafts)
 
 
-def _place(draft: Path, path: Path) -> None:
+def _place_once(draft: Path, path: Path) -> None:
     """Give a file its name unless there is one of that name."""
     with suppress(FileExistsError):
         try:
@@ -100,15 +100,17 @@ def check_writable(folder: Path, key: str = "output") -> None:
         OSError: it could be, but for a full disk or another failure.
     """
     try:
-        with tempfile.TemporaryFile(dir=_nearest_folder(folder)):
+        with tempfile.TemporaryFile(dir=_find_existing_folder(folder)):
             pass
     except OSError as fault:
         if fault.errno not in _OF_THE_NAME:
             raise
-        raise InputError(key, str(folder), f"a folder that files can be written to: {_obstacle(folder, fault)}") from None
+        raise InputError(
+            key, str(folder), f"a folder that files can be written to: {_describe_obstacle(folder, fault)}"
+        ) from None
 
 
-def _nearest_folder(folder: Path) -> Path:
+def _find_existing_folder(folder: Path) -> Path:
     """Return ``folder``, or the nearest above it that is there. Raises ``OSError`` where what is there is no folder."""
     for place in (folder, *folder.parents):
         with suppress(FileNotFoundError):
@@ -131,7 +133,7 @@ def check_writable_file(path: Path, key: str = "output") -> None:
         raise InputError(key, str(path), f"the name of a file that can be written: {fault.strerror}") from None
 
 
-def _obstacle(folder: Path, fault: OSError) -> str:
+def _describe_obstacle(folder: Path, fault: OSError) -> str:
     """What is in the way, and the remedy."""
     for place in (folder, *folder.parents):
         if os.path.lexists(place):
@@ -143,7 +145,7 @@ def _obstacle(folder: Path, fault: OSError) -> str:
 
 def write_text(path: Path, text: str) -> Path:
     """Write UTF-8 text whole; returns ``path``."""
-    with written_whole(path) as draft:
+    with write_whole(path) as draft:
         draft.write_text(text, encoding="utf-8")
     return path
 

@@ -13,9 +13,9 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 
 from geometry.common.errors import Refusal, Words
-from geometry.common.limits import least
+from geometry.common.limits import format_minimum
 
-LIBRARIES = 0.25e9  # bytes of a process that has loaded what it needs and not begun
+LIBRARY_MEMORY_BYTES = 0.25e9  # bytes of a process that has loaded what it needs and not begun
 
 
 @dataclass(frozen=True)
@@ -35,41 +35,41 @@ class LimitReached(Refusal):
     """An evaluation that needs more memory or time than allowed; a larger limit may be enough."""
 
 
-_LIMITS: ContextVar[Limits] = ContextVar("limits", default=Limits())  # noqa: B039 - frozen
-_END: ContextVar[float | None] = ContextVar("end", default=None)
+_CURRENT_LIMITS: ContextVar[Limits] = ContextVar("limits", default=Limits())  # noqa: B039 - frozen
+_END_TIME: ContextVar[float | None] = ContextVar("end", default=None)
 
 
-def limits() -> Limits:
+def get_limits() -> Limits:
     """Return the limits that are in force."""
-    return _LIMITS.get()
+    return _CURRENT_LIMITS.get()
 
 
 @contextmanager
-def limited(some: Limits | None) -> Iterator[None]:
+def use_limits(new_limits: Limits | None) -> Iterator[None]:
     """Set limits for the block; None leaves them unchanged."""
-    token = _LIMITS.set(some or _LIMITS.get())
+    token = _CURRENT_LIMITS.set(new_limits or _CURRENT_LIMITS.get())
     try:
         yield
     finally:
-        _LIMITS.reset(token)
+        _CURRENT_LIMITS.reset(token)
 
 
 @contextmanager
-def timed() -> Iterator[None]:
+def start_clock() -> Iterator[None]:
     """Start the clock of an evaluation, unless a clock is running."""
-    if _END.get() is not None:
+    if _END_TIME.get() is not None:
         yield
         return
-    token = _END.set(time.monotonic() + limits().seconds)
+    token = _END_TIME.set(time.monotonic() + get_limits().seconds)
     try:
         yield
     finally:
-        _END.reset(token)
+        _END_TIME.reset(token)
 
 
-def seconds_left() -> float:
+def find_seconds_left() -> float:
     """Return the remaining seconds; infinity if no clock is running."""
-    end = _END.get()
+    end = _END_TIME.get()
     return float("inf") if end is None else end - time.monotonic()
 
 
@@ -79,16 +79,16 @@ def check_time(work: str, seconds: float = 0.0) -> None:
     Raises:
         LimitReached: there is less time than that.
     """
-    if seconds_left() > seconds:
+    if find_seconds_left() > seconds:
         return
-    spent = limits().seconds - seconds_left()
+    spent = get_limits().seconds - find_seconds_left()
     takes = f"{work} takes {seconds:.0f} s more after {spent:.0f} s" if seconds else f"{work} after {spent:.0f} s"
-    raise LimitReached("time", Words(f"{limits().seconds:g} s"), f"more for this scene: {takes} (--time raises the limit)")
+    raise LimitReached("time", Words(f"{get_limits().seconds:g} s"), f"more for this scene: {takes} (--time raises the limit)")
 
 
-def has_room(size: float) -> bool:
+def fits_in_memory(size: float) -> bool:
     """Return whether ``size`` bytes, in addition to the libraries, are within the memory limit."""
-    return size + LIBRARIES <= limits().memory
+    return size + LIBRARY_MEMORY_BYTES <= get_limits().memory
 
 
 def check_memory(work: str, size: float) -> None:
@@ -97,7 +97,10 @@ def check_memory(work: str, size: float) -> None:
     Raises:
         LimitReached: that is more than is allowed.
     """
-    if has_room(size):
+    if fits_in_memory(size):
         return
-    allowed = f"{least((size + LIBRARIES) / 1e9, 2)} GB or more for this scene: so much for {work} (--memory raises the limit)"
-    raise LimitReached("memory", Words(f"{limits().memory / 1e9:g} GB"), allowed)
+    allowed = (
+        f"{format_minimum((size + LIBRARY_MEMORY_BYTES) / 1e9, 2)} GB or more for this scene: so much for {work} "
+        "(--memory raises the limit)"
+    )
+    raise LimitReached("memory", Words(f"{get_limits().memory / 1e9:g} GB"), allowed)

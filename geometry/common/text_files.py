@@ -15,7 +15,7 @@ LARGEST_FILE = 1_000_000  # bytes; a scene has a few hundred
 _LONG_KEY = re.compile(r"(?:\.[^.\n]*){100}")
 
 
-def read_text(path: Path | str, key: str, kind: str = "a TOML file", most: int = LARGEST_FILE) -> str:
+def read_text(path: Path | str, key: str, kind: str = "a TOML file", max_bytes: int = LARGEST_FILE) -> str:
     """Return the text of a file.
 
     Args:
@@ -28,25 +28,25 @@ def read_text(path: Path | str, key: str, kind: str = "a TOML file", most: int =
         InputError: it cannot be read, is too large or no UTF-8 text.
     """
     try:
-        return read_bytes(path, key, kind, most).decode("utf-8-sig").replace("\r\n", "\n")
+        return read_bytes(path, key, kind, max_bytes).decode("utf-8-sig").replace("\r\n", "\n")
     except UnicodeDecodeError:
         raise InputError(key, str(path), f"{kind}, which is UTF-8 text") from None
 
 
-def read_bytes(path: Path | str, key: str, kind: str, most: int) -> bytes:
+def read_bytes(path: Path | str, key: str, kind: str, max_bytes: int) -> bytes:
     """Return what a file holds; see ``read_text``. Raises ``InputError``: it cannot be read or is too large."""
     try:
-        with open(path, "rb", opener=_without_waiting) as file:
-            content = file.read(most + 1)  # no more: devices and pipes have no size to ask for
+        with open(path, "rb", opener=_open_without_waiting) as file:
+            content = file.read(max_bytes + 1)  # no more: devices and pipes have no size to ask for
     except (OSError, ValueError) as fault:
         reason = getattr(fault, "strerror", None) or str(fault)
         raise InputError(key, str(path), f"{kind} that can be read ({reason})") from None
-    if len(content) > most:
-        raise InputError(key, str(path), f"{kind} of at most {most} bytes")
+    if len(content) > max_bytes:
+        raise InputError(key, str(path), f"{kind} of at most {max_bytes} bytes")
     return content
 
 
-def _without_waiting(path: str, flags: int) -> int:
+def _open_without_waiting(path: str, flags: int) -> int:
     """Open a file; a pipe that nobody writes to is empty, where a plain ``open`` would wait for ever."""
     if os.name == "nt":
         return os.open(path, flags)
@@ -55,7 +55,7 @@ def _without_waiting(path: str, flags: int) -> int:
     return handle
 
 
-def tables(text: str, name: str, allowed: str) -> dict[str, Any]:
+def parse_tables(text: str, name: str, allowed: str) -> dict[str, Any]:
     """Return what TOML text holds.
 
     Args:
@@ -78,4 +78,4 @@ def tables(text: str, name: str, allowed: str) -> dict[str, Any]:
 
 def read_tables(path: Path | str, key: str, allowed: str = "a TOML file") -> dict[str, Any]:
     """Return what a TOML file holds; see ``read_text`` and ``parse_tables``."""
-    return tables(read_text(path, key, allowed), str(path), allowed)
+    return parse_tables(read_text(path, key, allowed), str(path), allowed)

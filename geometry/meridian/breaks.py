@@ -8,111 +8,119 @@ from typing import Any
 
 import numpy as np
 
-from geometry.meridian.crossed_sphere import near_poles
-from geometry.meridian.grading import folds, graded, smooth_min
+from geometry.meridian.crossed_sphere import count_terrain_interfaces
+from geometry.meridian.grading import count_folds, grade_nodes, smooth_min
 from geometry.meridian.section import Section
 from geometry.meridian.sphere_box import SPHERE_CELL, Breaks, SphereBox
 
-FOLDS = 1.8  # e-folds by which cells may grow from one to the next on the coarsest mesh
+FOLDS_PER_CELL = 1.8  # e-folds by which cells may grow from one to the next on the coarsest mesh
 # columns from each radius to the next: in all, and on either side of a box's edge between them
-LEAST = {"axis": (3, (3, 2)), "inner edge": (2, (1, 1)), "inner": (3, (1, 1)), "hole": (3, (2, 2)), "tube": (4, (3, 3))}
-LEAST |= {"hole edge": (3, (2, 2)), "tube edge": (2, (1, 1))}
-LEAN = 0.3  # of a cell: columns under the tube's wall on a lean mesh may be short of the usual growth by so much
-SURFACE = 1.15  # cells more than the usual growth asks for in the rows under the surface of a lean mesh, but no more than 4
-SLENDER = 50.0  # tissue beside the blocks over an interval of heights: cells so long are not cut towards an interface's end
-OUTWARDS = 0.9  # of the radius where an interface meets a sphere: columns that begin there come from no nearer to the axis
-FLAT = 0.05  # of a sphere's radius: rings nearer to its axis are at a pole
+MIN_COLUMNS = {"axis": (3, (3, 2)), "inner edge": (2, (1, 1)), "inner": (3, (1, 1)), "hole": (3, (2, 2)), "tube": (4, (3, 3))}
+MIN_COLUMNS |= {"hole edge": (3, (2, 2)), "tube edge": (2, (1, 1))}
+LEAN_COLUMN_SLACK = 0.3  # of a cell: columns under the tube's wall on a lean mesh may be short of the usual growth by so much
+SURFACE_ROW_SURPLUS = (
+    1.15  # cells more than the usual growth asks for in the rows under the surface of a lean mesh, but no more than 4
+)
+MAX_CUT_ASPECT_RATIO = (
+    50.0  # tissue beside the blocks over an interval of heights: cells so long are not cut towards an interface's end
+)
+COLUMN_START_FRACTION = (
+    0.9  # of the radius where an interface meets a sphere: columns that begin there come from no nearer to the axis
+)
+POLE_RADIUS_FRACTION = 0.05  # of a sphere's radius: rings nearer to its axis are at a pole
 CapPlace = tuple[int, int, bool]
-THIN = 12.0  # features of the blocks: under thinner tissue no lines end, for the corners are felt below it
+THIN_TISSUE_FEATURES = 12.0  # features of the blocks: under thinner tissue no lines end, for the corners are felt below it
 
 
-def radial_breaks(s: Section, box: int | None, sphere: SphereBox | None) -> Breaks:
+def find_radial_breaks(s: Section, box: int | None, sphere: SphereBox | None) -> Breaks:
     """Return radii of the tissue's lines, graded to the blocks' corners, to a pole near the surface and to the tissue's side."""
     corner, side = s.corner_size, smooth_min(s.tissue_radius - s.tube_radius, s.tissue_depth)
     places = [0 * s.inner_radius, *s.block_radii.values(), s.tissue_radius]
-    least = [LEAST[name][0] for name in ("axis", *s.block_radii)]
+    min_cells = [MIN_COLUMNS[name][0] for name in ("axis", *s.block_radii)]
     sizes = [None, *[corner] * (len(places) - 2), side]
     if sphere is not None and box is not None:
         sizes[0] = sphere.pole
-        places.insert(box + 1, sphere.edge(s, box, places))
+        places.insert(box + 1, sphere.find_edge(s, box, places))
         sizes.insert(box + 1, SPHERE_CELL * sphere.radius)
-        least[box : box + 1] = LEAST[["axis", *s.block_radii][box]][1]
-    return Breaks(places, sizes, least)
+        min_cells[box : box + 1] = MIN_COLUMNS[["axis", *s.block_radii][box]][1]
+    return Breaks(places, sizes, min_cells)
 
 
-def tissue_breaks(s: Section, sphere: SphereBox | None, thin: bool = False) -> Breaks:
+def find_tissue_breaks(s: Section, sphere: SphereBox | None, thin: bool = False) -> Breaks:
     """Return heights of the tissue's lines: floor, interfaces, box and surface, from below; cells grow away from the surface."""
     floor = smooth_min(s.tissue_radius - s.tube_radius, s.tissue_depth)
-    zero, (above, across) = 0 * s.tissue_depth, s.interfaces_apart
+    zero, (interfaces_above, interfaces_across) = 0 * s.tissue_depth, s.interfaces_apart
     planes = [(-depth, depth + s.corner_size, 2) for depth in s.interfaces]
     places = [(zero, s.corner_size, 0), *planes, (-s.tissue_depth, floor, 3)]
     if sphere is not None:
-        places.insert(1 + above, (sphere.high, sphere.above, 2))
-        places.insert(2 + above + across, (sphere.low, sphere.below, 4 if not across else 2))
+        places.insert(1 + interfaces_above, (sphere.high, sphere.above, 2))
+        places.insert(2 + interfaces_above + interfaces_across, (sphere.low, sphere.below, 4 if not interfaces_across else 2))
     elif not planes:
         places[-1] = (-s.tissue_depth, floor, 6)
-    heights, sizes, least = (list(column) for column in zip(*places[::-1], strict=True))
-    least[-2] = max(least[-2], 2 if thin else 4)  # the interval under the surface
-    return Breaks(heights, sizes, least[:-1])
+    heights, sizes, min_cells = (list(column) for column in zip(*places[::-1], strict=True))
+    min_cells[-2] = max(min_cells[-2], 2 if thin else 4)  # the interval under the surface
+    return Breaks(heights, sizes, min_cells[:-1])
 
 
-def block_breaks(s: Section, height: Any) -> Breaks:
+def find_block_breaks(s: Section, height: Any) -> Breaks:
     """Return the heights of a block's lines, graded to both its ends."""
     return Breaks([0 * height, height], [s.corner_size, s.corner_size], [5])
 
 
-def cap_places(s: Section, radii: Breaks) -> tuple[tuple[CapPlace, ...], ...]:
+def find_cap_places(s: Section, radii: Breaks) -> tuple[tuple[CapPlace, ...], ...]:
     """``Kind.caps`` of a section whose lengths are floats."""
-    above, across = s.interfaces_apart
-    if not across:
+    interfaces_above, interfaces_across = s.interfaces_apart
+    if not interfaces_across:
         return (), ()
-    sines = (s.sphere_depth - np.array(s.interfaces[above : above + across])) / s.sphere_radius
-    upper, lower = near_poles(np.arcsin(sines))
+    sines = (s.sphere_depth - np.array(s.interfaces[interfaces_above : interfaces_above + interfaces_across])) / s.sphere_radius
+    upper, lower = count_terrain_interfaces(np.arcsin(sines))
     rings = s.sphere_radius * np.sqrt(1 - sines**2)
-    places = tuple((*_place(OUTWARDS * ring, radii), bool(ring < FLAT * s.sphere_radius)) for ring in rings)
+    places = tuple(
+        (*_find_place(COLUMN_START_FRACTION * ring, radii), bool(ring < POLE_RADIUS_FRACTION * s.sphere_radius)) for ring in rings
+    )
     return places[::-1][:lower], places[:upper]
 
 
-def _place(radius: float, radii: Breaks) -> tuple[int, int]:
+def _find_place(radius: float, radii: Breaks) -> tuple[int, int]:
     """Return between which breaks a radius lies, and how many eighths of the cells there are nearer to the axis."""
     k = min(int(np.searchsorted(radii.places, radius)), len(radii.places) - 1) - 1
     (low, high), (a, b) = radii.places[k : k + 2], radii.sizes[k : k + 2]
-    return k, int(np.searchsorted(graded(low, high, 16, a, b)[1::2], radius))
+    return k, int(np.searchsorted(grade_nodes(low, high, 16, a, b)[1::2], radius))
 
 
-def cell_counts(breaks: Breaks) -> tuple[int, ...]:
+def count_cells(breaks: Breaks) -> tuple[int, ...]:
     """Return the numbers of cells between the breaks on the coarsest mesh."""
-    return tuple(max(least, ceil(grown)) for grown, least in zip(_folds(breaks), breaks.least, strict=True))
+    return tuple(max(minimum, ceil(grown)) for grown, minimum in zip(_count_folds(breaks), breaks.min_cells, strict=True))
 
 
-def _folds(breaks: Breaks) -> list[float]:
+def _count_folds(breaks: Breaks) -> list[float]:
     """Return the numbers of cells between the breaks that their growth alone requires."""
     ends = zip(pairwise(breaks.places), pairwise(breaks.sizes), strict=True)
-    return [folds(*places, *sizes) / FOLDS for places, sizes in ends]
+    return [count_folds(*places, *sizes) / FOLDS_PER_CELL for places, sizes in ends]
 
 
-def cut_ends(s: Section, levels: Breaks, names: list[str]) -> tuple[bool, ...]:
+def find_cut_ends(s: Section, levels: Breaks, names: list[str]) -> tuple[bool, ...]:
     """Return whether cells are cut towards each interface's end at the tissue's side, from the surface downwards."""
     heights = [high - low for low, high in pairwise(levels.places)]
-    beside = s.tissue_radius - s.tube_radius
+    side_width = s.tissue_radius - s.tube_radius
     planes = (k for k, name in enumerate(names) if name.startswith("interface"))
-    return tuple(bool(beside < SLENDER * min(heights[k - 1 : k + 1])) for k in planes)[::-1]
+    return tuple(bool(side_width < MAX_CUT_ASPECT_RATIO * min(heights[k - 1 : k + 1])) for k in planes)[::-1]
 
 
-def lean_columns(columns: tuple[int, ...], breaks: Breaks, box: int | None) -> tuple[int, ...]:
+def count_lean_columns(columns: tuple[int, ...], breaks: Breaks, box: int | None) -> tuple[int, ...]:
     """Return the columns with two under the tube's wall where they nearly do, and the box's edge does not part them."""
     wall = 2 + (box in (0, 1))
-    few = box != 2 and _folds(breaks)[wall] < 2 + LEAN
-    return *columns[:wall], 2 if few else columns[wall], *columns[wall + 1 :]
+    is_narrow = box != 2 and _count_folds(breaks)[wall] < 2 + LEAN_COLUMN_SLACK
+    return *columns[:wall], 2 if is_narrow else columns[wall], *columns[wall + 1 :]
 
 
-def lean_rows(breaks: Breaks, thin: bool, wide: bool) -> tuple[int, ...]:
+def count_lean_rows(breaks: Breaks, thin: bool, wide: bool) -> tuple[int, ...]:
     """Return fewer rows across the box and below it, and under the surface where cells need not grow much below a narrow gap."""
-    *below, under = _folds(breaks)
-    least = 2 if thin else 4 if wide else max(3, min(4, ceil(under + SURFACE)))
-    return *(max(2, ceil(one)) for one in below), max(least, ceil(under))
+    *lower, top = _count_folds(breaks)
+    min_rows = 2 if thin else 4 if wide else max(3, min(4, ceil(top + SURFACE_ROW_SURPLUS)))
+    return *(max(2, ceil(growth)) for growth in lower), max(min_rows, ceil(top))
 
 
-def lean_rings(rings: tuple[int, ...], core: Breaks) -> tuple[int, int]:
+def count_lean_rings(rings: tuple[int, ...], core: Breaks) -> tuple[int, int]:
     """Return as many rings between core and sphere as their growth requires."""
-    return rings[0], ceil(_folds(core)[0])
+    return rings[0], ceil(_count_folds(core)[0])

@@ -28,10 +28,13 @@ from geometry.meridian.grading import smooth_min
 from geometry.meridian.sphere_box import CORE_REACH
 
 FEW_LAYERS, MANY_LAYERS = 3, 8  # at rings: beside a pole heights there are no more than roundings
-STEEP, LEVEL = np.pi / 6, np.pi / 3  # angles above the horizon between which an interface may be a ray or a part of the terrain
+MIN_TERRAIN_ANGLE_RAD, MAX_RAY_ANGLE_RAD = (
+    np.pi / 6,
+    np.pi / 3,
+)  # angles above the horizon between which an interface may be a ray or a part of the terrain
 
 
-def near_poles(angles: Any) -> tuple[int, int]:
+def count_terrain_interfaces(angles: Any) -> tuple[int, int]:
     """Return how many interfaces are terrain above the upper and below the lower pole, the others are rays.
 
     Interfaces close to each other are of the same sort: between the two the widest gap is chosen.
@@ -39,27 +42,29 @@ def near_poles(angles: Any) -> tuple[int, int]:
     Args:
         angles: above the horizon at which interfaces meet the sphere, falling, shape (n,).
     """
-    upper = _near_pole(angles)
-    return upper, _near_pole(-angles[upper:][::-1])
+    upper = _count_at_pole(angles)
+    return upper, _count_at_pole(-angles[upper:][::-1])
 
 
-def _near_pole(angles: Any) -> int:
-    if not len(angles) or angles[0] < STEEP:  # upright columns are better than turned rays where there is a choice
+def _count_at_pole(angles: Any) -> int:
+    if (
+        not len(angles) or angles[0] < MIN_TERRAIN_ANGLE_RAD
+    ):  # upright columns are better than turned rays where there is a choice
         return 0
-    ends = np.clip(np.concatenate([angles, [-np.pi / 2]]), STEEP, LEVEL)
+    ends = np.clip(np.concatenate([angles, [-np.pi / 2]]), MIN_TERRAIN_ANGLE_RAD, MAX_RAY_ANGLE_RAD)
     return 1 + int(np.argmax(np.round(ends[:-1] - ends[1:], 9)))
 
 
-def spread(wanted: list[int], last: int) -> tuple[int, ...]:
+def spread_apart(wanted: list[int], last: int) -> tuple[int, ...]:
     """Return rising numbers from 1 to ``last`` - 1 near those wanted, two apart at least.
 
     No cell touches two interfaces' beginnings then. ``last`` is twice their number or more.
     """
-    out: list[int] = []
-    for k, one in enumerate(wanted):
-        least, most = (out[-1] + 2 if out else 1), last - 1 - 2 * (len(wanted) - 1 - k)
-        out.append(min(max(one, least), most))
-    return tuple(out)
+    numbers: list[int] = []
+    for k, target in enumerate(wanted):
+        lower, upper = (numbers[-1] + 2 if numbers else 1), last - 1 - 2 * (len(wanted) - 1 - k)
+        numbers.append(min(max(target, lower), upper))
+    return tuple(numbers)
 
 
 @dataclass(frozen=True)
@@ -115,7 +120,7 @@ class CrossedBox:
             for row, start, flat in zip(cap.rows, cap.starts, cap.flat, strict=True)
         }
 
-    def flat(self, levels: Any) -> tuple[Any, Any, float]:
+    def flatten(self, levels: Any) -> tuple[Any, Any, float]:
         """Return levels from the box's lower end to its upper, heights to draw them at, and the radius of a sphere that fits."""
         lower, upper = self.caps
         rows, spans = (lower.rows, self.sides, upper.rows[::-1]), ((-0.9, -0.4), (-0.3, 0.3), (0.4, 0.9))
@@ -143,7 +148,7 @@ class BoxLines:
     core_heights: Any
 
 
-def place(box: CrossedBox, radii: Any, levels: Any, centre: Any, radius: Any) -> BoxLines:
+def place_box_lines(box: CrossedBox, radii: Any, levels: Any, centre: Any, radius: Any) -> BoxLines:
     """Return where a box's lines lie.
 
     Rays to the box's side do not pass through the sphere: they are turned by s v, |s| < 1, with v = acos(radius / distance), the
@@ -159,46 +164,46 @@ def place(box: CrossedBox, radii: Any, levels: Any, centre: Any, radius: Any) ->
         radius: the sphere's, shape (...,).
     """
     lines, count = np.array(box.lines), levels.shape[-1]
-    centre, radius = (np.asarray(one)[..., None] for one in (centre, radius))
+    centre, radius = (np.asarray(value)[..., None] for value in (centre, radius))
     heights, plain = levels - centre, radii[..., lines]
     kind = np.result_type(plain, heights, radius)
-    across, met, core_radii, core_heights = (np.zeros((*plain.shape, count), dtype=kind) for _ in range(4))
-    across[:] = plain[..., None]
+    box_radii, met, core_radii, core_heights = (np.zeros((*plain.shape, count), dtype=kind) for _ in range(4))
+    box_radii[:] = plain[..., None]
     edge, rows = plain[..., -1:], np.array(box.rows)
-    along = np.arctan(heights[..., rows] / edge)
+    ray_angles = np.arctan(heights[..., rows] / edge)
     sides = np.array(box.sides, dtype=np.intp)
     level = np.arcsin(heights[..., sides] / radius)
     ends = []
     for cap, k in zip(box.caps, (0, -1), strict=True):
         part = slice(cap.last, None) if cap.sign > 0 else slice(None, cap.last + 1)
-        angles, terrain = _cap(cap, plain, heights, radius)
-        across[..., part] = terrain[..., None]
-        across[..., cap.end] = plain
-        pole, beyond = (angles[..., cap.starts[-1]], cap.starts[-1]) if cap.starts else (cap.sign * np.pi / 2, 0)
-        corner = along[..., k]
+        angles, terrain = _place_cap(cap, plain, heights, radius)
+        box_radii[..., part] = terrain[..., None]
+        box_radii[..., cap.end] = plain
+        pole, first_outside = (angles[..., cap.starts[-1]], cap.starts[-1]) if cap.starts else (cap.sign * np.pi / 2, 0)
+        corner = ray_angles[..., k]
         if len(sides):
             corner = pole - cap.sign * smooth_min(cap.sign * (pole - corner), cap.sign * (pole - level[..., k]) / 2)
-        own = np.pi / 2 * cap.sign - np.arctan(terrain[..., beyond:] / heights[..., [cap.last]])
+        own_angles = np.pi / 2 * cap.sign - np.arctan(terrain[..., first_outside:] / heights[..., [cap.last]])
         pole = np.asarray(pole)[..., None]
-        angles[..., beyond:] = pole + (own - pole) * (corner[..., None] - pole) / (own[..., -1:] - pole)
+        angles[..., first_outside:] = pole + (own_angles - pole) * (corner[..., None] - pole) / (own_angles[..., -1:] - pole)
         met[..., part] = angles[..., None]
         ends.append(corner)
     widest = np.arccos(radius / (edge**2 + heights[..., rows] ** 2) ** 0.5)
     level = np.concatenate([ends[0][..., None], level, ends[1][..., None]], axis=-1)
-    met[..., -1, rows] = along + widest * _turned(along, widest, [0, *(sides - rows[0]), len(rows) - 1], level)
-    core = _core(met[..., rows], CORE_REACH * radius)
+    met[..., -1, rows] = ray_angles + widest * _compute_turns(ray_angles, widest, [0, *(sides - rows[0]), len(rows) - 1], level)
+    core = _place_core(met[..., rows], CORE_REACH * radius)
     core_radii[..., rows], core_heights[..., rows] = core
-    return BoxLines(*(_scattered(one, lines, kind) for one in (across, met, core_radii, core_heights)))
+    return BoxLines(*(_expand_radii(value, lines, kind) for value in (box_radii, met, core_radii, core_heights)))
 
 
-def _scattered(values: Any, lines: Ints, kind: Any) -> Any:
+def _expand_radii(values: Any, lines: Ints, kind: Any) -> Any:
     """From the box's lines to all radii up to its edge."""
-    out = np.zeros((*values.shape[:-2], lines[-1] + 1, values.shape[-1]), dtype=kind)
-    out[..., lines, :] = values
-    return out
+    expanded = np.zeros((*values.shape[:-2], lines[-1] + 1, values.shape[-1]), dtype=kind)
+    expanded[..., lines, :] = values
+    return expanded
 
 
-def _cap(cap: Cap, radii: Any, heights: Any, radius: Any) -> tuple[Any, Any]:
+def _place_cap(cap: Cap, radii: Any, heights: Any, radius: Any) -> tuple[Any, Any]:
     """Angles at which columns meet the sphere up to the last interface's, and radii on the terrain.
 
     Columns at which interfaces begin stand there; those between are moved in proportion.
@@ -218,27 +223,27 @@ def _cap(cap: Cap, radii: Any, heights: Any, radius: Any) -> tuple[Any, Any]:
     return angles, terrain
 
 
-def _turned(along: Any, widest: Any, breaks: list[int], met: Any) -> Any:
+def _compute_turns(ray_angles: Any, widest: Any, breaks: list[int], met: Any) -> Any:
     """Return s of rays to the box's side; at interfaces and corners, ``breaks``, they meet the sphere at the angles ``met``."""
-    ends, out = (met - along[..., breaks]) / widest[..., breaks], 0 * along * widest
+    ends, turns = (met - ray_angles[..., breaks]) / widest[..., breaks], 0 * ray_angles * widest
     for k, (first, last) in enumerate(pairwise(breaks)):
         span = slice(first, last + 1)
-        share = (along[..., span] - along[..., [first]]) / (along[..., [last]] - along[..., [first]])
-        out[..., span] = ends[..., [k]] + share * (ends[..., [k + 1]] - ends[..., [k]])
-    return out
+        share = (ray_angles[..., span] - ray_angles[..., [first]]) / (ray_angles[..., [last]] - ray_angles[..., [first]])
+        turns[..., span] = ends[..., [k]] + share * (ends[..., [k + 1]] - ends[..., [k]])
+    return turns
 
 
-def _core(met: Any, reach: Any) -> tuple[Any, Any]:
+def _place_core(met: Any, reach: Any) -> tuple[Any, Any]:
     """Radii and heights of the core: its corners are on the rays to the box's, its rows level, its sides straight."""
     side = met[..., -1, :]
     (low, bottom), (high, top) = ((reach * np.cos(side[..., [k]]), reach * np.sin(side[..., [k]])) for k in (0, -1))
     slant = (high - low) / (top - bottom)
-    out = (low - slant * bottom) / (np.cos(side) - slant * np.sin(side))
-    z, edge = (out * np.sin(side))[..., None, :], (out * np.cos(side))[..., None, :]
-    up = (z - z[..., :1]) / (z[..., -1:] - z[..., :1])
-    under, over = ((_cot(met[..., k]) / _cot(side[..., [k]]))[..., None] for k in (0, -1))
-    return edge * (under + up * (over - under)), z + 0 * under
+    ray_length = (low - slant * bottom) / (np.cos(side) - slant * np.sin(side))
+    z, edge = (ray_length * np.sin(side))[..., None, :], (ray_length * np.cos(side))[..., None, :]
+    height_fraction = (z - z[..., :1]) / (z[..., -1:] - z[..., :1])
+    lower_ratio, upper_ratio = ((_cotangent(met[..., k]) / _cotangent(side[..., [k]]))[..., None] for k in (0, -1))
+    return edge * (lower_ratio + height_fraction * (upper_ratio - lower_ratio)), z + 0 * lower_ratio
 
 
-def _cot(angle: Any) -> Any:
+def _cotangent(angle: Any) -> Any:
     return np.cos(angle) / np.sin(angle)

@@ -10,24 +10,24 @@ from typing import Any
 import numpy as np
 
 from geometry.meridian.breaks import (
-    THIN,
+    THIN_TISSUE_FEATURES,
     CapPlace,
-    block_breaks,
-    cap_places,
-    cell_counts,
-    cut_ends,
-    lean_columns,
-    lean_rings,
-    lean_rows,
-    radial_breaks,
-    tissue_breaks,
+    count_cells,
+    count_lean_columns,
+    count_lean_rings,
+    count_lean_rows,
+    find_block_breaks,
+    find_cap_places,
+    find_cut_ends,
+    find_radial_breaks,
+    find_tissue_breaks,
 )
-from geometry.meridian.crossed_sphere import BoxLines, Cap, CrossedBox, place, spread
-from geometry.meridian.grading import graded, smooth_min
+from geometry.meridian.crossed_sphere import BoxLines, Cap, CrossedBox, place_box_lines, spread_apart
+from geometry.meridian.grading import grade_nodes, smooth_min
 from geometry.meridian.section import Section
 from geometry.meridian.sphere_box import Breaks, SphereBox
 
-MANY = 2.0  # times the coarsest mesh's cells: beyond it no lines end, for the three columns under a gap were too few
+MAX_MERGING_CELLS = 2.0  # times the coarsest mesh's cells: beyond it no lines end, for the three columns under a gap were too few
 
 
 @dataclass(frozen=True)
@@ -80,9 +80,9 @@ class MeridianFineness:
     order: int
     lean: bool = False
 
-    def count(self, cells: int, least: int = 1) -> int:
+    def count(self, cells: int, minimum: int = 1) -> int:
         """Number of cells where the mesh with a multiplier of 1 has ``cells``; never fewer than ``minimum`` of these."""
-        return max(min(cells, least), round(self.cells * cells))
+        return max(min(cells, minimum), round(self.cells * cells))
 
 
 @dataclass(frozen=True)
@@ -127,13 +127,13 @@ class MeshTopology:
     def __init__(self, kind: Kind, fineness: MeridianFineness) -> None:
         n = fineness.count
         self.kind, self.fineness = kind, fineness
-        names, levels = ["axis", *_block_names(kind.edges), "side"], _level_names(kind.layers, kind.box is not None)
+        names, levels = ["axis", *_list_block_names(kind.edges), "side"], _list_level_names(kind.layers, kind.box is not None)
         if kind.box is not None:
             names.insert(kind.box + 1, "box")
         gap = range(names.index("inner"), names.index("hole"))
         self.split_gap = "box" in names and names.index("box") - 1 in gap
         # three columns below a gap become one; other numbers do not, but for a single one on each side of the box's edge
-        self.merging = not kind.thin and fineness.cells < MANY
+        self.merging = not kind.thin and fineness.cells < MAX_MERGING_CELLS
         self.columns = tuple(cells if k in gap and self.merging else n(cells, 3) for k, cells in enumerate(kind.columns))
         fewest = 2 if kind.lean or any(kind.layers) else 1  # two cells at least lie between any two singular corners
         self.rows, self.blocks = tuple(n(cells, fewest) for cells in kind.rows), tuple(map(n, kind.blocks))
@@ -144,10 +144,10 @@ class MeshTopology:
         self.row = dict(zip(levels, np.cumsum([0, *self.rows]).tolist(), strict=True))
         self.interfaces = [self.row[f"interface {k}"] for k in range(sum(kind.layers))]
         self.layer = n(3)
-        top = self._stack(self.row["surface"] + 1)
-        self.merged = self._merged()
+        top = self._number_levels(self.row["surface"] + 1)
+        self.merged = self._find_merged()
         self.middles = dict(zip(self.merged, range(top, top + len(self.merged)), strict=True))
-        self.crossed = self._crossed() if kind.layers[1] else None
+        self.crossed = self._build_crossed_box() if kind.layers[1] else None
 
     @property
     def faces(self) -> tuple[tuple[int, int], tuple[int, int]]:
@@ -155,7 +155,7 @@ class MeshTopology:
         inner, hole, tube = (self.column.get(f"{name} edge", self.column[name]) for name in ("inner", "hole", "tube"))
         return (self.column["axis"], inner), (hole, tube)
 
-    def _merged(self) -> dict[int, list[tuple[int, ...]]]:
+    def _find_merged(self) -> dict[int, list[tuple[int, ...]]]:
         """Which columns become one in which row."""
         surface = self.row["surface"]
         inner, hole, tube = (self.column[name] for name in ("inner", "hole", "tube"))
@@ -173,20 +173,20 @@ class MeshTopology:
         ended = {line for groups in self.merged.values() for group in groups for line in group[1:-1]}
         return tuple(line for line in range(self.column["box"] + 1) if line not in ended)
 
-    def _crossed(self) -> CrossedBox:
+    def _build_crossed_box(self) -> CrossedBox:
         """Which columns of the box meet the sphere where interfaces do near its poles, and which of these are rays."""
-        above, across, _ = self.kind.layers
-        lines, rows = self.box_lines, self.interfaces[above : above + across]
+        interfaces_above, interfaces_across, _ = self.kind.layers
+        lines, rows = self.box_lines, self.interfaces[interfaces_above : interfaces_above + interfaces_across]
         ends, caps = np.cumsum([0, *self.columns]), []
         for places, sign, name, levels in zip(self.kind.caps, (-1, 1), ("low", "high"), (rows[::-1], rows), strict=True):
             wanted = [int(np.searchsorted(lines, ends[k] + eighths / 8 * self.columns[k])) for k, eighths, _ in places]
-            starts, flat = spread(wanted, len(lines) - 1), tuple(one for *_, one in places)
+            starts, flat = spread_apart(wanted, len(lines) - 1), tuple(is_flat for *_, is_flat in places)
             caps.append(Cap(tuple(levels[: len(places)]), starts, flat, sign, self.row[name]))
         lower, upper = caps
         sides = rows[len(upper.rows) : len(rows) - len(lower.rows)]
         return CrossedBox(lines, tuple(sides[::-1]), (lower, upper))
 
-    def _stack(self, first: int) -> int:
+    def _number_levels(self, first: int) -> int:
         """Number the levels above the surface, from ``first``, and the radii beyond the tissue's; return the next level."""
         n, kind = self.fineness.count, self.kind
         middle, top = (first + sum(self.blocks[:k]) + k * kind.films * self.layer for k in (1, 2))
@@ -211,41 +211,41 @@ class MeshTopology:
         return top + self.step + self.thick
 
 
-def _block_names(edges: bool) -> tuple[str, ...]:
+def _list_block_names(edges: bool) -> tuple[str, ...]:
     """Those of ``Section.block_radii``."""
     return ("inner edge", "inner", "hole", "hole edge", "tube edge", "tube") if edges else ("inner", "hole", "tube")
 
 
-def _level_names(layers: tuple[int, int, int], sphere: bool) -> list[str]:
+def _list_level_names(layers: tuple[int, int, int], sphere: bool) -> list[str]:
     """The tissue's breaks from the floor upwards."""
-    above, across, _ = layers
+    interfaces_above, interfaces_across, _ = layers
     names = ["surface", *(f"interface {k}" for k in range(sum(layers))), "floor"]
     if sphere:
-        names.insert(1 + above, "high")
-        names.insert(2 + above + across, "low")
+        names.insert(1 + interfaces_above, "high")
+        names.insert(2 + interfaces_above + interfaces_across, "low")
     return names[::-1]
 
 
-def kind(section: Section, lean: bool = False) -> Kind:
+def find_kind(section: Section, lean: bool = False) -> Kind:
     """Return the kind of a section, whose lengths are floats; where there is no sphere or edges are round no mesh is lean."""
-    s, sphere = section, SphereBox.of(section)
-    box = None if sphere is None else sphere.widest_place(s)
+    s, sphere = section, SphereBox.from_section(section)
+    box = None if sphere is None else sphere.find_widest_interval(s)
     films, base = int(s.film > 0) + int(s.adhesive > 0), None
     if s.flange_thickness > 0:
         base = 0 if isclose(s.inner_height, s.outer_height) else 1 if s.inner_height > s.outer_height else -1
-    blocks = tuple(cell_counts(block_breaks(s, height))[0] for height in (s.inner_height, s.outer_height))
-    rings = (0, 0) if sphere is None else tuple(cell_counts(ring)[0] for ring in sphere.rings())
-    thin = bool(s.under_blocks < THIN * s.block_size)
-    above, across = s.interfaces_apart
-    layers = above, across, len(s.interfaces) - above - across
-    radii, levels = radial_breaks(s, box, sphere), tissue_breaks(s, sphere, thin)
-    columns, rows = cell_counts(radii), cell_counts(levels)
-    caps = cap_places(s, radii)
+    blocks = tuple(count_cells(find_block_breaks(s, height))[0] for height in (s.inner_height, s.outer_height))
+    rings = (0, 0) if sphere is None else tuple(count_cells(ring)[0] for ring in sphere.build_rings())
+    thin = bool(s.under_blocks < THIN_TISSUE_FEATURES * s.block_size)
+    interfaces_above, interfaces_across = s.interfaces_apart
+    layers = interfaces_above, interfaces_across, len(s.interfaces) - interfaces_above - interfaces_across
+    radii, levels = find_radial_breaks(s, box, sphere), find_tissue_breaks(s, sphere, thin)
+    columns, rows = count_cells(radii), count_cells(levels)
+    caps = find_cap_places(s, radii)
     columns = max(columns[0], max(2 + 2 * len(cap) if cap else 0 for cap in caps)), *columns[1:]
     lean = lean and not s.edge_radius
     if lean and sphere is not None:
-        columns, rings = lean_columns(columns, radii, box), lean_rings(rings, sphere.rings()[1])
-        rows = lean_rows(levels, thin, wide=columns[1 + (box == 0)] != 3 or box == 1)
+        columns, rings = count_lean_columns(columns, radii, box), count_lean_rings(rings, sphere.build_rings()[1])
+        rows = count_lean_rows(levels, thin, wide=columns[1 + (box == 0)] != 3 or box == 1)
     return Kind(
         columns,
         rows,
@@ -259,79 +259,81 @@ def kind(section: Section, lean: bool = False) -> Kind:
         flange=bool(s.flange_radius > 0),
         edges=bool(s.edge_radius > 0),
         lean=lean and sphere is not None,
-        ends=cut_ends(s, levels, _level_names(layers, sphere is not None)),
+        ends=find_cut_ends(s, levels, _list_level_names(layers, sphere is not None)),
         caps=caps,
     )
 
 
-def frame(section: Section, layout: MeshTopology) -> MeshLines:
+def place_lines(section: Section, layout: MeshTopology) -> MeshLines:
     """Place the lines of a layout for one section, or for an array of sections of its kind."""
-    s, sphere, box = section, SphereBox.of(section), layout.kind.box
-    levels = [_joined(tissue_breaks(s, sphere), layout.rows)]
+    s, sphere, box = section, SphereBox.from_section(section), layout.kind.box
+    levels = [_join_intervals(find_tissue_breaks(s, sphere), layout.rows)]
     for height, cells in zip((s.inner_height, s.outer_height), layout.blocks, strict=True):
-        levels.append(_joined(block_breaks(s, height), (cells,))[..., 1:])
-        levels += _film_levels(s, layout, height)
-    radii = [_joined(radial_breaks(s, box, sphere), layout.columns)]
+        levels.append(_join_intervals(find_block_breaks(s, height), (cells,))[..., 1:])
+        levels += _place_film_levels(s, layout, height)
+    radii = [_join_intervals(find_radial_breaks(s, box, sphere), layout.columns)]
     if layout.kind.base is not None:
-        levels += _base_levels(s, layout)
-        radii.append(_bridge(s, layout))
+        levels += _place_base_levels(s, layout)
+        radii.append(_place_bridge(s, layout))
         if layout.kind.flange:
-            radii.append(graded(s.tube_radius, s.flange_radius, layout.overhang, s.corner_size)[..., 1:])
-    levels.append(_middles(levels[0], layout))
+            radii.append(grade_nodes(s.tube_radius, s.flange_radius, layout.overhang, s.corner_size)[..., 1:])
+    levels.append(_find_middles(levels[0], layout))
     rays: tuple[Any, ...] = (np.zeros(0), np.zeros(0), 0.0, 0.0)
     if sphere is not None:
-        outside, inside = (_joined(ring, (cells,)) for ring, cells in zip(sphere.rings(), layout.rings, strict=True))
+        outside, inside = (
+            _join_intervals(ring, (cells,)) for ring, cells in zip(sphere.build_rings(), layout.rings, strict=True)
+        )
         centre, radius = -sphere.depth + 0 * sphere.radius, sphere.radius + 0 * sphere.depth
-        rays = (outside, inside, centre, radius, box_lines(layout, radii[0], levels[0], sphere))
+        rays = (outside, inside, centre, radius, place_core_lines(layout, radii[0], levels[0], sphere))
     return MeshLines(np.concatenate(radii, axis=-1), np.concatenate(levels, axis=-1), *rays)
 
 
-def _joined(breaks: Breaks, cells: tuple[int, ...]) -> Any:
+def _join_intervals(breaks: Breaks, cells: tuple[int, ...]) -> Any:
     """Nodes on all intervals between breaks, shape (..., sum(cells) + 1)."""
     ends = zip(pairwise(breaks.places), pairwise(breaks.sizes), cells, strict=True)
-    pieces = [graded(low, high, n, a, b) for (low, high), (a, b), n in ends]
+    pieces = [grade_nodes(low, high, n, a, b) for (low, high), (a, b), n in ends]
     return np.concatenate([pieces[0], *(piece[..., 1:] for piece in pieces[1:])], axis=-1)
 
 
-def box_lines(layout: MeshTopology, radii: Any, levels: Any, sphere: SphereBox) -> BoxLines:
+def place_core_lines(layout: MeshTopology, radii: Any, levels: Any, sphere: SphereBox) -> BoxLines:
     """``MeshLines.box``."""
     if layout.crossed is not None:
-        return place(layout.crossed, radii, levels, -sphere.depth, sphere.radius)
+        return place_box_lines(layout.crossed, radii, levels, -sphere.depth, sphere.radius)
     columns, rows = slice(layout.column["box"] + 1), slice(layout.row["low"], layout.row["high"] + 1)
-    inside = sphere.core(radii[..., columns], levels[..., rows])
-    core = tuple(np.zeros((*one.shape[:-1], levels.shape[-1]), dtype=one.dtype) for one in inside)
-    for out, one in zip(core, inside, strict=True):
-        out[..., rows] = one
+    inside = sphere.place_core(radii[..., columns], levels[..., rows])
+    core = tuple(np.zeros((*grid.shape[:-1], levels.shape[-1]), dtype=grid.dtype) for grid in inside)
+    for target, grid in zip(core, inside, strict=True):
+        target[..., rows] = grid
     return BoxLines(None, None, *core)
 
 
-def _middles(levels: Any, layout: MeshTopology) -> Any:
+def _find_middles(levels: Any, layout: MeshTopology) -> Any:
     """The levels within rows in which lines end."""
     tops = list(layout.merged)
     return (levels[..., tops] + levels[..., [top - 1 for top in tops]]) / 2
 
 
-def _bridge(s: Section, layout: MeshTopology) -> Any:
+def _place_bridge(s: Section, layout: MeshTopology) -> Any:
     """Radii of an elastic base across the gap, graded to its ends and to the step in its middle."""
     middle, sign = (s.inner_radius + s.hole_radius) / 2, layout.kind.base
     step = s.corner_size if not sign else smooth_min(s.corner_size, sign * (s.inner_height - s.outer_height))
     breaks = Breaks([s.inner_radius, middle, s.hole_radius], [s.corner_size, step, s.corner_size], [1, 1])
-    return _joined(breaks, (layout.half, layout.half))[..., 1:-1]
+    return _join_intervals(breaks, (layout.half, layout.half))[..., 1:-1]
 
 
-def _film_levels(s: Section, layout: MeshTopology, height: Any) -> list[Any]:
+def _place_film_levels(s: Section, layout: MeshTopology, height: Any) -> list[Any]:
     levels, top = [], height
     for thickness in (s.film, s.adhesive)[: layout.kind.films]:
-        levels.append(graded(top, top + thickness, layout.layer, s.corner_size, s.corner_size)[..., 1:])
+        levels.append(grade_nodes(top, top + thickness, layout.layer, s.corner_size, s.corner_size)[..., 1:])
         top = top + thickness
     return levels
 
 
-def _base_levels(s: Section, layout: MeshTopology) -> list[Any]:
+def _place_base_levels(s: Section, layout: MeshTopology) -> list[Any]:
     low, high = (s.outer_height, s.inner_height) if layout.kind.base == 1 else (s.inner_height, s.outer_height)
     films, corner = s.film + s.adhesive, s.corner_size
     step = high + films
-    boss = [] if layout.kind.base == 0 else [graded(low + films, step, layout.step, corner, corner)[..., 1:-1]]
+    boss = [] if layout.kind.base == 0 else [grade_nodes(low + films, step, layout.step, corner, corner)[..., 1:-1]]
     flange = step + s.step_height
-    top = graded(flange, flange + s.flange_thickness, layout.thick, smooth_min(s.step_height, corner))
-    return [*boss, graded(step, flange, layout.step, corner, corner)[..., 1:], top[..., 1:]]
+    top = grade_nodes(flange, flange + s.flange_thickness, layout.thick, smooth_min(s.step_height, corner))
+    return [*boss, grade_nodes(step, flange, layout.step, corner, corner)[..., 1:], top[..., 1:]]

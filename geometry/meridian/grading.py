@@ -27,12 +27,14 @@ def smooth_max(a: Lengths, b: Lengths, blur: Lengths) -> Any:
     return (a + b + ((a - b) ** 2 + blur**2) ** 0.5) / 2
 
 
-def folds(low: float, high: float, low_size: float | None = None, high_size: float | None = None) -> float:
+def count_folds(low: float, high: float, low_size: float | None = None, high_size: float | None = None) -> float:
     """Return how many times cells grow e-fold between two ends: the integral that ``grade_nodes`` divides equally."""
     return float(sum(log1p((high - low) / size) for size in (low_size, high_size) if size is not None))
 
 
-def graded(low: Lengths, high: Lengths, cells: int, low_size: Lengths | None = None, high_size: Lengths | None = None) -> Any:
+def grade_nodes(
+    low: Lengths, high: Lengths, cells: int, low_size: Lengths | None = None, high_size: Lengths | None = None
+) -> Any:
     """Return the ``cells + 1`` nodes on ``low .. high``, shape (..., cells + 1), whose cells grow away from the ends.
 
     Cells have the same share of the integral of 1 / (x - low + low_size) + 1 / (high - x + high_size) (ME.2);

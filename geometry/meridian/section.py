@@ -80,13 +80,13 @@ class Section:
     def lengths(self) -> tuple[str, ...]:
         """Names of the lengths that are not zero: those by which outputs can be differentiated."""
         names = (field.name for field in fields(self) if field.name != "mesh_size")
-        return tuple(name for name in names if _some(getattr(self, name)))
+        return tuple(name for name in names if _is_present(getattr(self, name)))
 
     @cached_property
     def block_radii(self) -> dict[str, Any]:
         """Where the blocks' walls stand and, if their edges are round, their faces end: rising, by name."""
         inner, hole, tube, edge = self.inner_radius, self.hole_radius, self.tube_radius, self.edge_radius
-        if not _some(edge):
+        if not _is_present(edge):
             return {"inner": inner, "hole": hole, "tube": tube}
         inside = {"inner edge": inner - edge, "inner": inner, "hole": hole, "hole edge": hole + edge}
         return inside | {"tube edge": tube - edge, "tube": tube}
@@ -94,13 +94,13 @@ class Section:
     @property
     def has_details(self) -> bool:
         """Whether there is a film or an elastic base."""
-        return _some(self.film) or _some(self.flange_thickness)
+        return _is_present(self.film) or _is_present(self.flange_thickness)
 
     @cached_property
     def interfaces(self) -> list[Any]:
         """Depths of the tissue's interfaces, from the surface downwards."""
         thicknesses = (getattr(self, body.name.lower()) for body in LAYERS)
-        return list(accumulate(one for one in thicknesses if _some(one)))
+        return list(accumulate(thickness for thickness in thicknesses if _is_present(thickness)))
 
     @cached_property
     def interfaces_apart(self) -> tuple[int, int]:
@@ -108,20 +108,20 @@ class Section:
         if "sphere_radius" not in self.lengths:
             return len(self.interfaces), 0
         tops, bottoms = self.sphere_depth - self.sphere_radius, self.sphere_depth + self.sphere_radius
-        above = sum(bool(np.all(np.real(depth) <= np.real(tops))) for depth in self.interfaces)
-        return above, sum(bool(np.all(np.real(depth) < np.real(bottoms))) for depth in self.interfaces[above:])
+        count_above = sum(bool(np.all(np.real(depth) <= np.real(tops))) for depth in self.interfaces)
+        return count_above, sum(bool(np.all(np.real(depth) < np.real(bottoms))) for depth in self.interfaces[count_above:])
 
     @cached_property
     def cover(self) -> Any:
         """Tissue between the sphere's top and the next interface above it, or the surface."""
-        above, _ = self.interfaces_apart
-        return self.sphere_depth - self.sphere_radius - ([0.0, *self.interfaces][above])
+        count_above, _ = self.interfaces_apart
+        return self.sphere_depth - self.sphere_radius - ([0.0, *self.interfaces][count_above])
 
     @cached_property
     def clearance(self) -> Any:
         """Tissue between the sphere's bottom and the next interface below it, or the floor."""
-        below = sum(self.interfaces_apart)
-        return [*self.interfaces, self.tissue_depth][below] - self.sphere_depth - self.sphere_radius
+        count_below = sum(self.interfaces_apart)
+        return [*self.interfaces, self.tissue_depth][count_below] - self.sphere_depth - self.sphere_radius
 
     @cached_property
     def block_size(self) -> Any:
@@ -133,7 +133,7 @@ class Section:
             self.tissue_radius - self.tube_radius,
             self.inner_height,
             self.outer_height,
-            *([self.edge_radius] if _some(self.edge_radius) else []),
+            *([self.edge_radius] if _is_present(self.edge_radius) else []),
         )
 
     @cached_property
@@ -146,18 +146,18 @@ class Section:
     @cached_property
     def corner_size(self) -> Any:
         """The size to which the mesh is graded at the blocks' corners."""
-        if _some(self.mesh_size):
+        if _is_present(self.mesh_size):
             return self.mesh_size
         return smooth_min(self.block_size, self.under_blocks / 4)
 
     def box_limits(self) -> tuple[Any, Any]:
         """Between which radii the sphere's box may end: a smooth choice between sphere and tissue's side."""
-        s, beside = self.sphere_radius, self.tissue_radius - self.sphere_radius
-        step = smooth_min((NEAREST_BOX - 1) * s, beside / 3)
-        reach = smooth_min((WIDEST_BOX - 1) * s, 2 * beside / 3)
+        s, side_width = self.sphere_radius, self.tissue_radius - self.sphere_radius
+        step = smooth_min((NEAREST_BOX - 1) * s, side_width / 3)
+        reach = smooth_min((WIDEST_BOX - 1) * s, 2 * side_width / 3)
         return s + step, s + reach
 
 
-def _some(length: Lengths) -> bool:
+def _is_present(length: Lengths) -> bool:
     """Whether there is such a length, or each of an array; plain comparison of a number takes a hundredth of numpy's."""
     return length != 0 if isinstance(length, float | int) else bool(np.all(length != 0))

@@ -21,7 +21,7 @@ class Breaks:
 
     places: list[Any]
     sizes: list[Any]
-    least: list[int]
+    min_cells: list[int]
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class SphereBox:
     pole: Any
 
     @classmethod
-    def of(cls, section: Section) -> SphereBox | None:
+    def from_section(cls, section: Section) -> SphereBox | None:
         """Return that of a section; None without a sphere."""
         if "sphere_radius" not in section.lengths:
             return None
@@ -61,30 +61,30 @@ class SphereBox:
         """Height of its lower side."""
         return -self.depth - self.radius - self.below
 
-    def rings(self) -> tuple[Breaks, Breaks]:
+    def build_rings(self) -> tuple[Breaks, Breaks]:
         """Fractions of the rays between sphere and box and between core and sphere."""
-        one = np.ones_like(np.asarray(self.radius))
+        unit = np.ones_like(np.asarray(self.radius))
         sizes = smooth_min(self.above, self.below), smooth_min(self.radius, 2 * self.pole)
-        outside, inside = (Breaks([0 * one, one], [None, size / self.radius], [2]) for size in sizes)
+        outside, inside = (Breaks([0 * unit, unit], [None, size / self.radius], [2]) for size in sizes)
         return outside, inside
 
-    def widest_place(self, s: Section) -> int:
+    def find_widest_interval(self, s: Section) -> int:
         """Between which radii the box has the most room to end, on a logarithmic scale."""
         breaks = [0.0, *s.block_radii.values(), s.tissue_radius]
         low, high = s.box_limits()
         return int(np.argmax([min(b, high) / max(a, low) for a, b in pairwise(breaks)]))
 
-    def edge(self, s: Section, box: int, breaks: list[Any]) -> Any:
+    def find_edge(self, s: Section, box: int, breaks: list[Any]) -> Any:
         """Where the box ends: in the middle of the room between its limits and the radii beside it."""
         low, high = s.box_limits()
         blur = 0.2 * (high - low)
-        least = low if box == 0 else smooth_max(low, breaks[box], blur)
-        return (least - smooth_max(-high, -breaks[box + 1], blur)) / 2
+        lower = low if box == 0 else smooth_max(low, breaks[box], blur)
+        return (lower - smooth_max(-high, -breaks[box + 1], blur)) / 2
 
-    def core(self, radii: Any, levels: Any) -> tuple[Any, Any]:
+    def place_core(self, radii: Any, levels: Any) -> tuple[Any, Any]:
         """Radii and heights above the centre of the core's grid, shape (..., columns, rows) both: those of the box, shrunk."""
         x, heights = radii[..., :, None], (levels + np.asarray(self.depth)[..., None])[..., None, :]
         edge = radii[..., -1]  # the farthest of the box's corners are farther off than the sphere's poles are from it
-        far = (edge**2 + (self.radius + self.above) ** 2 + (self.radius + self.below) ** 2) ** 0.5
-        shrunk = np.asarray(CORE_REACH * self.radius / far)[..., None, None]
+        corner_distance = (edge**2 + (self.radius + self.above) ** 2 + (self.radius + self.below) ** 2) ** 0.5
+        shrunk = np.asarray(CORE_REACH * self.radius / corner_distance)[..., None, None]
         return shrunk * x + 0 * heights, shrunk * heights + 0 * x

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.common.arrays import Floats, Ints
-from geometry.meridian.mesh import SIDES, SQUARE, Topology, labels, line_label, nodes
+from geometry.meridian.mesh import ELEMENT_SIDES, UNIT_SQUARE, Topology, compute_labels, compute_nodes, label_line
 from geometry.meridian.section import Body, Section
 
 
@@ -26,31 +26,34 @@ class GapWalls:
     inner: int
 
     @classmethod
-    def of(cls, mesh: Topology) -> GapWalls:
+    def from_mesh(cls, mesh: Topology) -> GapWalls:
         """Find them."""
-        (elements, sides), others = _upwards(mesh, Body.INNER, "inner"), _upwards(mesh, Body.OUTER, "hole")
-        return cls(np.concatenate([elements, others[0]]), np.concatenate([sides, others[1]]), len(elements))
+        (elements, sides), hole_walls = (
+            _find_rising_sides(mesh, Body.INNER, "inner"),
+            _find_rising_sides(mesh, Body.OUTER, "hole"),
+        )
+        return cls(np.concatenate([elements, hole_walls[0]]), np.concatenate([sides, hole_walls[1]]), len(elements))
 
     @property
-    def both(self) -> tuple[slice, slice]:
+    def wall_slices(self) -> tuple[slice, slice]:
         """The sides of the inner block's wall, and of the hole's."""
         return slice(self.inner), slice(self.inner, None)
 
-    def functions(self, order: int) -> Ints:
+    def list_functions(self, order: int) -> Ints:
         """Return which of the elements' functions live on the sides: both ends', then by degree; shape (m, order + 1)."""
         first = 4 + (order - 1) * self.sides[:, None]
-        return np.hstack([np.array(SIDES)[self.sides], first + np.arange(order - 1)])
+        return np.hstack([np.array(ELEMENT_SIDES)[self.sides], first + np.arange(order - 1)])
 
-    def ends(self, section: Section, mesh: Topology) -> Floats:
+    def compute_ends(self, section: Section, mesh: Topology) -> Floats:
         """Return the heights z of the sides' ends as their functions run, upwards or downwards, m, shape (m, 2)."""
-        corners = nodes(section, mesh, SQUARE, self.elements)[..., 1]
-        return np.take_along_axis(corners, np.array(SIDES)[self.sides], axis=1)
+        corners = compute_nodes(section, mesh, UNIT_SQUARE, self.elements)[..., 1]
+        return np.take_along_axis(corners, np.array(ELEMENT_SIDES)[self.sides], axis=1)
 
 
-def _upwards(mesh: Topology, body: Body, column: str) -> tuple[Ints, Ints]:
+def _find_rising_sides(mesh: Topology, body: Body, column: str) -> tuple[Ints, Ints]:
     """Elements and sides of a body on a column of the mesh, rising."""
-    at, sides = labels(mesh), np.array(SIDES)
-    on = (at[..., 0] == line_label(mesh.layout.column[column])) & (mesh.body == body)[:, None]
-    elements, which = np.nonzero(on[:, sides].all(axis=2))
-    rising = np.argsort(at[elements[:, None], sides[which], 1].min(axis=1))
-    return elements[rising], which[rising]
+    points, sides = compute_labels(mesh), np.array(ELEMENT_SIDES)
+    is_on_column = (points[..., 0] == label_line(mesh.layout.column[column])) & (mesh.body == body)[:, None]
+    elements, side = np.nonzero(is_on_column[:, sides].all(axis=2))
+    rising = np.argsort(points[elements[:, None], sides[side], 1].min(axis=1))
+    return elements[rising], side[rising]

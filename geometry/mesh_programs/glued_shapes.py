@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from geometry.common.arrays import Points
 from geometry.common.child_process import run_program
-from geometry.common.resources import limits, seconds_left
+from geometry.common.resources import find_seconds_left, get_limits
 
 _PROGRAM = Path(__file__).with_name("netgen_program.py")
 Indices = NDArray[np.int64]
@@ -62,11 +62,11 @@ class GluedShapes:
     grading: float
     smoothing: int
 
-    def meshed(self, patience: float) -> Pieces:
+    def mesh(self, patience: float) -> Pieces:
         """Mesh all pieces in a process that takes one core; ``patience`` in s.
 
         Raises:
             TooLong, Failure, KeyboardInterrupt: see ``geometry.common.child_process.run_program``.
         """
         arrays = {field.name: np.asarray(getattr(self, field.name)) for field in fields(self)}
-        return Pieces(**run_program(_PROGRAM, arrays, min(patience, seconds_left()), limits().memory))
+        return Pieces(**run_program(_PROGRAM, arrays, min(patience, find_seconds_left()), get_limits().memory))

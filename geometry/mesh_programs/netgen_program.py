@@ -8,68 +8,70 @@ import numpy as np
 from netgen import occ
 from netgen.meshing import MeshingParameters
 
-MM = 1e3  # OpenCASCADE's margins are absolute, for lengths in mm; ours are in m
-_FAR = 4.0  # times the largest length: boxes that cut shapes
-_EVEN = 1e-9  # of its largest: an ellipsoid whose semi-axes differ by less is a sphere
-_BENT = 2.0  # radii of curvature over edges: with 1.3 some cannot be curved, and volumes are off by percents
-_SHORT = 0.1  # segments of the shortest edges: sizes say how many there are
+MM_PER_M = 1e3  # OpenCASCADE's margins are absolute, for lengths in mm; ours are in m
+_CUTTING_BOX_FACTOR = 4.0  # times the largest length: boxes that cut shapes
+_SPHERE_TOLERANCE = 1e-9  # of its largest: an ellipsoid whose semi-axes differ by less is a sphere
+_CURVATURE_SAFETY = 2.0  # radii of curvature over edges: with 1.3 some cannot be curved, and volumes are off by percents
+_SEGMENTS_PER_EDGE = 0.1  # segments of the shortest edges: sizes say how many there are
 
 
 def run(arguments: dict[str, Any]) -> dict[str, Any]:
     """Mesh what ``geometry.mesh_programs.glued_shapes.GluedShapes`` describes, its fields by name."""
     given = {name: value if value.ndim else value.item() for name, value in arguments.items()}
     parameters = MeshingParameters(
-        maxh=float(MM * given["sizes"][:, 3].max()),
+        maxh=float(MM_PER_M * given["sizes"][:, 3].max()),
         grading=given["grading"],
         optsteps3d=given["smoothing"],
-        curvaturesafety=_BENT,
-        segmentsperedge=_SHORT,
+        curvaturesafety=_CURVATURE_SAFETY,
+        segmentsperedge=_SEGMENTS_PER_EDGE,
         parallel_meshing=False,
     )
-    for place in (MM * given["sizes"]).tolist():
+    for place in (MM_PER_M * given["sizes"]).tolist():
         parameters.RestrictH(*place)
-    mesh = occ.OCCGeometry(occ.Glue(_shapes(given))).GenerateMesh(mp=parameters)
+    mesh = occ.OCCGeometry(occ.Glue(_build_shapes(given))).GenerateMesh(mp=parameters)
     elements = mesh.Elements3D().NumPy()
     corners = elements["nodes"][:, :4].astype(np.int64) - 1
     return {
-        "points": np.array(mesh.Coordinates()) / MM,
+        "points": np.array(mesh.Coordinates()) / MM_PER_M,
         "tetrahedra": corners[:, [0, 2, 1, 3]],  # turned as VTK turns them
         "piece": elements["index"].astype(np.int64) - 1,
     }
 
 
-def _shapes(given: dict[str, Any]) -> list[Any]:
+def _build_shapes(given: dict[str, Any]) -> list[Any]:
     """All shapes, or their halves: what overlaps becomes pieces when they are glued."""
     tubes = [
-        _cylinder(x, y, low, high, tube) - _cylinder(x, y, low, high, hole)
-        for x, y, low, high, hole, tube in _rows(given["tubes"])
+        _build_cylinder(x, y, low, high, tube) - _build_cylinder(x, y, low, high, hole)
+        for x, y, low, high, hole, tube in _rows_in_mm(given["tubes"])
     ]
-    tissue = [_cylinder(*row) for row in _rows(given["cylinders"])] + [_box(*row) for row in _rows(given["boxes"])]
-    far = _FAR * MM * float(np.abs(given["sizes"][:, :3]).max())
-    layers = [tissue[-1] * _box(-far, -far, -depth, far, far, far) for depth in (MM * given["cuts"]).tolist()]
-    grooves = [tubes[0] * _box(*row) for row in _rows(given["grooves"])]
-    bodies = [_ellipsoid(MM * row[:3], MM * row[3:].reshape(3, 3)) for row in given["ellipsoids"]]
+    tissue = [_build_cylinder(*row) for row in _rows_in_mm(given["cylinders"])] + [
+        _build_box(*row) for row in _rows_in_mm(given["boxes"])
+    ]
+    far = _CUTTING_BOX_FACTOR * MM_PER_M * float(np.abs(given["sizes"][:, :3]).max())
+    layers = [tissue[-1] * _build_box(-far, -far, -depth, far, far, far) for depth in (MM_PER_M * given["cuts"]).tolist()]
+    grooves = [tubes[0] * _build_box(*row) for row in _rows_in_mm(given["grooves"])]
+    bodies = [_build_ellipsoid(MM_PER_M * row[:3], MM_PER_M * row[3:].reshape(3, 3)) for row in given["ellipsoids"]]
     whole = [*tubes, *grooves, *tissue, *layers, *bodies]
-    return [shape * _box(-far, 0.0, -far, far, far, far) for shape in whole] if given["half"] else whole
+    return [shape * _build_box(-far, 0.0, -far, far, far, far) for shape in whole] if given["half"] else whole
 
 
-def _rows(lengths: Any) -> Any:
-    return (MM * lengths).tolist()
+def _rows_in_mm(lengths: Any) -> Any:
+    return (MM_PER_M * lengths).tolist()
 
 
-def _cylinder(x: float, y: float, low: float, high: float, radius: float) -> Any:
+def _build_cylinder(x: float, y: float, low: float, high: float, radius: float) -> Any:
     return occ.Cylinder(occ.Pnt(x, y, low), occ.Z, radius, high - low)
 
 
-def _box(*corners: float) -> Any:
+def _build_box(*corners: float) -> Any:
     return occ.Box(occ.Pnt(*corners[:3]), occ.Pnt(*corners[3:]))
 
 
-def _ellipsoid(centre: Any, axes: Any) -> Any:
+def _build_ellipsoid(centre: Any, axes: Any) -> Any:
     """A sphere, or an ellipsoid of three semi-axes along the columns of ``axes``."""
     lengths = np.linalg.norm(axes, axis=0)
     middle = occ.Pnt(*centre.tolist())
-    if np.ptp(lengths) <= _EVEN * lengths.max():
+    if np.ptp(lengths) <= _SPHERE_TOLERANCE * lengths.max():
         return occ.Sphere(middle, float(lengths[0]))
     x, _, z = (axes / lengths).T.tolist()
     return occ.Ellipsoid(occ.Axes(p=middle, n=occ.Dir(*z), h=occ.Dir(*x)), *lengths[[2, 0, 1]].tolist())  # its z comes first

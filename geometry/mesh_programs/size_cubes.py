@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from geometry.common.arrays import Points
 
-_SHARE = 0.8  # of the sizes wanted: edges of cubes that tell them closely
-_MOST = 200_000  # cubes of one edge: a mesh of more than a million tetrahedra need not be told more closely
-_CHILDREN = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) / 4
+_CUBE_EDGE_FRACTION = 0.8  # of the sizes wanted: edges of cubes that tell them closely
+_MAX_CUBES = 200_000  # cubes of one edge: a mesh of more than a million tetrahedra need not be told more closely
+_CHILD_OFFSETS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) / 4
 
 
 @dataclass(frozen=True)
@@ -30,8 +30,8 @@ class SizeCubes:
     sizes: Points
 
 
-def size_cubes(
-    sizes: Callable[[Points], Points], near: Callable[[Points, float], NDArray[np.bool_]], *, centre: Points, edge: float
+def build_size_cubes(
+    sizes: Callable[[Points], Points], is_near: Callable[[Points, float], NDArray[np.bool_]], *, centre: Points, edge: float
 ) -> SizeCubes:
     """Halve a cube until its parts are not larger than a share of the sizes at their middles.
 
@@ -41,12 +41,12 @@ def size_cubes(
         centre: of the cube that begins, (3,).
         edge: of that cube.
     """
-    cubes, found = centre[None, :], []
+    cubes, accepted = centre[None, :], []
     while len(cubes):
         size = sizes(cubes)
-        small = (edge <= _SHARE * size) | (len(cubes) > _MOST)
-        found.append((cubes[small], np.full(np.count_nonzero(small), edge), size[small]))
-        cubes = (cubes[~small][:, None] + edge * _CHILDREN).reshape(-1, 3)
+        small = (edge <= _CUBE_EDGE_FRACTION * size) | (len(cubes) > _MAX_CUBES)
+        accepted.append((cubes[small], np.full(np.count_nonzero(small), edge), size[small]))
+        cubes = (cubes[~small][:, None] + edge * _CHILD_OFFSETS).reshape(-1, 3)
         edge /= 2
-        cubes = cubes[near(cubes, edge * 3**0.5 / 2)]
-    return SizeCubes(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+        cubes = cubes[is_near(cubes, edge * 3**0.5 / 2)]
+    return SizeCubes(*(np.concatenate(parts) for parts in zip(*accepted, strict=True)))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from geometry.common.arrays import Points
 from geometry.common.child_process import Arrays, run_program
-from geometry.common.resources import limits, seconds_left
+from geometry.common.resources import find_seconds_left, get_limits
 
 _PROGRAM = Path(__file__).with_name("tetwild_program.py")
 
@@ -27,5 +27,5 @@ def tetrahedralize(arrays: Arrays, patience: float) -> tuple[Points, NDArray[np.
     Raises:
         TooLong, Failure, KeyboardInterrupt: see ``geometry.common.child_process.run_program``.
     """
-    mesh = run_program(_PROGRAM, arrays, min(patience, seconds_left()), limits().memory)
+    mesh = run_program(_PROGRAM, arrays, min(patience, find_seconds_left()), get_limits().memory)
     return mesh["points"], mesh["tetrahedra"].astype(np.int64)

@@ -11,11 +11,11 @@ from typing import Any
 def run(arguments: dict[str, Any]) -> dict[str, Any]:
     """Call ``pytetwild.tetrahedralize`` with arguments by name, arrays of any dimension; points (n, 3), tetrahedra (t, 4)."""
     options = {name: value if value.ndim else value.item() for name, value in arguments.items()}
-    points, tetrahedra = _pytetwild()(**options, num_threads=1, quiet=True, vtk_ordering=True)
+    points, tetrahedra = _load_pytetwild()(**options, num_threads=1, quiet=True, vtk_ordering=True)
     return {"points": points, "tetrahedra": tetrahedra}
 
 
-def _pytetwild() -> Callable[..., Any]:
+def _load_pytetwild() -> Callable[..., Any]:
     """``pytetwild.tetrahedralize``, without the half second for pyvista if it can do without."""
     sys.modules["pyvista"] = ModuleType("pyvista")
     try:

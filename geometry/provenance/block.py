@@ -18,12 +18,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from geometry.common.errors import InputError
-from geometry.provenance.digest import file_digest, scene_digest
+from geometry.provenance.digest import compute_file_digest, compute_scene_digest
 
 if TYPE_CHECKING:
     from geometry.scenes.scene import Scene
 
-FORMAT, VERSION = "probe-design provenance", 1
+BLOCK_FORMAT, BLOCK_VERSION = "probe-design provenance", 1
 DEPENDENCIES = (
     "numpy",
     "scipy",
@@ -40,7 +40,7 @@ _FROM_ROOT = re.compile(r"(^-[a-zA-Z]|^|(?<=[=,\s]))(?:[A-Za-z]:)?[\\/](?:[^\\/,
 
 
 @dataclass(frozen=True)
-class Asked:
+class Request:
     """A command line: its words, the files that they name, and the settings that a block lists separately."""
 
     words: list[str]
@@ -49,12 +49,12 @@ class Asked:
     settings: dict[str, Any]
 
 
-NOTHING = Asked([], {}, None, {})
-_asked: ContextVar[Asked | None] = ContextVar("asked", default=None)
+NO_REQUEST = Request([], {}, None, {})
+_request: ContextVar[Request | None] = ContextVar("asked", default=None)
 
 
 @contextmanager
-def command(words: Sequence[str], scene: Path | None = None, **settings: Any) -> Iterator[None]:
+def record_command(words: Sequence[str], scene: Path | None = None, **settings: Any) -> Iterator[None]:
     """Record a command line in the provenance of everything made inside the block.
 
     Args:
@@ -62,27 +62,29 @@ def command(words: Sequence[str], scene: Path | None = None, **settings: Any) ->
         scene: the file that holds the scene, where there is one.
         settings: ``evaluator``, ``accuracy`` and ``seed``, where they are asked for.
     """
-    found = {one: file_digest(Path(one)) for word in words for one in (word, *re.split("[=,]", word)[:2])}
-    inputs = {_named(name): sha for name, sha in found.items() if sha is not None}
-    token = _asked.set(Asked([_named(word) for word in words], inputs, scene, settings))
+    digests = {
+        file_name: compute_file_digest(Path(file_name)) for word in words for file_name in (word, *re.split("[=,]", word)[:2])
+    }
+    inputs = {_remove_folders(name): sha for name, sha in digests.items() if sha is not None}
+    token = _request.set(Request([_remove_folders(word) for word in words], inputs, scene, settings))
     try:
         yield
     finally:
-        _asked.reset(token)
+        _request.reset(token)
 
 
 @contextmanager
-def about(scene: Scene) -> Iterator[None]:
+def record_scene(scene: Scene) -> Iterator[None]:
     """Record a scene in the provenance of everything made inside the block, unless a command line names one."""
-    asked = _asked.get() or NOTHING
-    token = _asked.set(asked if asked.scene else replace(asked, scene=scene))
+    request = _request.get() or NO_REQUEST
+    token = _request.set(request if request.scene else replace(request, scene=scene))
     try:
         yield
     finally:
-        _asked.reset(token)
+        _request.reset(token)
 
 
-def provenance(
+def build_provenance(
     scene: Scene | None = None, *, evaluator: str | None = None, accuracy: float | None = None, seed: int | None = None
 ) -> Provenance:
     """Return the block.
@@ -93,36 +95,36 @@ def provenance(
         accuracy: that was asked for; likewise.
         seed: of what was drawn at random; likewise.
     """
-    asked = _asked.get() or NOTHING
-    told = {"evaluator": evaluator, "accuracy": accuracy, "seed": seed} | asked.settings
+    request = _request.get() or NO_REQUEST
+    settings = {"evaluator": evaluator, "accuracy": accuracy, "seed": seed} | request.settings
     return {
-        "format": FORMAT,
-        "version": VERSION,
-        "program": _version("probe-design"),
-        "dependencies": {name: found for name in DEPENDENCIES if (found := _version(name)) is not None},
-        "scene": _digest_of(asked.scene if scene is None else scene),
-        **told,
-        "command": list(asked.words) or None,
-        "inputs": dict(asked.inputs),
+        "format": BLOCK_FORMAT,
+        "version": BLOCK_VERSION,
+        "program": _find_version("probe-design"),
+        "dependencies": {name: number for name in DEPENDENCIES if (number := _find_version(name)) is not None},
+        "scene": _compute_digest(request.scene if scene is None else scene),
+        **settings,
+        "command": list(request.words) or None,
+        "inputs": dict(request.inputs),
     }
 
 
-def _digest_of(scene: Scene | Path | None) -> str | None:
+def _compute_digest(scene: Scene | Path | None) -> str | None:
     """Return the digest of a scene, or of a file's; None where there is none."""
     from geometry.scenes.scene_file import read_scene
 
     try:
-        return None if scene is None else scene_digest(read_scene(scene) if isinstance(scene, Path) else scene)
+        return None if scene is None else compute_scene_digest(read_scene(scene) if isinstance(scene, Path) else scene)
     except InputError:
         return None
 
 
-def _named(word: str) -> str:
+def _remove_folders(word: str) -> str:
     return _FROM_ROOT.sub(r"\1", word)
 
 
 @lru_cache(maxsize=32)
-def _version(name: str) -> str | None:
+def _find_version(name: str) -> str | None:
     """Return the version of a distribution; None where it is not installed."""
     from importlib.metadata import PackageNotFoundError, version
 

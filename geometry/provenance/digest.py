@@ -10,25 +10,25 @@ from typing import Any
 
 from geometry.scenes.scene import Scene
 
-DIGITS = 9  # of a number; what differs less is the same
+DIGEST_DIGITS = 9  # of a number; what differs less is the same
 LARGEST_FILE = 4_000_000_000  # bytes: what takes some seconds; of larger ones no answer is made
 
 
-def digest(content: Mapping[str, Any]) -> str:
+def compute_digest(content: Mapping[str, Any]) -> str:
     """Return the SHA-256 of numbers, to ``DIGEST_DIGITS``, and texts by their names."""
-    return hashlib.sha256(json.dumps(_rounded(content), sort_keys=True, default=str).encode()).hexdigest()
+    return hashlib.sha256(json.dumps(_round_numbers(content), sort_keys=True, default=str).encode()).hexdigest()
 
 
-def scene_digest(scene: Scene) -> str:
+def compute_scene_digest(scene: Scene) -> str:
     """Return the digest of a scene, whatever units and defaults its file wrote; of surface files what they hold counts."""
     tables = scene.model_dump()
     for body in tables["inclusion"]:
         if body["surface"] is not None:
-            body["surface"] = file_digest(Path(body["surface"])) or Path(body["surface"]).name
-    return digest(tables)
+            body["surface"] = compute_file_digest(Path(body["surface"])) or Path(body["surface"]).name
+    return compute_digest(tables)
 
 
-def file_digest(path: Path) -> str | None:
+def compute_file_digest(path: Path) -> str | None:
     """Return the SHA-256 of a file's content; None of what is none, such as a pipe or a folder, too large or cannot be read."""
     try:
         if not path.is_file() or path.stat().st_size > LARGEST_FILE:
@@ -39,9 +39,9 @@ def file_digest(path: Path) -> str | None:
         return None
 
 
-def _rounded(value: Any) -> Any:
+def _round_numbers(value: Any) -> Any:
     if isinstance(value, float):
-        return f"{value:.{DIGITS}g}"
+        return f"{value:.{DIGEST_DIGITS}g}"
     if isinstance(value, Mapping):
-        return {key: _rounded(one) for key, one in value.items()}
-    return [_rounded(one) for one in value] if isinstance(value, list | tuple) else value
+        return {key: _round_numbers(element) for key, element in value.items()}
+    return [_round_numbers(element) for element in value] if isinstance(value, list | tuple) else value

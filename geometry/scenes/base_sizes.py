@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from geometry.common.errors import InputError
-from geometry.common.limits import least_mm, reaches
-from geometry.scenes.probe import Probe, mm
+from geometry.common.limits import format_minimum_mm, is_at_least
+from geometry.scenes.probe import Probe, format_mm
 
 
 @dataclass(frozen=True)
@@ -38,8 +38,10 @@ def base_sizes(probe: Probe) -> BaseSizes:
     if not has_flange(probe):
         return BaseSizes(radius, thickness, 0.0)
     flange = 1.25 * radius if base.flange_radius is None else base.flange_radius
-    if not reaches(flange, radius):
-        raise InputError("probe.base.flange_radius", mm(flange), f"at least the tube's outer radius of {least_mm(radius)}")
+    if not is_at_least(flange, radius):
+        raise InputError(
+            "probe.base.flange_radius", format_mm(flange), f"at least the tube's outer radius of {format_minimum_mm(radius)}"
+        )
     return BaseSizes(max(flange, radius), thickness, 0.2 * radius if base.step_height is None else base.step_height)
 
 

@@ -21,19 +21,19 @@ from functools import cache
 from importlib.resources import files
 from typing import Any, Literal
 
-from geometry.common.errors import InputError, one_of
-from geometry.scenes.recipes import MixingRatio, Thinned, parsed
-from geometry.scenes.sourced_numbers import Number, comment, toml_lines
-from geometry.scenes.units import MODULUS
+from geometry.common.errors import InputError, describe_choices
+from geometry.scenes.recipes import MixingRatio, Thinned, parse_name
+from geometry.scenes.sourced_numbers import Number, format_comment, format_toml
+from geometry.scenes.units import MODULUS_QUANTITY
 
 Kind = Literal["elastomer", "base", "film"]
-TABLES: dict[str, str] = {"elastomer": "probe.inner", "base": "probe.base", "film": "probe.film"}
+TABLE_OF_KIND: dict[str, str] = {"elastomer": "probe.inner", "base": "probe.base", "film": "probe.film"}
 FILM_KEYS = ("thickness", "d31", "d33")
-UNITS = ((1e9, "GPa"), (1e6, "MPa"), (1e3, "kPa"), (1.0, "Pa"))
-NUMBERS = ("youngs_modulus", "poisson_ratio")  # that a name in the catalogue stands for
-WIDE = 2.0  # standard deviations of ln E: what measures further off is another material, or another recipe
-FAR_POISSON = 0.05  # the catalogue's own are assumed, or differ between data sheets by less
-DIGITS = 4  # of a modulus: enough for what is known to some per cent at best
+MODULUS_UNITS = ((1e9, "GPa"), (1e6, "MPa"), (1e3, "kPa"), (1.0, "Pa"))
+CATALOGUE_NUMBERS = ("youngs_modulus", "poisson_ratio")  # that a name in the catalogue stands for
+MAX_DEVIATIONS = 2.0  # standard deviations of ln E: what measures further off is another material, or another recipe
+MAX_POISSON_DIFFERENCE = 0.05  # the catalogue's own are assumed, or differ between data sheets by less
+MODULUS_DIGITS = 4  # of a modulus: enough for what is known to some per cent at best
 
 
 @dataclass(frozen=True)
@@ -54,10 +54,10 @@ class PublishedModulus:
     scatter: float = 0.0
 
     @property
-    def told(self) -> str:
+    def description(self) -> str:
         """All of it in one line."""
-        scatter = f" +- {modulus_text(self.scatter)}" if self.scatter else ""
-        return f"{modulus_text(self.youngs_modulus)}{scatter}: {self.method}; {self.source}; {self.licence}"
+        scatter = f" +- {format_modulus(self.scatter)}" if self.scatter else ""
+        return f"{format_modulus(self.youngs_modulus)}{scatter}: {self.method}; {self.source}; {self.licence}"
 
 
 @dataclass(frozen=True)
@@ -101,61 +101,64 @@ class CatalogueMaterial:
 
     def admits(self, youngs_modulus: float) -> bool:
         """Return whether a modulus, Pa, may be one of this material: within ``MAX_DEVIATIONS`` standard deviations of ln E."""
-        return abs(math.log(youngs_modulus / self.youngs_modulus)) <= WIDE * self.log_sd
+        return abs(math.log(youngs_modulus / self.youngs_modulus)) <= MAX_DEVIATIONS * self.log_sd
 
     def is_tabulated(self, youngs_modulus: float) -> bool:
         """Return whether a modulus, Pa, is the catalogue's, so that nobody has measured it of the part itself."""
-        return math.isclose(youngs_modulus, self.youngs_modulus, rel_tol=0.5 * 10.0 ** (1 - DIGITS))
+        return math.isclose(youngs_modulus, self.youngs_modulus, rel_tol=0.5 * 10.0 ** (1 - MODULUS_DIGITS))
 
     def check_numbers(self, table: Mapping[str, Any]) -> None:
         """Raise ``InputError`` unless a table's numbers may be ones of this material; what is no number is left to others."""
         given, poisson = table["youngs_modulus"], table["poisson_ratio"]
         try:
-            modulus = MODULUS.value(given, units_required=False)
+            modulus = MODULUS_QUANTITY.convert(given, units_required=False)
         except (ValueError, OverflowError):
             return
         if not self.admits(modulus):
-            ends = (modulus_text(self.youngs_modulus * math.exp(sign * WIDE * self.log_sd)) for sign in (-1, 1))
+            ends = (format_modulus(self.youngs_modulus * math.exp(sign * MAX_DEVIATIONS * self.log_sd)) for sign in (-1, 1))
             remedy = "leave youngs_modulus out for the catalogue's, or material for another"
             raise InputError("youngs_modulus", given, f"{' to '.join(ends)}, what {self.name} may measure; {remedy}")
-        if isinstance(poisson, int | float) and not abs(poisson - self.poisson_ratio) <= FAR_POISSON:
-            remedy = f"within {FAR_POISSON:g} of {self.poisson_ratio:g}, that of {self.name}; leave out material for another"
+        if isinstance(poisson, int | float) and not abs(poisson - self.poisson_ratio) <= MAX_POISSON_DIFFERENCE:
+            remedy = (
+                f"within {MAX_POISSON_DIFFERENCE:g} of {self.poisson_ratio:g}, that of {self.name}; leave out "
+                "material for another"
+            )
             raise InputError("poisson_ratio", poisson, remedy)
 
     @property
     def source(self) -> str:
         """Where the modulus and its tolerance come from, in one line."""
-        return f"{self.tolerance} | {' | '.join(one.told for one in self.published)}"
+        return f"{self.tolerance} | {' | '.join(value.description for value in self.published)}"
 
     @property
     def modulus(self) -> Number:
         """Young's modulus as a scene file has it."""
-        return Number(modulus_text(self.youngs_modulus), f"standard deviation of ln E {self.log_sd:.2g}: {self.tolerance}")
+        return Number(format_modulus(self.youngs_modulus), f"standard deviation of ln E {self.log_sd:.2g}: {self.tolerance}")
 
     @property
-    def _named(self) -> dict[str, Number]:
+    def _name_entry(self) -> dict[str, Number]:
         """The key that names it in a scene's table; films have none."""
-        meant = "the name alone does: both numbers below are the catalogue's, in whose place one may write measured ones"
-        return {} if self.kind == "film" else {"material": Number(self.name, meant)}
+        explanation = "the name alone does: both numbers below are the catalogue's, in whose place one may write measured ones"
+        return {} if self.kind == "film" else {"material": Number(self.name, explanation)}
 
     def as_dict(self) -> dict[str, Any]:
         """Return the JSON object of ``probe-design material show``: SI numbers, a scene's table, where each number comes from."""
-        keys = self._named | {"youngs_modulus": self.modulus} | self.numbers
-        values = [vars(one) for one in self.published]
-        told = {"name": self.name, "kind": self.kind, "about": self.about, "youngs_modulus": self.youngs_modulus}
-        told |= {"poisson_ratio": None if self.kind == "film" else self.poisson_ratio, "log_sd": self.log_sd}
-        told |= {"tolerance": self.tolerance, "published": values, "recipe": self.recipe or None}
-        table = {TABLES[self.kind]: {key: number.value for key, number in keys.items()}}
-        return told | {"table": table, "sources": {key: number.told for key, number in keys.items()}}
+        keys = self._name_entry | {"youngs_modulus": self.modulus} | self.numbers
+        values = [vars(value) for value in self.published]
+        entry = {"name": self.name, "kind": self.kind, "about": self.about, "youngs_modulus": self.youngs_modulus}
+        entry |= {"poisson_ratio": None if self.kind == "film" else self.poisson_ratio, "log_sd": self.log_sd}
+        entry |= {"tolerance": self.tolerance, "published": values, "recipe": self.recipe or None}
+        table = {TABLE_OF_KIND[self.kind]: {key: number.value for key, number in keys.items()}}
+        return entry | {"table": table, "sources": {key: number.description for key, number in keys.items()}}
 
-    def toml(self) -> str:
+    def to_toml(self) -> str:
         """Return a table of a scene file, each number below a comment with its source."""
-        lines = comment(f"{self.name}: {self.about}") + (comment(f"recipe: {self.recipe}") if self.recipe else [])
-        for one in self.published:
-            lines += comment(f"- {one.told}")
+        lines = format_comment(f"{self.name}: {self.about}") + (format_comment(f"recipe: {self.recipe}") if self.recipe else [])
+        for value in self.published:
+            lines += format_comment(f"- {value.description}")
         also = "  # as well [probe.outer]; of a phantom [tissue] and [[inclusion]]" if self.kind == "elastomer" else ""
-        numbers = self._named | {"youngs_modulus": self.modulus} | self.numbers
-        return "\n".join([*lines, f"[{TABLES[self.kind]}]{also}", *toml_lines(numbers), ""])
+        numbers = self._name_entry | {"youngs_modulus": self.modulus} | self.numbers
+        return "\n".join([*lines, f"[{TABLE_OF_KIND[self.kind]}]{also}", *format_toml(numbers), ""])
 
 
 def find_material(name: str, *, thinner: float | None = None, ratio: float | None = None) -> CatalogueMaterial:
@@ -169,22 +172,22 @@ def find_material(name: str, *, thinner: float | None = None, ratio: float | Non
     Raises:
         InputError: there is none of that name, or none with that recipe.
     """
-    plain, share, parts = parsed(name)
-    if plain not in catalogue():
-        raise InputError("material", name, one_of(plain, catalogue()))
+    plain, share, parts = parse_name(name)
+    if plain not in read_catalogue():
+        raise InputError("material", name, describe_choices(plain, read_catalogue()))
     share, parts = (share if thinner is None else thinner), (parts if ratio is None else ratio)
-    return _with_recipe(plain, share, parts)
+    return _find_with_recipe(plain, share, parts)
 
 
-def materials() -> dict[str, CatalogueMaterial]:
+def list_materials() -> dict[str, CatalogueMaterial]:
     """Return all built-in materials by name, each by its usual recipe."""
-    return {name: find_material(name) for name in catalogue()}
+    return {name: find_material(name) for name in read_catalogue()}
 
 
 @cache
-def catalogue() -> dict[str, dict[str, Any]]:
+def read_catalogue() -> dict[str, dict[str, Any]]:
     """Return the entries of the catalogue by name, as its files have them."""
-    entries = _read("materials.toml")
+    entries = _read_data("materials.toml")
     shared = entries.pop("elastomer")
     return {name: (shared if entry["kind"] == "elastomer" else {}) | entry for name, entry in entries.items()}
 
@@ -204,12 +207,16 @@ def fill_in(table: Any, numbers: bool = True) -> Any:
     """
     if not isinstance(table, Mapping) or not isinstance(table.get("material"), str):
         return table
-    found = find_material(table["material"])
+    material = find_material(table["material"])
     if not numbers:
-        return {**table, "material": found.name}
-    filled = {"youngs_modulus": MODULUS.text(found.youngs_modulus), "poisson_ratio": found.poisson_ratio, **table}
-    found.check_numbers(filled)
-    return {**filled, "material": found.name}
+        return {**table, "material": material.name}
+    filled = {
+        "youngs_modulus": MODULUS_QUANTITY.format_value(material.youngs_modulus),
+        "poisson_ratio": material.poisson_ratio,
+        **table,
+    }
+    material.check_numbers(filled)
+    return {**filled, "material": material.name}
 
 
 def set_number(table: dict[str, Any], key: str, value: float) -> None:
@@ -220,49 +227,51 @@ def set_number(table: dict[str, Any], key: str, value: float) -> None:
         key: in it.
         value: SI.
     """
-    if key in NUMBERS and table.get(key) != value:
+    if key in CATALOGUE_NUMBERS and table.get(key) != value:
         table.pop("material", None)
     table[key] = value
 
 
-def modulus_text(value: float) -> str:
+def format_modulus(value: float) -> str:
     """Write a modulus with the unit that suits it."""
-    scale, unit = next((pair for pair in UNITS if value >= pair[0]), UNITS[-1])
-    return f"{value / scale:.{DIGITS}g} {unit}"
+    scale, unit = next((pair for pair in MODULUS_UNITS if value >= pair[0]), MODULUS_UNITS[-1])
+    return f"{value / scale:.{MODULUS_DIGITS}g} {unit}"
 
 
-def _with_recipe(name: str, thinner: float | None, ratio: float | None) -> CatalogueMaterial:
-    entry, thinned = catalogue()[name], compressed().get(name)
+def _find_with_recipe(name: str, thinner: float | None, ratio: float | None) -> CatalogueMaterial:
+    entry, thinned = read_catalogue()[name], read_compressed().get(name)
     if thinner is not None and thinned is None:
-        raise InputError("thinner", thinner, f"none for {name}; measured with thinner: {', '.join(compressed())}")
+        raise InputError("thinner", thinner, f"none for {name}; measured with thinner: {', '.join(read_compressed())}")
     if ratio is not None and "base_per_agent" not in entry:
         raise InputError("ratio", ratio, f"none for {name}; by its mixing ratio: sylgard-184")
     if "base_per_agent" in entry:
-        return _mixed(name, entry, ratio)
-    published = _published(name, entry)
-    youngs_modulus, log_sd, tolerance = _middle(entry, published)
+        return _build_mixed(name, entry, ratio)
+    published = _list_published(name, entry)
+    youngs_modulus, log_sd, tolerance = _combine_published(entry, published)
     if thinned is None:
-        return _made(name, entry, (youngs_modulus, log_sd, tolerance), published)
+        return _build_material(name, entry, (youngs_modulus, log_sd, tolerance), published)
     recipe = f"thinner, added to parts A and B: 0 to {100 * thinned.thinner[-1]:g} % (--thinner), as compressed; interpolated"
-    change, more = thinned.softening(thinner or 0.0)
+    change, added_sd = thinned.compute_softening(thinner or 0.0)
     if thinner:
         name = f"{name} with {100 * thinner:g} % thinner"
-        tolerance += f"; without thinner, whose effect of {math.exp(change):.3g} adds {more:.2g}"
-    return _made(name, entry, (youngs_modulus * math.exp(change), math.hypot(log_sd, more), tolerance), published, recipe)
+        tolerance += f"; without thinner, whose effect of {math.exp(change):.3g} adds {added_sd:.2g}"
+    return _build_material(
+        name, entry, (youngs_modulus * math.exp(change), math.hypot(log_sd, added_sd), tolerance), published, recipe
+    )
 
 
-def _mixed(name: str, entry: dict[str, Any], ratio: float | None) -> CatalogueMaterial:
+def _build_mixed(name: str, entry: dict[str, Any], ratio: float | None) -> CatalogueMaterial:
     given = entry["base_per_agent"]
-    mix = MixingRatio(given["low"], given["high"], given["usual"], MODULUS.read(name, given["modulus"]))
+    mix = MixingRatio(given["low"], given["high"], given["usual"], MODULUS_QUANTITY.read(name, given["modulus"]))
     parts = mix.usual if ratio is None else ratio
-    value = mix.youngs_modulus(parts)
-    published = tuple(PublishedModulus(value, **one) for one in entry["value"])
-    recipe = f"base : agent from {mix.low:g}:1 to {mix.high:g}:1 (--ratio), E = {modulus_text(mix.modulus)} / ratio"
+    value = mix.compute_youngs_modulus(parts)
+    published = tuple(PublishedModulus(value, **value_entry) for value_entry in entry["value"])
+    recipe = f"base : agent from {mix.low:g}:1 to {mix.high:g}:1 (--ratio), E = {format_modulus(mix.modulus)} / ratio"
     named = f"{name} {parts:g}:1"
-    return _made(named, entry, (value, entry["tolerance"]["value"], entry["tolerance"]["source"]), published, recipe)
+    return _build_material(named, entry, (value, entry["tolerance"]["value"], entry["tolerance"]["source"]), published, recipe)
 
 
-def _made(
+def _build_material(
     name: str,
     entry: dict[str, Any],
     modulus: tuple[float, float, str],
@@ -271,64 +280,72 @@ def _made(
 ) -> CatalogueMaterial:
     value, log_sd, tolerance = modulus
     numbers = {key: Number(**entry[key]) for key in ("poisson_ratio", *FILM_KEYS) if key in entry}
-    rounded = float(f"{value:.{DIGITS}g}")
+    rounded = float(f"{value:.{MODULUS_DIGITS}g}")
     process = entry["process"]
     return CatalogueMaterial(name, entry["kind"], entry["about"], rounded, log_sd, tolerance, published, numbers, process, recipe)
 
 
-def _middle(entry: dict[str, Any], published: tuple[PublishedModulus, ...]) -> tuple[float, float, str]:
+def _combine_published(entry: dict[str, Any], published: tuple[PublishedModulus, ...]) -> tuple[float, float, str]:
     """Young's modulus, the standard deviation of its logarithm and where that comes from, eqs. SC.2 and SC.3."""
-    low, high = (pick(one.youngs_modulus for one in published) for pick in (min, max))
+    low, high = (pick(value.youngs_modulus for value in published) for pick in (min, max))
     if len(published) > 1:
-        told = f"the published values differ by a factor of {high / low:.3g}, and it reaches both ends from their geometric mean"
-        return math.sqrt(low * high), math.log(high / low) / 2, told
+        explanation = (
+            f"the published values differ by a factor of {high / low:.3g}, and it reaches both ends from their geometric mean"
+        )
+        return math.sqrt(low * high), math.log(high / low) / 2, explanation
     if "tolerance" in entry:
         return low, entry["tolerance"]["value"], entry["tolerance"]["source"]
-    ends = " to ".join(f"{math.exp(abs(gap)):.2g}" for gap in sorted(_gaps(), key=abs)[:: len(_gaps()) - 1])
-    told = f"one method only; products that were pulled and compressed differ by a factor of {ends}"
-    return low, math.sqrt(sum(gap**2 for gap in _gaps()) / (2 * len(_gaps()))), told
+    ends = " to ".join(
+        f"{math.exp(abs(gap)):.2g}" for gap in sorted(_compute_method_gaps(), key=abs)[:: len(_compute_method_gaps()) - 1]
+    )
+    explanation = f"one method only; products that were pulled and compressed differ by a factor of {ends}"
+    return low, math.sqrt(sum(gap**2 for gap in _compute_method_gaps()) / (2 * len(_compute_method_gaps()))), explanation
 
 
 @cache
-def _gaps() -> tuple[float, ...]:
+def _compute_method_gaps() -> tuple[float, ...]:
     """The differences of eq. SC.3, for the products without thinner that both databases have."""
-    pulled = _read("materials-odbl.toml")["value"]
+    pulled = _read_data("materials-odbl.toml")["value"]
     return tuple(
-        math.log(compressed()[name].youngs_modulus[0] / MODULUS.read(name, text))
+        math.log(read_compressed()[name].youngs_modulus[0] / MODULUS_QUANTITY.read(name, text))
         for name, text in pulled.items()
-        if name in compressed()
+        if name in read_compressed()
     )
 
 
 @cache
-def compressed() -> dict[str, Thinned]:
+def read_compressed() -> dict[str, Thinned]:
     """Return what was compressed, by name."""
 
-    def moduli(texts: Iterable[str]) -> tuple[float, ...]:
-        return tuple(MODULUS.read("youngs_modulus", text) for text in texts)
+    def read_moduli(texts: Iterable[str]) -> tuple[float, ...]:
+        return tuple(MODULUS_QUANTITY.read("youngs_modulus", text) for text in texts)
 
     return {
-        name: Thinned(tuple(one["thinner"]), moduli(one["youngs_modulus"]), moduli(one["scatter"]))
-        for name, one in _read("materials-cc-by.toml")["value"].items()
+        name: Thinned(tuple(entry["thinner"]), read_moduli(entry["youngs_modulus"]), read_moduli(entry["scatter"]))
+        for name, entry in _read_data("materials-cc-by.toml")["value"].items()
     }
 
 
-def _published(name: str, entry: dict[str, Any]) -> tuple[PublishedModulus, ...]:
+def _list_published(name: str, entry: dict[str, Any]) -> tuple[PublishedModulus, ...]:
     """All that was published of a product, without thinner."""
-    found = [one | {"youngs_modulus": MODULUS.read(name, one["youngs_modulus"])} for one in entry.get("value", ())]
-    if name in compressed():
-        first = compressed()[name]
-        found.append(_origin("materials-cc-by.toml") | {"youngs_modulus": first.youngs_modulus[0], "scatter": first.scatter[0]})
-    pulled = _read("materials-odbl.toml")["value"]
+    values = [
+        value | {"youngs_modulus": MODULUS_QUANTITY.read(name, value["youngs_modulus"])} for value in entry.get("value", ())
+    ]
+    if name in read_compressed():
+        first = read_compressed()[name]
+        values.append(
+            _read_origin("materials-cc-by.toml") | {"youngs_modulus": first.youngs_modulus[0], "scatter": first.scatter[0]}
+        )
+    pulled = _read_data("materials-odbl.toml")["value"]
     if name in pulled:
-        found.append(_origin("materials-odbl.toml") | {"youngs_modulus": MODULUS.read(name, pulled[name])})
-    return tuple(PublishedModulus(**one) for one in found)
+        values.append(_read_origin("materials-odbl.toml") | {"youngs_modulus": MODULUS_QUANTITY.read(name, pulled[name])})
+    return tuple(PublishedModulus(**value) for value in values)
 
 
-def _origin(file: str) -> dict[str, str]:
-    return {key: _read(file)[key] for key in ("method", "source", "licence")}
+def _read_origin(file: str) -> dict[str, str]:
+    return {key: _read_data(file)[key] for key in ("method", "source", "licence")}
 
 
 @cache
-def _read(name: str) -> dict[str, Any]:
+def _read_data(name: str) -> dict[str, Any]:
     return tomllib.loads(files("geometry.scenes").joinpath(name).read_text(encoding="utf-8"))

@@ -10,22 +10,24 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from geometry.common.errors import InputError, Words
-from geometry.common.limits import least_mm, most_mm, reaches
+from geometry.common.limits import format_maximum_mm, format_minimum_mm, is_at_least
 from geometry.scenes.catalogue import CatalogueMaterial, fill_in, find_material
-from geometry.scenes.units import MODULUS, Quantity
+from geometry.scenes.units import MODULUS_QUANTITY, Quantity
 
-LENGTH = Quantity("length", "m", "mm", 1e-9, 10.0, bare=1.0)
-Length = Annotated[float, LENGTH]
-PartLength = Annotated[float, replace(LENGTH, bare=0.2)]
+LENGTH_QUANTITY = Quantity("length", "m", "mm", 1e-9, 10.0, bare=1.0)
+Length = Annotated[float, LENGTH_QUANTITY]
+PartLength = Annotated[float, replace(LENGTH_QUANTITY, bare=0.2)]
 Thickness = Annotated[float, Quantity("length", "m", "mm", 0.0, 10.0, bare=0.2)]
 Position = Annotated[float, Quantity("position", "m", "mm", -10.0, 10.0, bare=1.0)]
-Modulus = Annotated[float, MODULUS]
+Modulus = Annotated[float, MODULUS_QUANTITY]
 ChargePerForce = Annotated[float, Quantity("charge per force", "C/N", "pC/N", -1e-8, 1e-8)]
 PoissonRatio = Annotated[float, Field(ge=0.0, lt=0.5, description="a number from 0 to below 0.5")]
 LossFactor = Annotated[float, Field(ge=0.0, le=1.0, description="tan delta, a number from 0 to 1")]
 Number = Annotated[float, Field(ge=-100.0, le=100.0, description="a number from -100 to 100")]
 MaterialName = Annotated[str, Field(min_length=1, max_length=100)]
-NAME = Field(default=None, description="a name that `probe-design material list` shows", exclude_if=lambda name: name is None)
+CATALOGUE_NAME_FIELD = Field(
+    default=None, description="a name that `probe-design material list` shows", exclude_if=lambda name: name is None
+)
 AreaRatio = Annotated[float, Field(ge=1e-4, le=1e4)]
 Interface = Literal["bonded", "frictionless", "unilateral"]
 
@@ -49,22 +51,22 @@ class Material(Frozen):
     youngs_modulus: Modulus
     poisson_ratio: PoissonRatio
     loss_factor: LossFactor = 0.0
-    material: MaterialName | None = NAME
+    material: MaterialName | None = CATALOGUE_NAME_FIELD
 
     @model_validator(mode="before")
     @classmethod
-    def _from_catalogue(cls, table: Any) -> Any:
+    def _fill_from_catalogue(cls, table: Any) -> Any:
         return fill_in(table)
 
     @property
-    def tabulated(self) -> CatalogueMaterial | None:
+    def catalogue_entry(self) -> CatalogueMaterial | None:
         """The catalogue's entry that the material is named after, None where it has numbers alone."""
         return None if self.material is None else find_material(self.material)
 
     @property
-    def unmeasured(self) -> CatalogueMaterial | None:
+    def unmeasured_entry(self) -> CatalogueMaterial | None:
         """The catalogue's entry where the modulus is the catalogue's too, None where it was measured or there is no name."""
-        entry = self.tabulated
+        entry = self.catalogue_entry
         return entry if entry is not None and entry.is_tabulated(self.youngs_modulus) else None
 
 
@@ -87,18 +89,18 @@ class Base(Frozen):
     rigid: bool = False
     youngs_modulus: Modulus | None = None
     poisson_ratio: PoissonRatio | None = None
-    material: MaterialName | None = NAME
+    material: MaterialName | None = CATALOGUE_NAME_FIELD
     flange_radius: PartLength | None = None
     thickness: PartLength | None = None
     step_height: PartLength | None = None
 
     @model_validator(mode="before")
     @classmethod
-    def _from_catalogue(cls, table: Any) -> Any:
+    def _fill_from_catalogue(cls, table: Any) -> Any:
         return fill_in(table, numbers=not (isinstance(table, Mapping) and table.get("rigid")))
 
     @model_validator(mode="after")
-    def _rigid_or_elastic(self) -> Self:
+    def _check_rigid_or_elastic(self) -> Self:
         moduli = (self.youngs_modulus is not None, self.poisson_ratio is not None)
         if self.rigid and any(moduli):
             raise InputError("rigid", Words("true beside moduli"), "either rigid = true, or youngs_modulus and poisson_ratio")
@@ -181,12 +183,12 @@ class Probe(Frozen):
     film: Film | None = None
 
     @model_validator(mode="after")
-    def _consistent(self) -> Self:
+    def _check_consistent(self) -> Self:
         if (self.area_ratio is None) == (self.outer_radius is None):
-            raise InputError(*_given(self, "area_ratio", "outer_radius"), "exactly one of area_ratio and outer_radius")
+            raise InputError(*_describe_given(self, "area_ratio", "outer_radius"), "exactly one of area_ratio and outer_radius")
         heights = ("height", "inner_height", "outer_height")
         if [getattr(self, key) is not None for key in heights] not in ([True, False, False], [False, True, True]):
-            raise InputError(*_given(self, *heights), "either height, or both inner_height and outer_height")
+            raise InputError(*_describe_given(self, *heights), "either height, or both inner_height and outer_height")
         self._check_wall()
         self._check_groove()
         return self
@@ -194,16 +196,21 @@ class Probe(Frozen):
     def _check_wall(self) -> None:
         if self.tube_radius - self.hole_radius >= 1e-9 * self.tube_radius:
             return
-        least = f"an outer radius, now {mm(self.tube_radius)}, above inner_radius + gap = {least_mm(self.hole_radius)}"
-        raise InputError(*_given(self, "outer_radius", "area_ratio"), least)
+        allowed = (
+            f"an outer radius, now {format_mm(self.tube_radius)}, above inner_radius + gap = "
+            f"{format_minimum_mm(self.hole_radius)}"
+        )
+        raise InputError(*_describe_given(self, "outer_radius", "area_ratio"), allowed)
 
     def _check_groove(self) -> None:
         if self.groove is None:
             return
-        for key, limit, what in (("width", 2 * self.hole_radius, "hole diameter"), ("depth", self.tube_height, "height")):
+        for key, limit, limit_name in (("width", 2 * self.hole_radius, "hole diameter"), ("depth", self.tube_height, "height")):
             size = getattr(self.groove, key)
-            if reaches(size, limit):
-                raise InputError(f"groove.{key}", mm(size), f"below the outer block's {what} of {most_mm(limit)}")
+            if is_at_least(size, limit):
+                raise InputError(
+                    f"groove.{key}", format_mm(size), f"below the outer block's {limit_name} of {format_maximum_mm(limit)}"
+                )
 
     @property
     def hole_radius(self) -> float:
@@ -254,17 +261,19 @@ class Probe(Frozen):
         return flat + outer**2 * math.asin(a / outer) - inner**2 * math.asin(a / inner)
 
 
-def mm(length: float) -> Words:
+def format_mm(length: float) -> Words:
     """Write a length for a message: ``5 mm``."""
     return Words(f"{length * 1e3:.6g} mm")
 
 
-def _given(probe: Probe, *keys: str) -> tuple[str, Words]:
+def _describe_given(probe: Probe, *keys: str) -> tuple[str, Words]:
     """Return the first key that has a value and, as text, its value and the others' values; else the first key."""
-    first, *others = [key for key in keys if getattr(probe, key) is not None] or keys[:1]
-    return first, Words(" and ".join([_text(probe, first), *(f"{key} = {_text(probe, key)}" for key in others)]))
+    first, *other_keys = [key for key in keys if getattr(probe, key) is not None] or keys[:1]
+    return first, Words(
+        " and ".join([_describe_value(probe, first), *(f"{key} = {_describe_value(probe, key)}" for key in other_keys)])
+    )
 
 
-def _text(probe: Probe, key: str) -> str:
+def _describe_value(probe: Probe, key: str) -> str:
     value = getattr(probe, key)
-    return "missing" if value is None else f"{value:g}" if key == "area_ratio" else mm(value)
+    return "missing" if value is None else f"{value:g}" if key == "area_ratio" else format_mm(value)

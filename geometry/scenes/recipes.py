@@ -9,7 +9,7 @@ from typing import Any
 
 from geometry.common.errors import InputError
 
-_NAME = re.compile(
+_NAME_PATTERN = re.compile(
     r"(?P<name>.*?)(?:\s+with\s+(?:(?P<share>[\d.]+)\s*%\s*thinner|thinner\s+(?P<turned>[\d.]+)\s*%)|\s+(?P<ratio>[\d.]+)\s*:\s*1)?"
 )
 
@@ -28,7 +28,7 @@ class Thinned:
     youngs_modulus: tuple[float, ...]
     scatter: tuple[float, ...]
 
-    def softening(self, share: float) -> tuple[float, float]:
+    def compute_softening(self, share: float) -> tuple[float, float]:
         """Return ln(E / E without thinner) at a share of thinner, and the standard deviation that the share adds.
 
         ln E runs through the measured shares by a monotone cubic (scipy's PCHIP); what it differs from straight lines counts, as
@@ -69,7 +69,7 @@ class MixingRatio:
     usual: float
     modulus: float
 
-    def youngs_modulus(self, ratio: float) -> float:
+    def compute_youngs_modulus(self, ratio: float) -> float:
         """Return E at a ratio, Pa.
 
         Raises:
@@ -81,21 +81,25 @@ class MixingRatio:
         return self.modulus / ratio
 
 
-def parsed(text: str) -> tuple[str, float | None, float | None]:
+def parse_name(text: str) -> tuple[str, float | None, float | None]:
     """Return name, share of thinner and mixing ratio of ``"ecoflex-00-10 with 30 % thinner"`` or ``"sylgard-184 20:1"``.
 
     Raises:
         InputError: what stands for a number is none.
     """
-    match = _NAME.fullmatch(text.strip())
+    match = _NAME_PATTERN.fullmatch(text.strip())
     groups: dict[str, Any] = match.groupdict() if match else {"name": text}
     share, ratio = groups.get("share") or groups.get("turned"), groups.get("ratio")
     try:
-        return slug(groups["name"]), None if share is None else float(share) / 100, None if ratio is None else float(ratio)
+        return (
+            normalise_name(groups["name"]),
+            None if share is None else float(share) / 100,
+            None if ratio is None else float(ratio),
+        )
     except ValueError:
         raise InputError("material", text, "a name, 'NAME with 30 % thinner' or 'NAME 20:1'") from None
 
 
-def slug(name: str) -> str:
+def normalise_name(name: str) -> str:
     """Return a name as the catalogue has it: "Dragon Skin 30" is dragon-skin-30."""
     return re.sub(r"[\s_]+", "-", name.strip().lower())

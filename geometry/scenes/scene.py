@@ -33,22 +33,24 @@ class Layer(Material):
     thickness: Length
 
 
-MOST_LAYERS = 8
-Layers = Annotated[tuple[Layer, ...], Field(strict=False, max_length=MOST_LAYERS)]
-_LAYERS = Field(default=(), description=f"up to {MOST_LAYERS} tables, each headed [[tissue.layer]], from the surface downwards")
+MAX_LAYERS = 8
+Layers = Annotated[tuple[Layer, ...], Field(strict=False, max_length=MAX_LAYERS)]
+_LAYERS_FIELD = Field(
+    default=(), description=f"up to {MAX_LAYERS} tables, each headed [[tissue.layer]], from the surface downwards"
+)
 
 
 class _Layered(Material):
     """Tissue of a material of its own, below the layers that it may have."""
 
-    layer: Layers = _LAYERS
+    layer: Layers = _LAYERS_FIELD
 
     @property
     def interfaces(self) -> tuple[float, ...]:
         """Depths of the layers' lower faces, m, from the surface downwards."""
         return tuple(accumulate(layer.thickness for layer in self.layer))
 
-    def material_at(self, depth: float) -> Material:
+    def find_material(self, depth: float) -> Material:
         """Return the layer at a depth, m, or the tissue itself below its layers; an interface belongs to what is below it."""
         return (*self.layer, self)[bisect_right(self.interfaces, depth)]
 
@@ -102,7 +104,7 @@ class HalfSpaceTissue(_Layered):
     shape: Literal["half-space"]
 
 
-def _shape(tissue: object) -> str | None:
+def _read_shape(tissue: object) -> str | None:
     """The tag of a tissue; a value that is no text stays out of pydantic's own message, which cannot write every integer."""
     shape = tissue.get("shape") if isinstance(tissue, Mapping) else getattr(tissue, "shape", None)
     return shape if isinstance(shape, str) else None
@@ -112,7 +114,7 @@ Tissue = Annotated[
     Annotated[CylinderTissue, Tag("cylinder")]
     | Annotated[BlockTissue, Tag("block")]
     | Annotated[HalfSpaceTissue, Tag("half-space")],
-    Discriminator(_shape),
+    Discriminator(_read_shape),
 ]
 
 
@@ -139,12 +141,12 @@ class Inclusion(Material):
     target: bool = False
 
     @model_validator(mode="after")
-    def _one_shape(self) -> Self:
+    def _check_exactly_one_shape(self) -> Self:
         if sum(shape is not None for shape in (self.diameter, self.diameters, self.surface)) != 1:
-            raise InputError("diameter", self._shapes(), "exactly one of diameter, diameters and surface")
+            raise InputError("diameter", self._describe_shapes(), "exactly one of diameter, diameters and surface")
         return self
 
-    def _shapes(self) -> Words:
+    def _describe_shapes(self) -> Words:
         given = [key for key in ("diameter", "diameters", "surface") if getattr(self, key) is not None]
         return Words("given beside " + " and ".join(given[1:]) if given else "missing")
 
@@ -163,7 +165,7 @@ class Contact(Frozen):
     edge_radius: Thickness = 0.0
 
     @model_validator(mode="after")
-    def _friction_needs_sliding(self) -> Self:
+    def _check_friction(self) -> Self:
         if self.friction > 0 and self.interface != "unilateral":
             raise InputError("friction", self.friction, "0 unless interface = 'unilateral'")
         return self
@@ -194,15 +196,15 @@ class Load(Frozen):
     indentation: Indentation | None = None
 
     @model_validator(mode="after")
-    def _one(self) -> Self:
+    def _check_exactly_one(self) -> Self:
         if (self.force is None) == (self.indentation is None):
             given = "missing" if self.force is None else f"{self.force:g} N and indentation = {self.indentation:g} m"
             raise InputError("force", Words(given), "exactly one of force and indentation")
         return self
 
 
-MOST_INCLUSIONS = 1000
-Inclusions = Annotated[tuple[Inclusion, ...], Field(strict=False, max_length=MOST_INCLUSIONS)]
+MAX_INCLUSIONS = 1000
+Inclusions = Annotated[tuple[Inclusion, ...], Field(strict=False, max_length=MAX_INCLUSIONS)]
 
 
 class Scene(Frozen):
@@ -210,14 +212,14 @@ class Scene(Frozen):
 
     probe: Probe
     tissue: Tissue
-    inclusion: Inclusions = Field(default=(), description=f"up to {MOST_INCLUSIONS} tables, each headed [[inclusion]]")
+    inclusion: Inclusions = Field(default=(), description=f"up to {MAX_INCLUSIONS} tables, each headed [[inclusion]]")
     contact: Contact = Contact()
     placement: Placement = Placement()
     load: Load
 
     @model_validator(mode="after")
-    def _fits(self) -> Self:
-        placement.check(self)
+    def _check_fit(self) -> Self:
+        placement.check_bodies_fit(self)
         return self
 
     @property

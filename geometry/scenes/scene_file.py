@@ -9,9 +9,9 @@ from typing import Any
 from pydantic import ValidationError
 
 from geometry.common.errors import InputError, Words
-from geometry.common.text_files import read_text, tables
+from geometry.common.text_files import parse_tables, read_text
 from geometry.scenes.file_kinds import check_kind
-from geometry.scenes.messages import most_telling
+from geometry.scenes.messages import convert_error
 from geometry.scenes.scene import Scene
 
 
@@ -33,7 +33,7 @@ def read_scene(path: Path | str) -> Scene:
 
 def scene_from_toml(text: str, name: str = "scene") -> Scene:
     """Read a scene from TOML text; ``name`` stands in messages. Raises ``InputError``."""
-    data = tables(text, name, "a TOML scene file")
+    data = parse_tables(text, name, "a TOML scene file")
     check_kind(data, name, "scene file", "a scene file, with [probe], [tissue] and [load]")
     if not data:
         raise InputError(name, Words("empty"), "a scene with [probe], [tissue] and [load]")
@@ -45,7 +45,7 @@ def scene_from_dict(data: dict[str, Any]) -> Scene:
     try:
         return Scene.model_validate(data, context={"units_required": True})
     except ValidationError as refused:
-        raise most_telling(refused) from None
+        raise convert_error(refused) from None
 
 
 def scene_to_dict(scene: Scene) -> dict[str, Any]:
@@ -61,7 +61,7 @@ def scene_to_toml(scene: Scene) -> str:
     return tomli_w.dumps(scene_to_dict(scene))
 
 
-def named_scene(entry: object, folder: Path) -> Scene:
+def find_scene(entry: object, folder: Path) -> Scene:
     """Return the scene that another file's key ``scene`` says: a ``Scene``, the name of a file in a folder, or its tables.
 
     Raises:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from textwrap import wrap
 
-WIDTH = 118  # characters of a line
+MAX_LINE_CHARACTERS = 118  # characters of a line
 
 
 @dataclass(frozen=True)
@@ -24,20 +24,20 @@ class Number:
     scatter: str = ""
 
     @property
-    def told(self) -> str:
+    def description(self) -> str:
         """Scatter and source in one line."""
         return f"{self.scatter}; {self.source}" if self.scatter else self.source
 
 
-def comment(text: str) -> list[str]:
+def format_comment(text: str) -> list[str]:
     """Return a text as lines of comment."""
-    return [f"# {line}" for line in wrap(text, WIDTH, break_on_hyphens=False, break_long_words=False)]
+    return [f"# {line}" for line in wrap(text, MAX_LINE_CHARACTERS, break_on_hyphens=False, break_long_words=False)]
 
 
-def toml_lines(numbers: Mapping[str, Number]) -> list[str]:
+def format_toml(numbers: Mapping[str, Number]) -> list[str]:
     """Return each number as a key of a TOML table below a comment with its source."""
     lines: list[str] = []
     for key, number in numbers.items():
-        lines += comment(number.told)
+        lines += format_comment(number.description)
         lines.append(f'{key} = "{number.value}"' if isinstance(number.value, str) else f"{key} = {number.value}")
     return lines

@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler
 
 _NUMBER_AND_UNIT = re.compile(r"\s*([+-]?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|inf|nan))\s*(.*?)\s*", re.S)
-_NAME = r"[A-Za-zµμ°]+(?:\s*(?:\*\*|\^)\s*-?[1-9])?"
+_UNIT_NAME_PATTERN = r"[A-Za-zµμ°]+(?:\s*(?:\*\*|\^)\s*-?[1-9])?"
 # pint evaluates its argument, so only names joined by *, / and blanks with one-digit powers reach it; every blank has one
 # place in the pattern, so that refusing takes linear time
-_UNIT = re.compile(rf"{_NAME}(?:(?:\s*[*/]\s*|\s+){_NAME})*")
+_UNIT_PATTERN = re.compile(rf"{_UNIT_NAME_PATTERN}(?:(?:\s*[*/]\s*|\s+){_UNIT_NAME_PATTERN})*")
 # what pint says of the units that scenes are written in, so that reading one does not wait for pint, which takes longer to
 # import than all else together; a test asks pint
-USUAL = {
+UNIT_FACTORS = {
     "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "nm": 1e-9},
     "Pa": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9},
     "N": {"N": 1.0, "mN": 1e-3},
@@ -66,7 +66,7 @@ class Quantity:
     @property
     def allowed(self) -> str:
         """The range in words, in the unit in which it is shown."""
-        low, high = (f"{shown(bound, self.si, self.unit):.6g} {self.unit}" for bound in (self.low, self.high))
+        low, high = (f"{convert_to_unit(bound, self.si, self.unit):.6g} {self.unit}" for bound in (self.low, self.high))
         article = "an" if self.name[0] in "aeiou" else "a"
         return f"{article} {self.name} with its unit, such as '5 {self.unit}', from {low} to {high}"
 
@@ -78,9 +78,9 @@ class Quantity:
         number, unit = match.groups()
         if not unit:
             raise ValueError("the unit is missing")
-        return self.checked(_times(number, _factor(unit, self.si)))
+        return self.check(_multiply(number, _find_factor(unit, self.si)))
 
-    def checked(self, value: float) -> float:
+    def check(self, value: float) -> float:
         """Return ``value`` if it lies within the bounds; raises ``ValueError`` otherwise."""
         if not math.isfinite(value):
             raise ValueError("not a finite number")
@@ -89,7 +89,7 @@ class Quantity:
             raise ValueError("out of range")
         return inside
 
-    def value(self, entry: object, units_required: bool) -> float:
+    def convert(self, entry: object, units_required: bool) -> float:
         """Return the SI value of a text or, unless units are required, of a number; raises ``ValueError`` saying why not."""
         if isinstance(entry, str):
             return self.parse(entry)
@@ -97,12 +97,12 @@ class Quantity:
             raise ValueError("not a quantity")
         if units_required:
             raise ValueError("the unit is missing")
-        return self.checked(float(entry))
+        return self.check(float(entry))
 
     def check_bare(self, entry: object) -> None:
         """Raise ``ValueError`` for a number of Python code that is as large only because it is meant in ``unit``."""
         if isinstance(entry, int | float) and not isinstance(entry, bool) and self.bare < abs(entry) < math.inf:
-            meant = _times(repr(entry), _factor(self.unit, self.si))
+            meant = _multiply(repr(entry), _find_factor(self.unit, self.si))
             raise ValueError(f"{entry:g} {self.si}? did you mean {meant:g} or '{entry:g} {self.unit}'")
 
     def read(self, key: str, entry: object, units_required: bool = True) -> float:
@@ -112,42 +112,42 @@ class Quantity:
             InputError: it is no such quantity, or out of range.
         """
         try:
-            return self.value(entry, units_required)
+            return self.convert(entry, units_required)
         except (ValueError, OverflowError) as fault:
             raise InputError(key, entry, f"{self.allowed} ({fault})") from None
 
-    def text(self, value: float) -> str:
+    def format_value(self, value: float) -> str:
         """Write an SI value so that reading it gives the same float again."""
-        short = f"{shown(value, self.si, self.unit):.12g} {self.unit}"
+        short = f"{convert_to_unit(value, self.si, self.unit):.12g} {self.unit}"
         return short if self.parse(short) == value else f"{value!r} {self.si}"
 
     def _validate(self, value: Any, info: ValidationInfo) -> float:
         try:
             if info.context is None:
                 self.check_bare(value)
-            return self.value(value, bool(info.context and info.context.get("units_required")))
+            return self.convert(value, bool(info.context and info.context.get("units_required")))
         except (ValueError, OverflowError) as fault:
             raise PydanticCustomError("quantity", "{allowed} ({why})", {"allowed": self.allowed, "why": str(fault)}) from None
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         """Tell pydantic how to read and, as JSON, write the quantity."""
-        write = core_schema.plain_serializer_function_ser_schema(self.text, when_used="json-unless-none")
+        write = core_schema.plain_serializer_function_ser_schema(self.format_value, when_used="json-unless-none")
         return core_schema.with_info_plain_validator_function(self._validate, serialization=write)
 
 
-MODULUS = Quantity("modulus", "Pa", "Pa", 1e-3, 1e13)
+MODULUS_QUANTITY = Quantity("modulus", "Pa", "Pa", 1e-3, 1e13)
 """Young's modulus."""
-SI = {"units_required": False}
+SI_CONTEXT = {"units_required": False}
 """Context of pydantic for numbers that are known to be in SI units, as those of a scene that was read already."""
-FREQUENCY = Quantity("frequency", "Hz", "Hz", 1e-3, 1e5)
+FREQUENCY_QUANTITY = Quantity("frequency", "Hz", "Hz", 1e-3, 1e5)
 """Of a sinusoidal load."""
-TIME = Quantity("time", "s", "s", 1e-3, 1e7)
+TIME_QUANTITY = Quantity("time", "s", "s", 1e-3, 1e7)
 """That an answer may take."""
-MEMORY = Quantity("memory", "byte", "GB", 1e8, 1e15)
+MEMORY_QUANTITY = Quantity("memory", "byte", "GB", 1e8, 1e15)
 """That an answer may take."""
 
 
-def number(key: str, entry: Any, allowed: str) -> float:
+def read_number(key: str, entry: Any, allowed: str) -> float:
     """Return a number or the number that a text says; whether it is in range is for those to say who use it.
 
     Raises:
@@ -163,7 +163,7 @@ def number(key: str, entry: Any, allowed: str) -> float:
     raise InputError(key, entry, allowed)
 
 
-def fraction(key: str, entry: Any, allowed: str) -> float:
+def read_fraction(key: str, entry: Any, allowed: str) -> float:
     """Return a fraction: a number, or a text such as ``"0.02"`` or ``"2 %"``; its range is checked by those who use it.
 
     Raises:
@@ -171,9 +171,9 @@ def fraction(key: str, entry: Any, allowed: str) -> float:
     """
     text = entry.strip() if isinstance(entry, str) else entry
     if not isinstance(text, str) or not text.endswith("%"):
-        return number(key, entry, allowed)
+        return read_number(key, entry, allowed)
     with suppress(InputError, InvalidOperation):  # in decimals: "7 %" is the float 0.07, no neighbour of it
-        number(key, text[:-1], allowed)
+        read_number(key, text[:-1], allowed)
         return float(Decimal(text[:-1].strip()) / 100)
     raise InputError(key, entry, allowed)
 
@@ -182,19 +182,19 @@ def _from_percent(entry: Any) -> Any:
     """Turn "2 %" into 0.02; what is no such text is left to pydantic, which says what the field allows."""
     if isinstance(entry, str) and entry.rstrip().endswith("%"):
         with suppress(InputError):
-            return fraction("", entry, "a percentage")
+            return read_fraction("", entry, "a percentage")
     return entry
 
 
 PERCENTAGE = BeforeValidator(_from_percent)  # of a field that is a fraction
 
 
-def shown(value: float, si: str, unit: str) -> float:
+def convert_to_unit(value: float, si: str, unit: str) -> float:
     """Convert an SI value to the unit in which it is shown."""
-    return value / _factor(unit, si)
+    return value / _find_factor(unit, si)
 
 
-def _times(number: str, factor: float) -> float:
+def _multiply(number: str, factor: float) -> float:
     """Multiply in decimals where the factor is 1/1000 or the like: "3.53 mm" is the float 0.00353, no neighbour of it.
 
     What is 0 or infinite as a float may have an exponent that decimals do not take.
@@ -206,47 +206,47 @@ def _times(number: str, factor: float) -> float:
     return float(Decimal(number) / divisor)
 
 
-def measured(text: str) -> tuple[float, Any]:
+def parse_measured(text: str) -> tuple[float, Any]:
     """Return the value in SI base units of a text such as ``'2 kPa/mm'``, and these; raises ``ValueError``."""
     match = _NUMBER_AND_UNIT.fullmatch(text) if len(text) <= 80 else None
     if match is None or not match[2]:
         raise ValueError("not a number with a unit")
-    unit = base_unit(match[2])
-    value = _times(match[1], _factor(match[2], str(unit)))
+    unit = find_base_unit(match[2])
+    value = _multiply(match[1], _find_factor(match[2], str(unit)))
     if not math.isfinite(value):
         raise ValueError("not a finite number")
     return value, unit
 
 
 @lru_cache(maxsize=256)
-def base_unit(unit: str) -> Any:
+def find_base_unit(unit: str) -> Any:
     """Return pint's SI base units of a unit such as ``'Pa'``; of '' those of a pure number; raises ``ValueError``."""
     import pint
 
-    if unit and not _UNIT.fullmatch(unit):
+    if unit and not _UNIT_PATTERN.fullmatch(unit):
         raise ValueError(f"{unit!r} is no unit")
     try:
-        return _registry().Quantity(1.0, unit).to_base_units().units
+        return _load_registry().Quantity(1.0, unit).to_base_units().units
     except (pint.PintError, ArithmeticError, AssertionError, AttributeError, TypeError, ValueError):
         raise ValueError(f"{unit!r} is no unit") from None
 
 
-def _factor(unit: str, si: str) -> float:
+def _find_factor(unit: str, si: str) -> float:
     """What a unit is in an SI unit; raises ``ValueError``."""
-    usual = USUAL.get(si, {}).get(unit)
-    return factor_by_pint(unit, si) if usual is None else usual
+    usual = UNIT_FACTORS.get(si, {}).get(unit)
+    return find_factor_by_pint(unit, si) if usual is None else usual
 
 
 @lru_cache(maxsize=256)
-def factor_by_pint(unit: str, si: str) -> float:
+def find_factor_by_pint(unit: str, si: str) -> float:
     """Return what a unit is in an SI unit; raises ``ValueError`` where it is none, or of another kind."""
     import pint
 
-    if not _UNIT.fullmatch(unit):
+    if not _UNIT_PATTERN.fullmatch(unit):
         raise ValueError(f"{unit!r} is no unit")
     try:
         nothing, unit_in_base, si_in_base = (
-            _registry().Quantity(value, name).to_root_units() for value, name in ((0.0, unit), (1.0, unit), (1.0, si))
+            _load_registry().Quantity(value, name).to_root_units() for value, name in ((0.0, unit), (1.0, unit), (1.0, si))
         )
         # by units, not by dimensions, for which an angle, a count and a solid angle are all the same; and no factor turns
         # units into others whose zero is elsewhere: 0 degC is 273.15 K, 0 dB is 1
@@ -258,7 +258,7 @@ def factor_by_pint(unit: str, si: str) -> float:
 
 
 @lru_cache(maxsize=1)
-def _registry() -> pint.UnitRegistry[float]:
+def _load_registry() -> pint.UnitRegistry[float]:
     import pint
 
     return pint.UnitRegistry()

@@ -6,15 +6,15 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from geometry.common.errors import InputError, one_of
+from geometry.common.errors import InputError, describe_choices
 from geometry.scenes.catalogue import set_number
 from geometry.scenes.scene import Scene
-from geometry.scenes.units import SI
+from geometry.scenes.units import SI_CONTEXT
 
-BLOCKS = ("inner", "outer")
+BLOCK_NAMES = ("inner", "outer")
 
 
-def values(scene: Scene) -> dict[str, float]:
+def list_values(scene: Scene) -> dict[str, float]:
     """Return every length, modulus and Poisson's ratio that a scene's film forces depend on, SI, by its key.
 
     Keys are those of the scene file, ``probe.inner.youngs_modulus``; ``inclusion.depth`` is that of the one inclusion.
@@ -26,7 +26,7 @@ def values(scene: Scene) -> dict[str, float]:
     if probe.film is not None:
         keys = ("thickness", "youngs_modulus", "adhesive_thickness", "adhesive_modulus")
         lengths |= {f"probe.film.{key}": getattr(probe.film, key) or None for key in keys}
-    bodies = {f"probe.{block}": getattr(probe, block) for block in BLOCKS} | {"probe.base": probe.base, "tissue": tissue}
+    bodies = {f"probe.{block}": getattr(probe, block) for block in BLOCK_NAMES} | {"probe.base": probe.base, "tissue": tissue}
     if len(scene.inclusion) == 1:
         bodies["inclusion"] = scene.inclusion[0]
         lengths |= {f"inclusion.{key}": getattr(scene.inclusion[0], key) for key in ("diameter", "depth")}
@@ -38,30 +38,30 @@ def values(scene: Scene) -> dict[str, float]:
     return {key: value for key, value in lengths.items() if value is not None}
 
 
-def loss_factors(scene: Scene) -> dict[str, float]:
+def list_loss_factors(scene: Scene) -> dict[str, float]:
     """Return tan delta of every material of a scene that can have one, by its key, ``inclusion[1].loss_factor``.
 
     The one inclusion of a scene is ``inclusion``, as in ``list_values``.
     """
-    bodies = {f"probe.{block}": getattr(scene.probe, block) for block in BLOCKS} | {"tissue": scene.tissue}
+    bodies = {f"probe.{block}": getattr(scene.probe, block) for block in BLOCK_NAMES} | {"tissue": scene.tissue}
     bodies |= {f"tissue.layer[{index}]": layer for index, layer in enumerate(scene.tissue.layer)}
     alone = len(scene.inclusion) == 1
     bodies |= {"inclusion" if alone else f"inclusion[{k}]": body for k, body in enumerate(scene.inclusion)}
     return {f"{name}.loss_factor": body.loss_factor for name, body in bodies.items()}
 
 
-def changed(scene: Scene, new: Mapping[str, float]) -> Scene:
+def replace_values(scene: Scene, new: Mapping[str, float]) -> Scene:
     """Return a scene with other values under keys of ``list_values`` and ``list_loss_factors``; a varied material loses its name.
 
     Raises:
         InputError: the scene has no such value.
         ValueError: the scene that results is refused.
     """
-    current = values(scene) | loss_factors(scene)
+    current = list_values(scene) | list_loss_factors(scene)
     data = scene.model_dump(exclude_unset=True)
     for key, value in new.items():
         if key not in current:
-            raise InputError("variable", key, one_of(key, current))
+            raise InputError("variable", key, describe_choices(key, current))
         *path, last = key.replace("[", ".").replace("]", "").split(".")
         place: Any = data
         for name in path:
@@ -69,15 +69,15 @@ def changed(scene: Scene, new: Mapping[str, float]) -> Scene:
             if name == "inclusion" and key.startswith("inclusion."):
                 place = place[0]
         set_number(place, last, float(value))
-    return Scene.model_validate(data, context=SI)
+    return Scene.model_validate(data, context=SI_CONTEXT)
 
 
-def length_derivatives(scene: Scene) -> dict[str, dict[str, float]]:
+def compute_length_derivatives(scene: Scene) -> dict[str, dict[str, float]]:
     """Return for each length of a scene by how much the lengths of its ``geometry.meridian.section.Section`` change with it.
 
     A block of tissue stands for the cylinder of the same area; a half-space has no length.
     """
-    probe, tissue, present = scene.probe, scene.tissue, values(scene)
+    probe, tissue, present = scene.probe, scene.tissue, list_values(scene)
     ri, ro = probe.hole_radius, probe.tube_radius
     derivatives: dict[str, dict[str, float]] = {
         "probe.gap": {"hole_radius": 1.0},
@@ -90,7 +90,7 @@ def length_derivatives(scene: Scene) -> dict[str, dict[str, float]]:
         derivatives["probe.inner_radius"]["tube_radius"] = (ri + probe.inner_radius / probe.area_ratio) / ro
         derivatives["probe.area_ratio"] = {"tube_radius": -(probe.inner_radius**2) / (2 * ro * probe.area_ratio**2)}
     derivatives["probe.height"] = {"inner_height": 1.0, "outer_height": 1.0}
-    derivatives |= {f"probe.{block}_height": {f"{block}_height": 1.0} for block in BLOCKS}
+    derivatives |= {f"probe.{block}_height": {f"{block}_height": 1.0} for block in BLOCK_NAMES}
     derivatives["probe.film.thickness"], derivatives["probe.film.adhesive_thickness"] = {"film": 1.0}, {"adhesive": 1.0}
     derivatives["tissue.radius"], derivatives["tissue.depth"] = {"tissue_radius": 1.0}, {"tissue_depth": 1.0}
     if tissue.shape == "block":

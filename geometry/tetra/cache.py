@@ -21,23 +21,23 @@ from typing import Any
 import numpy as np
 
 from geometry import mesh_programs
-from geometry.common.files import written_whole
+from geometry.common.files import write_whole
 from geometry.scenes.scene import Scene
-from geometry.tetra.layout import BodyLayout, body_layout, extent
+from geometry.tetra.layout import BodyLayout, build_layout, find_extent
 from geometry.tetra.mesher import mesh_layout
-from geometry.tetra.sizing import COARSE, TetraFineness
+from geometry.tetra.sizing import COARSE_FINENESS, TetraFineness
 from geometry.tetra.tet_mesh import TetMesh
 
-FOLDER = "PROBE_DESIGN_CACHE"  # the environment variable
-ROOM = Path(__file__).parent
-PROGRAMS = Path(mesh_programs.__file__).parent
-MESHERS = "netgen-mesher", "pytetwild"
-_CHECKSUM = hashlib.sha256().digest_size
+CACHE_VARIABLE = "PROBE_DESIGN_CACHE"  # the environment variable
+SOURCE_FOLDER = Path(__file__).parent
+PROGRAM_FOLDER = Path(mesh_programs.__file__).parent
+MESHER_PACKAGES = "netgen-mesher", "pytetwild"
+_CHECKSUM_BYTES = hashlib.sha256().digest_size
 
 
-def cached_mesh(
+def read_or_make_mesh(
     scene: Scene,
-    fineness: TetraFineness = COARSE,
+    fineness: TetraFineness = COARSE_FINENESS,
     half: bool = False,
     tissue_extent: float | None = None,
     reference_radius: float | None = None,
@@ -64,80 +64,80 @@ def cached_mesh(
         SolveError: no mesh passed the checks, or pytetwild failed; the text says why.
         KeyboardInterrupt: Ctrl-C, at once.
     """
-    layout = body_layout(scene, half, extent(scene, tissue_extent), reference_radius)
-    path = folder() / f"{key(layout, fineness)}.mesh"
-    mesh = _read(path)
+    layout = build_layout(scene, half, find_extent(scene, tissue_extent), reference_radius)
+    path = find_cache_folder() / f"{compute_key(layout, fineness)}.mesh"
+    mesh = _read_mesh(path)
     if mesh is None:
         mesh, _ = mesh_layout(layout, fineness)
-        _write(path, mesh)
-        mesh = _read(path) or mesh
+        _write_mesh(path, mesh)
+        mesh = _read_mesh(path) or mesh
     return mesh
 
 
-def folder() -> Path:
+def find_cache_folder() -> Path:
     """Return the folder of the mesh cache."""
     import platformdirs
 
-    override = os.environ.get(FOLDER)
+    override = os.environ.get(CACHE_VARIABLE)
     return Path(override) if override else Path(platformdirs.user_cache_dir("probe-design", appauthor=False)) / "meshes"
 
 
-def key(layout: BodyLayout, fineness: TetraFineness) -> str:
+def compute_key(layout: BodyLayout, fineness: TetraFineness) -> str:
     """Return a name by content: every number that mesh follows from, a surface file's triangles, our sources and the versions."""
     digest = hashlib.sha256(
-        f"{sources()} {version('netgen-mesher')} {version('pytetwild')} {np.__version__} {fineness!r}".encode()
+        f"{compute_source_digest()} {version('netgen-mesher')} {version('pytetwild')} {np.__version__} {fineness!r}".encode()
     )
     for part in fields(layout):
-        _feed(digest, getattr(layout, part.name))
+        _update_digest(digest, getattr(layout, part.name))
     return digest.hexdigest()
 
 
 @cache
-def sources() -> str:
+def compute_source_digest() -> str:
     """Return the digest of this package's sources and the meshers' programs, read once per process."""
     digest = hashlib.sha256()
-    for path in sorted(ROOM.glob("*.py")) + sorted(PROGRAMS.glob("*.py")):
+    for path in sorted(SOURCE_FOLDER.glob("*.py")) + sorted(PROGRAM_FOLDER.glob("*.py")):
         digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()
 
 
-def _feed(digest: Any, value: Any) -> None:
+def _update_digest(digest: Any, value: Any) -> None:
     if isinstance(value, np.ndarray):
         digest.update(f"{value.dtype} {value.shape} ".encode() + np.ascontiguousarray(value).tobytes())
     elif isinstance(value, tuple):
         digest.update(f"({len(value)} ".encode())
         for part in value:
-            _feed(digest, part)
+            _update_digest(digest, part)
     elif hasattr(value, "__dataclass_fields__"):
         digest.update(type(value).__name__.encode())
         for part in fields(value):
-            _feed(digest, getattr(value, part.name))
+            _update_digest(digest, getattr(value, part.name))
     else:
         digest.update(f"{value!r} ".encode())
 
 
-def _read(path: Path) -> TetMesh | None:
+def _read_mesh(path: Path) -> TetMesh | None:
     """Read the mesh in a file; None if there is none, or its checksum does not match: then it makes room for another."""
     try:
         content = path.read_bytes()
     except OSError:
         return None
-    if hashlib.sha256(content[_CHECKSUM:]).digest() != content[:_CHECKSUM]:
+    if hashlib.sha256(content[_CHECKSUM_BYTES:]).digest() != content[:_CHECKSUM_BYTES]:
         with suppress(OSError):
             path.unlink()
         return None
-    with np.load(io.BytesIO(content[_CHECKSUM:]), allow_pickle=False) as arrays:
+    with np.load(io.BytesIO(content[_CHECKSUM_BYTES:]), allow_pickle=False) as arrays:
         parts = {name: arrays[name] for name in ("nodes", "elements", "body", "beyond", "layer")}
         return TetMesh(**parts, half=bool(arrays["half"]))
 
 
-def _write(path: Path, mesh: TetMesh) -> None:
+def _write_mesh(path: Path, mesh: TetMesh) -> None:
     buffer = io.BytesIO()
     arrays = {field.name: np.asarray(getattr(mesh, field.name)) for field in fields(mesh)}
     np.savez(buffer, **arrays)  # type: ignore[arg-type]
     content = buffer.getvalue()
     try:
-        with written_whole(path, once=True) as draft:
+        with write_whole(path, once=True) as draft:
             draft.write_bytes(hashlib.sha256(content).digest() + content)
     except OSError:  # a full disk or a folder that is not ours: the mesh is there all the same
         return

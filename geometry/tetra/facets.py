@@ -11,21 +11,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geometry.common.arrays import Points
-from geometry.tetra.labels import AIR
+from geometry.tetra.labels import AIR_LABEL
 from geometry.tetra.layout import BodyLayout
-from geometry.tetra.sizing import TetraFineness, sizes
-from geometry.tetra.snapping import Surface, exact_surfaces, snap
+from geometry.tetra.sizing import TetraFineness, compute_sizes
+from geometry.tetra.snapping import Surface, build_exact_surfaces, snap
 from geometry.tetra.stretched_space import MeshSpace
-from geometry.tetra.tet_mesh import TISSUE
+from geometry.tetra.tet_mesh import TISSUE_BODY
 
 Triangles = NDArray[np.int64]
-_BESIDE = 0.1  # of the tetrahedra's size, or of what is left to an inclusion: how far an edge's middle may lie beside its image
-_ON = 1e-9  # of the tissue's size: how far points of a surface may be from it
-_ROUNDS = 8  # each makes an edge's distance from its image a quarter: the last of these never came
-_SIDES = np.array([(0, 1), (1, 2), (2, 0)])
+_MAX_RELATIVE_DEVIATION = (
+    0.1  # of the tetrahedra's size, or of what is left to an inclusion: how far an edge's middle may lie beside its image
+)
+_RELATIVE_TOLERANCE = 1e-9  # of the tissue's size: how far points of a surface may be from it
+_MAX_ROUNDS = 8  # each makes an edge's distance from its image a quarter: the last of these never came
+_TRIANGLE_SIDES = np.array([(0, 1), (1, 2), (2, 0)])
 
 
-def halved(
+def halve_triangles(
     points: Points, triangles: Triangles, layout: BodyLayout, fineness: TetraFineness, space: MeshSpace
 ) -> tuple[Points, Triangles]:
     """Cut triangles on the tissue's surfaces through the middles of their edges, which go to these surfaces.
@@ -43,19 +45,23 @@ def halved(
     Returns:
         The points, with those added behind them, and the triangles.
     """
-    outer = [surface for surface in exact_surfaces(layout) if surface.between(np.array([TISSUE]), np.array([AIR]))[0]]
-    for _ in range(_ROUNDS):
-        edges, middles, chords = _middles(points, triangles, outer, space)
-        beside = np.linalg.norm(space.to_mesh(middles) - chords, axis=1) / _room(layout, fineness, space, middles)
-        worst = np.argsort(-beside)[: np.count_nonzero(beside > _BESIDE)]
+    outer = [
+        surface
+        for surface in build_exact_surfaces(layout)
+        if surface.separates(np.array([TISSUE_BODY]), np.array([AIR_LABEL]))[0]
+    ]
+    for _ in range(_MAX_ROUNDS):
+        edges, middles, chords = _find_edge_middles(points, triangles, outer, space)
+        deviation = np.linalg.norm(space.to_mesh(middles) - chords, axis=1) / _find_local_size(layout, fineness, space, middles)
+        worst = np.argsort(-deviation)[: np.count_nonzero(deviation > _MAX_RELATIVE_DEVIATION)]
         if len(worst) == 0:
             break
-        triangles = cut(triangles, edges[worst], len(points))
+        triangles = cut_triangles(triangles, edges[worst], len(points))
         points = np.vstack([points, middles[worst]])
     return points, triangles
 
 
-def cut(triangles: Triangles, edges: NDArray[np.int64], count: int) -> Triangles:
+def cut_triangles(triangles: Triangles, edges: NDArray[np.int64], count: int) -> Triangles:
     """Triangles cut through the middles of ``edges`` (k, 2), the first ones first; these are the points ``count`` and on.
 
     The lower index of each edge comes first; of a triangle with three such edges four are made.
@@ -64,30 +70,33 @@ def cut(triangles: Triangles, edges: NDArray[np.int64], count: int) -> Triangles
     keys = edges @ base
     order = np.argsort(keys)
     for _ in range(2):  # no half has two edges left of those of its triangle
-        own = np.sort(triangles[:, _SIDES], axis=2) @ base
-        place = order[np.minimum(np.searchsorted(keys, own, sorter=order), len(keys) - 1)]
-        rank = np.where(keys[place] == own, place, len(keys))
-        found = rank.min(axis=1) < len(keys)
-        turned = (rank[found].argmin(axis=1)[:, None] + np.arange(3)) % 3
-        (a, b, c), middle = np.take_along_axis(triangles[found], turned, axis=1).T, count + rank[found].min(axis=1)
-        triangles = np.vstack([triangles[~found], np.column_stack([a, middle, c]), np.column_stack([middle, b, c])])
+        triangle_keys = np.sort(triangles[:, _TRIANGLE_SIDES], axis=2) @ base
+        place = order[np.minimum(np.searchsorted(keys, triangle_keys, sorter=order), len(keys) - 1)]
+        rank = np.where(keys[place] == triangle_keys, place, len(keys))
+        is_cut = rank.min(axis=1) < len(keys)
+        turned = (rank[is_cut].argmin(axis=1)[:, None] + np.arange(3)) % 3
+        (a, b, c), middle = np.take_along_axis(triangles[is_cut], turned, axis=1).T, count + rank[is_cut].min(axis=1)
+        triangles = np.vstack([triangles[~is_cut], np.column_stack([a, middle, c]), np.column_stack([middle, b, c])])
     return triangles
 
 
-def _middles(
+def _find_edge_middles(
     points: Points, triangles: Triangles, surfaces: list[Surface], space: MeshSpace
 ) -> tuple[NDArray[np.int64], Points, Points]:
     """Return edges on surfaces, (k, 2); their middles on these, (k, 3); and where straight edges have them in mesher's space."""
-    near, sides = _ON * float(np.abs(points).max()), np.sort(triangles[:, _SIDES], axis=2).reshape(-1, 2)
-    member = np.stack([np.abs(surface.level(points)[0]) <= near for surface in surfaces], axis=1)
+    tolerance, sides = (
+        _RELATIVE_TOLERANCE * float(np.abs(points).max()),
+        np.sort(triangles[:, _TRIANGLE_SIDES], axis=2).reshape(-1, 2),
+    )
+    member = np.stack([np.abs(surface.level(points)[0]) <= tolerance for surface in surfaces], axis=1)
     edges = np.unique(sides[(member[sides[:, 0]] & member[sides[:, 1]]).any(axis=1)], axis=0)
     chords = space.to_mesh(points)[edges].mean(axis=1)
-    both = member[edges[:, 0]] & member[edges[:, 1]]
-    return edges, snap(surfaces, space.to_scene(chords), both), chords
+    edge_member = member[edges[:, 0]] & member[edges[:, 1]]
+    return edges, snap(surfaces, space.to_scene(chords), edge_member), chords
 
 
-def _room(layout: BodyLayout, fineness: TetraFineness, space: MeshSpace, points: Points) -> Points:
+def _find_local_size(layout: BodyLayout, fineness: TetraFineness, space: MeshSpace, points: Points) -> Points:
     """Return size of tetrahedra at points (n, 3) of the scene, or the distance to an inclusion if less; in the mesher's space."""
-    away = [np.abs(body.distance(points)) for body in layout.inclusions]
-    result: Points = np.min([sizes(layout, fineness, space, points), *away], axis=0) * space.scale(points)
+    distances = [np.abs(body.estimate_distance(points)) for body in layout.inclusions]
+    result: Points = np.min([compute_sizes(layout, fineness, space, points), *distances], axis=0) * space.compute_scale(points)
     return result

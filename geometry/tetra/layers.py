@@ -15,20 +15,20 @@ from numpy.typing import NDArray
 
 from geometry.common.arrays import Points
 from geometry.common.errors import SolveError
-from geometry.tetra.labels import AIR, MIRROR
+from geometry.tetra.labels import AIR_LABEL, MIRROR_LABEL
 from geometry.tetra.layout import BodyLayout
-from geometry.tetra.smoothing import mean_ratios, smooth, undo_inversions
-from geometry.tetra.snapping import Surface, interfaces, memberships, snap, surfaces_of
-from geometry.tetra.tet_mesh import EDGES
+from geometry.tetra.smoothing import compute_mean_ratios, smooth, undo_inversions
+from geometry.tetra.snapping import Surface, find_interfaces, find_memberships, find_surfaces, snap
+from geometry.tetra.tet_mesh import EDGE_CORNERS
 
 Indices = NDArray[np.int64]
-_NEAR = 0.3  # of the shortest edge that crosses a plane: how far its corners move onto the plane
-_KEPT = 0.2  # of its quality a tetrahedron keeps when its corners move so, or they do not
-_MENDED = 0.15  # mean ratio below which tetrahedra are mended
-_LEAST = 0.05  # those that stay below this are put back to where they were cut
-_FLATTER = 0.5  # but for those that were not this many times better there
-_ON = 1e-10  # of the largest coordinate: corners so near a plane are on it
-_FAR = 0.5  # of its shortest edge: how far a corner moves to where a plane cuts its surfaces
+_MAX_MOVE_TO_PLANE = 0.3  # of the shortest edge that crosses a plane: how far its corners move onto the plane
+_MIN_KEPT_QUALITY = 0.2  # of its quality a tetrahedron keeps when its corners move so, or they do not
+_MEND_BELOW_RATIO = 0.15  # mean ratio below which tetrahedra are mended
+_MIN_MENDED_RATIO = 0.05  # those that stay below this are put back to where they were cut
+_QUALITY_FACTOR = 0.5  # but for those that were not this many times better there
+_RELATIVE_TOLERANCE = 1e-10  # of the largest coordinate: corners so near a plane are on it
+_MAX_MOVE_RELATIVE = 0.5  # of its shortest edge: how far a corner moves to where a plane cuts its surfaces
 
 
 @dataclass(frozen=True)
@@ -52,13 +52,13 @@ class LayeredCells:
     chosen: Indices
 
 
-def layers_at(layout: BodyLayout, heights: Points) -> Indices:
+def find_layers(layout: BodyLayout, heights: Points) -> Indices:
     """Return layers of tissue at heights (n,): 1 for the first below the surface and so on, 0 for the tissue's own material."""
     number = 1 + np.searchsorted(np.array(layout.interfaces), -heights)
     return np.where(number > len(layout.interfaces), 0, number)
 
 
-def layered(
+def cut_by_planes(
     layout: BodyLayout, surfaces: list[Surface], points: Points, cells: Indices, *, body: Indices, member: NDArray[np.bool_]
 ) -> LayeredCells:
     """Cut straight tetrahedra (t, 4) of bodies (t,) by all planes between layers.
@@ -76,22 +76,25 @@ def layered(
     """
     parent, first = np.arange(len(cells)), len(surfaces) - len(layout.interfaces)
     for plane, depth in enumerate(layout.interfaces, first):
-        points = _moved(surfaces, points, cells, member, plane)
-        points, cells, of = split(points, cells, -depth)
-        parent, new = parent[of], np.zeros((len(points) - len(member), len(surfaces)), dtype=bool)
+        points = _move_to_plane(surfaces, points, cells, member, plane)
+        points, cells, source = split_at_height(points, cells, -depth)
+        parent, new = parent[source], np.zeros((len(points) - len(member), len(surfaces)), dtype=bool)
         new[:, plane] = True
         member = np.vstack([member, new])
-    layer = layers_at(layout, points[cells, 2].mean(axis=1))
-    faces, chosen = body_faces(layout, surfaces, points, cells, body=body[parent], layer=layer)
-    member = memberships(len(points), faces, chosen, len(surfaces))
-    return LayeredCells(_mended(surfaces, points, cells, member), cells, parent, layer, faces, chosen)
+    layer = find_layers(layout, points[cells, 2].mean(axis=1))
+    faces, chosen = find_body_faces(layout, surfaces, points, cells, body=body[parent], layer=layer)
+    member = find_memberships(len(points), faces, chosen, len(surfaces))
+    return LayeredCells(_mend(surfaces, points, cells, member), cells, parent, layer, faces, chosen)
 
 
-def split(points: Points, cells: Indices, height: float) -> tuple[Points, Indices, Indices]:
+def split_at_height(points: Points, cells: Indices, height: float) -> tuple[Points, Indices, Indices]:
     """Cut tetrahedra by plane z = height; return points (n, 3), tetrahedra (t, 4) and of each the one it was cut from (t,)."""
-    away = points[:, 2] - height
-    side, parent = np.where(np.abs(away) <= _ON * np.abs(points).max(), 0.0, np.sign(away)), np.arange(len(cells))
-    pairs = np.sort(cells[:, EDGES], axis=2)
+    offset = points[:, 2] - height
+    side, parent = (
+        np.where(np.abs(offset) <= _RELATIVE_TOLERANCE * np.abs(points).max(), 0.0, np.sign(offset)),
+        np.arange(len(cells)),
+    )
+    pairs = np.sort(cells[:, EDGE_CORNERS], axis=2)
     pairs = np.unique(pairs[side[pairs].prod(axis=2) < 0], axis=0)
     if len(pairs) == 0:
         return points, cells, parent
@@ -103,48 +106,52 @@ def split(points: Points, cells: Indices, height: float) -> tuple[Points, Indice
     keys = pairs[:, 0] * len(points) + pairs[:, 1]
     order = np.argsort(keys)
     while True:
-        ends = np.sort(cells[:, EDGES], axis=2)
+        ends = np.sort(cells[:, EDGE_CORNERS], axis=2)
         crossing = np.append(side, np.zeros(len(new)))[ends].prod(axis=2) < 0
         rows = np.flatnonzero(crossing.any(axis=1))
         if len(rows) == 0:
             return np.vstack([points, new]), cells, parent
-        rank = np.full((len(rows), len(EDGES)), len(keys))
-        found = ends[rows][crossing[rows]]
-        rank[crossing[rows]] = order[np.searchsorted(keys, found[:, 0] * len(points) + found[:, 1], sorter=order)]
+        rank = np.full((len(rows), len(EDGE_CORNERS)), len(keys))
+        crossing_edges = ends[rows][crossing[rows]]
+        rank[crossing[rows]] = order[
+            np.searchsorted(keys, crossing_edges[:, 0] * len(points) + crossing_edges[:, 1], sorter=order)
+        ]
         first = rank.argmin(axis=1)
-        middle, one, other = len(points) + rank.min(axis=1), cells[rows].copy(), cells[rows].copy()
-        each = np.arange(len(rows))
-        one[each, EDGES[first, 1]], other[each, EDGES[first, 0]] = middle, middle
-        cells, parent = np.vstack([cells, other]), np.concatenate([parent, parent[rows]])
-        cells[rows] = one
+        middle, first_half, second_half = len(points) + rank.min(axis=1), cells[rows].copy(), cells[rows].copy()
+        indices = np.arange(len(rows))
+        first_half[indices, EDGE_CORNERS[first, 1]], second_half[indices, EDGE_CORNERS[first, 0]] = middle, middle
+        cells, parent = np.vstack([cells, second_half]), np.concatenate([parent, parent[rows]])
+        cells[rows] = first_half
 
 
-def _moved(surfaces: list[Surface], points: Points, cells: Indices, member: NDArray[np.bool_], plane: int) -> Points:
+def _move_to_plane(surfaces: list[Surface], points: Points, cells: Indices, member: NDArray[np.bool_], plane: int) -> Points:
     """Move points (n, 3) near a plane (its index) onto it, along their surfaces, where that spoils no tetrahedron."""
-    above = surfaces[plane].level(points)[0]
-    ends = cells[:, EDGES].reshape(-1, 2)
-    shortest = _shortest(points, ends[above[ends].prod(axis=1) < 0])
-    near = np.flatnonzero(np.abs(above) < _NEAR * shortest)
-    both = member[near]
-    both[:, plane] = True
+    height = surfaces[plane].level(points)[0]
+    ends = cells[:, EDGE_CORNERS].reshape(-1, 2)
+    shortest = _find_shortest_edges(points, ends[height[ends].prod(axis=1) < 0])
+    near_corners = np.flatnonzero(np.abs(height) < _MAX_MOVE_TO_PLANE * shortest)
+    target_member = member[near_corners]
+    target_member[:, plane] = True
     target = points.copy()
-    target[near] = snap(surfaces, points[near], both)
-    left = np.abs(surfaces[plane].level(target)[0])
-    there = (left <= _ON * np.abs(points).max() / 2) & (np.linalg.norm(target - points, axis=1) < _FAR * shortest)
+    target[near_corners] = snap(surfaces, points[near_corners], target_member)
+    distance_left = np.abs(surfaces[plane].level(target)[0])
+    is_reached = (distance_left <= _RELATIVE_TOLERANCE * np.abs(points).max() / 2) & (
+        np.linalg.norm(target - points, axis=1) < _MAX_MOVE_RELATIVE * shortest
+    )
     chosen = np.zeros(len(points), dtype=bool)
-    chosen[near] = there[near]
+    chosen[near_corners] = is_reached[near_corners]
     touched = cells[chosen[cells].any(axis=1)]
-    least = _KEPT * mean_ratios(points, touched)
+    min_ratio = _MIN_KEPT_QUALITY * compute_mean_ratios(points, touched)
     while True:
         result = np.where(chosen[:, None], target, points)
-        spoilt = touched[(mean_ratios(result, touched) < least) & chosen[touched].any(axis=1)]
+        spoilt = touched[(compute_mean_ratios(result, touched) < min_ratio) & chosen[touched].any(axis=1)]
         if len(spoilt) == 0:
             return result
-        far = np.where(chosen[spoilt], np.abs(above[spoilt]), -1.0).argmax(axis=1)
-        chosen[spoilt[np.arange(len(spoilt)), far]] = False
+        farthest = np.where(chosen[spoilt], np.abs(height[spoilt]), -1.0).argmax(axis=1)
+        chosen[spoilt[np.arange(len(spoilt)), farthest]] = False
 
 
-def _shortest(points: Points, ends: Indices) -> Points:
+def _find_shortest_edges(points: Points, ends: Indices) -> Points:
     """Return for each point (n, 3) the length of the shortest of its edges (m, 2), 0 if it has none."""
     result = np.full(len(points), np.inf)
     np.minimum.at(result, ends, np.linalg.norm(points[ends[:, 1]] - points[ends[:, 0]], axis=1)[:, None])
@@ -152,30 +159,32 @@ def _shortest(points: Points, ends: Indices) -> Points:
     return result
 
 
-def body_faces(
+def find_body_faces(
     layout: BodyLayout, surfaces: list[Surface], points: Points, cells: Indices, *, body: Indices, layer: Indices
 ) -> tuple[Indices, Indices]:
     """Find the faces (f, 3) between bodies and between layers, and their surfaces (f,)."""
-    faces, one, other = interfaces(cells, body)
+    faces, first_body, second_body = find_interfaces(cells, body)
     flat = (np.abs(points[faces, 1]) <= 1e-9 * np.abs(points).max()).all(axis=1)
-    other = np.where(flat & (other == AIR) & layout.half, MIRROR, other)
-    chosen = surfaces_of(surfaces, points, faces, one, other)
+    second_body = np.where(flat & (second_body == AIR_LABEL) & layout.half, MIRROR_LABEL, second_body)
+    chosen = find_surfaces(surfaces, points, faces, first_body, second_body)
     if (chosen < 0).any():
-        a, b = one[chosen < 0][0], other[chosen < 0][0]
+        a, b = first_body[chosen < 0][0], second_body[chosen < 0][0]
         raise SolveError(f"volume mesh: bodies {a} and {b} touch, which they do not in the scene")
     if not layout.interfaces:
         return faces, chosen
-    between, above, below = interfaces(cells, np.where(body >= 0, layer, AIR))
-    between = between[(above >= 0) & (below >= 0) & (points[between, 2].max(axis=1) < 0)]
+    layer_faces, upper_layer, lower_layer = find_interfaces(cells, np.where(body >= 0, layer, AIR_LABEL))
+    layer_faces = layer_faces[(upper_layer >= 0) & (lower_layer >= 0) & (points[layer_faces, 2].max(axis=1) < 0)]
     first = len(surfaces) - len(layout.interfaces)
-    planes = first + np.abs(points[between, 2].mean(axis=1)[:, None] + np.array(layout.interfaces)).argmin(axis=1)
-    return np.vstack([faces, between]), np.concatenate([chosen, planes])
+    planes = first + np.abs(points[layer_faces, 2].mean(axis=1)[:, None] + np.array(layout.interfaces)).argmin(axis=1)
+    return np.vstack([faces, layer_faces]), np.concatenate([chosen, planes])
 
 
-def _mended(surfaces: list[Surface], points: Points, cells: Indices, member: NDArray[np.bool_]) -> Points:
+def _mend(surfaces: list[Surface], points: Points, cells: Indices, member: NDArray[np.bool_]) -> Points:
     """Move points (n, 3) onto their surfaces and smooth bad tetrahedra, except where that would spoil others."""
     exact = snap(surfaces, points, member)
-    near = np.linalg.norm(exact - points, axis=1) < _FAR * _shortest(points, cells[:, EDGES].reshape(-1, 2))
-    quality = mean_ratios(points, cells)
-    better = smooth(np.where(near[:, None], exact, points), cells, surfaces, member, least=_MENDED, rounds=6)
-    return undo_inversions(better, points, cells, np.minimum(_LEAST, _FLATTER * quality))
+    is_near = np.linalg.norm(exact - points, axis=1) < _MAX_MOVE_RELATIVE * _find_shortest_edges(
+        points, cells[:, EDGE_CORNERS].reshape(-1, 2)
+    )
+    quality = compute_mean_ratios(points, cells)
+    better = smooth(np.where(is_near[:, None], exact, points), cells, surfaces, member, min_ratio=_MEND_BELOW_RATIO, rounds=6)
+    return undo_inversions(better, points, cells, np.minimum(_MIN_MENDED_RATIO, _QUALITY_FACTOR * quality))

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from geometry.common.arrays import Points
 from geometry.common.errors import Refusal
-from geometry.scenes.fit import semi_axes
-from geometry.scenes.probe import mm
+from geometry.scenes.fit import compute_semi_axes
+from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
 from geometry.tetra.layout_fit import check_extent, check_fit
 from geometry.tetra.surface_files import Sheet, read_surface
 
-_EVEN = 1e-9  # by how much of its size a scene may be off its mirror image
+_SYMMETRY_TOLERANCE = 1e-9  # by how much of its size a scene may be off its mirror image
 
 
 @dataclass(frozen=True)
@@ -32,14 +32,14 @@ class Ellipsoid:
         result: Points = np.linalg.norm((points - self.centre) @ self._inverse.T, axis=1)
         return result
 
-    def distance(self, points: Points) -> Points:
+    def estimate_distance(self, points: Points) -> Points:
         """Estimate the distance from points (n, 3) to the surface, negative inside; exact for a sphere."""
         inverse, level = self._inverse, np.maximum(self.level(points), 1e-9)
         slope = np.linalg.norm((points - self.centre) @ (inverse.T @ inverse), axis=1) / level
-        return np.asarray((level - 1) / np.maximum(slope, 1e-9 / self.smallest))
+        return np.asarray((level - 1) / np.maximum(slope, 1e-9 / self.min_semi_axis))
 
     @property
-    def smallest(self) -> float:
+    def min_semi_axis(self) -> float:
         """The least semi-axis."""
         return float(np.linalg.norm(self.axes, axis=0).min())
 
@@ -97,26 +97,26 @@ class BodyLayout:
         """Width of the gap."""
         return self.hole - self.inner
 
-    def side_distance(self, angles: Points) -> Points:
+    def compute_side_distance(self, angles: Points) -> Points:
         """Return the distances from the probe's axis to the tissue's side in the directions ``angles`` (n,)."""
-        ways = np.column_stack([np.cos(angles), np.sin(angles)])
+        directions = np.column_stack([np.cos(angles), np.sin(angles)])
         centre = np.array(self.centre)
         if self.tissue_radius is not None:
-            along = ways @ centre
-            result: Points = along + np.sqrt(along**2 + self.tissue_radius**2 - centre @ centre)
+            projection = directions @ centre
+            result: Points = projection + np.sqrt(projection**2 + self.tissue_radius**2 - centre @ centre)
             return result
-        rooms = np.where(ways > 0, np.array(self.sides) + centre, np.array(self.sides) - centre)
-        return np.asarray((rooms / np.maximum(np.abs(ways), 1e-300)).min(axis=1))
+        distances = np.where(directions > 0, np.array(self.sides) + centre, np.array(self.sides) - centre)
+        return np.asarray((distances / np.maximum(np.abs(directions), 1e-300)).min(axis=1))
 
-    def holds(self, points: Points) -> NDArray[np.bool_]:
+    def contains(self, points: Points) -> NDArray[np.bool_]:
         """Return which points (n, 3) lie in tissue or blocks, gap and groove included; of a half mesh those with y >= 0."""
         radius, z = np.hypot(points[:, 0], points[:, 1]), points[:, 2]
-        tissue = (z <= 0) & (z >= -self.depth) & (radius <= self.side_distance(np.arctan2(points[:, 1], points[:, 0])))
+        tissue = (z <= 0) & (z >= -self.depth) & (radius <= self.compute_side_distance(np.arctan2(points[:, 1], points[:, 0])))
         blocks = (z > 0) & (z <= max(self.inner_height, self.outer_height)) & (radius <= self.tube)
         return np.asarray((tissue | blocks) & ((points[:, 1] >= 0) | (not self.half)))
 
 
-def extent(scene: Scene, tissue_extent: float | None) -> float:
+def find_extent(scene: Scene, tissue_extent: float | None) -> float:
     """Return radius and depth in m that tissue is shortened to: ``tissue_extent``, infinity, or what stands for a half-space's.
 
     A half-space reaches to 25 outer radii and beyond all inclusions, five times as far from the probe as they are.
@@ -125,13 +125,13 @@ def extent(scene: Scene, tissue_extent: float | None) -> float:
         return tissue_extent
     if scene.tissue.shape != "half-space":
         return math.inf
-    at = scene.placement
-    reach = [math.hypot(body.x - at.x, body.y - at.y) + body.depth + max(body.diameters or (body.diameter or 0.0,))
+    placement = scene.placement
+    reach = [math.hypot(body.x - placement.x, body.y - placement.y) + body.depth + max(body.diameters or (body.diameter or 0.0,))
              for body in scene.inclusion]  # fmt: skip
     return max(25 * scene.probe.tube_radius, *(5 * size for size in reach), 0.0)
 
 
-def body_layout(scene: Scene, half: bool, tissue_extent: float, reference_radius: float | None) -> BodyLayout:
+def build_layout(scene: Scene, half: bool, tissue_extent: float, reference_radius: float | None) -> BodyLayout:
     """Read a scene into its bodies in the probe's axes.
 
     Args:
@@ -146,12 +146,12 @@ def body_layout(scene: Scene, half: bool, tissue_extent: float, reference_radius
         Refusal: half of a scene that is not its own mirror image, a reference cylinder or an extent out of range, or bodies
             that leave the tissue or overlap.
     """
-    probe, at = scene.probe, scene.placement
-    if half and not mirror_symmetric(scene):
+    probe, placement = scene.probe, scene.placement
+    if half and not is_mirror_symmetric(scene):
         raise Refusal("half", True, "a scene that is its own mirror image in the plane y = placement.y")
     groove = None if probe.groove is None else (probe.groove.width / 2, probe.groove.depth)
-    bodies = tuple(_inclusion(scene, index) for index in range(len(scene.inclusion)))
-    centre, radius, sides, depth = _tissue(scene)
+    bodies = tuple(_read_inclusion(scene, index) for index in range(len(scene.inclusion)))
+    centre, radius, sides, depth = _read_tissue(scene)
     whole = BodyLayout(
         inner=probe.inner_radius,
         hole=probe.hole_radius,
@@ -159,7 +159,7 @@ def body_layout(scene: Scene, half: bool, tissue_extent: float, reference_radius
         inner_height=probe.core_height,
         outer_height=probe.tube_height,
         groove=groove,
-        centre=(centre[0] - at.x, centre[1] - at.y),
+        centre=(centre[0] - placement.x, centre[1] - placement.y),
         tissue_radius=radius,
         sides=sides,
         depth=depth,
@@ -168,12 +168,12 @@ def body_layout(scene: Scene, half: bool, tissue_extent: float, reference_radius
         inclusions=bodies,
         half=half,
     )
-    shortened = _shortened(whole, tissue_extent)
+    shortened = _shorten(whole, tissue_extent)
     check_fit(shortened, tuple(body.surface or "" for body in scene.inclusion), tissue_extent)
-    return _with_wall(shortened, reference_radius)
+    return _add_wall(shortened, reference_radius)
 
 
-def _tissue(scene: Scene) -> tuple[tuple[float, float], float | None, tuple[float, float], float]:
+def _read_tissue(scene: Scene) -> tuple[tuple[float, float], float | None, tuple[float, float], float]:
     """The tissue's axis in the scene's axes, its radius or none, half its sides, and its depth; infinite for a half-space."""
     tissue = scene.tissue
     if tissue.shape == "half-space":
@@ -183,30 +183,35 @@ def _tissue(scene: Scene) -> tuple[tuple[float, float], float | None, tuple[floa
     return (0.0, 0.0), None, (tissue.length / 2, tissue.breadth / 2), tissue.depth
 
 
-def _shortened(whole: BodyLayout, extent: float) -> BodyLayout:
+def _shorten(whole: BodyLayout, extent: float) -> BodyLayout:
     endless = math.inf in (whole.tissue_radius, whole.depth)
-    room = math.inf if endless else float(whole.side_distance(np.linspace(0, 2 * math.pi, 721)).max())
+    room = math.inf if endless else float(whole.compute_side_distance(np.linspace(0, 2 * math.pi, 721)).max())
     if not endless and room <= extent and whole.depth <= extent:
         return whole
     check_extent(whole.tube, extent)
     depth = min(whole.depth, extent)
-    shorter = replace(whole, depth=depth, interfaces=tuple(below for below in whole.interfaces if below < depth))
+    shorter = replace(
+        whole, depth=depth, interfaces=tuple(depth_of_layer for depth_of_layer in whole.interfaces if depth_of_layer < depth)
+    )
     return replace(shorter, centre=(0.0, 0.0), tissue_radius=extent, sides=(0.0, 0.0)) if room > extent else shorter
 
 
-def _with_wall(layout: BodyLayout, radius: float | None) -> BodyLayout:
-    room = float(layout.side_distance(np.linspace(0, 2 * math.pi, 721)).min())
-    coaxial = layout.tissue_radius is not None and math.hypot(*layout.centre) <= _EVEN * layout.tissue_radius
-    if coaxial and (radius is None or radius >= room * (1 - _EVEN)):
+def _add_wall(layout: BodyLayout, radius: float | None) -> BodyLayout:
+    room = float(layout.compute_side_distance(np.linspace(0, 2 * math.pi, 721)).min())
+    coaxial = layout.tissue_radius is not None and math.hypot(*layout.centre) <= _SYMMETRY_TOLERANCE * layout.tissue_radius
+    if coaxial and (radius is None or radius >= room * (1 - _SYMMETRY_TOLERANCE)):
         return layout
-    wall = default_wall(layout, room) if radius is None else radius
+    wall = choose_wall(layout, room) if radius is None else radius
     if not layout.tube * 1.05 < wall < room * 0.999:
-        allowed = f"from {mm(layout.tube * 1.05)} to {mm(room * 0.999)}: a cylinder round the probe's axis inside the tissue"
-        raise Refusal("reference_radius", mm(wall), allowed)
+        allowed = (
+            f"from {format_mm(layout.tube * 1.05)} to {format_mm(room * 0.999)}: a cylinder round the probe's "
+            "axis inside the tissue"
+        )
+        raise Refusal("reference_radius", format_mm(wall), allowed)
     return replace(layout, wall=wall)
 
 
-def default_wall(layout: BodyLayout, room: float) -> float:
+def choose_wall(layout: BodyLayout, room: float) -> float:
     """Return the largest radius of a reference cylinder that leaves a fifth of the tissue beside it and meets no inclusion."""
     free = [(layout.tube * 1.05, (layout.tube + room) / 2 if room < 1.2 * layout.tube else 0.8 * room)]
     for body in layout.inclusions:
@@ -218,24 +223,24 @@ def default_wall(layout: BodyLayout, room: float) -> float:
     return max(good)
 
 
-def mirror_symmetric(scene: Scene) -> bool:
+def is_mirror_symmetric(scene: Scene) -> bool:
     """Return whether scene is its own mirror image in the plane y = placement.y; a surface from a file never counts as such."""
-    size, at = scene.probe.tube_radius, scene.placement
-    if scene.tissue.shape != "half-space" and abs(at.y) > _EVEN * size:
+    size, placement = scene.probe.tube_radius, scene.placement
+    if scene.tissue.shape != "half-space" and abs(placement.y) > _SYMMETRY_TOLERANCE * size:
         return False
     for body in scene.inclusion:
-        if body.surface is not None or abs(body.y - at.y) > _EVEN * size:
+        if body.surface is not None or abs(body.y - placement.y) > _SYMMETRY_TOLERANCE * size:
             return False
-        axes = np.array(semi_axes(body))
+        axes = np.array(compute_semi_axes(body))
         form = axes @ axes.T
-        if max(abs(form[0, 1]), abs(form[1, 2])) > _EVEN * form.trace():
+        if max(abs(form[0, 1]), abs(form[1, 2])) > _SYMMETRY_TOLERANCE * form.trace():
             return False
     return True
 
 
-def _inclusion(scene: Scene, index: int) -> Ellipsoid | Sheet:
-    body, at = scene.inclusion[index], scene.placement
-    centre = np.array([body.x - at.x, body.y - at.y, -body.depth])
+def _read_inclusion(scene: Scene, index: int) -> Ellipsoid | Sheet:
+    body, placement = scene.inclusion[index], scene.placement
+    centre = np.array([body.x - placement.x, body.y - placement.y, -body.depth])
     if body.surface is None:
-        return Ellipsoid(centre, np.array(semi_axes(body)))
+        return Ellipsoid(centre, np.array(compute_semi_axes(body)))
     return read_surface(body.surface, f"inclusion[{index}].surface", centre)

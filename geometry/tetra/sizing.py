@@ -12,16 +12,16 @@ from geometry.common.arrays import Points
 from geometry.tetra.layout import BodyLayout
 from geometry.tetra.stretched_space import MeshSpace
 
-_KUHN = np.array([(0, 1, 3, 7), (0, 1, 5, 7), (0, 2, 3, 7), (0, 2, 6, 7), (0, 4, 5, 7), (0, 4, 6, 7)])  # a cube's six
-_THIN = 4.5  # tubes with walls thinner than the solid cylinder's radius over this have finer rims
-_AROUND = 1.6  # how much faster tetrahedra become larger round inclusions than round the probe
-_FAR = 0.7  # by how much of themselves others become larger with each e-fold of distance, beyond what growth makes them
-_FAR_INCLUSIONS = 0.3  # power of that by which those in inclusions do
-_FLAT = 0.5  # of the sizes in blocks, or at inclusions: what is thinner makes tetrahedra flatter, not smaller
-_FLATTEST = 5.0  # thicknesses of a layer that tetrahedra cut by its planes are long, however far they are
-_AROUND_AXIS, _OUTWARDS = 48, 120  # places on a plane between layers where sizes are asked for
-_AIR = 3.0  # how much larger tetrahedra may be outside
-_BEYOND = 1.1  # times the tissue's size: from where on points count as outside
+_KUHN_TETRAHEDRA = np.array([(0, 1, 3, 7), (0, 1, 5, 7), (0, 2, 3, 7), (0, 2, 6, 7), (0, 4, 5, 7), (0, 4, 6, 7)])  # a cube's six
+_THIN_WALL_FACTOR = 4.5  # tubes with walls thinner than the solid cylinder's radius over this have finer rims
+_INCLUSION_GROWTH_FACTOR = 1.6  # how much faster tetrahedra become larger round inclusions than round the probe
+_FAR_GROWTH = 0.7  # by how much of themselves others become larger with each e-fold of distance, beyond what growth makes them
+_FAR_INCLUSION_POWER = 0.3  # power of that by which those in inclusions do
+_FLAT_SIZE_FRACTION = 0.5  # of the sizes in blocks, or at inclusions: what is thinner makes tetrahedra flatter, not smaller
+_MAX_LAYER_ASPECT_RATIO = 5.0  # thicknesses of a layer that tetrahedra cut by its planes are long, however far they are
+_ANGLE_SAMPLES, _RADIUS_SAMPLES = 48, 120  # places on a plane between layers where sizes are asked for
+_OUTSIDE_SIZE_FACTOR = 3.0  # how much larger tetrahedra may be outside
+_OUTSIDE_DISTANCE_FACTOR = 1.1  # times the tissue's size: from where on points count as outside
 
 
 @dataclass(frozen=True)
@@ -49,105 +49,114 @@ class TetraFineness:
     corners: int
 
 
-ROUGHEST = TetraFineness(groove=1.3, rim=0.19, block=0.6, wall=1.7, sphere=0.6, layer=1.2, growth=0.55, corners=20)
-ROUGH = TetraFineness(groove=1.0, rim=0.14, block=0.45, wall=1.3, sphere=0.45, layer=0.9, growth=0.42, corners=24)
-COARSE = TetraFineness(groove=0.65, rim=0.1, block=0.33, wall=0.95, sphere=0.333, layer=0.65, growth=0.32, corners=32)
-FINE = TetraFineness(groove=0.4, rim=0.072, block=0.24, wall=0.65, sphere=0.222, layer=0.45, growth=0.235, corners=48)
+ROUGHEST_FINENESS = TetraFineness(groove=1.3, rim=0.19, block=0.6, wall=1.7, sphere=0.6, layer=1.2, growth=0.55, corners=20)
+ROUGH_FINENESS = TetraFineness(groove=1.0, rim=0.14, block=0.45, wall=1.3, sphere=0.45, layer=0.9, growth=0.42, corners=24)
+COARSE_FINENESS = TetraFineness(groove=0.65, rim=0.1, block=0.33, wall=0.95, sphere=0.333, layer=0.65, growth=0.32, corners=32)
+FINE_FINENESS = TetraFineness(groove=0.4, rim=0.072, block=0.24, wall=0.65, sphere=0.222, layer=0.45, growth=0.235, corners=48)
 
 
-def sizes(layout: BodyLayout, fine: TetraFineness, space: MeshSpace, points: Points) -> Points:
+def compute_sizes(layout: BodyLayout, fine: TetraFineness, space: MeshSpace, points: Points) -> Points:
     """Return the wanted edge lengths in m at points (n, 3) of the scene: (n,)."""
     radius, z = np.hypot(points[:, 0], points[:, 1]), points[:, 2]
     rims = np.full(len(points), np.inf)
     thickness = min(layout.tube - layout.hole, layout.inner)
     for rim, size in (
-        ((layout.inner + layout.hole) / 2, fine.rim * min(layout.inner, _THIN * thickness)),
-        (layout.tube, fine.rim * min(2 * layout.inner, _THIN * thickness)),
+        ((layout.inner + layout.hole) / 2, fine.rim * min(layout.inner, _THIN_WALL_FACTOR * thickness)),
+        (layout.tube, fine.rim * min(2 * layout.inner, _THIN_WALL_FACTOR * thickness)),
     ):
-        away = np.maximum(np.hypot(radius - rim, z) - (layout.gap if rim < layout.hole else 0.0), 0.0)
-        rims = np.minimum(rims, size + fine.growth * away)
-    result: Points = np.minimum(rims, fine.block * layout.inner + fine.growth * _beside(layout, radius, z))
+        distance = np.maximum(np.hypot(radius - rim, z) - (layout.gap if rim < layout.hole else 0.0), 0.0)
+        rims = np.minimum(rims, size + fine.growth * distance)
+    result: Points = np.minimum(rims, fine.block * layout.inner + fine.growth * _distance_from_blocks(layout, radius, z))
     heights = fine.wall * min(layout.inner_height, layout.outer_height)
     walls = np.minimum(heights, fine.wall * thickness + fine.growth * np.maximum(layout.hole - radius, 0.0))
-    result = np.minimum(result, walls + fine.growth * _beside(layout, radius, z))
+    result = np.minimum(result, walls + fine.growth * _distance_from_blocks(layout, radius, z))
     if layout.groove is not None:
         width, depth = layout.groove
         sideways = np.maximum(np.abs(points[:, 1]) - width, 0) + np.maximum(-points[:, 0], 0)
-        away = np.hypot(sideways, np.maximum(layout.outer_height - depth - z, 0)) + np.maximum(layout.hole - radius, 0)
-        result = np.minimum(result, fine.groove * min(2 * width, depth) + fine.growth * (away + _beside(layout, radius, z)))
+        distance = np.hypot(sideways, np.maximum(layout.outer_height - depth - z, 0)) + np.maximum(layout.hole - radius, 0)
+        result = np.minimum(
+            result, fine.groove * min(2 * width, depth) + fine.growth * (distance + _distance_from_blocks(layout, radius, z))
+        )
     layers = list(pairwise((0.0, *layout.interfaces)))
     for top, bottom in layers:
-        least = max(fine.layer * (bottom - top), _FLAT * fine.block * layout.inner)
-        result = np.minimum(result, least + fine.growth * (_out_of(top, bottom, z) + _beside(layout, radius, z)))
-    far = 1 - _FAR * np.log(space.scale(points))
+        layer_size = max(fine.layer * (bottom - top), _FLAT_SIZE_FRACTION * fine.block * layout.inner)
+        result = np.minimum(
+            result, layer_size + fine.growth * (_distance_from_layer(top, bottom, z) + _distance_from_blocks(layout, radius, z))
+        )
+    far_factor = 1 - _FAR_GROWTH * np.log(space.compute_scale(points))
     for body in layout.inclusions:
-        layer = fine.layer * (np.abs(body.distance(points)) + np.abs(z))
+        layer = fine.layer * (np.abs(body.estimate_distance(points)) + np.abs(z))
         for depth in layout.interfaces:
-            near = fine.layer * (np.abs(body.distance(points)) + np.abs(z + depth))
-            layer = np.minimum(layer, np.maximum(near, _FLAT * fine.sphere * body.smallest))
-        result = np.minimum(result, layer + fine.growth * _beside(layout, radius, z))
-    result *= far
+            interface_size = fine.layer * (np.abs(body.estimate_distance(points)) + np.abs(z + depth))
+            layer = np.minimum(layer, np.maximum(interface_size, _FLAT_SIZE_FRACTION * fine.sphere * body.min_semi_axis))
+        result = np.minimum(result, layer + fine.growth * _distance_from_blocks(layout, radius, z))
+    result *= far_factor
     for body in layout.inclusions:
-        own, growth = fine.sphere * body.smallest * far**_FAR_INCLUSIONS, _AROUND * fine.growth * far
-        result = np.minimum(result, own + growth * np.abs(body.distance(points)))
+        inclusion_size, growth = (
+            fine.sphere * body.min_semi_axis * far_factor**_FAR_INCLUSION_POWER,
+            _INCLUSION_GROWTH_FACTOR * fine.growth * far_factor,
+        )
+        result = np.minimum(result, inclusion_size + growth * np.abs(body.estimate_distance(points)))
     for top, bottom in layers:
-        result = np.minimum(result, _FLATTEST * (bottom - top) + fine.growth * far * _out_of(top, bottom, z))
+        result = np.minimum(
+            result, _MAX_LAYER_ASPECT_RATIO * (bottom - top) + fine.growth * far_factor * _distance_from_layer(top, bottom, z)
+        )
     return result
 
 
-def _out_of(top: float, bottom: float, z: Points) -> Points:
+def _distance_from_layer(top: float, bottom: float, z: Points) -> Points:
     """Return the distances (n,) of heights z from the layer between the depths ``top`` and ``bottom``."""
     return np.maximum(np.maximum(top + z, -z - bottom), 0.0)
 
 
-def squares(layout: BodyLayout, fine: TetraFineness, space: MeshSpace) -> float:
+def count_squares(layout: BodyLayout, fine: TetraFineness, space: MeshSpace) -> float:
     """Return the area of the planes between layers, of a half where that is meshed, in squares of the sizes wanted there."""
-    angles: Points = np.arange(_AROUND_AXIS, dtype=np.float64) * (2 * np.pi / _AROUND_AXIS)
-    steps = np.geomspace(1e-3, 1.0, _OUTWARDS)
+    angles: Points = np.arange(_ANGLE_SAMPLES, dtype=np.float64) * (2 * np.pi / _ANGLE_SAMPLES)
+    steps = np.geomspace(1e-3, 1.0, _RADIUS_SAMPLES)
     shares, widths = np.sqrt(steps[1:] * steps[:-1]), np.diff(steps)
-    ways = np.column_stack([np.cos(angles), np.sin(angles)]) * layout.side_distance(angles)[:, None]
-    flat, area = ways[:, None] * shares[:, None], np.linalg.norm(ways, axis=1)[:, None] ** 2 * shares * widths
+    side_vectors = np.column_stack([np.cos(angles), np.sin(angles)]) * layout.compute_side_distance(angles)[:, None]
+    flat, area = side_vectors[:, None] * shares[:, None], np.linalg.norm(side_vectors, axis=1)[:, None] ** 2 * shares * widths
     total = 0.0
     for depth in layout.interfaces:
         points = np.column_stack([flat.reshape(-1, 2), np.full(flat[..., 0].size, -depth)])
-        total += float((area.ravel() * (2 * np.pi / _AROUND_AXIS) / sizes(layout, fine, space, points) ** 2).sum())
+        total += float((area.ravel() * (2 * np.pi / _ANGLE_SAMPLES) / compute_sizes(layout, fine, space, points) ** 2).sum())
     return total / 2 if layout.half else total
 
 
-def _beside(layout: BodyLayout, radius: Points, z: Points) -> Points:
+def _distance_from_blocks(layout: BodyLayout, radius: Points, z: Points) -> Points:
     """Return the distances (n,) from the cylinder around the probe's blocks."""
     return np.hypot(np.maximum(radius - layout.tube, 0), np.maximum(-z, 0))
 
 
-def background(
+def build_background(
     layout: BodyLayout, fine: TetraFineness, space: MeshSpace, box: Points
 ) -> tuple[Points, NDArray[np.int32], Points]:
     """Build a mesh of the box (2, 3) of the mesher's space: points, tetrahedra and an edge length at each point."""
-    least = fine.rim * layout.inner
-    axes = [_graded(low, high, least, space.near) for low, high in box.T]
+    min_size = fine.rim * layout.inner
+    axes = [_grade_axis(low, high, min_size, space.linear_radius) for low, high in box.T]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     scene = space.to_scene(grid)
-    values = sizes(layout, fine, space, scene) * space.scale(scene)
-    values[_outside(layout, scene)] *= _AIR
+    values = compute_sizes(layout, fine, space, scene) * space.compute_scale(scene)
+    values[_is_outside(layout, scene)] *= _OUTSIDE_SIZE_FACTOR
     counts = [len(axis) for axis in axes]
     number = np.arange(len(grid)).reshape(counts)
     a, b, c = (count - 1 for count in counts)
     cube = [number[i : a + i, j : b + j, k : c + k].ravel() for i, j, k in np.ndindex(2, 2, 2)]
-    tetrahedra = np.stack(cube, axis=1)[:, _KUHN].reshape(-1, 4)
+    tetrahedra = np.stack(cube, axis=1)[:, _KUHN_TETRAHEDRA].reshape(-1, 4)
     return grid, tetrahedra.astype(np.int32), values
 
 
-def _outside(layout: BodyLayout, points: Points) -> NDArray[np.bool_]:
+def _is_outside(layout: BodyLayout, points: Points) -> NDArray[np.bool_]:
     """Return which points (n, 3) lie well outside all bodies, where the mesh is discarded."""
-    radius, z, away = np.hypot(points[:, 0], points[:, 1]), points[:, 2], 0.2 * layout.tube
-    above = (z > away) & ((radius > layout.tube + away) | (z > max(layout.inner_height, layout.outer_height) + away))
-    side = layout.side_distance(np.arctan2(points[:, 1], points[:, 0]))
-    beside = (radius > _BEYOND * side) | (z < -_BEYOND * layout.depth)
-    return above | beside | ((points[:, 1] < -away) if layout.half else False)
+    radius, z, margin = np.hypot(points[:, 0], points[:, 1]), points[:, 2], 0.2 * layout.tube
+    is_above = (z > margin) & ((radius > layout.tube + margin) | (z > max(layout.inner_height, layout.outer_height) + margin))
+    side = layout.compute_side_distance(np.arctan2(points[:, 1], points[:, 0]))
+    is_beside = (radius > _OUTSIDE_DISTANCE_FACTOR * side) | (z < -_OUTSIDE_DISTANCE_FACTOR * layout.depth)
+    return is_above | is_beside | ((points[:, 1] < -margin) if layout.half else False)
 
 
-def _graded(low: float, high: float, least: float, near: float) -> Points:
+def _grade_axis(low: float, high: float, min_size: float, linear_radius: float) -> Points:
     """Return the points of an axis from low to high, about ``min_size`` apart near zero and further apart away from it."""
-    ends = np.arcsinh(np.array([low, high]) / (near / 3))
-    count = int(np.clip(np.ptp(ends) * near / 3 / least, 12, 48))
-    return np.asarray(np.sinh(np.linspace(ends[0], ends[1], count + 1)) * near / 3)
+    ends = np.arcsinh(np.array([low, high]) / (linear_radius / 3))
+    count = int(np.clip(np.ptp(ends) * linear_radius / 3 / min_size, 12, 48))
+    return np.asarray(np.sinh(np.linspace(ends[0], ends[1], count + 1)) * linear_radius / 3)

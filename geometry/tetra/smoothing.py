@@ -10,121 +10,123 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from geometry.common.arrays import Points
-from geometry.tetra.labels import AIR
-from geometry.tetra.snapping import Surface, interfaces, memberships, snap, surfaces_of
+from geometry.tetra.labels import AIR_LABEL
+from geometry.tetra.snapping import Surface, find_interfaces, find_memberships, find_surfaces, snap
 
 Indices = NDArray[np.int64]
-_REGULAR = np.linalg.inv(np.array([[1, 0.5, 0.5], [0, 3**0.5 / 2, 3**0.5 / 6], [0, 0, (2 / 3) ** 0.5]]))
-_POWER = 2  # the larger, the more the worst tetrahedron counts
-_RETREATS = 6
-_STEPS = 40  # of the minimiser, between two returns to the surfaces
-_FLAT = 0.1  # mean ratio of a tetrahedron that is given away
-_ROUNDS = 3
+_REGULAR_INVERSE = np.linalg.inv(np.array([[1, 0.5, 0.5], [0, 3**0.5 / 2, 3**0.5 / 6], [0, 0, (2 / 3) ** 0.5]]))
+_ENERGY_POWER = 2  # the larger, the more the worst tetrahedron counts
+_MAX_RETREATS = 6
+_MAX_MINIMISER_STEPS = 40  # of the minimiser, between two returns to the surfaces
+_SLIVER_RATIO = 0.1  # mean ratio of a tetrahedron that is given away
+_MAX_SLIVER_ROUNDS = 3
 
 
-def mean_ratios(points: Points, tetrahedra: Indices) -> Points:
+def compute_mean_ratios(points: Points, tetrahedra: Indices) -> Points:
     """Return mean ratios of straight tetrahedra, (t,): 1 for a regular one, 0 for a flat one, negative for an inverted one."""
-    t = _shapes(points[tetrahedra])
+    t = _compute_maps(points[tetrahedra])
     det = np.linalg.det(t)
     result: Points = 3 * np.cbrt(det) ** 2 * np.sign(det) / np.maximum((t**2).sum(axis=(1, 2)), 1e-300)
     return result
 
 
 def smooth(
-    points: Points, tetrahedra: Indices, surfaces: list[Surface], member: NDArray[np.bool_], *, least: float, rounds: int
+    points: Points, tetrahedra: Indices, surfaces: list[Surface], member: NDArray[np.bool_], *, min_ratio: float, rounds: int
 ) -> Points:
     """Move points (n, 3) until no tetrahedron has a mean ratio below the limit, or ``rounds`` are over."""
     result = points
     for _ in range(rounds):
-        quality = mean_ratios(result, tetrahedra)
-        bad = quality < least
+        quality = compute_mean_ratios(result, tetrahedra)
+        bad = quality < min_ratio
         if not bad.any():
             break
-        near = np.zeros(len(points), dtype=bool)
-        near[tetrahedra[bad]] = True
-        near[tetrahedra[near[tetrahedra].any(axis=1)]] = True
-        patch = tetrahedra[near[tetrahedra].any(axis=1)]
-        trial = snap(surfaces, _minimise(result, patch, np.flatnonzero(near), surfaces, member), member)
-        if _worth(mean_ratios(trial, patch)) <= _worth(mean_ratios(result, patch)):
+        is_moving = np.zeros(len(points), dtype=bool)
+        is_moving[tetrahedra[bad]] = True
+        is_moving[tetrahedra[is_moving[tetrahedra].any(axis=1)]] = True
+        patch = tetrahedra[is_moving[tetrahedra].any(axis=1)]
+        trial = snap(surfaces, _minimise(result, patch, np.flatnonzero(is_moving), surfaces, member), member)
+        if _mean_worst_quality(compute_mean_ratios(trial, patch)) <= _mean_worst_quality(compute_mean_ratios(result, patch)):
             break
         result = trial
     return result
 
 
-def undo_inversions(points: Points, before: Points, tetrahedra: Indices, least: float | Points) -> Points:
+def undo_inversions(points: Points, original: Points, tetrahedra: Indices, min_ratio: float | Points) -> Points:
     """Move the corners of tetrahedra below a mean ratio, one or (t,), back to their ``original`` places; return points (n, 3).
 
     All tetrahedra were good there, so that the neighbours, put back in their turn, are good again in the end.
     """
     result = points.copy()
-    for _ in range(_RETREATS):
-        bad = mean_ratios(result, tetrahedra) < least
+    for _ in range(_MAX_RETREATS):
+        bad = compute_mean_ratios(result, tetrahedra) < min_ratio
         if not bad.any():
             break
-        back = np.unique(tetrahedra[bad])
-        result[back] = before[back]
+        restored = np.unique(tetrahedra[bad])
+        result[restored] = original[restored]
     return result
 
 
-def _worth(quality: Points) -> float:
+def _mean_worst_quality(quality: Points) -> float:
     """Return the mean of the twenty worst qualities, which smoothing raises."""
     return float(np.sort(quality)[:20].mean())
 
 
 def _minimise(points: Points, patch: Indices, rows: Indices, surfaces: list[Surface], member: NDArray[np.bool_]) -> Points:
     """Points with those of ``rows`` moved along their surfaces' tangents to the least energy of the patch."""
-    tangent = _tangents(points[rows], surfaces, member[rows])
+    tangent = _compute_tangents(points[rows], surfaces, member[rows])
     scale = float(np.median(np.linalg.norm(points[patch[:, 1]] - points[patch[:, 0]], axis=1)))
 
-    def energy(flat: Points) -> tuple[float, Points]:
+    def compute_energy(flat: Points) -> tuple[float, Points]:
         moved = points.copy()
         moved[rows] += scale * np.einsum("nij,nj->ni", tangent, flat.reshape(-1, 3))
-        value, slope = _energies(moved[patch])
+        value, slope = _compute_energies(moved[patch])
         total = np.zeros_like(points)
         np.add.at(total, patch.ravel(), slope.reshape(-1, 3))
         return float(value.sum()), scale * np.einsum("nij,nj->ni", tangent, total[rows]).ravel()
 
-    limits = {"maxiter": _STEPS, "maxfun": 2 * _STEPS}
-    best = minimize(energy, np.zeros(3 * len(rows)), jac=True, method="L-BFGS-B", options=limits)
+    limits = {"maxiter": _MAX_MINIMISER_STEPS, "maxfun": 2 * _MAX_MINIMISER_STEPS}
+    best = minimize(compute_energy, np.zeros(3 * len(rows)), jac=True, method="L-BFGS-B", options=limits)
     result = points.copy()
     result[rows] += scale * np.einsum("nij,nj->ni", tangent, best.x.reshape(-1, 3))
     return result
 
 
-def _tangents(points: Points, surfaces: list[Surface], member: NDArray[np.bool_]) -> Points:
+def _compute_tangents(points: Points, surfaces: list[Surface], member: NDArray[np.bool_]) -> Points:
     """Return the projections (n, 3, 3) onto the tangents of the surfaces that points lie on."""
     result = np.broadcast_to(np.eye(3), (len(points), 3, 3)).copy()
     rows = np.flatnonzero(member.any(axis=1))
     slopes = np.zeros((len(rows), len(surfaces), 3))
     for index, surface in enumerate(surfaces):
-        on = np.flatnonzero(member[rows, index])
-        if len(on):
-            slopes[on, index] = surface.level(points[rows[on]])[1]
+        is_member = np.flatnonzero(member[rows, index])
+        if len(is_member):
+            slopes[is_member, index] = surface.level(points[rows[is_member]])[1]
     result[rows] -= np.linalg.pinv(slopes, rcond=1e-3) @ slopes
     return result
 
 
-def _shapes(corners: Points) -> Points:
+def _compute_maps(corners: Points) -> Points:
     """Return the linear maps from a regular tetrahedron to those with these corners, (t, 3, 3)."""
-    result: Points = np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2) @ _REGULAR
+    result: Points = np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2) @ _REGULAR_INVERSE
     return result
 
 
-def _energies(corners: Points) -> tuple[Points, Points]:
+def _compute_energies(corners: Points) -> tuple[Points, Points]:
     """Return the distortion energy (|T|^2 / 3 / det(T)^(2/3))^(3 p / 2) of each tetrahedron, (t,), and its gradients (t, 4, 3).
 
     T is the linear map from a regular tetrahedron, p is 2. det(T) is smoothed, so that inverted ones have finite energies.
     """
-    t = _shapes(corners)
+    t = _compute_maps(corners)
     size = np.cbrt(np.abs(np.linalg.det(t))) + 1e-2 * np.sqrt((t**2).sum(axis=(1, 2)))
-    det, least = np.linalg.det(t), 3e-2 * size**3
-    root = np.sqrt(det**2 + least**2)
+    det, floor = np.linalg.det(t), 3e-2 * size**3
+    root = np.sqrt(det**2 + floor**2)
     volume = (det + root) / 2
     square = (t**2).sum(axis=(1, 2)) / 3
-    value = (square**1.5 / volume) ** _POWER
+    value = (square**1.5 / volume) ** _ENERGY_POWER
     cofactor = np.cross(t[:, [1, 2, 0]], t[:, [2, 0, 1]])  # the determinant's slope
-    by_shape = value[:, None, None] * _POWER * (t / square[:, None, None] - (volume / root / volume)[:, None, None] * cofactor)
-    slope = np.swapaxes(by_shape @ _REGULAR.T, 1, 2)
+    by_shape = (
+        value[:, None, None] * _ENERGY_POWER * (t / square[:, None, None] - (volume / root / volume)[:, None, None] * cofactor)
+    )
+    slope = np.swapaxes(by_shape @ _REGULAR_INVERSE.T, 1, 2)
     return value, np.concatenate([-slope.sum(axis=1, keepdims=True), slope], axis=1)
 
 
@@ -135,29 +137,29 @@ def remove_slivers(
 
     Only such whose four corners are on one surface: that surface then goes along their other faces.
     """
-    for _ in range(_ROUNDS):
-        member = memberships(len(points), faces, chosen, len(surfaces))
+    for _ in range(_MAX_SLIVER_ROUNDS):
+        member = find_memberships(len(points), faces, chosen, len(surfaces))
         shared = np.logical_and.reduce(member[tetrahedra], axis=1)  # (t, surfaces)
         rows = np.flatnonzero((body >= 0) & np.logical_or.reduce(shared, axis=1))
         exact = snap(surfaces, points, member)
-        flat = rows[mean_ratios(exact, tetrahedra[rows]) < _FLAT]
-        slivers = flat[_faces_outside(tetrahedra, body, flat) >= 2]
+        flat = rows[compute_mean_ratios(exact, tetrahedra[rows]) < _SLIVER_RATIO]
+        slivers = flat[_count_outer_faces(tetrahedra, body, flat) >= 2]
         if len(slivers) == 0:
             break
         body = body.copy()
-        body[slivers] = AIR
-        faces, one, other = interfaces(tetrahedra, body)
-        on_bodies = np.maximum(one, other) >= 0
+        body[slivers] = AIR_LABEL
+        faces, first_body, second_body = find_interfaces(tetrahedra, body)
+        on_bodies = np.maximum(first_body, second_body) >= 0
         faces = faces[on_bodies]
-        chosen = surfaces_of(surfaces, points, faces, one[on_bodies], other[on_bodies])
+        chosen = find_surfaces(surfaces, points, faces, first_body[on_bodies], second_body[on_bodies])
     return body, faces, chosen
 
 
-def _faces_outside(tetrahedra: Indices, body: Indices, rows: Indices) -> Indices:
+def _count_outer_faces(tetrahedra: Indices, body: Indices, rows: Indices) -> Indices:
     """Count the outer faces of each of the tetrahedra ``rows``, (r,)."""
-    near = np.flatnonzero(np.isin(tetrahedra, tetrahedra[rows]).sum(axis=1) >= 3)
-    faces, one, other = interfaces(tetrahedra[near], body[near])
-    faces = np.sort(faces[(np.minimum(one, other) < 0) & (np.maximum(one, other) >= 0)], axis=1)
+    neighbours = np.flatnonzero(np.isin(tetrahedra, tetrahedra[rows]).sum(axis=1) >= 3)
+    faces, first_body, second_body = find_interfaces(tetrahedra[neighbours], body[neighbours])
+    faces = np.sort(faces[(np.minimum(first_body, second_body) < 0) & (np.maximum(first_body, second_body) >= 0)], axis=1)
     outside = {tuple(face) for face in faces.tolist()}
     triples = [(1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2)]
     ordered = np.sort(tetrahedra[rows], axis=1).tolist()

@@ -13,16 +13,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geometry.common.arrays import Points
-from geometry.tetra.labels import AIR, MIRROR
+from geometry.tetra.labels import AIR_LABEL, MIRROR_LABEL
 from geometry.tetra.layout import BodyLayout, Ellipsoid
-from geometry.tetra.tet_mesh import BEYOND, EDGES, FACES, GROOVE, INCLUSION, INNER, OUTER, TISSUE, quadratic, scaled_jacobians
+from geometry.tetra.tet_mesh import (
+    BEYOND_BODY,
+    EDGE_CORNERS,
+    FACE_CORNERS,
+    FIRST_INCLUSION_BODY,
+    GROOVE_BODY,
+    INNER_BODY,
+    OUTER_BODY,
+    TISSUE_BODY,
+    build_quadratic,
+    compute_scaled_jacobians,
+)
 
 Indices = NDArray[np.int64]
 Level = Callable[[Points], tuple[Points, Points]]  # distances (n,), about, and their gradients (n, 3)
-_STEPS = 6
-_FLOOR = 0.03  # scaled Jacobian below which no element falls that was above it
-_SHARES = (0.8, 0.7, 0.6, 0.5, 0.0, 0.0, 0.0)  # of its bend that an edge of a bad element keeps, step by step
-_AROUND = (0.8,) * 5  # the same where an element has an edge between two faces on surfaces, of its other edges
+_NEWTON_STEPS = 6
+_MIN_JACOBIAN = 0.03  # scaled Jacobian below which no element falls that was above it
+_BEND_FRACTIONS = (0.8, 0.7, 0.6, 0.5, 0.0, 0.0, 0.0)  # of its bend that an edge of a bad element keeps, step by step
+_OTHER_BEND_FRACTIONS = (0.8,) * 5  # the same where an element has an edge between two faces on surfaces, of its other edges
 
 
 @dataclass(frozen=True)
@@ -30,52 +41,58 @@ class Surface:
     """An exact surface, between which bodies it can lie (``AIR_LABEL``: what is outside), and whether nodes always stay on it."""
 
     level: Level
-    between: Callable[[Indices, Indices], NDArray[np.bool_]]
+    separates: Callable[[Indices, Indices], NDArray[np.bool_]]
     permanent: bool = False
 
 
-def exact_surfaces(layout: BodyLayout) -> list[Surface]:
+def build_exact_surfaces(layout: BodyLayout) -> list[Surface]:
     """Return all exact surfaces of a scene, the planes between layers last; these separate no bodies, see ``layers.py``."""
-    air = AIR
+    air = AIR_LABEL
     result = [
-        Surface(_cylinder(layout.inner), _pair([INNER], [air])),
-        Surface(_plane((0, 0, 1), layout.inner_height), _pair([INNER], [air]), True),
-        Surface(_cylinder(layout.hole), _pair([OUTER, GROOVE], [air])),
-        Surface(_cylinder(layout.tube), _pair([OUTER, GROOVE], [air])),
-        Surface(_plane((0, 0, 1), layout.outer_height), _pair([OUTER, GROOVE], [air]), True),
-        Surface(_plane((0, 0, 1), 0.0), _pair([TISSUE, BEYOND], [air, INNER, OUTER]), True),
-        Surface(_plane((0, 0, 1), -layout.depth), _pair([TISSUE, BEYOND], [air]), True),
+        Surface(_build_cylinder(layout.inner), _separates_sets([INNER_BODY], [air])),
+        Surface(_build_plane((0, 0, 1), layout.inner_height), _separates_sets([INNER_BODY], [air]), True),
+        Surface(_build_cylinder(layout.hole), _separates_sets([OUTER_BODY, GROOVE_BODY], [air])),
+        Surface(_build_cylinder(layout.tube), _separates_sets([OUTER_BODY, GROOVE_BODY], [air])),
+        Surface(_build_plane((0, 0, 1), layout.outer_height), _separates_sets([OUTER_BODY, GROOVE_BODY], [air]), True),
+        Surface(_build_plane((0, 0, 1), 0.0), _separates_sets([TISSUE_BODY, BEYOND_BODY], [air, INNER_BODY, OUTER_BODY]), True),
+        Surface(_build_plane((0, 0, 1), -layout.depth), _separates_sets([TISSUE_BODY, BEYOND_BODY], [air]), True),
     ]
     if layout.groove is not None:
         width, depth = layout.groove
         planes = [((0, 1, 0), width), ((0, 1, 0), -width), ((0, 0, 1), layout.outer_height - depth)]
-        result += [Surface(_plane(way, at), _pair([OUTER], [GROOVE])) for way, at in planes]
-    result += [Surface(side, _pair([TISSUE, BEYOND], [air]), layout.tissue_radius is None) for side in _sides(layout)]
+        result += [
+            Surface(_build_plane(direction, position), _separates_sets([OUTER_BODY], [GROOVE_BODY]))
+            for direction, position in planes
+        ]
+    result += [
+        Surface(side, _separates_sets([TISSUE_BODY, BEYOND_BODY], [air]), layout.tissue_radius is None)
+        for side in _list_sides(layout)
+    ]
     if layout.wall is not None:
-        result.append(Surface(_cylinder(layout.wall), _within(TISSUE, BEYOND)))
+        result.append(Surface(_build_cylinder(layout.wall), _separates_exactly(TISSUE_BODY, BEYOND_BODY)))
     for index, body in enumerate(layout.inclusions):
-        result.append(Surface(_closed(body), _only(INCLUSION + index)))
-    result.append(Surface(_plane((0, 1, 0), 0.0), _only(MIRROR), True))
-    return [*result, *(Surface(_plane((0, 0, 1), -depth), _nowhere, True) for depth in layout.interfaces)]
+        result.append(Surface(_build_closed(body), _separates_body(FIRST_INCLUSION_BODY + index)))
+    result.append(Surface(_build_plane((0, 1, 0), 0.0), _separates_body(MIRROR_LABEL), True))
+    return [*result, *(Surface(_build_plane((0, 0, 1), -depth), _separates_none, True) for depth in layout.interfaces)]
 
 
-def interfaces(tetrahedra: Indices, body: Indices) -> tuple[Indices, Indices, Indices]:
+def find_interfaces(tetrahedra: Indices, body: Indices) -> tuple[Indices, Indices, Indices]:
     """Find faces between different bodies: corners (f, 3) and the bodies (f,) on both sides; ``AIR_LABEL`` outside the mesh."""
-    faces = tetrahedra[:, FACES].reshape(-1, 3)
+    faces = tetrahedra[:, FACE_CORNERS].reshape(-1, 3)
     owner = np.repeat(np.arange(len(tetrahedra)), 4)
     order = np.lexsort(np.sort(faces, axis=1).T)
     ordered = np.sort(faces, axis=1)[order]
-    same = (ordered[1:] == ordered[:-1]).all(axis=1)
-    pairs = np.flatnonzero(same)
+    is_pair = (ordered[1:] == ordered[:-1]).all(axis=1)
+    pairs = np.flatnonzero(is_pair)
     alone = np.setdiff1d(np.arange(len(faces)), np.concatenate([pairs, pairs + 1]))
-    one = np.concatenate([owner[order[pairs]], owner[order[alone]]])
-    other = np.concatenate([body[owner[order[pairs + 1]]], np.full(len(alone), AIR)])
+    first_owner = np.concatenate([owner[order[pairs]], owner[order[alone]]])
+    second_body = np.concatenate([body[owner[order[pairs + 1]]], np.full(len(alone), AIR_LABEL)])
     corners = faces[order[np.concatenate([pairs, alone])]]
-    differ = body[one] != other
-    return corners[differ], body[one][differ], other[differ]
+    differ = body[first_owner] != second_body
+    return corners[differ], body[first_owner][differ], second_body[differ]
 
 
-def surfaces_of(surfaces: list[Surface], points: Points, faces: Indices, one: Indices, other: Indices) -> Indices:
+def find_surfaces(surfaces: list[Surface], points: Points, faces: Indices, first_body: Indices, second_body: Indices) -> Indices:
     """Find the surface of each face (f, 3), (f,): of those between its two bodies the nearest in place and direction."""
     corners = points[faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -83,19 +100,19 @@ def surfaces_of(surfaces: list[Surface], points: Points, faces: Indices, one: In
     normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
     best, chosen = np.full(len(faces), np.inf), np.full(len(faces), -1)
     for index, surface in enumerate(surfaces):
-        rows = np.flatnonzero(surface.between(one, other) | surface.between(other, one))
+        rows = np.flatnonzero(surface.separates(first_body, second_body) | surface.separates(second_body, first_body))
         if len(rows) == 0:
             continue
-        off = np.abs(np.stack([surface.level(corners[rows, k])[0] for k in range(3)])).max(axis=0)
+        distance = np.abs(np.stack([surface.level(corners[rows, k])[0] for k in range(3)])).max(axis=0)
         slope = surface.level(corners[rows].mean(axis=1))[1]
-        aside = 1 - np.abs(np.einsum("ij,ij->i", slope, normal[rows]))
-        cost = off + 0.5 * aside * size[rows]
+        misalignment = 1 - np.abs(np.einsum("ij,ij->i", slope, normal[rows]))
+        cost = distance + 0.5 * misalignment * size[rows]
         better = cost < best[rows]
         best[rows[better]], chosen[rows[better]] = cost[better], index
     return chosen
 
 
-def memberships(count: int, faces: Indices, chosen: Indices, surfaces: int) -> NDArray[np.bool_]:
+def find_memberships(count: int, faces: Indices, chosen: Indices, surfaces: int) -> NDArray[np.bool_]:
     """Return which surfaces each of ``count`` nodes lies on, (count, surfaces)."""
     member = np.zeros((count, surfaces), dtype=bool)
     for k in range(3):
@@ -107,13 +124,13 @@ def snap(surfaces: list[Surface], points: Points, member: NDArray[np.bool_]) -> 
     """Move points (n, 3) onto all surfaces that each is a member of, (n, surfaces)."""
     result = points.copy()
     single = member.sum(axis=1)
-    for _ in range(_STEPS):
+    for _ in range(_NEWTON_STEPS):
         for index, surface in enumerate(surfaces):
             rows = np.flatnonzero(member[:, index] & (single == 1))
             if len(rows):
                 level, slope = surface.level(result[rows])
                 result[rows] -= level[:, None] * slope
-        _to_edges(surfaces, result, member, np.flatnonzero(single > 1))
+        _step_to_edges(surfaces, result, member, np.flatnonzero(single > 1))
     return result
 
 
@@ -122,7 +139,7 @@ def snap_to_permanent(surfaces: list[Surface], points: Points, member: NDArray[n
     return snap(surfaces, points, member & np.array([surface.permanent for surface in surfaces]))
 
 
-def curved_mesh(
+def curve_mesh(
     corners: Points, tetrahedra: Indices, surfaces: list[Surface], *, faces: Indices, chosen: Indices, keep: float
 ) -> tuple[Points, Indices]:
     """Return nodes and elements of quadratic mesh whose interface edges follow the surfaces ``chosen`` (f,) of ``faces`` (f, 3).
@@ -131,34 +148,37 @@ def curved_mesh(
     Two faces that an element has on one surface are tangent to each other along their common edge once all is curved. So its
     other edges are straightened first, until that edge stands out between them.
     """
-    nodes, elements, pairs = quadratic(corners, tetrahedra)
+    nodes, elements, pairs = build_quadratic(corners, tetrahedra)
     straight, count = nodes.copy(), len(corners)
-    member = _edge_members(pairs, faces, chosen, len(surfaces), count)
+    member = _find_edge_members(pairs, faces, chosen, len(surfaces), count)
     nodes[count:] = snap(surfaces, nodes[count:], member)
     bent = elements[np.flatnonzero(member[elements[:, 4:] - count].any(axis=(1, 2)))]
-    before = scaled_jacobians(straight, bent)
-    least = np.maximum(keep * before, np.minimum(0.9 * before, _FLOOR))
-    between, every = _between_faces(bent, faces), np.ones((len(bent), 6), dtype=bool)
-    around = between.any(axis=1, keepdims=True) & ~between
-    for share, which in [*((share, around) for share in _AROUND), *((share, every) for share in _SHARES)]:
-        bad = scaled_jacobians(nodes, bent) < least
+    straight_jacobians = compute_scaled_jacobians(straight, bent)
+    min_jacobians = np.maximum(keep * straight_jacobians, np.minimum(0.9 * straight_jacobians, _MIN_JACOBIAN))
+    is_between, all_edges = _find_edges_between_faces(bent, faces), np.ones((len(bent), 6), dtype=bool)
+    is_other = is_between.any(axis=1, keepdims=True) & ~is_between
+    for share, edge_mask in [
+        *((share, is_other) for share in _OTHER_BEND_FRACTIONS),
+        *((share, all_edges) for share in _BEND_FRACTIONS),
+    ]:
+        bad = compute_scaled_jacobians(nodes, bent) < min_jacobians
         if not bad.any():
             break
-        middles = np.unique(bent[:, 4:][which & bad[:, None]])
+        middles = np.unique(bent[:, 4:][edge_mask & bad[:, None]])
         nodes[middles] = straight[middles] + share * (nodes[middles] - straight[middles])
     return nodes, elements
 
 
-def _between_faces(elements: Indices, faces: Indices) -> NDArray[np.bool_]:
+def _find_edges_between_faces(elements: Indices, faces: Indices) -> NDArray[np.bool_]:
     """Return which of six edges of elements (t, 10) lie between two of ``faces`` (f, 3) that both are the element's, (t, 6)."""
     base = int(elements[:, :4].max(initial=faces.max(initial=0))) + 1
-    own, given = (np.sort(part, axis=-1) @ np.array([base**2, base, 1]) for part in (elements[:, FACES], faces))
-    on = np.isin(own, given)
-    beside = (EDGES[:, None, :, None] == FACES[None, :, None, :]).any(axis=3).all(axis=2)  # edges, faces
-    return np.asarray(on.astype(int) @ beside.T.astype(int) == 2)
+    element_keys, given = (np.sort(part, axis=-1) @ np.array([base**2, base, 1]) for part in (elements[:, FACE_CORNERS], faces))
+    is_given = np.isin(element_keys, given)
+    edge_in_face = (EDGE_CORNERS[:, None, :, None] == FACE_CORNERS[None, :, None, :]).any(axis=3).all(axis=2)  # edges, faces
+    return np.asarray(is_given.astype(int) @ edge_in_face.T.astype(int) == 2)
 
 
-def _edge_members(pairs: Indices, faces: Indices, chosen: Indices, surfaces: int, count: int) -> NDArray[np.bool_]:
+def _find_edge_members(pairs: Indices, faces: Indices, chosen: Indices, surfaces: int, count: int) -> NDArray[np.bool_]:
     """Return which surfaces each edge (m, 2) lies on, (m, surfaces): those of the faces beside it."""
     edges = np.sort(faces[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2), axis=1)
     keys = pairs[:, 0] * count + pairs[:, 1]  # the pairs are in order, so their keys are
@@ -170,74 +190,79 @@ def _edge_members(pairs: Indices, faces: Indices, chosen: Indices, surfaces: int
     return member
 
 
-def _to_edges(surfaces: list[Surface], points: Points, member: NDArray[np.bool_], rows: Indices) -> None:
+def _step_to_edges(surfaces: list[Surface], points: Points, member: NDArray[np.bool_], rows: Indices) -> None:
     """Make one step of Newton's method for the points ``rows``, which lie on several surfaces."""
     if len(rows) == 0:
         return
     used = np.flatnonzero(member[rows].any(axis=0))
     levels, slopes = np.zeros((len(rows), len(used))), np.zeros((len(rows), len(used), 3))
     for k, index in enumerate(used):
-        on = member[rows, index]
-        levels[on, k], slopes[on, k] = surfaces[index].level(points[rows[on]])
+        is_member = member[rows, index]
+        levels[is_member, k], slopes[is_member, k] = surfaces[index].level(points[rows[is_member]])
     points[rows] -= np.einsum("nak,nk->na", np.linalg.pinv(slopes, rcond=1e-3), levels)
 
 
-def _pair(one: list[int], other: list[int]) -> Callable[[Indices, Indices], NDArray[np.bool_]]:
-    return lambda a, b: np.isin(a, one) & np.isin(b, other)
+def _separates_sets(first: list[int], second: list[int]) -> Callable[[Indices, Indices], NDArray[np.bool_]]:
+    return lambda a, b: np.isin(a, first) & np.isin(b, second)
 
 
-def _within(one: int, other: int) -> Callable[[Indices, Indices], NDArray[np.bool_]]:
-    return lambda a, b: (a == one) & (b == other)
+def _separates_exactly(first: int, second: int) -> Callable[[Indices, Indices], NDArray[np.bool_]]:
+    return lambda a, b: (a == first) & (b == second)
 
 
-def _only(body: int) -> Callable[[Indices, Indices], NDArray[np.bool_]]:
+def _separates_body(body: int) -> Callable[[Indices, Indices], NDArray[np.bool_]]:
     """Return a test for faces between ``body`` and any other body, except the plane of symmetry."""
-    return lambda a, b: (a == body) & ((b != MIRROR) if body != MIRROR else (b >= 0))
+    return lambda a, b: (a == body) & ((b != MIRROR_LABEL) if body != MIRROR_LABEL else (b >= 0))
 
 
-def _nowhere(a: Indices, b: Indices) -> NDArray[np.bool_]:
+def _separates_none(a: Indices, b: Indices) -> NDArray[np.bool_]:
     return np.zeros(len(a), dtype=bool)
 
 
-def _plane(way: tuple[float, float, float], at: float) -> Level:
-    normal = np.array(way, dtype=float)
-    return lambda points: (points @ normal - at, np.broadcast_to(normal, points.shape))
+def _build_plane(direction: tuple[float, float, float], position: float) -> Level:
+    normal = np.array(direction, dtype=float)
+    return lambda points: (points @ normal - position, np.broadcast_to(normal, points.shape))
 
 
-def _cylinder(radius: float, centre: tuple[float, float] = (0.0, 0.0)) -> Level:
-    def level(points: Points) -> tuple[Points, Points]:
-        away = points * [1.0, 1.0, 0.0] - [*centre, 0.0]
-        distance = np.hypot(away[:, 0], away[:, 1])
-        return distance - radius, away / np.maximum(distance, 1e-300)[:, None]
+def _build_cylinder(radius: float, centre: tuple[float, float] = (0.0, 0.0)) -> Level:
+    def compute_level(points: Points) -> tuple[Points, Points]:
+        offset = points * [1.0, 1.0, 0.0] - [*centre, 0.0]
+        distance = np.hypot(offset[:, 0], offset[:, 1])
+        return distance - radius, offset / np.maximum(distance, 1e-300)[:, None]
 
-    return level
+    return compute_level
 
 
-def _sides(layout: BodyLayout) -> list[Level]:
+def _list_sides(layout: BodyLayout) -> list[Level]:
     if layout.tissue_radius is not None:
-        return [_cylinder(layout.tissue_radius, layout.centre)]
+        return [_build_cylinder(layout.tissue_radius, layout.centre)]
     (x, y), (a, b) = layout.centre, layout.sides
-    return [_plane((1, 0, 0), x + a), _plane((1, 0, 0), x - a), _plane((0, 1, 0), y + b), _plane((0, 1, 0), y - b)]
+    return [
+        _build_plane((1, 0, 0), x + a),
+        _build_plane((1, 0, 0), x - a),
+        _build_plane((0, 1, 0), y + b),
+        _build_plane((0, 1, 0), y - b),
+    ]
 
 
-def _closed(body: object) -> Level:
+def _build_closed(body: object) -> Level:
     """Return the level function of an inclusion: an ellipsoid's (|u| - 1) / |grad |u||, or the distance to a file's surface."""
     if isinstance(body, Ellipsoid):
         inverse = np.linalg.inv(body.axes)
         form = inverse.T @ inverse
 
-        def level(points: Points) -> tuple[Points, Points]:
-            away = points - body.centre
+        def compute_level(points: Points) -> tuple[Points, Points]:
+            offset = points - body.centre
             size = body.level(points)
-            slope = away @ form / np.maximum(size, 1e-9)[:, None]
+            slope = offset @ form / np.maximum(size, 1e-9)[:, None]
             steep = np.maximum(np.linalg.norm(slope, axis=1), 1e-300)
             return (size - 1) / steep, slope / steep[:, None]
 
-        return level
-    return lambda points: _to_sheet(points, body.nearest(points))  # type: ignore[attr-defined]
+        return compute_level
+    return lambda points: _compute_sheet_level(points, body.nearest(points))  # type: ignore[attr-defined]
 
 
-def _to_sheet(points: Points, nearest: Points) -> tuple[Points, Points]:
-    away = points - nearest
-    distance = np.linalg.norm(away, axis=1)
-    return distance, away / np.maximum(distance, 1e-300)[:, None]
+def _compute_sheet_level(points: Points, nearest: Points) -> tuple[Points, Points]:
+    offset = points - nearest
+    distance = np.linalg.norm(offset, axis=1)
+    return distance, offset / np.maximum(distance, 1e-300)[:, None]

@@ -12,9 +12,9 @@ import numpy as np
 
 from geometry.common.arrays import Points
 
-_BESIDE = 0.012  # of the mesher's near distance: how far the middle of an edge may lie beside its image
-_LARGEST = 0.5  # of their distance from the probe: edges of triangles
-_BODY = 0.5  # of their distance from an inclusion's middle
+_MAX_RELATIVE_DEVIATION = 0.012  # of the mesher's near distance: how far the middle of an edge may lie beside its image
+_MAX_LENGTH_PER_DISTANCE = 0.5  # of their distance from the probe: edges of triangles
+_MAX_LENGTH_PER_BODY_DISTANCE = 0.5  # of their distance from an inclusion's middle
 
 
 @dataclass(frozen=True)
@@ -33,35 +33,35 @@ class MeshSpace:
     moved: tuple[float, ...]
     rising: tuple[float, ...]
     fade: float
-    near: float
+    linear_radius: float
 
     def to_mesh(self, points: Points) -> Points:
         """Map points (n, 3) of the scene."""
-        shifted = self._shifted(points, inverse=False)
+        shifted = self._shift(points, inverse=False)
         distance = np.linalg.norm(shifted, axis=1)
-        over = np.maximum(distance / self.near, 1.0)
-        result: Points = shifted * ((1 + np.log(over)) / over)[:, None]
+        ratio = np.maximum(distance / self.linear_radius, 1.0)
+        result: Points = shifted * ((1 + np.log(ratio)) / ratio)[:, None]
         return result
 
     def to_scene(self, points: Points) -> Points:
         """Map points (n, 3) of the mesher's space: the inverse of ``to_mesh``."""
         distance = np.linalg.norm(points, axis=1)
-        over = np.maximum(distance / self.near, 1.0)
-        far = points * (np.exp(over - 1) / over)[:, None]
-        return self._shifted(far, inverse=True)
+        ratio = np.maximum(distance / self.linear_radius, 1.0)
+        far = points * (np.exp(ratio - 1) / ratio)[:, None]
+        return self._shift(far, inverse=True)
 
-    def scale(self, points: Points) -> Points:
+    def compute_scale(self, points: Points) -> Points:
         """Return the ratio of lengths in the mesher's space to those in the scene at points (n, 3), gap excluded: (n,)."""
-        result: Points = 1 / np.maximum(np.linalg.norm(points, axis=1) / self.near, 1.0)
+        result: Points = 1 / np.maximum(np.linalg.norm(points, axis=1) / self.linear_radius, 1.0)
         return result
 
-    def _shifted(self, points: Points, inverse: bool) -> Points:
+    def _shift(self, points: Points, inverse: bool) -> Points:
         radius = np.hypot(points[:, 0], points[:, 1])
         part = np.clip(1 + points[:, 2] / self.fade, 0.0, 1.0)[:, None]
-        height = np.clip(points[:, 2], 0.0, self.near)[:, None]
-        before = np.broadcast_to(np.array(self.radii), (len(points), len(self.radii)))
-        after = before + part * np.array(self.moved) + height * np.array(self.rising)
-        source, image = (after, before) if inverse else (before, after)
+        height = np.clip(points[:, 2], 0.0, self.linear_radius)[:, None]
+        scene_radii = np.broadcast_to(np.array(self.radii), (len(points), len(self.radii)))
+        mesh_radii = scene_radii + part * np.array(self.moved) + height * np.array(self.rising)
+        source, image = (mesh_radii, scene_radii) if inverse else (scene_radii, mesh_radii)
         index = np.clip((radius[:, None] >= source).sum(axis=1) - 1, 0, len(self.radii) - 2)
         rows = np.arange(len(points))
         low, high = source[rows, index], source[rows, index + 1]
@@ -83,45 +83,49 @@ class Spacing:
         largest: what they are nowhere above.
     """
 
-    near: float
+    linear_radius: float
     bodies: Points
     largest: float = math.inf
 
-    def at(self, points: Points) -> Points:
+    def compute_lengths(self, points: Points) -> Points:
         """Return allowed lengths at points (n, 3): a plane at a distance r is bent in mesher's space as ln(r / near) over r."""
-        far = np.maximum(np.linalg.norm(points, axis=1), self.near / 2)
-        share = np.minimum(np.sqrt(8 * _BESIDE / np.maximum(np.log(far / self.near), 1e-9)), _LARGEST)
-        apart = np.linalg.norm(points[:, None] - self.bodies, axis=2).min(axis=1, initial=np.inf)
-        return np.asarray(np.minimum(np.minimum(share * far, _BODY * apart), self.largest))
+        far = np.maximum(np.linalg.norm(points, axis=1), self.linear_radius / 2)
+        share = np.minimum(
+            np.sqrt(8 * _MAX_RELATIVE_DEVIATION / np.maximum(np.log(far / self.linear_radius), 1e-9)), _MAX_LENGTH_PER_DISTANCE
+        )
+        body_distance = np.linalg.norm(points[:, None] - self.bodies, axis=2).min(axis=1, initial=np.inf)
+        return np.asarray(np.minimum(np.minimum(share * far, _MAX_LENGTH_PER_BODY_DISTANCE * body_distance), self.largest))
 
-    def between(self, low: Points, high: Points) -> Points:
+    def divide_line(self, low: Points, high: Points) -> Points:
         """Divide the line between two points (3,) by the allowed lengths; return fractions from 0 to 1."""
-        return self.along(low + np.linspace(0, 1, 2000)[:, None] * (high - low))
+        return self.divide_path(low + np.linspace(0, 1, 2000)[:, None] * (high - low))
 
-    def along(self, path: Points) -> Points:
+    def divide_path(self, path: Points) -> Points:
         """Divide a path of many equal steps (n, 3) by the allowed lengths; return fractions from 0 to 1."""
         ends, step = np.linspace(0, 1, len(path)), float(np.linalg.norm(path[1] - path[0]))
-        density = step / self.at(path)
+        density = step / self.compute_lengths(path)
         count = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2)])
         return np.asarray(np.interp(np.linspace(0, count[-1], max(1, math.ceil(count[-1])) + 1), count, ends))
 
 
-def mesh_space(
-    inner: float, hole: float, tube: float, *, gap: float, near: float, height: float = 0.0, rise: float = 0.0
+def choose_mesh_space(
+    inner: float, hole: float, tube: float, *, gap: float, linear_radius: float, height: float = 0.0, rise: float = 0.0
 ) -> MeshSpace:
     """Choose the space in which the gap between ``inner`` and ``hole`` is ``gap`` wide or wider, and ``rise`` more at ``height``.
 
     It is less where there is no room: at most a quarter of the solid cylinder and of the tube's wall are taken from them.
     """
-    below = _shared(max(gap - (hole - inner), 0.0), inner, tube - hole)
-    above = _shared(sum(below) + rise, inner, tube - hole)
-    slopes = [(high - low) / height if height > 0 else 0.0 for low, high in zip(below, above, strict=True)]
-    fade = max(3 * sum(below), 1e-3 * inner)
+    lower_shares = _share_growth(max(gap - (hole - inner), 0.0), inner, tube - hole)
+    upper_shares = _share_growth(sum(lower_shares) + rise, inner, tube - hole)
+    slopes = [(high - low) / height if height > 0 else 0.0 for low, high in zip(lower_shares, upper_shares, strict=True)]
+    fade = max(3 * sum(lower_shares), 1e-3 * inner)
     radii = (0.0, inner, hole, tube, 1e6 * tube)
-    return MeshSpace(radii, (0.0, -below[0], below[1], 0.0, 0.0), (0.0, -slopes[0], slopes[1], 0.0, 0.0), fade, near)
+    return MeshSpace(
+        radii, (0.0, -lower_shares[0], lower_shares[1], 0.0, 0.0), (0.0, -slopes[0], slopes[1], 0.0, 0.0), fade, linear_radius
+    )
 
 
-def _shared(add: float, inner: float, wall: float) -> tuple[float, float]:
+def _share_growth(add: float, inner: float, wall: float) -> tuple[float, float]:
     """Return how much the solid cylinder and the tube's wall each give to a gap that grows by ``add``."""
     outwards = min(add - min(add / 2, inner / 4), wall / 4)
     return min(add - outwards, inner / 4), outwards

@@ -19,17 +19,17 @@ from scipy.spatial import cKDTree
 from geometry.common.arrays import Points
 from geometry.common.child_process import Failure, run_program
 from geometry.common.errors import InputError, Words
-from geometry.common.resources import limits, seconds_left
+from geometry.common.resources import find_seconds_left, get_limits
 from geometry.common.text_files import read_bytes
 from geometry.common.winding import WindingTree
-from geometry.scenes.surface_names import check_name
+from geometry.scenes.surface_names import check_surface_name
 
 _PROGRAM = Path(__file__).parents[1] / "cad" / "surface_program.py"
 LARGEST_FILE = 50_000_000  # bytes: a million triangles, some hundred times as many as a mesh can follow
-_PATIENCE = 60.0  # s for reading a file: sound ones take one or two
-_INSIDE = 0.5  # winding number from which a point counts as inside
-_SAMPLES = 10_000
-_NEARLY = 0.1  # relative
+_READ_TIME_LIMIT_S = 60.0  # s for reading a file: sound ones take one or two
+_INSIDE_WINDING = 0.5  # winding number from which a point counts as inside
+_VOLUME_SAMPLES = 10_000
+_DISTANCE_TOLERANCE = 0.1  # relative
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Sheet:
     triangles: NDArray[np.int64]
     centre: Points
     fewer: Sheet | None = None
-    off: float = 0.0
+    decimation_error: float = 0.0
 
     @property
     def reach(self) -> Points:
@@ -57,7 +57,7 @@ class Sheet:
         return result
 
     @property
-    def smallest(self) -> float:
+    def min_semi_axis(self) -> float:
         """Half the least side of the box around it."""
         return float(np.ptp(self.points, axis=0).min()) / 2
 
@@ -67,47 +67,47 @@ class Sheet:
         a, b, c = (self.points[self.triangles[:, k]] - self.centre for k in range(3))
         signed = abs(float(np.einsum("ij,ij->", a, np.cross(b, c)))) / 6
         low, high = self.points.min(axis=0), self.points.max(axis=0)
-        draws = np.random.default_rng(0).uniform(low, high, (_SAMPLES, 3))
-        sampled = float(self.inside(draws).mean() * np.prod(high - low))
+        draws = np.random.default_rng(0).uniform(low, high, (_VOLUME_SAMPLES, 3))
+        sampled = float(self.is_inside(draws).mean() * np.prod(high - low))
         return signed if abs(signed - sampled) < 0.04 * sampled else sampled
 
     @cached_property
-    def closed(self) -> bool:
+    def is_closed(self) -> bool:
         """Whether every edge belongs to two triangles that run along it in opposite directions."""
         edges = self.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
         forth = np.unique(edges, axis=0)
         return len(forth) == len(edges) and len(np.unique(np.vstack([edges, edges[:, ::-1]]), axis=0)) == len(edges)
 
-    def winding(self, points: Points) -> Points:
+    def compute_winding(self, points: Points) -> Points:
         """Return winding numbers of the surface about points (m, 3): 1 inside, 0 outside, fractions where it is open: (m,)."""
-        return self._winding_tree.winding(points)
+        return self._winding_tree.compute_winding(points)
 
-    def inside(self, points: Points) -> NDArray[np.bool_]:
+    def is_inside(self, points: Points) -> NDArray[np.bool_]:
         """Return whether points (m, 3) lie inside."""
-        near = (np.abs(points - self._middle) <= self._room).all(axis=1)
+        is_in_box = (np.abs(points - self._middle) <= self._half_sides).all(axis=1)
         result = np.zeros(len(points), dtype=bool)
-        result[near] = np.abs(self.winding(points[near])) > _INSIDE
+        result[is_in_box] = np.abs(self.compute_winding(points[is_in_box])) > _INSIDE_WINDING
         return result
 
-    def nearest(self, points: Points) -> Points:
+    def find_nearest(self, points: Points) -> Points:
         """Return the nearest points of the surface, (m, 3)."""
         result: Points = np.asarray(self._poly.find_closest_cell(points, return_closest_point=True)[1], dtype=float)
         return result.reshape(-1, 3)
 
-    def crosses(self, other: Sheet) -> bool:
+    def crosses(self, second: Sheet) -> bool:
         """Return whether a triangle of one surface touches one of the other."""
-        return bool(self._poly.collision(other._poly, contact_mode=1)[1])
+        return bool(self._poly.collision(second._poly, contact_mode=1)[1])
 
-    def distance(self, points: Points) -> Points:
+    def estimate_distance(self, points: Points) -> Points:
         """Estimate the distance of points (m, 3) from the surface, (m,): from the nearest corner or middle of a triangle.
 
         It may be a tenth too large: from a ball's middle all its triangles are as near, and to find the nearest takes minutes.
         """
-        return np.asarray(self._tree.query(points, eps=_NEARLY)[0])
+        return np.asarray(self._tree.query(points, eps=_DISTANCE_TOLERANCE)[0])
 
     @cached_property
     def _winding_tree(self) -> WindingTree:
-        return WindingTree.of(self.points[self.triangles])
+        return WindingTree.from_triangles(self.points[self.triangles])
 
     @cached_property
     def _tree(self) -> cKDTree:
@@ -118,12 +118,12 @@ class Sheet:
         return np.asarray((self.points.max(axis=0) + self.points.min(axis=0)) / 2)
 
     @cached_property
-    def _room(self) -> Points:
+    def _half_sides(self) -> Points:
         return np.asarray(np.ptp(self.points, axis=0) / 2)
 
     @cached_property
     def _poly(self) -> Any:
-        return _pyvista().PolyData.from_regular_faces(self.points, self.triangles)
+        return _load_pyvista().PolyData.from_regular_faces(self.points, self.triangles)
 
 
 def read_surface(name: str, key: str, centre: Points) -> Sheet:
@@ -135,10 +135,10 @@ def read_surface(name: str, key: str, centre: Points) -> Sheet:
     Raises:
         InputError: the file cannot be read, holds no triangles, or does not say what is inside.
     """
-    check_name(name, key)
+    check_surface_name(name, key)
     content = read_bytes(name, key, "an STL or STEP file", LARGEST_FILE)
     try:
-        read = _triangles(Path(name).suffix.lower(), content)
+        read = _read_triangles(Path(name).suffix.lower(), content)
     except (Failure, OSError) as fault:
         raise InputError(key, name, f"an STL or STEP file that can be read ({fault})") from None
     points, triangles = read["points"], read["triangles"]
@@ -146,12 +146,12 @@ def read_surface(name: str, key: str, centre: Points) -> Sheet:
         raise InputError(key, Words(f"{name}, with {len(triangles)} triangles"), "a closed surface of finite triangles")
     fewer = Sheet(read["few_points"] * 1e-3 + centre, read["few_triangles"], centre) if "off" in read else None
     sheet = Sheet(points * 1e-3 + centre, triangles, centre, fewer, 1e-3 * float(read.get("off", 0.0)))
-    _check_closed(sheet, name, key)
+    _check_enclosing(sheet, name, key)
     return sheet
 
 
 @lru_cache(maxsize=8)
-def _triangles(suffix: str, content: bytes) -> dict[str, NDArray[Any]]:
+def _read_triangles(suffix: str, content: bytes) -> dict[str, NDArray[Any]]:
     """What ``geometry/cad/surface_program.py`` says of a file's content in a process of its own; files asked for last are kept.
 
     Raises:
@@ -161,25 +161,25 @@ def _triangles(suffix: str, content: bytes) -> dict[str, NDArray[Any]]:
         path = Path(folder, f"surface{suffix}")
         path.write_bytes(content)
         arguments = {"name": np.array(str(path)), "suffix": np.array(suffix)}
-        mesh = run_program(_PROGRAM, arguments, min(_PATIENCE, seconds_left()), limits().memory)
+        mesh = run_program(_PROGRAM, arguments, min(_READ_TIME_LIMIT_S, find_seconds_left()), get_limits().memory)
     for array in mesh.values():
         array.setflags(write=False)
     return mesh
 
 
-def _check_closed(sheet: Sheet, name: str, key: str) -> None:
+def _check_enclosing(sheet: Sheet, name: str, key: str) -> None:
     """Refuse a surface that encloses nothing: the winding numbers inside have to stand out from those near its openings."""
     if np.ptp(sheet.points, axis=0).min() <= 0:
         raise InputError(key, Words(f"{name}, a flat surface"), "a closed surface")
     draws = np.random.default_rng(0).uniform(sheet.points.min(axis=0), sheet.points.max(axis=0), (400, 3))
-    winding = np.abs(sheet.winding(draws))
+    winding = np.abs(sheet.compute_winding(draws))
     vague = float(((winding > 0.2) & (winding < 0.8)).mean())
     if winding.max() < 0.8 or vague > 0.1:
         value = Words(f"{name}, open: of {vague:.0%} of the points in its box it cannot be said whether they are inside")
         raise InputError(key, value, "a closed surface, or one with small holes only")
 
 
-def _pyvista() -> Any:
+def _load_pyvista() -> Any:
     import pyvista
 
     return pyvista

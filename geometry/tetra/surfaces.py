@@ -18,11 +18,11 @@ from geometry.common.arrays import Points
 from geometry.tetra.layout import BodyLayout, Ellipsoid
 from geometry.tetra.stretched_space import Spacing
 from geometry.tetra.surface_files import Sheet
-from geometry.tetra.tissue_faces import tissue_faces
+from geometry.tetra.tissue_faces import triangulate_faces
 
 Triangles = NDArray[np.int64]
 Soup = tuple[Points, Triangles]
-_OCTAHEDRON = ((0, 2, 4), (2, 1, 4), (1, 3, 4), (3, 0, 4), (2, 0, 5), (1, 2, 5), (3, 1, 5), (0, 3, 5))
+_OCTAHEDRON_FACES = ((0, 2, 4), (2, 1, 4), (1, 3, 4), (3, 0, 4), (2, 0, 5), (1, 2, 5), (3, 1, 5), (0, 3, 5))
 
 
 @dataclass(frozen=True)
@@ -45,21 +45,21 @@ class Corners:
     across: tuple[int, int]
 
 
-def corners(layout: BodyLayout, count: int) -> Corners:
+def choose_corners(layout: BodyLayout, count: int) -> Corners:
     """Choose ``count`` directions, a multiple of 4, all round; with corners where the groove has its own."""
     first = 0 if layout.half else -count // 2
-    even: Points = np.arange(first, count // 2 + 1, dtype=np.float64) * (2 * np.pi / count)
+    even_angles: Points = np.arange(first, count // 2 + 1, dtype=np.float64) * (2 * np.pi / count)
     hole_radius = layout.hole / math.cos(math.pi / count)
     if layout.groove is None:
-        return Corners(even, even, even, hole_radius, (-first, 0))
+        return Corners(even_angles, even_angles, even_angles, hole_radius, (-first, 0))
     at_hole, at_tube = (math.asin(layout.groove[0] / radius) for radius in (hole_radius, layout.tube))
     steps = int(np.clip(round((at_hole + at_tube) / 2 / (2 * np.pi / count)), 1, count // 2 - 2))
     knots = np.array([-np.pi, -steps * 2 * np.pi / count, 0, steps * 2 * np.pi / count, np.pi])
-    hole, tube = (np.interp(even, knots, [-np.pi, -a, 0, a, np.pi]) for a in (at_hole, at_tube))
-    return Corners(hole, tube, even, hole_radius, (-first, steps))
+    hole, tube = (np.interp(even_angles, knots, [-np.pi, -a, 0, a, np.pi]) for a in (at_hole, at_tube))
+    return Corners(hole, tube, even_angles, hole_radius, (-first, steps))
 
 
-def surfaces(layout: BodyLayout, turns: Corners, near: float, rows: int, sphere: int) -> Soup:
+def build_surfaces(layout: BodyLayout, turns: Corners, linear_radius: float, rows: int, sphere: int) -> Soup:
     """All surfaces but the plane of symmetry.
 
     Args:
@@ -69,13 +69,13 @@ def surfaces(layout: BodyLayout, turns: Corners, near: float, rows: int, sphere:
         rows: of quadrilaterals down round tissue.
         sphere: triangles to a right angle of an ellipsoid.
     """
-    soups = [*_blocks(layout, turns), *_tissue(layout, turns, near, rows)]
+    soups = [*_build_blocks(layout, turns), *_build_tissue(layout, turns, linear_radius, rows)]
     for body in layout.inclusions:
-        soups.append((body.points, body.triangles) if isinstance(body, Sheet) else ellipsoid(body, sphere, layout.half))
-    return join(soups)
+        soups.append((body.points, body.triangles) if isinstance(body, Sheet) else build_ellipsoid(body, sphere, layout.half))
+    return join_soups(soups)
 
 
-def join(soups: Sequence[Soup]) -> Soup:
+def join_soups(soups: Sequence[Soup]) -> Soup:
     """One set of points, those that coincide once, and all triangles that are left."""
     starts = np.cumsum([0, *(len(points) for points, _ in soups)])
     points = np.vstack([points for points, _ in soups])
@@ -87,12 +87,12 @@ def join(soups: Sequence[Soup]) -> Soup:
     return points[index], triangles[whole]
 
 
-def ring(radius: float | Points, angles: Points, height: float) -> Points:
+def build_ring(radius: float | Points, angles: Points, height: float) -> Points:
     """Points at a radius, or one for each angle, and a height: (n, 3)."""
     return np.column_stack([radius * np.cos(angles), radius * np.sin(angles), np.full(len(angles), height)])
 
 
-def band(*rows: Points) -> Soup:
+def build_band(*rows: Points) -> Soup:
     """Triangles between rows of as many points each."""
     n = len(rows[0])
     quads = [(k * n + i, k * n + i + 1, (k + 1) * n + i + 1, (k + 1) * n + i) for k in range(len(rows) - 1) for i in range(n - 1)]
@@ -100,81 +100,87 @@ def band(*rows: Points) -> Soup:
     return np.vstack(rows), np.array(parts, dtype=np.int64)
 
 
-def disc(row: Points) -> Soup:
+def fill_polygon(row: Points) -> Soup:
     """Triangles that fill a convex polygon, halving it again and again: none much longer than need be."""
     parts: list[tuple[int, int, int]] = []
 
-    def fill(low: int, high: int) -> None:
+    def add_triangles(low: int, high: int) -> None:
         if high - low > 1:
             middle = (low + high) // 2
             parts.append((low, middle, high))
-            fill(low, middle)
-            fill(middle, high)
+            add_triangles(low, middle)
+            add_triangles(middle, high)
 
-    fill(0, len(row) - 1)
+    add_triangles(0, len(row) - 1)
     return row, np.array(parts, dtype=np.int64)
 
 
-def _blocks(layout: BodyLayout, turns: Corners) -> list[Soup]:
+def _build_blocks(layout: BodyLayout, turns: Corners) -> list[Soup]:
     top, height = layout.inner_height, layout.outer_height
-    core = [ring(layout.inner, turns.hole, z) for z in (0.0, top)]
+    core = [build_ring(layout.inner, turns.hole, z) for z in (0.0, top)]
     levels = [0.0, height] if layout.groove is None else [0.0, height - layout.groove[1], height]
-    hole = [ring(turns.hole_radius, turns.hole, z) for z in levels]
-    tube = [ring(layout.tube, turns.tube, z) for z in levels]
-    soups = [disc(core[0]), disc(core[1]), band(*core), band(core[0], hole[0]), band(hole[0], tube[0])]
-    soups += [band(*hole), band(*tube), band(hole[-1], tube[-1])]
+    hole = [build_ring(turns.hole_radius, turns.hole, z) for z in levels]
+    tube = [build_ring(layout.tube, turns.tube, z) for z in levels]
+    soups = [
+        fill_polygon(core[0]),
+        fill_polygon(core[1]),
+        build_band(*core),
+        build_band(core[0], hole[0]),
+        build_band(hole[0], tube[0]),
+    ]
+    soups += [build_band(*hole), build_band(*tube), build_band(hole[-1], tube[-1])]
     if layout.groove is not None:
         middle, steps = turns.across
         across = slice(max(middle - steps, 0), middle + steps + 1)
-        soups.append(band(hole[1][across], tube[1][across]))
+        soups.append(build_band(hole[1][across], tube[1][across]))
         for index in (middle + steps,) if layout.half else (middle - steps, middle + steps):
-            soups.append(band(*(np.array([h[index], t[index]]) for h, t in zip(hole[1:], tube[1:], strict=True))))
+            soups.append(build_band(*(np.array([h[index], t[index]]) for h, t in zip(hole[1:], tube[1:], strict=True))))
     return soups
 
 
-def _tissue(layout: BodyLayout, turns: Corners, near: float, rows: int) -> list[Soup]:
-    tube, far = ring(layout.tube, turns.tube, 0.0), ring(layout.side_distance(turns.side), turns.side, 0.0)
+def _build_tissue(layout: BodyLayout, turns: Corners, linear_radius: float, rows: int) -> list[Soup]:
+    tube, far = build_ring(layout.tube, turns.tube, 0.0), build_ring(layout.compute_side_distance(turns.side), turns.side, 0.0)
     if layout.wall is None:
-        return [band(tube, far), *_can(layout, far, np.linspace(0, -layout.depth, rows + 1), rows)]
-    wall = ring(layout.wall, turns.side, 0.0)
+        return [build_band(tube, far), *_build_can(layout, far, np.linspace(0, -layout.depth, rows + 1), rows)]
+    wall = build_ring(layout.wall, turns.side, 0.0)
     edge = np.array([layout.wall, 0.0, 0.0])
-    down = -layout.depth * Spacing(near, np.zeros((0, 3))).between(edge, edge - [0, 0, layout.depth])
-    soups = [band(tube, wall), *_can(layout, wall, down, rows)]
-    return [*soups, *tissue_faces(layout, near, wall[:, :2] if layout.half else wall[:-1, :2])]
+    side_heights = -layout.depth * Spacing(linear_radius, np.zeros((0, 3))).divide_line(edge, edge - [0, 0, layout.depth])
+    soups = [build_band(tube, wall), *_build_can(layout, wall, side_heights, rows)]
+    return [*soups, *triangulate_faces(layout, linear_radius, wall[:, :2] if layout.half else wall[:-1, :2])]
 
 
-def _can(layout: BodyLayout, top: Points, down: Points, rows: int) -> list[Soup]:
+def _build_can(layout: BodyLayout, top: Points, side_heights: Points, rows: int) -> list[Soup]:
     """The side below a ring, with rows at the heights ``inverted``, and the floor inside it."""
     floor = [top * share - [0, 0, layout.depth] for share in np.linspace(0, 1, rows + 1)[1:]]
-    return [band(*(top + np.array([0, 0, z]) for z in down)), disc(floor[0]), band(*floor)]
+    return [build_band(*(top + np.array([0, 0, z]) for z in side_heights)), fill_polygon(floor[0]), build_band(*floor)]
 
 
-def ellipsoid(body: Ellipsoid, parts: int, half: bool) -> Soup:
+def build_ellipsoid(body: Ellipsoid, parts: int, half: bool) -> Soup:
     """An ellipsoid's triangles, ``parts`` to a right angle; with corners on the plane y = 0, and only y >= 0, if ``half``."""
-    points, triangles = _sphere(parts, half)
+    points, triangles = _build_sphere(parts, half)
     pole = body.axes[1] / np.linalg.norm(body.axes[1])  # the unit sphere's points with y = 0 are normal to it
-    other = np.linalg.svd(pole[None, :])[2][1]
-    turn = np.array([other, pole, np.cross(other, pole)])  # rows: the images of x, y, z
+    normal = np.linalg.svd(pole[None, :])[2][1]
+    turn = np.array([normal, pole, np.cross(normal, pole)])  # rows: the images of x, y, z
     return body.centre + points @ turn @ body.axes.T, triangles
 
 
-def _sphere(parts: int, half: bool) -> Soup:
+def _build_sphere(parts: int, half: bool) -> Soup:
     corner = np.vstack([np.eye(3), -np.eye(3)])[[0, 3, 1, 4, 2, 5]]
     soups = []
-    for face in _OCTAHEDRON:
+    for face in _OCTAHEDRON_FACES:
         if half and corner[list(face), 1].min() < 0:
             continue
         a, b, c = corner[list(face)]
         steps = [(i, j) for i in range(parts + 1) for j in range(parts + 1 - i)]
         number = {step: k for k, step in enumerate(steps)}
         points = np.array([a + (b - a) * i / parts + (c - a) * j / parts for i, j in steps])
-        up = [(number[i, j], number[i + 1, j], number[i, j + 1]) for i, j in steps if i + j < parts]
-        down = [(number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]) for i, j in steps if i + j < parts - 1]
-        soups.append((_evened(points), np.array(up + down, dtype=np.int64)))
-    return join(soups)
+        upright = [(number[i, j], number[i + 1, j], number[i, j + 1]) for i, j in steps if i + j < parts]
+        inverted = [(number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]) for i, j in steps if i + j < parts - 1]
+        soups.append((_spread_evenly(points), np.array(upright + inverted, dtype=np.int64)))
+    return join_soups(soups)
 
 
-def _evened(points: Points) -> Points:
+def _spread_evenly(points: Points) -> Points:
     """Points of an octahedron's face on the sphere, more evenly than by their own directions."""
     bent = np.sign(points) * np.sin(np.pi / 2 * np.abs(points))
     result: Points = bent / np.linalg.norm(bent, axis=1)[:, None]

@@ -11,9 +11,9 @@ from geometry.common.arrays import Points
 
 Indices = NDArray[np.int64]
 
-INNER, OUTER, GROOVE, TISSUE, BEYOND, INCLUSION = range(6)
-EDGES = np.array([(0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)])  # with a node at the middle, in VTK's order
-FACES = np.array([(1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)])  # opposite each corner, their normals pointing out
+INNER_BODY, OUTER_BODY, GROOVE_BODY, TISSUE_BODY, BEYOND_BODY, FIRST_INCLUSION_BODY = range(6)
+EDGE_CORNERS = np.array([(0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)])  # with a node at the middle, in VTK's order
+FACE_CORNERS = np.array([(1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)])  # opposite each corner, their normals pointing out
 
 
 @dataclass(frozen=True)
@@ -41,68 +41,74 @@ class TetMesh:
     @property
     def quality(self) -> Points:
         """The least scaled Jacobian of each element, (t,): 1 for a regular one, 0 or less for one that folds."""
-        return scaled_jacobians(self.nodes, self.elements)
+        return compute_scaled_jacobians(self.nodes, self.elements)
 
     def boundary(self, *labels: int) -> Indices:
         """Return outer faces of some bodies taken together, (f, 6): three corners, their normals pointing out, then middles."""
         chosen = self.elements[np.isin(self.body, labels)]
-        faces = np.concatenate([chosen[:, [*corners, *middles]] for corners, middles in zip(FACES, FACE_MIDDLES, strict=True)])
+        faces = np.concatenate(
+            [chosen[:, [*corners, *middles]] for corners, middles in zip(FACE_CORNERS, FACE_MIDDLES, strict=True)]
+        )
         _, index, count = np.unique(np.sort(faces[:, :3], axis=1), axis=0, return_index=True, return_counts=True)
         result: Indices = faces[np.sort(index[count == 1])]
         return result
 
 
-def _face_middles() -> Indices:
-    number = {frozenset(edge): 4 + k for k, edge in enumerate(EDGES.tolist())}
-    return np.array([[number[frozenset((a, b))] for a, b in ((f[0], f[1]), (f[1], f[2]), (f[2], f[0]))] for f in FACES.tolist()])
+def _number_face_middles() -> Indices:
+    number = {frozenset(edge): 4 + k for k, edge in enumerate(EDGE_CORNERS.tolist())}
+    return np.array(
+        [[number[frozenset((a, b))] for a, b in ((f[0], f[1]), (f[1], f[2]), (f[2], f[0]))] for f in FACE_CORNERS.tolist()]
+    )
 
 
-FACE_MIDDLES = _face_middles()
+FACE_MIDDLES = _number_face_middles()
 
 
-def shape_gradients(points: Points) -> Points:
+def compute_shape_gradients(points: Points) -> Points:
     """Return the derivatives of the ten shape functions at barycentric points (q, 3) of the reference element: (q, 10, 3)."""
     b = np.column_stack([1 - points.sum(axis=1), points])
     d = np.vstack([-np.ones(3), np.eye(3)])
     corners = (4 * b[:, :, None] - 1) * d
-    middles = [4 * (b[:, i, None] * d[j] + b[:, j, None] * d[i]) for i, j in EDGES]
+    middles = [4 * (b[:, i, None] * d[j] + b[:, j, None] * d[i]) for i, j in EDGE_CORNERS]
     result: Points = np.concatenate([corners, np.stack(middles, axis=1)], axis=1)
     return result
 
 
-_CORNERS = np.vstack([np.zeros(3), np.eye(3)])
-_TEN = shape_gradients(np.vstack([_CORNERS, [(_CORNERS[i] + _CORNERS[j]) / 2 for i, j in EDGES]]))
+_REFERENCE_CORNERS = np.vstack([np.zeros(3), np.eye(3)])
+_GRADIENTS_AT_NODES = compute_shape_gradients(
+    np.vstack([_REFERENCE_CORNERS, [(_REFERENCE_CORNERS[i] + _REFERENCE_CORNERS[j]) / 2 for i, j in EDGE_CORNERS]])
+)
 _A, _B = 0.25 * (1 - 5**-0.5), 0.25 * (1 + 3 * 5**-0.5)
-_FOUR = shape_gradients(np.array([(_A, _A, _A), (_B, _A, _A), (_A, _B, _A), (_A, _A, _B)]))
+_GRADIENTS_AT_GAUSS_POINTS = compute_shape_gradients(np.array([(_A, _A, _A), (_B, _A, _A), (_A, _B, _A), (_A, _A, _B)]))
 
 
-def element_volumes(nodes: Points, elements: Indices) -> Points:
+def compute_volumes(nodes: Points, elements: Indices) -> Points:
     """Return the volume of each quadratic element in m^3, (t,), by a rule of degree 2 (3 where the edges are straight)."""
-    jacobians = np.einsum("qka,tkb->tqab", _FOUR, nodes[elements])
+    jacobians = np.einsum("qka,tkb->tqab", _GRADIENTS_AT_GAUSS_POINTS, nodes[elements])
     result: Points = np.linalg.det(jacobians).mean(axis=1) / 6
     return result
 
 
-def scaled_jacobians(nodes: Points, elements: Indices) -> Points:
+def compute_scaled_jacobians(nodes: Points, elements: Indices) -> Points:
     """Return the minimum over each quadratic element's ten nodes of the Jacobian over the edges' lengths, (t,); 1 if regular."""
-    at = nodes[elements]
+    element_nodes = nodes[elements]
     result = np.full(len(elements), np.inf)
-    for gradients in _TEN:
-        a, b, c = (np.einsum("k,tkb->tb", gradients[:, axis], at) for axis in range(3))
-        result = np.minimum(result, np.sqrt(2) * np.einsum("tb,tb->t", a, np.cross(b, c)) / _largest_product(a, b, c))
+    for gradients in _GRADIENTS_AT_NODES:
+        a, b, c = (np.einsum("k,tkb->tb", gradients[:, axis], element_nodes) for axis in range(3))
+        result = np.minimum(result, np.sqrt(2) * np.einsum("tb,tb->t", a, np.cross(b, c)) / _find_largest_product(a, b, c))
     return result
 
 
-def _largest_product(a: Points, b: Points, c: Points) -> Points:
+def _find_largest_product(a: Points, b: Points, c: Points) -> Points:
     """Return the largest product of three edges that meet in a corner, of tetrahedra spanned by three edges from one corner."""
     la, lb, lc, ab, ac, bc = (np.sqrt(np.einsum("tb,tb->t", v, v)) for v in (a, b, c, a - b, a - c, b - c))
     result: Points = np.maximum(np.maximum(la * lb * lc, la * ab * ac), np.maximum(lb * ab * bc, lc * ac * bc))
     return result
 
 
-def quadratic(corners: Points, tetrahedra: Indices) -> tuple[Points, Indices, Indices]:
+def build_quadratic(corners: Points, tetrahedra: Indices) -> tuple[Points, Indices, Indices]:
     """Build nodes (n, 3) and elements (t, 10) with straight edges, and the corners (m, 2) whose middles the added nodes are."""
-    edges = np.sort(tetrahedra[:, EDGES].reshape(-1, 2), axis=1)
+    edges = np.sort(tetrahedra[:, EDGE_CORNERS].reshape(-1, 2), axis=1)
     pairs, number = np.unique(edges, axis=0, return_inverse=True)
     nodes = np.vstack([corners, corners[pairs].mean(axis=1)])
     return nodes, np.hstack([tetrahedra, len(corners) + number.reshape(-1, 6)]), pairs

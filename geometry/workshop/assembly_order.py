@@ -5,23 +5,23 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from geometry.cad.drawing import number
+from geometry.cad.drawing import format_number
 from geometry.cad.stamp import Stamp
-from geometry.provenance.texts import markdown_comment
+from geometry.provenance.texts import format_markdown_comment
 from geometry.scenes.base_sizes import assumed_sizes
-from geometry.scenes.probe import Probe, mm
-from geometry.workshop.casting_notes import gap_deviation
+from geometry.scenes.probe import Probe, format_mm
+from geometry.workshop.casting_notes import compute_gap_deviation
 from geometry.workshop.film_pattern import FilmPattern
-from geometry.workshop.lists import together
-from geometry.workshop.mould_sizes import DRAFT, MouldSizes, cavity_volume
-from geometry.workshop.tolerance import Budget, tolerance, written
+from geometry.workshop.lists import combine_scatter
+from geometry.workshop.mould_sizes import DEFAULT_DRAFT_RAD, MouldSizes, compute_cavity_volume
+from geometry.workshop.tolerance import Budget, find_tolerance, format_deviation
 
-SHOWN = 4  # parts of the ratio's scatter that are named
-GAP_AT_RISK = 0.5  # of the gap: deviations from there on are told
-SMALL_HOLE = 0.3  # mm: diameter of the smallest hole that is drilled as a matter of course
+MAX_LISTED_PARTS = 4  # parts of the ratio's scatter that are named
+GAP_RISK_FRACTION = 0.5  # of the gap: deviations from there on are told
+SMALL_HOLE_MM = 0.3  # mm: diameter of the smallest hole that is drilled as a matter of course
 
 
-def assembly_order(
+def write_assembly_order(
     probe: Probe, stamp: Stamp, patterns: Sequence[FilmPattern], moulds: Sequence[MouldSizes],
     *, budget: Budget, scatter: Mapping[str, float],
 ) -> str:  # fmt: skip
@@ -35,17 +35,24 @@ def assembly_order(
         budget: see ``geometry.workshop.tolerance.Budget``.
         scatter: what scatters the ratio, see ``geometry.workshop.lists.compute_scatter_of_ratio``.
     """
-    steps = [*_casting(probe, moulds), *_bonding(probe, patterns), _gap(probe, moulds, budget), *_measuring(moulds)]
+    steps = [
+        *_list_casting_steps(probe, moulds),
+        *_list_bonding_steps(probe, patterns),
+        _describe_gap(probe, moulds, budget),
+        *_list_measuring_steps(moulds),
+    ]
     lines = [f"{count}. {text}" for count, text in enumerate(steps, start=1)]
     head = ["# Assembly and bonding", "", f"Millimetres. {stamp.text}", ""]
-    return "\n".join([*head, *lines, "", *_remarks(probe, moulds, budget, scatter), "", markdown_comment(stamp.provenance)])
+    return "\n".join(
+        [*head, *lines, "", *_list_remarks(probe, moulds, budget, scatter), "", format_markdown_comment(stamp.provenance)]
+    )
 
 
-def _casting(probe: Probe, moulds: Sequence[MouldSizes]) -> list[str]:
+def _list_casting_steps(probe: Probe, moulds: Sequence[MouldSizes]) -> list[str]:
     steps = []
     for mould in moulds:
         material = (probe.inner if mould.name == "inner" else probe.outer).material or "elastomer"
-        volume, grown = f"{cavity_volume(mould):.4g} mm\u00b3", f"shrinkage {100 * mould.shrinkage:g} %"
+        volume, grown = f"{compute_cavity_volume(mould):.4g} mm\u00b3", f"shrinkage {100 * mould.shrinkage:g} %"
         angle = f"draft {math.degrees(mould.draft):.3g}\u00b0"
         steps.append(
             f"Cast the {mould.name} block: close `mould-{mould.name}-lower.step` and `mould-{mould.name}-upper.step` on their "
@@ -55,59 +62,64 @@ def _casting(probe: Probe, moulds: Sequence[MouldSizes]) -> list[str]:
     return steps
 
 
-def _bonding(probe: Probe, patterns: Sequence[FilmPattern]) -> list[str]:
+def _list_bonding_steps(probe: Probe, patterns: Sequence[FilmPattern]) -> list[str]:
     if probe.film is None:
-        return ["Clean and prime the film ends of both blocks and the base.", _blocks("base", probe)]
+        return ["Clean and prime the film ends of both blocks and the base.", _describe_block_bonding("base", probe)]
     bond = probe.film.adhesive_thickness
     layer = (
-        f"a layer of {number(1e3 * bond)} mm of adhesive" if bond else "adhesive as thin as it goes (the scene has none, 0 mm)"
+        f"a layer of {format_number(1e3 * bond)} mm of adhesive"
+        if bond
+        else "adhesive as thin as it goes (the scene has none, 0 mm)"
     )
     steps = [
-        f"Cut the films by {', '.join(f'`{one.name}-pattern.dxf`' for one in patterns)}; test each for a short between its faces."
+        f"Cut the films by {', '.join(f'`{mould.name}-pattern.dxf`' for mould in patterns)}; test each for a short "
+        "between its faces."
     ]
     steps.append(
         f"Bond each film to the base with {layer}; the inner film's centre on the base's axis, an opening of the outer one at +x."
     )
-    steps += [_exit(one) for one in patterns]
-    return [*steps, _blocks("films", probe)]
+    steps += [_describe_exit(mould) for mould in patterns]
+    return [*steps, _describe_block_bonding("films", probe)]
 
 
-def _exit(pattern: FilmPattern) -> str:
-    ways = {
+def _describe_exit(pattern: FilmPattern) -> str:
+    exit_texts = {
         "groove": "through the outer block's groove, towards +x",
         "gap": "down the gap, folded at the block's edge, and out at its lower end: it must not touch the walls",
         "outside": "outwards, towards -x",
         "": "nowhere: no groove is deeper than the film and the gap is narrower; give the scene a [probe.groove]",
     }
-    return f"Lead the {pattern.name.removeprefix('film-')} film's leads {ways[pattern.exit]}."
+    return f"Lead the {pattern.name.removeprefix('film-')} film's leads {exit_texts[pattern.exit]}."
 
 
-def _blocks(onto: str, probe: Probe) -> str:
+def _describe_block_bonding(onto: str, probe: Probe) -> str:
     bond = 0.0 if probe.film is None else probe.film.adhesive_thickness
-    layer = f" with {number(1e3 * bond)} mm of adhesive" if bond else ""
+    layer = f" with {format_number(1e3 * bond)} mm of adhesive" if bond else ""
     groove = "; its groove lies at +x" if probe.groove is not None else ""
     return f"Bond the inner block to the {onto}{layer}, concentric with the base, then the outer block{groove}."
 
 
-def _gap(probe: Probe, moulds: Sequence[MouldSizes], budget: Budget) -> str:
+def _describe_gap(probe: Probe, moulds: Sequence[MouldSizes], budget: Budget) -> str:
     gap = 1e3 * probe.gap
     held = (
-        f"Hold the gap while the adhesive cures: three shims of {number(gap)} mm, 120\u00b0 apart, from the tissue end between "
+        f"Hold the gap while the adhesive cures: three shims of {format_number(gap)} mm, 120\u00b0 apart, from the "
+        "tissue end between "
         "the blocks; "
     )
     if moulds:
         return (
-            f"{held}they centre the inner block. The gap itself follows from both blocks' walls: {number(gap)} mm, "
-            f"\u00b1{written(gap_deviation(probe, moulds))} mm by their tolerances. Draw the shims out along the axis."
+            f"{held}they centre the inner block. The gap itself follows from both blocks' walls: {format_number(gap)} mm, "
+            f"\u00b1{format_deviation(compute_gap_deviation(probe, moulds))} mm by their tolerances. Draw the shims out "
+            "along the axis."
         )
-    deviation = written(tolerance(gap, budget.bound("gap")).deviation)
-    return f"{held}the gap is {number(gap)} \u00b1{deviation} mm all round. Draw them out along the axis."
+    deviation = format_deviation(find_tolerance(gap, budget.find_bound("gap")).deviation)
+    return f"{held}the gap is {format_number(gap)} \u00b1{deviation} mm all round. Draw them out along the axis."
 
 
-def _measuring(moulds: Sequence[MouldSizes]) -> list[str]:
+def _list_measuring_steps(moulds: Sequence[MouldSizes]) -> list[str]:
     steps = []
     if moulds:
-        names = " and ".join(one.name for one in moulds)
+        names = " and ".join(mould.name for mould in moulds)
         steps.append(
             f"Measure the moulds of the {names} block, as their drawings say, not the soft blocks. From each pour cast a "
             "cylinder as well, test it in compression (ISO 7743), and write its modulus into the scene."
@@ -120,36 +132,38 @@ def _measuring(moulds: Sequence[MouldSizes]) -> list[str]:
     return steps
 
 
-def scatter_text(scatter: Mapping[str, float], budget: Budget) -> str:
+def describe_scatter(scatter: Mapping[str, float], budget: Budget) -> str:
     """Say how far probes built to the drawings scatter, and what dominates; nothing where that is not known."""
     if not budget.sensitivities:
         return ""
-    parts = ", ".join(f"{name} {100 * one:.2g} %" for name, one in list(scatter.items())[:SHOWN])
-    total = together(scatter)
-    asked = f"asked for: {budget.percent:g} %"
-    more = "" if total <= budget.percent else ": what dominates has to be measured, or calibrated, since no drawing holds it"
-    said = f"Probes built to these drawings scatter in the ratio by {total:.3g} % (1 sd, before calibration; {asked})"
-    return f"{said}: {parts}, ...{more}"
+    parts = ", ".join(f"{name} {100 * mould:.2g} %" for name, mould in list(scatter.items())[:MAX_LISTED_PARTS])
+    total = combine_scatter(scatter)
+    requested = f"asked for: {budget.percent:g} %"
+    advice = "" if total <= budget.percent else ": what dominates has to be measured, or calibrated, since no drawing holds it"
+    summary = f"Probes built to these drawings scatter in the ratio by {total:.3g} % (1 sd, before calibration; {requested})"
+    return f"{summary}: {parts}, ...{advice}"
 
 
-def _remarks(probe: Probe, moulds: Sequence[MouldSizes], budget: Budget, scatter: Mapping[str, float]) -> list[str]:
-    said = [f"{scatter_text(scatter, budget)} (`tolerances.csv`)."] if budget.sensitivities else []
-    deviation = gap_deviation(probe, moulds)
-    if moulds and deviation >= GAP_AT_RISK * 1e3 * probe.gap:
+def _list_remarks(probe: Probe, moulds: Sequence[MouldSizes], budget: Budget, scatter: Mapping[str, float]) -> list[str]:
+    said = [f"{describe_scatter(scatter, budget)} (`tolerances.csv`)."] if budget.sensitivities else []
+    deviation = compute_gap_deviation(probe, moulds)
+    if moulds and deviation >= GAP_RISK_FRACTION * 1e3 * probe.gap:
         said.append(
-            f"The gap of {mm(probe.gap)} is within reach of the castings' tolerances (\u00b1{written(deviation)} mm): measure "
+            f"The gap of {format_mm(probe.gap)} is within reach of the castings' tolerances "
+            f"(\u00b1{format_deviation(deviation)} mm): measure "
             "both moulds before casting, so that it stays open."
         )
     if budget.remark:
         said.append(budget.remark)
-    said += [f"Assumed, the scene does not give it: {key} = {mm(size)}." for key, size in assumed_sizes(probe).items()]
+    said += [f"Assumed, the scene does not give it: {key} = {format_mm(size)}." for key, size in assumed_sizes(probe).items()]
     for mould in moulds:
-        if 2 * mould.vent < SMALL_HOLE:
+        if 2 * mould.vent < SMALL_HOLE_MM:
             said.append(
-                f"The {mould.name} block's lid: holes of {number(2 * mould.pour)} and {number(2 * mould.vent)} mm are below what "
+                f"The {mould.name} block's lid: holes of {format_number(2 * mould.pour)} and "
+                f"{format_number(2 * mould.vent)} mm are below what "
                 "is drilled; fill the open lower half and close it, or have them made by laser."
             )
-        if mould.draft < DRAFT:
+        if mould.draft < DEFAULT_DRAFT_RAD:
             said.append(
                 f"The {mould.name} mould's draft is less than usual, so that the gap keeps its width; use a release agent."
             )

@@ -5,16 +5,16 @@ from __future__ import annotations
 from typing import Any
 
 from geometry.cad.stamp import Stamp
-from geometry.provenance.texts import pieces
+from geometry.provenance.texts import split_block
 
-PIECE = 2000  # characters: a string of a DXF file holds 2049
+MAX_PIECE_CHARACTERS = 2000  # characters: a string of a DXF file holds 2049
 
 
-def signed(document: Any, stamp: Stamp) -> Any:
+def add_properties(document: Any, stamp: Stamp) -> Any:
     """Return a DXF document with its custom properties: design, program, and the block as JSON, in one where it fits."""
-    told = {"design": stamp.design, "program": stamp.program}
-    parts = pieces(stamp.provenance, PIECE)
+    entries = {"design": stamp.design, "program": stamp.program}
+    parts = split_block(stamp.provenance, MAX_PIECE_CHARACTERS)
     names = ["provenance"] if len(parts) == 1 else [f"provenance {number}" for number in range(1, len(parts) + 1)]
-    for name, text in {**told, **dict(zip(names, parts, strict=True))}.items():
+    for name, text in {**entries, **dict(zip(names, parts, strict=True))}.items():
         document.header.custom_vars.append(name, text)
     return document

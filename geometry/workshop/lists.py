@@ -8,54 +8,62 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from geometry.cad.drawing import number
+from geometry.cad.drawing import format_number
 from geometry.cad.materials import PartMaterial
-from geometry.cad.parts_check import expected_bodies
+from geometry.cad.parts_check import compute_expected_bodies
 from geometry.cad.stamp import Stamp
 from geometry.scenes.probe import Probe
-from geometry.workshop.mould_sizes import TOOL, MouldSizes, cavity_volume, holes_volume, volumes
-from geometry.workshop.parts import BOUND, TITLES, Measure, PartView
-from geometry.workshop.tolerance import MACHINING, RECTANGULAR, Budget, Tolerance, written
+from geometry.workshop.mould_sizes import (
+    MOULD_MATERIAL,
+    MouldSizes,
+    compute_cavity_volume,
+    compute_half_volumes,
+    compute_holes_volume,
+)
+from geometry.workshop.parts import DRAWING_TITLES, RATIO_DRAWINGS, Measure, PartView
+from geometry.workshop.tolerance import DEVIATION_PER_SD, MACHINING_PROCESS, Budget, Tolerance, format_deviation
 
-BILL = ("part", "quantity", "material", "properties", "volume_mm3", "mass_g", "source_file")
-TABLE = ("quantity", "kind", "drawing", "nominal", "deviation", "from", "wanted", "log_sensitivity", "ratio_percent")
+BILL_COLUMNS = ("part", "quantity", "material", "properties", "volume_mm3", "mass_g", "source_file")
+TOLERANCE_COLUMNS = ("quantity", "kind", "drawing", "nominal", "deviation", "from", "wanted", "log_sensitivity", "ratio_percent")
 
 
-def bill_of_materials(probe: Probe, stamp: Stamp, moulds: Sequence[MouldSizes], edge_radius: float = 0.0) -> str:
+def write_bill_of_materials(probe: Probe, stamp: Stamp, moulds: Sequence[MouldSizes], edge_radius: float = 0.0) -> str:
     """Return the bill as CSV; there is a mass where a density is known: a scene names no products."""
     rows: list[tuple[object, ...]] = []
-    for name, body in expected_bodies(probe, edge_radius).items():
-        rows.append((name, 1, *_material(stamp.materials[name], body.volume), f"{name}.step"))
+    for name, body in compute_expected_bodies(probe, edge_radius).items():
+        rows.append((name, 1, *_describe_material(stamp.materials[name], body.volume), f"{name}.step"))
     if probe.film is not None and probe.film.adhesive_thickness > 0:
-        rows.append(("adhesive", 4, *_adhesive(probe), "assembly.md"))
-    rows.append(("shim", 3, "foil or feeler gauge", f"{number(1e3 * probe.gap)} mm thick, for the gap", "", "", "assembly.md"))
+        rows.append(("adhesive", 4, *_describe_adhesive(probe), "assembly.md"))
+    rows.append(
+        ("shim", 3, "foil or feeler gauge", f"{format_number(1e3 * probe.gap)} mm thick, for the gap", "", "", "assembly.md")
+    )
     for mould in moulds:
-        rows.append((f"casting-{mould.name}", 1, *_casting(stamp.materials[mould.name], mould), "assembly.md"))
-        names = {f"mould-{mould.name}-{half}": volume for half, volume in volumes(mould).items()}
-        rows += [(name, 1, *_material(TOOL, volume), f"{name}.step") for name, volume in names.items()]
-    return _csv(BILL, rows)
+        rows.append((f"casting-{mould.name}", 1, *_describe_casting(stamp.materials[mould.name], mould), "assembly.md"))
+        names = {f"mould-{mould.name}-{half}": volume for half, volume in compute_half_volumes(mould).items()}
+        rows += [(name, 1, *_describe_material(MOULD_MATERIAL, volume), f"{name}.step") for name, volume in names.items()]
+    return _write_csv(BILL_COLUMNS, rows)
 
 
-def _material(material: PartMaterial, volume: float) -> tuple[str, str, str, str]:
+def _describe_material(material: PartMaterial, volume: float) -> tuple[str, str, str, str]:
     mass = "" if material.density is None else f"{material.density * volume * 1e-6:.6g}"
     return material.name, material.properties, f"{volume:.6g}", mass
 
 
-def _casting(material: PartMaterial, mould: MouldSizes) -> tuple[str, str, str, str]:
+def _describe_casting(material: PartMaterial, mould: MouldSizes) -> tuple[str, str, str, str]:
     """What is mixed for a block: it fills cavity and holes, and shrinks to the block and its sprues."""
-    said = f"fills cavity ({cavity_volume(mould):.6g} mm3), pour hole and vents; what stays in the cup comes on top"
+    said = f"fills cavity ({compute_cavity_volume(mould):.6g} mm3), pour hole and vents; what stays in the cup comes on top"
     mixed = PartMaterial(f"mixed {material.name}", said, material.density)
-    return _material(mixed, cavity_volume(mould) + holes_volume(mould))
+    return _describe_material(mixed, compute_cavity_volume(mould) + compute_holes_volume(mould))
 
 
-def _adhesive(probe: Probe) -> tuple[str, str, str, str]:
+def _describe_adhesive(probe: Probe) -> tuple[str, str, str, str]:
     film = probe.film
     assert film is not None  # the caller asks
     areas = probe.inner_area + probe.outer_area - probe.groove_footprint
     modulus = "" if film.adhesive_modulus is None else f", E = {film.adhesive_modulus:.4g} Pa"
     return (
         "adhesive",
-        f"layers of {number(1e3 * film.adhesive_thickness)} mm{modulus}",
+        f"layers of {format_number(1e3 * film.adhesive_thickness)} mm{modulus}",
         f"{2e9 * areas * film.adhesive_thickness:.6g}",
         "",
     )
@@ -76,70 +84,103 @@ class HeldDimension:
     measure: Measure
     part: str
     held: Tolerance
-    slope: float | None
+    log_sensitivity: float | None
     wanted: float | None
 
     @property
-    def ratio(self) -> float | None:
+    def ratio_sd(self) -> float | None:
         """Standard deviation that it gives the ratio, relative."""
-        return None if self.slope is None else abs(self.slope) * self.held.deviation / RECTANGULAR / self.held.size
+        return (
+            None
+            if self.log_sensitivity is None
+            else abs(self.log_sensitivity) * self.held.deviation / DEVIATION_PER_SD / self.held.size
+        )
 
 
-def held_dimensions(views: Iterable[PartView], materials: Mapping[str, PartMaterial], budget: Budget) -> list[HeldDimension]:
+def list_held_dimensions(views: Iterable[PartView], materials: Mapping[str, PartMaterial], budget: Budget) -> list[HeldDimension]:
     """Return the dimensions of all drawings; those that others give are not held for themselves."""
-    found = []
+    dimensions = []
     for view in views:
-        process = materials[view.name].process if view.name in materials else MACHINING
-        for measure in (one for one in view.measures if not one.auxiliary):
-            known = view.name in BOUND
-            bound = budget.bound(measure.name) if known else None
+        process = materials[view.name].process if view.name in materials else MACHINING_PROCESS
+        for measure in (candidate for candidate in view.measures if not candidate.auxiliary):
+            known = view.name in RATIO_DRAWINGS
+            bound = budget.find_bound(measure.name) if known else None
             wanted = None if bound is None else (2 if measure.prefix else 1) * bound
             slope = budget.sensitivities.get(measure.name) if known else None
-            found.append(HeldDimension(measure, view.name, measure.held(view.name, process, budget), slope, wanted))
-    return found
+            dimensions.append(
+                HeldDimension(measure, view.name, measure.find_tolerance(view.name, process, budget), slope, wanted)
+            )
+    return dimensions
 
 
-def tolerances(dimensions: Iterable[HeldDimension], budget: Budget) -> str:
+def write_tolerances(dimensions: Iterable[HeldDimension], budget: Budget) -> str:
     """Return the table as CSV: dimensions in mm, with deviations either way; what no drawing holds, with standard deviations.
 
     ``ratio_percent`` is the standard deviation that each gives the ratio.
     """
-    rows = [_row(one) for one in dimensions]
+    rows = [_build_row(dimension) for dimension in dimensions]
     rows += [
-        (one.name, "standard deviation", "", one.nominal, f"{100 * one.sd:.3g} %", one.source, "", "", f"{100 * one.ratio:.3g}")
-        for one in budget.scatter
+        (
+            dimension.name,
+            "standard deviation",
+            "",
+            dimension.nominal,
+            f"{100 * dimension.sd:.3g} %",
+            dimension.source,
+            "",
+            "",
+            f"{100 * dimension.ratio:.3g}",
+        )
+        for dimension in budget.scatter
     ]
-    return _csv(TABLE, rows)
+    return _write_csv(TOLERANCE_COLUMNS, rows)
 
 
-def _row(one: HeldDimension) -> tuple[str, ...]:
-    name, kind = one.measure.name.replace("_radius", "_diameter"), "diameter" if one.measure.prefix else "length"
-    slope, ratio = ("" if one.slope is None else f"{one.slope:.4g}"), ("" if one.ratio is None else f"{100 * one.ratio:.3g}")
-    wanted = "" if one.wanted is None else written(one.wanted)
-    return name, kind, one.part, number(one.measure.size), written(one.held.deviation), one.held.source, wanted, slope, ratio
+def _build_row(dimension: HeldDimension) -> tuple[str, ...]:
+    name, kind = dimension.measure.name.replace("_radius", "_diameter"), "diameter" if dimension.measure.prefix else "length"
+    slope, ratio = (
+        ("" if dimension.log_sensitivity is None else f"{dimension.log_sensitivity:.4g}"),
+        ("" if dimension.ratio_sd is None else f"{100 * dimension.ratio_sd:.3g}"),
+    )
+    wanted = "" if dimension.wanted is None else format_deviation(dimension.wanted)
+    return (
+        name,
+        kind,
+        dimension.part,
+        format_number(dimension.measure.size),
+        format_deviation(dimension.held.deviation),
+        dimension.held.source,
+        wanted,
+        slope,
+        ratio,
+    )
 
 
-def scatter_of_ratio(dimensions: Iterable[HeldDimension], budget: Budget) -> dict[str, float]:
+def compute_scatter_of_ratio(dimensions: Iterable[HeldDimension], budget: Budget) -> dict[str, float]:
     """Return the standard deviation that each dimension, modulus and gain gives the ratio, relative, the largest first.
 
     Independent of each other: together they make the root of the sum of squares. The gap is not counted beside both radii.
     """
-    parts = {_words(one): one.ratio for one in dimensions if one.ratio is not None and one.measure.name != "gap"}
-    parts |= {one.words: one.ratio for one in budget.scatter}
+    parts = {
+        _describe_dimension(part): part.ratio_sd
+        for part in dimensions
+        if part.ratio_sd is not None and part.measure.name != "gap"
+    }
+    parts |= {part.words: part.ratio for part in budget.scatter}
     return dict(sorted(parts.items(), key=lambda entry: -entry[1]))
 
 
-def _words(one: HeldDimension) -> str:
-    name = one.measure.name.removeprefix(f"{one.part}_").replace("radius", "diameter").replace("_", " ")
-    return f"{TITLES[one.part].lower()}'s {name}"
+def _describe_dimension(dimension: HeldDimension) -> str:
+    name = dimension.measure.name.removeprefix(f"{dimension.part}_").replace("radius", "diameter").replace("_", " ")
+    return f"{DRAWING_TITLES[dimension.part].lower()}'s {name}"
 
 
-def together(scatter: Mapping[str, float]) -> float:
+def combine_scatter(scatter: Mapping[str, float]) -> float:
     """Return what all parts of a scatter make together, in percent of the ratio."""
     return 100 * math.hypot(*scatter.values())
 
 
-def _csv(heading: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+def _write_csv(heading: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(heading)

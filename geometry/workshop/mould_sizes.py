@@ -18,18 +18,18 @@ import numpy as np
 from geometry.cad.materials import PartMaterial
 from geometry.common.errors import InputError, Words
 from geometry.scenes.probe import Probe
-from geometry.workshop.parts import Millimetres, millimetres
+from geometry.workshop.parts import Millimetres, convert_to_mm
 
-SHRINKAGE = 0.001
+DEFAULT_SHRINKAGE = 0.001
 """Linear; an assumption: platinum-cure silicones cast at room temperature are sold as not shrinking notably."""
-MOST_SHRINKAGE = 0.2
-DRAFT, MOST_DRAFT = math.radians(0.5), math.radians(10)
-GAP_CHANGE = 0.05  # of the gap, at either end: two leaning walls may take no more of it, or the contact limit moves
-WALL, FLOOR, LID = 8.0, 4.0, 6.0  # mm: around the cavity, below it, above it
-PINS = (1.5, 1.0)  # mm: radii; they differ, so that the halves fit in one way only
-PIN_HEIGHT, PIN_PLAY = 3.0, 0.05  # mm
-TOOL = PartMaterial("mould material", "aluminium or printed resin that does not inhibit the cure")
-POUR, VENT = 1.5, 0.5  # mm: radii of the holes, less where the block is narrow
+MAX_SHRINKAGE = 0.2
+DEFAULT_DRAFT_RAD, MAX_DRAFT_RAD = math.radians(0.5), math.radians(10)
+MAX_RELATIVE_GAP_CHANGE = 0.05  # of the gap, at either end: two leaning walls may take no more of it, or the contact limit moves
+WALL_THICKNESS_MM, FLOOR_THICKNESS_MM, LID_THICKNESS_MM = 8.0, 4.0, 6.0  # mm: around the cavity, below it, above it
+PIN_RADII_MM = (1.5, 1.0)  # mm: radii; they differ, so that the halves fit in one way only
+PIN_HEIGHT_MM, PIN_PLAY_MM = 3.0, 0.05  # mm
+MOULD_MATERIAL = PartMaterial("mould material", "aluminium or printed resin that does not inhibit the cure")
+MAX_POUR_RADIUS_MM, MAX_VENT_RADIUS_MM = 1.5, 0.5  # mm: radii of the holes, less where the block is narrow
 
 
 @dataclass(frozen=True)
@@ -62,31 +62,31 @@ class MouldSizes:
     @property
     def outside(self) -> float:
         """Radius of both halves."""
-        return self.outer[1] + WALL
+        return self.outer[1] + WALL_THICKNESS_MM
 
     @property
     def middle(self) -> float:
         """Radius on which the tube's holes lie; 0 for the solid block, which is poured at its centre."""
         return (self.inner[1] + self.outer[1]) / 2 if self.inner[1] else 0.0
 
-    def radii(self, z: float) -> tuple[float, float]:
+    def compute_radii(self, z: float) -> tuple[float, float]:
         """Return the inner and outer radius of the cavity above its round edges, at a height."""
         share = z / self.height
         return tuple(low + (high - low) * share for low, high in (self.inner, self.outer))  # type: ignore[return-value]
 
 
-def draft_of(probe: Probe, asked: float = DRAFT) -> float:
+def choose_draft(probe: Probe, max_draft: float = DEFAULT_DRAFT_RAD) -> float:
     """Return the draft angle, rad: as requested, less where walls would change the gap by more than ``MAX_RELATIVE_GAP_CHANGE``.
 
     Half the height h above its middle both walls together have taken h tan(draft) from the gap:
 
         tan(draft) <= 0.05 gap / h.   (WS.2)
     """
-    return min(asked, math.atan(GAP_CHANGE * probe.gap / max(probe.core_height, probe.tube_height)))
+    return min(max_draft, math.atan(MAX_RELATIVE_GAP_CHANGE * probe.gap / max(probe.core_height, probe.tube_height)))
 
 
-def mould_sizes(
-    probe: Probe, edge_radius: float = 0.0, shrinkage: float = SHRINKAGE, draft: float = DRAFT
+def compute_mould_sizes(
+    probe: Probe, edge_radius: float = 0.0, shrinkage: float = DEFAULT_SHRINKAGE, draft: float = DEFAULT_DRAFT_RAD
 ) -> tuple[MouldSizes, ...]:
     """Return the moulds of the inner and the outer block.
 
@@ -99,18 +99,20 @@ def mould_sizes(
     Raises:
         InputError: no such shrinkage or draft.
     """
-    if not 0 <= shrinkage <= MOST_SHRINKAGE:
-        raise InputError("shrinkage", Words(f"{shrinkage:g}"), f"a number from 0 to {MOST_SHRINKAGE:g}: of every length")
-    if not 0 <= draft <= MOST_DRAFT:
+    if not 0 <= shrinkage <= MAX_SHRINKAGE:
+        raise InputError("shrinkage", Words(f"{shrinkage:g}"), f"a number from 0 to {MAX_SHRINKAGE:g}: of every length")
+    if not 0 <= draft <= MAX_DRAFT_RAD:
         raise InputError("draft", Words(f"{math.degrees(draft):g} deg"), "an angle with its unit, from 0 deg to 10 deg")
-    angle = draft_of(probe, draft)
-    one = millimetres(probe, edge_radius)
-    inner = _sizes("inner", one, (0.0, one.r2, one.h2), depth=0.0, draft=angle, shrinkage=shrinkage)
-    return inner, _sizes("outer", one, (one.ri, one.ro, one.h1), depth=one.depth, draft=angle, shrinkage=shrinkage)
+    angle = choose_draft(probe, draft)
+    lengths = convert_to_mm(probe, edge_radius)
+    inner = _compute_sizes("inner", lengths, (0.0, lengths.r2, lengths.h2), depth=0.0, draft=angle, shrinkage=shrinkage)
+    return inner, _compute_sizes(
+        "outer", lengths, (lengths.ri, lengths.ro, lengths.h1), depth=lengths.depth, draft=angle, shrinkage=shrinkage
+    )
 
 
-def _sizes(
-    name: str, one: Millimetres, block: tuple[float, float, float], *, depth: float, draft: float, shrinkage: float
+def _compute_sizes(
+    name: str, lengths: Millimetres, block: tuple[float, float, float], *, depth: float, draft: float, shrinkage: float
 ) -> MouldSizes:
     grown = 1 / (1 - shrinkage)
     inner, outer, height = (length * grown for length in block)
@@ -121,67 +123,69 @@ def _sizes(
         inner=(inner + lean, inner - lean) if inner else (0.0, 0.0),
         outer=(outer - lean, outer + lean),
         height=height,
-        edge=one.edge * grown,
-        half_width=one.half_width * grown if depth else 0.0,
+        edge=lengths.edge * grown,
+        half_width=lengths.half_width * grown if depth else 0.0,
         depth=depth * grown,
-        pour=min(POUR, 0.25 * wide),
-        vent=min(VENT, 0.1 * wide),
+        pour=min(MAX_POUR_RADIUS_MM, 0.25 * wide),
+        vent=min(MAX_VENT_RADIUS_MM, 0.1 * wide),
         draft=draft,
         shrinkage=shrinkage,
     )
 
 
-def cavity_volume(mould: MouldSizes) -> float:
+def compute_cavity_volume(mould: MouldSizes) -> float:
     """Return the volume of the closed mould's cavity in mm^3: frusta, less what round edges and rib take.
 
     The round edges stand below a frustum of radii a, b and height h, on a cylinder of the radius that the wall has there:
 
         V = pi h (a^2 + a b + b^2) / 3.   (WS.3)
     """
-    (inner, outer), e = mould.radii(mould.edge), mould.edge
-    walls = [_frustum(low, high, mould.height - e) for low, high in ((outer, mould.outer[1]), (inner, mould.inner[1]))]
+    (inner, outer), e = mould.compute_radii(mould.edge), mould.edge
+    walls = [_frustum_volume(low, high, mould.height - e) for low, high in ((outer, mould.outer[1]), (inner, mould.inner[1]))]
     foot = math.pi * (outer**2 - inner**2) * e
     for radius, side in ((outer, 1), *(((inner, -1),) if inner else ())):  # Pappus, see geometry.cad.parts_check
         foot -= math.tau * ((radius - side * e) * (1 - math.pi / 4) * e**2 + side * e**3 / 6)
-    return walls[0] - walls[1] + foot - rib_volume(mould)
+    return walls[0] - walls[1] + foot - compute_rib_volume(mould)
 
 
-def _frustum(low: float, high: float, height: float) -> float:
+def _frustum_volume(low: float, high: float, height: float) -> float:
     return math.pi * height * (low**2 + low * high + high**2) / 3
 
 
-def rib_volume(mould: MouldSizes) -> float:
+def compute_rib_volume(mould: MouldSizes) -> float:
     """Return volume of the rib in mm^3: its footprint, eq. SC.1, between the leaning walls, over its depth, by Gauss's rule."""
     if not mould.depth:
         return 0.0
     nodes, weights = np.polynomial.legendre.leggauss(8)
     heights = mould.height - mould.depth / 2 * (1 - nodes)
     return float(
-        mould.depth / 2 * sum(w * _footprint(*mould.radii(z), mould.half_width) for z, w in zip(heights, weights, strict=True))
+        mould.depth
+        / 2
+        * sum(w * _groove_footprint(*mould.compute_radii(z), mould.half_width) for z, w in zip(heights, weights, strict=True))
     )
 
 
-def _footprint(inner: float, outer: float, a: float) -> float:
+def _groove_footprint(inner: float, outer: float, a: float) -> float:
     return sum(sign * (a * math.sqrt((r - a) * (r + a)) + r**2 * math.asin(a / r)) for r, sign in ((outer, 1), (inner, -1)))
 
 
-def holes_volume(mould: MouldSizes) -> float:
+def compute_holes_volume(mould: MouldSizes) -> float:
     """Return the volume in mm^3 of the lid's pour hole and vents, which become sprues."""
-    return math.pi * (mould.pour**2 + 2 * mould.vent**2) * LID
+    return math.pi * (mould.pour**2 + 2 * mould.vent**2) * LID_THICKNESS_MM
 
 
-def volumes(mould: MouldSizes) -> dict[str, float]:
+def compute_half_volumes(mould: MouldSizes) -> dict[str, float]:
     """Return the volumes of both halves in mm^3: what they are turned from, less the cavity and the holes, with pins and rib."""
     cylinder = math.pi * mould.outside**2
-    pins = sum(math.pi * radius**2 for radius in PINS) * PIN_HEIGHT
-    holes = sum(math.pi * (radius + PIN_PLAY) ** 2 for radius in PINS) * (PIN_HEIGHT + 0.5)
-    rib = rib_volume(mould)
-    lower = cylinder * (mould.height + FLOOR) - cavity_volume(mould) - rib + pins
-    return {"lower": lower, "upper": cylinder * LID - holes - holes_volume(mould) + rib}
+    pins = sum(math.pi * radius**2 for radius in PIN_RADII_MM) * PIN_HEIGHT_MM
+    holes = sum(math.pi * (radius + PIN_PLAY_MM) ** 2 for radius in PIN_RADII_MM) * (PIN_HEIGHT_MM + 0.5)
+    rib = compute_rib_volume(mould)
+    lower = cylinder * (mould.height + FLOOR_THICKNESS_MM) - compute_cavity_volume(mould) - rib + pins
+    return {"lower": lower, "upper": cylinder * LID_THICKNESS_MM - holes - compute_holes_volume(mould) + rib}
 
 
-def block_volume(probe: Probe, name: str, edge_radius: float = 0.0) -> float:
+def compute_block_volume(probe: Probe, name: str, edge_radius: float = 0.0) -> float:
     """Return the volume of a block of the scene in mm^3."""
-    from geometry.cad.parts_check import expected_bodies
+    from geometry.cad.parts_check import compute_expected_bodies
 
-    return expected_bodies(probe, edge_radius)[name].volume
+    return compute_expected_bodies(probe, edge_radius)[name].volume

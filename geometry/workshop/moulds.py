@@ -11,21 +11,31 @@ from typing import Any
 
 from geometry.cad import solids, step_writer
 from geometry.cad.stamp import Stamp
-from geometry.cad.step_check import TOLERANCE
-from geometry.cad.step_reader import read
+from geometry.cad.step_check import RELATIVE_TOLERANCE
+from geometry.cad.step_reader import read_step
 from geometry.common.errors import ExportError
-from geometry.workshop.mould_sizes import FLOOR, LID, PIN_HEIGHT, PIN_PLAY, PINS, TOOL, WALL, MouldSizes, volumes
+from geometry.workshop.mould_sizes import (
+    FLOOR_THICKNESS_MM,
+    LID_THICKNESS_MM,
+    MOULD_MATERIAL,
+    PIN_HEIGHT_MM,
+    PIN_PLAY_MM,
+    PIN_RADII_MM,
+    WALL_THICKNESS_MM,
+    MouldSizes,
+    compute_half_volumes,
+)
 from geometry.workshop.sheet import Point
 
-HALVES = ("lower", "upper")
+MOULD_HALVES = ("lower", "upper")
 
 
-def file_name(mould: MouldSizes, half: str) -> str:
+def format_file_name(mould: MouldSizes, half: str) -> str:
     """Return the name of a half's file."""
     return f"mould-{mould.name}-{half}.step"
 
 
-def write(mould: MouldSizes, half: str, stamp: Stamp, path: Path) -> None:
+def write_half(mould: MouldSizes, half: str, stamp: Stamp, path: Path) -> None:
     """Build a half, write it and read it back.
 
     Raises:
@@ -34,68 +44,77 @@ def write(mould: MouldSizes, half: str, stamp: Stamp, path: Path) -> None:
         OSError: the file cannot be written.
     """
     name = f"mould-{mould.name}-{half}"
-    solids.cadquery()
-    shape = solids.built(name, partial({"lower": lower, "upper": upper}[half], mould))
-    with step_writer.quiet():
-        step_writer.write({name: shape}, path, replace(stamp, materials={name: TOOL}))
-        check(path, name, volumes(mould)[half])
+    solids.load_cadquery()
+    shape = solids.call_modeller(name, partial({"lower": build_lower, "upper": build_upper}[half], mould))
+    with step_writer.silence_messages():
+        step_writer.write_step({name: shape}, path, replace(stamp, materials={name: MOULD_MATERIAL}))
+        check_half(path, name, compute_half_volumes(mould)[half])
 
 
-def check(path: Path, name: str, volume: float) -> None:
+def check_half(path: Path, name: str, volume: float) -> None:
     """Raise ``ExportError`` unless a file holds one valid closed solid of that name and volume in mm^3."""
-    (found, shape, _), *others = read(path)
-    if others or found != name or shape.ShapeType() != "Solid" or not shape.isValid():
-        raise ExportError(f"{path.name}: shape = {found} {shape.ShapeType()}, expected one valid Solid {name}")
-    if not abs(shape.Volume() - volume) <= TOLERANCE * volume:
-        raise ExportError(f"{path.name}: volume = {shape.Volume():.9g}, expected {volume:.9g} within {TOLERANCE:g} of it")
+    (solid_name, shape, _), *other_parts = read_step(path)
+    if other_parts or solid_name != name or shape.ShapeType() != "Solid" or not shape.isValid():
+        raise ExportError(f"{path.name}: shape = {solid_name} {shape.ShapeType()}, expected one valid Solid {name}")
+    if not abs(shape.Volume() - volume) <= RELATIVE_TOLERANCE * volume:
+        raise ExportError(
+            f"{path.name}: volume = {shape.Volume():.9g}, expected {volume:.9g} within {RELATIVE_TOLERANCE:g} of it"
+        )
 
 
-def lower(mould: MouldSizes) -> Any:
+def build_lower(mould: MouldSizes) -> Any:
     """Build the half with the cavity; the parting plane is its upper face, z = 0 the cavity's floor."""
     top, outside = mould.height, mould.outside
-    corners = [(0.0, -FLOOR), (outside, -FLOOR), (outside, top), (mould.outer[1], top)]
-    body = _revolved([*(_lines(corners)), *_cavity(mould, 0.0), *_middle(mould), ((0.0, _axis(mould)), (0.0, -FLOOR))])
-    for radius, place in zip(PINS, _pin_places(mould), strict=True):
-        body = body.fuse(_cylinder(radius, PIN_HEIGHT + 1.0, place, top - 1.0))
-    return _one(body)
+    corners = [(0.0, -FLOOR_THICKNESS_MM), (outside, -FLOOR_THICKNESS_MM), (outside, top), (mould.outer[1], top)]
+    body = _revolve(
+        [
+            *(_list_lines(corners)),
+            *_cavity_profile(mould, 0.0),
+            *_pin_profile(mould),
+            ((0.0, _axis_height(mould)), (0.0, -FLOOR_THICKNESS_MM)),
+        ]
+    )
+    for radius, place in zip(PIN_RADII_MM, _list_pin_places(mould), strict=True):
+        body = body.fuse(_build_cylinder(radius, PIN_HEIGHT_MM + 1.0, place, top - 1.0))
+    return _single_solid(body)
 
 
-def upper(mould: MouldSizes) -> Any:
+def build_upper(mould: MouldSizes) -> Any:
     """Build the lid, as it lies on the lower half."""
-    body = _cylinder(mould.outside, LID, (0.0, 0.0), mould.height)
-    for radius, place in zip(PINS, _pin_places(mould), strict=True):
-        body = body.cut(_cylinder(radius + PIN_PLAY, PIN_HEIGHT + 0.5, place, mould.height))
-    for radius, place in hole_places(mould):
-        body = body.cut(_cylinder(radius, LID + mould.depth, place, mould.height))
-    return _one(body.fuse(_rib(mould)) if mould.depth else body)
+    body = _build_cylinder(mould.outside, LID_THICKNESS_MM, (0.0, 0.0), mould.height)
+    for radius, place in zip(PIN_RADII_MM, _list_pin_places(mould), strict=True):
+        body = body.cut(_build_cylinder(radius + PIN_PLAY_MM, PIN_HEIGHT_MM + 0.5, place, mould.height))
+    for radius, place in list_holes(mould):
+        body = body.cut(_build_cylinder(radius, LID_THICKNESS_MM + mould.depth, place, mould.height))
+    return _single_solid(body.fuse(_build_rib(mould)) if mould.depth else body)
 
 
-def hole_places(mould: MouldSizes) -> list[tuple[float, Point]]:
+def list_holes(mould: MouldSizes) -> list[tuple[float, Point]]:
     """Return the radius and place of the hole to pour through and of two vents; none of them above the rib, which lies at +x."""
     if not mould.middle:
-        at = 0.8 * mould.outer[1]
-        return [(mould.pour, (0.0, 0.0)), (mould.vent, (0.0, at)), (mould.vent, (0.0, -at))]
+        offset = 0.8 * mould.outer[1]
+        return [(mould.pour, (0.0, 0.0)), (mould.vent, (0.0, offset)), (mould.vent, (0.0, -offset))]
     places = [(mould.middle * math.cos(angle), mould.middle * math.sin(angle)) for angle in (math.pi, 2.1, -2.1)]
     return list(zip((mould.pour, mould.vent, mould.vent), places, strict=True))
 
 
-def _pin_places(mould: MouldSizes) -> tuple[Point, Point]:
-    at = mould.outer[1] + WALL / 2
-    return (0.0, at), (0.0, -at)
+def _list_pin_places(mould: MouldSizes) -> tuple[Point, Point]:
+    offset = mould.outer[1] + WALL_THICKNESS_MM / 2
+    return (0.0, offset), (0.0, -offset)
 
 
-def _cylinder(radius: float, height: float, place: Point, z: float) -> Any:
-    cq = solids.cadquery()
+def _build_cylinder(radius: float, height: float, place: Point, z: float) -> Any:
+    cq = solids.load_cadquery()
     return cq.Solid.makeCylinder(radius, height, cq.Vector(*place, z))
 
 
-def _lines(corners: list[Point]) -> list[tuple[Point, ...]]:
+def _list_lines(corners: list[Point]) -> list[tuple[Point, ...]]:
     return [tuple(pair) for pair in pairwise(corners)]
 
 
-def _cavity(mould: MouldSizes, floor: float) -> list[tuple[Point, ...]]:
+def _cavity_profile(mould: MouldSizes, floor: float) -> list[tuple[Point, ...]]:
     """Return the cavity's wall and floor as lines of two and arcs of three points (r, z), from the rim inwards."""
-    e, (inner, outer) = mould.edge, mould.radii(mould.edge)
+    e, (inner, outer) = mould.edge, mould.compute_radii(mould.edge)
     cut = e * (1 - math.sqrt(0.5))
     sides: list[tuple[Point, ...]] = [((mould.outer[1], mould.height), (outer, floor + e))]
     if e:
@@ -107,31 +126,31 @@ def _cavity(mould: MouldSizes, floor: float) -> list[tuple[Point, ...]]:
     return sides
 
 
-def _middle(mould: MouldSizes) -> list[tuple[Point, ...]]:
+def _pin_profile(mould: MouldSizes) -> list[tuple[Point, ...]]:
     """Return the pin that leaves the tube's hole."""
-    inner, _ = mould.radii(mould.edge)
+    inner, _ = mould.compute_radii(mould.edge)
     if not inner:
         return []
-    return _lines([(inner, mould.edge), (mould.inner[1], mould.height), (0.0, mould.height)])
+    return _list_lines([(inner, mould.edge), (mould.inner[1], mould.height), (0.0, mould.height)])
 
 
-def _axis(mould: MouldSizes) -> float:
+def _axis_height(mould: MouldSizes) -> float:
     return mould.height if mould.inner[1] else 0.0
 
 
-def _rib(mould: MouldSizes) -> Any:
+def _build_rib(mould: MouldSizes) -> Any:
     """What of the cavity's ring lies in |y| < half the groove's width, x > 0, within its depth below the parting plane."""
-    cq, low = solids.cadquery(), mould.height - mould.depth
-    (inner, outer), a = mould.radii(low), mould.half_width
-    ring = _revolved(
-        _lines([(inner, low), (outer, low), (mould.outer[1], mould.height), (mould.inner[1], mould.height), (inner, low)])
+    cq, low = solids.load_cadquery(), mould.height - mould.depth
+    (inner, outer), a = mould.compute_radii(low), mould.half_width
+    ring = _revolve(
+        _list_lines([(inner, low), (outer, low), (mould.outer[1], mould.height), (mould.inner[1], mould.height), (inner, low)])
     )
     slab = cq.Solid.makeBox(2 * mould.outside, 2 * a, 3 * mould.depth, cq.Vector(0.0, -a, low - mould.depth))
-    return _one(ring.intersect(slab))
+    return _single_solid(ring.intersect(slab))
 
 
-def _revolved(sides: list[tuple[Point, ...]]) -> Any:
-    cq = solids.cadquery()
+def _revolve(sides: list[tuple[Point, ...]]) -> Any:
+    cq = solids.load_cadquery()
     edges = []
     for side in sides:
         points = [cq.Vector(-radius, 0.0, z) for radius, z in side]  # the seam on the side of -x, away from the rib
@@ -140,6 +159,6 @@ def _revolved(sides: list[tuple[Point, ...]]) -> Any:
     return cq.Solid.revolve(face, 360.0, cq.Vector(0, 0, 0), cq.Vector(0, 0, 1))
 
 
-def _one(shape: Any) -> Any:
+def _single_solid(shape: Any) -> Any:
     (solid,) = shape.Solids()
     return solid

@@ -9,14 +9,14 @@ from pathlib import Path
 
 from geometry.cad import solids
 from geometry.cad.export import Writer
-from geometry.cad.stamp import Stamp, stamp_of
+from geometry.cad.stamp import Stamp, build_stamp
 from geometry.scenes.probe import Probe
 from geometry.workshop import assembly_order, drawings, film_pattern, lists, mould_sizes, moulds, pdf
-from geometry.workshop.casting_notes import casting_notes, gap_note
-from geometry.workshop.dxf_properties import signed
-from geometry.workshop.parts import TITLES, PartView, assembly_view, part_views, parts_list
+from geometry.workshop.casting_notes import describe_gap, list_casting_notes
+from geometry.workshop.dxf_properties import add_properties
+from geometry.workshop.parts import DRAWING_TITLES, PartView, build_assembly_view, build_part_views, list_parts
 from geometry.workshop.sheet import DrawingSheet
-from geometry.workshop.tolerance import CASTING, UNBOUND, Budget
+from geometry.workshop.tolerance import CASTING_PROCESS, NO_BUDGET, Budget
 
 
 @dataclass(frozen=True)
@@ -28,14 +28,16 @@ class Casting:
         draft: of the moulds' walls in rad, at most; see ``geometry.workshop.mould_sizes.choose_draft``.
     """
 
-    shrinkage: float = mould_sizes.SHRINKAGE
-    draft: float = mould_sizes.DRAFT
+    shrinkage: float = mould_sizes.DEFAULT_SHRINKAGE
+    draft: float = mould_sizes.DEFAULT_DRAFT_RAD
 
 
-USUAL = Casting()
+DEFAULT_CASTING = Casting()
 
 
-def writers(probe: Probe, edge_radius: float = 0.0, budget: Budget = UNBOUND, casting: Casting = USUAL) -> dict[str, Writer]:
+def build_writers(
+    probe: Probe, edge_radius: float = 0.0, budget: Budget = NO_BUDGET, casting: Casting = DEFAULT_CASTING
+) -> dict[str, Writer]:
     """Return drawings (DXF and PDF), film patterns, moulds, bill of materials, tolerances and the order of assembly.
 
     They are what ``geometry.cad.export.export_parts`` takes as ``other_files``.
@@ -49,50 +51,50 @@ def writers(probe: Probe, edge_radius: float = 0.0, budget: Budget = UNBOUND, ca
     Raises:
         InputError: no such casting; see also ``geometry.scenes.base_sizes.base_sizes``.
     """
-    stamp = stamp_of(probe, edge_radius)
-    views = {**part_views(probe, edge_radius), "assembly": assembly_view(probe, edge_radius)}
-    every = mould_sizes.mould_sizes(probe, edge_radius, casting.shrinkage, casting.draft)
-    sizes = tuple(one for one in every if stamp.materials[one.name].process == CASTING)
-    patterns = film_pattern.film_patterns(probe)
-    found = _drawings(probe, views, stamp, budget, cast={mould.name: mould for mould in sizes})
+    stamp = build_stamp(probe, edge_radius)
+    views = {**build_part_views(probe, edge_radius), "assembly": build_assembly_view(probe, edge_radius)}
+    all_moulds = mould_sizes.compute_mould_sizes(probe, edge_radius, casting.shrinkage, casting.draft)
+    sizes = tuple(candidate for candidate in all_moulds if stamp.materials[candidate.name].process == CASTING_PROCESS)
+    patterns = film_pattern.build_film_patterns(probe)
+    files = _build_drawing_writers(probe, views, stamp, budget, cast={mould.name: mould for mould in sizes})
     for pattern in patterns:
-        thickness = solids.film_thickness(probe) * solids.MM
-        found[f"{pattern.name}-pattern.dxf"] = partial(film_pattern.write, pattern, stamp, thickness)
+        thickness = solids.film_thickness(probe) * solids.MM_PER_M
+        files[f"{pattern.name}-pattern.dxf"] = partial(film_pattern.write_pattern, pattern, stamp, thickness)
     for mould in sizes:
-        for half in moulds.HALVES:
-            found[moulds.file_name(mould, half)] = partial(moulds.write, mould, half, stamp)
-    dimensions = lists.held_dimensions(views.values(), stamp.materials, budget)
-    scatter = lists.scatter_of_ratio(dimensions, budget)
+        for half in moulds.MOULD_HALVES:
+            files[moulds.format_file_name(mould, half)] = partial(moulds.write_half, mould, half, stamp)
+    dimensions = lists.list_held_dimensions(views.values(), stamp.materials, budget)
+    scatter = lists.compute_scatter_of_ratio(dimensions, budget)
     texts = {
-        "bill-of-materials.csv": lists.bill_of_materials(probe, stamp, sizes, edge_radius),
-        "tolerances.csv": lists.tolerances(dimensions, budget),
-        "assembly.md": assembly_order.assembly_order(probe, stamp, patterns, sizes, budget=budget, scatter=scatter),
+        "bill-of-materials.csv": lists.write_bill_of_materials(probe, stamp, sizes, edge_radius),
+        "tolerances.csv": lists.write_tolerances(dimensions, budget),
+        "assembly.md": assembly_order.write_assembly_order(probe, stamp, patterns, sizes, budget=budget, scatter=scatter),
     }
-    return found | {name: partial(_write, text) for name, text in texts.items()}
+    return files | {name: partial(_write_text, text) for name, text in texts.items()}
 
 
-def _drawings(
+def _build_drawing_writers(
     probe: Probe, views: dict[str, PartView], stamp: Stamp, budget: Budget, *, cast: Mapping[str, mould_sizes.MouldSizes]
 ) -> dict[str, Writer]:
     """Return what writes both forms of each drawing; the sheet is made once, when the first of them is written."""
-    found: dict[str, Writer] = {}
+    drawing_writers: dict[str, Writer] = {}
     for name, view in views.items():
-        extra = parts_list(probe, stamp.materials) if name == "assembly" else ()
-        extra += casting_notes(cast[name], budget) if name in cast else ()
-        extra += (gap_note(probe, tuple(cast.values())),) if name == "assembly" and cast else ()
-        sheet = cache(partial(drawings.draw, view, stamp, budget, extra))
-        found[f"{name}.dxf"] = partial(_write_dxf, sheet, stamp)
-        found[f"{name}.pdf"] = partial(_write_pdf, sheet, name, stamp)
-    return found
+        extra = list_parts(probe, stamp.materials) if name == "assembly" else ()
+        extra += list_casting_notes(cast[name], budget) if name in cast else ()
+        extra += (describe_gap(probe, tuple(cast.values())),) if name == "assembly" and cast else ()
+        sheet = cache(partial(drawings.draw_part, view, stamp, budget, extra))
+        drawing_writers[f"{name}.dxf"] = partial(_write_dxf, sheet, stamp)
+        drawing_writers[f"{name}.pdf"] = partial(_write_pdf, sheet, name, stamp)
+    return drawing_writers
 
 
 def _write_dxf(sheet: Callable[[], DrawingSheet], stamp: Stamp, path: Path) -> None:
-    signed(sheet().document, stamp).saveas(path)
+    add_properties(sheet().document, stamp).saveas(path)
 
 
 def _write_pdf(sheet: Callable[[], DrawingSheet], name: str, stamp: Stamp, path: Path) -> None:
-    pdf.write(sheet(), path, TITLES[name], stamp.provenance)
+    pdf.write_pdf(sheet(), path, DRAWING_TITLES[name], stamp.provenance)
 
 
-def _write(text: str, path: Path) -> None:
+def _write_text(text: str, path: Path) -> None:
     path.write_text(text, encoding="utf-8")

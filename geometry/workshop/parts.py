@@ -8,18 +8,18 @@ from dataclasses import dataclass
 from typing import Literal
 
 from geometry.cad import solids
-from geometry.cad.materials import PartMaterial, part_materials
+from geometry.cad.materials import PartMaterial, find_part_materials
 from geometry.scenes.base_sizes import assumed_sizes, base_sizes
 from geometry.scenes.probe import Probe
-from geometry.workshop.outlines import base_section, block, box, disc, open_ring
+from geometry.workshop.outlines import build_base_section, build_block, build_box, build_disc, build_open_ring
 from geometry.workshop.sheet import Loop, Point
-from geometry.workshop.tolerance import MACHINING, Budget, Tolerance, tolerance
+from geometry.workshop.tolerance import MACHINING_PROCESS, Budget, Tolerance, find_tolerance
 
 Place = Literal["below", "left", "right", "plan"]
-BOUND = ("inner", "outer", "assembly")  # drawings whose dimensions move the ratio
-CLOSURE = ("inner_height", "outer_height")  # of a casting: from the cavity's floor to the lid
-SEAT = "Ra 0.8"  # of faces that a film is bonded to: peaks far below the film and its adhesive
-TITLES = {
+RATIO_DRAWINGS = ("inner", "outer", "assembly")  # drawings whose dimensions move the ratio
+CLOSURE_DIMENSIONS = ("inner_height", "outer_height")  # of a casting: from the cavity's floor to the lid
+SEAT_ROUGHNESS = "Ra 0.8"  # of faces that a film is bonded to: peaks far below the film and its adhesive
+DRAWING_TITLES = {
     "inner": "Inner block",
     "outer": "Outer block",
     "film-inner": "Inner film",
@@ -53,15 +53,15 @@ class Measure:
     @property
     def size(self) -> float:
         """The distance in mm."""
-        along = 0 if self.place == "below" else 1
-        return abs(self.end[along] - self.start[along])
+        axis = 0 if self.place == "below" else 1
+        return abs(self.end[axis] - self.start[axis])
 
-    def held(self, part: str, process: str, budget: Budget) -> Tolerance:
+    def find_tolerance(self, part: str, process: str, budget: Budget) -> Tolerance:
         """Return how the dimension is held on the drawing of a part, mm; the ratio binds the blocks and their gap alone."""
-        bound = budget.bound(self.name) if part in BOUND else None
+        bound = budget.find_bound(self.name) if part in RATIO_DRAWINGS else None
         factor = 2 if self.prefix else 1
-        closure = self.name in CLOSURE
-        return tolerance(self.size, None if bound is None else factor * bound, process=process, closure=closure)
+        closure = self.name in CLOSURE_DIMENSIONS
+        return find_tolerance(self.size, None if bound is None else factor * bound, process=process, closure=closure)
 
 
 @dataclass(frozen=True)
@@ -119,163 +119,189 @@ class Millimetres:
         return inner, outer
 
 
-def millimetres(probe: Probe, edge_radius: float = 0.0) -> Millimetres:
+def convert_to_mm(probe: Probe, edge_radius: float = 0.0) -> Millimetres:
     """Return a probe's dimensions in mm; 0 for a groove, films or round edges that it has not."""
     width, depth = (0.0, 0.0) if probe.groove is None else (probe.groove.width, probe.groove.depth)
     radii = probe.inner_radius, probe.hole_radius, probe.tube_radius
     heights = probe.core_height, probe.tube_height, solids.film_thickness(probe)
-    return Millimetres(*(length * solids.MM for length in (*radii, *heights, width / 2, depth, edge_radius)))
+    return Millimetres(*(length * solids.MM_PER_M for length in (*radii, *heights, width / 2, depth, edge_radius)))
 
 
-def part_views(probe: Probe, edge_radius: float = 0.0) -> dict[str, PartView]:
+def build_part_views(probe: Probe, edge_radius: float = 0.0) -> dict[str, PartView]:
     """Return what is drawn of each part, by its name; ``edge_radius`` in m."""
-    one = millimetres(probe, edge_radius)
+    lengths = convert_to_mm(probe, edge_radius)
     open_sizes = {key.removeprefix("probe.") for key in assumed_sizes(probe)}
     films = {}
     if probe.film is not None:
         assumed = "film.thickness" in open_sizes
-        films = {"film-inner": _inner_film(one, assumed), "film-outer": _outer_film(one, assumed)}
-    return {"inner": _inner(one), "outer": _outer(one), **films, "base": _base(probe, one, open_sizes)}
+        films = {"film-inner": _build_inner_film(lengths, assumed), "film-outer": _build_outer_film(lengths, assumed)}
+    return {
+        "inner": _build_inner(lengths),
+        "outer": _build_outer(lengths),
+        **films,
+        "base": _build_base(probe, lengths, open_sizes),
+    }
 
 
-def diameter(name: str, radius: float, z: float, assumed: bool = False, auxiliary: bool = False) -> Measure:
+def build_diameter(name: str, radius: float, z: float, assumed: bool = False, auxiliary: bool = False) -> Measure:
     """Return a diameter, dimensioned below the section."""
     return Measure(name, (-radius, z), (radius, z), "below", "\N{LATIN CAPITAL LETTER O WITH STROKE}", assumed, auxiliary)
 
 
-def _inner(one: Millimetres) -> PartView:
-    height = Measure("inner_height", (-one.r2, 0), (-one.r2, one.h2), "left")
+def _build_inner(lengths: Millimetres) -> PartView:
+    height = Measure("inner_height", (-lengths.r2, 0), (-lengths.r2, lengths.h2), "left")
     return PartView(
         "inner",
-        cut=((block(-one.r2, one.r2, one.h2, one.edge), 0.0),),
-        plan=(disc(one.r2),),
-        measures=(diameter("inner_radius", one.r2, one.edge), height),
-        seats=((-one.r2 / 3, one.h2, True),),
-        edge=_edge(one, one.r2),
+        cut=((build_block(-lengths.r2, lengths.r2, lengths.h2, lengths.edge), 0.0),),
+        plan=(build_disc(lengths.r2),),
+        measures=(build_diameter("inner_radius", lengths.r2, lengths.edge), height),
+        seats=((-lengths.r2 / 3, lengths.h2, True),),
+        edge=_find_edge(lengths, lengths.r2),
     )
 
 
-def _outer(one: Millimetres) -> PartView:
-    low = one.h1 - one.depth
-    seen = [((-one.ri, one.h1), (one.ri if not one.depth else one.groove_ends[0], one.h1)), ((-one.ri, 0.0), (one.ri, 0.0))]
-    measures = [diameter("hole_radius", one.ri, one.edge), diameter("outer_radius", one.ro, one.edge)]
-    measures.append(Measure("outer_height", (-one.ro, 0), (-one.ro, one.h1), "left"))
+def _build_outer(lengths: Millimetres) -> PartView:
+    low = lengths.h1 - lengths.depth
+    seen = [
+        ((-lengths.ri, lengths.h1), (lengths.ri if not lengths.depth else lengths.groove_ends[0], lengths.h1)),
+        ((-lengths.ri, 0.0), (lengths.ri, 0.0)),
+    ]
+    measures = [build_diameter("hole_radius", lengths.ri, lengths.edge), build_diameter("outer_radius", lengths.ro, lengths.edge)]
+    measures.append(Measure("outer_height", (-lengths.ro, 0), (-lengths.ro, lengths.h1), "left"))
     lines: list[tuple[Point, Point]] = []
-    if one.depth:
-        near, far = one.groove_ends
-        seen += [((near, one.h1), (far, one.h1)), ((far, low), (far, one.h1)), ((near, low), (near, one.h1))]
-        lines = [((near, side), (far, side)) for side in (-one.half_width, one.half_width)]
-        measures.append(Measure("groove_depth", (one.ro, low), (far, one.h1), "right"))
-        measures.append(Measure("groove_width", (far, -one.half_width), (far, one.half_width), "plan"))
-    walls = block(-one.ro, -one.ri, one.h1, one.edge), block(one.ri, one.ro, low, one.edge)
+    if lengths.depth:
+        inner_x, outer_x = lengths.groove_ends
+        seen += [
+            ((inner_x, lengths.h1), (outer_x, lengths.h1)),
+            ((outer_x, low), (outer_x, lengths.h1)),
+            ((inner_x, low), (inner_x, lengths.h1)),
+        ]
+        lines = [((inner_x, side), (outer_x, side)) for side in (-lengths.half_width, lengths.half_width)]
+        measures.append(Measure("groove_depth", (lengths.ro, low), (outer_x, lengths.h1), "right"))
+        measures.append(Measure("groove_width", (outer_x, -lengths.half_width), (outer_x, lengths.half_width), "plan"))
+    walls = (
+        build_block(-lengths.ro, -lengths.ri, lengths.h1, lengths.edge),
+        build_block(lengths.ri, lengths.ro, low, lengths.edge),
+    )
     return PartView(
         "outer",
         cut=tuple((wall, 90.0) for wall in walls),
         seen=tuple(seen),
-        plan=(disc(one.ri), disc(one.ro)),
+        plan=(build_disc(lengths.ri), build_disc(lengths.ro)),
         plan_lines=tuple(lines),
         measures=tuple(measures),
-        seats=((-(one.ri + one.ro) / 2, one.h1, True),),
-        edge=_edge(one, one.ro),
+        seats=((-(lengths.ri + lengths.ro) / 2, lengths.h1, True),),
+        edge=_find_edge(lengths, lengths.ro),
     )
 
 
-def _edge(one: Millimetres, radius: float) -> tuple[float, Point] | None:
-    return (one.edge, (radius - one.edge, one.edge)) if one.edge else None
+def _find_edge(lengths: Millimetres, radius: float) -> tuple[float, Point] | None:
+    return (lengths.edge, (radius - lengths.edge, lengths.edge)) if lengths.edge else None
 
 
-def _inner_film(one: Millimetres, assumed: bool) -> PartView:
-    top = one.h2 + one.t
-    thickness = Measure("film_thickness", (-one.r2, one.h2), (-one.r2, top), "left", assumed=assumed)
-    measures = diameter("inner_radius", one.r2, one.h2), thickness
-    return PartView("film-inner", ((box(-one.r2, one.r2, one.h2, top), 0.0),), plan=(disc(one.r2),), measures=measures)
+def _build_inner_film(lengths: Millimetres, assumed: bool) -> PartView:
+    top = lengths.h2 + lengths.t
+    thickness = Measure("film_thickness", (-lengths.r2, lengths.h2), (-lengths.r2, top), "left", assumed=assumed)
+    measures = build_diameter("inner_radius", lengths.r2, lengths.h2), thickness
+    return PartView(
+        "film-inner",
+        ((build_box(-lengths.r2, lengths.r2, lengths.h2, top), 0.0),),
+        plan=(build_disc(lengths.r2),),
+        measures=measures,
+    )
 
 
-def _outer_film(one: Millimetres, assumed: bool) -> PartView:
-    top = one.h1 + one.t
-    measures = [diameter("hole_radius", one.ri, one.h1), diameter("outer_radius", one.ro, one.h1)]
-    measures.append(Measure("film_thickness", (-one.ro, one.h1), (-one.ro, top), "left", assumed=assumed))
-    left, right = box(-one.ro, -one.ri, one.h1, top), box(one.ri, one.ro, one.h1, top)
-    seen = (((-one.ri, one.h1), (one.ri, one.h1)), ((-one.ri, top), (one.ri, top)))
-    if not one.depth:
-        return PartView("film-outer", ((left, 0.0), (right, 0.0)), seen, (disc(one.ri), disc(one.ro)), measures=tuple(measures))
-    near, far = one.groove_ends
-    measures.append(Measure("groove_width", (far, -one.half_width), (far, one.half_width), "plan"))
-    ends = tuple(((x, one.h1), (x, top)) for x in (near, far))
-    sides = ((-one.ri, one.h1), (far, one.h1)), ((-one.ri, top), (far, top))
-    plan = (open_ring(one.ri, one.ro, one.half_width),)
+def _build_outer_film(lengths: Millimetres, assumed: bool) -> PartView:
+    top = lengths.h1 + lengths.t
+    measures = [build_diameter("hole_radius", lengths.ri, lengths.h1), build_diameter("outer_radius", lengths.ro, lengths.h1)]
+    measures.append(Measure("film_thickness", (-lengths.ro, lengths.h1), (-lengths.ro, top), "left", assumed=assumed))
+    left, right = build_box(-lengths.ro, -lengths.ri, lengths.h1, top), build_box(lengths.ri, lengths.ro, lengths.h1, top)
+    seen = (((-lengths.ri, lengths.h1), (lengths.ri, lengths.h1)), ((-lengths.ri, top), (lengths.ri, top)))
+    if not lengths.depth:
+        return PartView(
+            "film-outer",
+            ((left, 0.0), (right, 0.0)),
+            seen,
+            (build_disc(lengths.ri), build_disc(lengths.ro)),
+            measures=tuple(measures),
+        )
+    inner_x, outer_x = lengths.groove_ends
+    measures.append(Measure("groove_width", (outer_x, -lengths.half_width), (outer_x, lengths.half_width), "plan"))
+    ends = tuple(((x, lengths.h1), (x, top)) for x in (inner_x, outer_x))
+    sides = ((-lengths.ri, lengths.h1), (outer_x, lengths.h1)), ((-lengths.ri, top), (outer_x, top))
+    plan = (build_open_ring(lengths.ri, lengths.ro, lengths.half_width),)
     return PartView("film-outer", ((left, 0.0),), (*sides, *ends), plan, measures=tuple(measures))
 
 
-def _base(probe: Probe, one: Millimetres, open_sizes: set[str]) -> PartView:
+def _build_base(probe: Probe, lengths: Millimetres, open_sizes: set[str]) -> PartView:
     sizes = base_sizes(probe)
-    low, side = (height * solids.MM for height in solids.film_tops(probe))
-    rf, middle = sizes.flange_radius * solids.MM, (one.r2 + one.ri) / 2
-    under = max(low, side) + sizes.step_height * solids.MM
-    top = under + sizes.thickness * solids.MM
-    wide, bottom = rf > one.ro, min(low, side)
-    measures = [diameter("boss_radius", middle, low)] if low != side else []
-    measures.append(diameter("outer_radius", one.ro, side))
-    measures += [diameter("flange_radius", rf, under, "base.flange_radius" in open_sizes)] if wide else []
-    thickness = Measure("base_thickness", (rf, under), (rf, top), "right", assumed="base.thickness" in open_sizes)
+    low, side = (height * solids.MM_PER_M for height in solids.find_film_tops(probe))
+    rf, middle = sizes.flange_radius * solids.MM_PER_M, (lengths.r2 + lengths.ri) / 2
+    flange_bottom = max(low, side) + sizes.step_height * solids.MM_PER_M
+    top = flange_bottom + sizes.thickness * solids.MM_PER_M
+    wide, bottom = rf > lengths.ro, min(low, side)
+    measures = [build_diameter("boss_radius", middle, low)] if low != side else []
+    measures.append(build_diameter("outer_radius", lengths.ro, side))
+    measures += [build_diameter("flange_radius", rf, flange_bottom, "base.flange_radius" in open_sizes)] if wide else []
+    thickness = Measure("base_thickness", (rf, flange_bottom), (rf, top), "right", assumed="base.thickness" in open_sizes)
     measures.append(thickness)
-    if under > max(low, side):
+    if flange_bottom > max(low, side):
         assumed = "base.step_height" in open_sizes
         # from the higher film end, which is the boss's where that is a recess
-        start = (one.ro, side) if side >= low else (middle, low)
-        measures.append(Measure("step_height", start, (one.ro, under), "right", assumed=assumed))
+        start = (lengths.ro, side) if side >= low else (middle, low)
+        measures.append(Measure("step_height", start, (lengths.ro, flange_bottom), "right", assumed=assumed))
     if low != side:
-        measures.append(Measure("height_step", (-middle, low), (-one.ro, side), "left"))
-    if bottom < under:
-        measures.append(Measure("base_height", (-one.ro, bottom), (-rf, top), "left", auxiliary=True))
+        measures.append(Measure("height_step", (-middle, low), (-lengths.ro, side), "left"))
+    if bottom < flange_bottom:
+        measures.append(Measure("base_height", (-lengths.ro, bottom), (-rf, top), "left", auxiliary=True))
     return PartView(
         "base",
-        cut=((base_section(probe), 0.0),),
-        plan=(disc(rf),),
-        hidden=(*((one.ro,) if wide else ()), *((middle,) if low != side else ())),
+        cut=((build_base_section(probe), 0.0),),
+        plan=(build_disc(rf),),
+        hidden=(*((lengths.ro,) if wide else ()), *((middle,) if low != side else ())),
         measures=tuple(measures),
         seats=((-middle * 0.8, low, False),),
     )
 
 
-ITEMS = ("base", "film-outer", "film-inner", "outer", "inner")
+ASSEMBLY_ITEMS = ("base", "film-outer", "film-inner", "outer", "inner")
 """The parts from above, as the assembly's list numbers them; films only where there are any."""
-ANGLES = {"inner": 0.0, "outer": 90.0, "film-inner": 0.0, "film-outer": 0.0, "base": 90.0}
+HATCH_ANGLES_DEG = {"inner": 0.0, "outer": 90.0, "film-inner": 0.0, "film-outer": 0.0, "base": 90.0}
 
 
-def assembly_view(probe: Probe, edge_radius: float = 0.0) -> PartView:
+def build_assembly_view(probe: Probe, edge_radius: float = 0.0) -> PartView:
     """Return what is drawn of the whole probe."""
-    one, alone = millimetres(probe, edge_radius), part_views(probe, edge_radius)
-    base = base_section(probe)
+    lengths, alone = convert_to_mm(probe, edge_radius), build_part_views(probe, edge_radius)
+    base = build_base_section(probe)
     top, rf = max(z for _, z, _ in base), max(x for x, _, _ in base)
     tips = {
-        "base": (0.6 * one.ro, top - 0.3 * (top - one.h1)),
-        "film-outer": ((sum(one.groove_ends) if one.depth else one.ri + one.ro) / 2, one.h1 + one.t / 2),
-        "film-inner": (0.8 * one.r2, one.h2 + one.t / 2),
-        "outer": ((one.ri + one.ro) / 2, 0.6 * (one.h1 - one.depth)),
-        "inner": (0.7 * one.r2, 0.3 * one.h2),
+        "base": (0.6 * lengths.ro, top - 0.3 * (top - lengths.h1)),
+        "film-outer": ((sum(lengths.groove_ends) if lengths.depth else lengths.ri + lengths.ro) / 2, lengths.h1 + lengths.t / 2),
+        "film-inner": (0.8 * lengths.r2, lengths.h2 + lengths.t / 2),
+        "outer": ((lengths.ri + lengths.ro) / 2, 0.6 * (lengths.h1 - lengths.depth)),
+        "inner": (0.7 * lengths.r2, 0.3 * lengths.h2),
     }
-    heights = [Measure("outer_height", (-one.ro, 0), (-one.ro, one.h1), "left", auxiliary=True)]
-    if one.h2 != one.h1:
-        heights.append(Measure("inner_height", (-one.r2, 0), (-one.r2, one.h2), "left", auxiliary=True))
-    heights.append(Measure("total_height", (-one.ro, 0), (-rf, top), "left", auxiliary=True))
-    widths = [diameter("outer_radius", one.ro, one.edge, auxiliary=True)]
-    widths += [diameter("flange_radius", rf, top, auxiliary=True)] if rf > one.ro else []
+    heights = [Measure("outer_height", (-lengths.ro, 0), (-lengths.ro, lengths.h1), "left", auxiliary=True)]
+    if lengths.h2 != lengths.h1:
+        heights.append(Measure("inner_height", (-lengths.r2, 0), (-lengths.r2, lengths.h2), "left", auxiliary=True))
+    heights.append(Measure("total_height", (-lengths.ro, 0), (-rf, top), "left", auxiliary=True))
+    widths = [build_diameter("outer_radius", lengths.ro, lengths.edge, auxiliary=True)]
+    widths += [build_diameter("flange_radius", rf, top, auxiliary=True)] if rf > lengths.ro else []
     # the gap of blocks of which one is cast follows from both castings, and is no dimension of its own
-    cast = any(part_materials(probe)[block].process != MACHINING for block in ("inner", "outer"))
-    gap = Measure("gap", (one.r2, one.edge), (one.ri, one.edge), "below", auxiliary=cast)
+    cast = any(find_part_materials(probe)[block].process != MACHINING_PROCESS for block in ("inner", "outer"))
+    gap = Measure("gap", (lengths.r2, lengths.edge), (lengths.ri, lengths.edge), "below", auxiliary=cast)
     return PartView(
         "assembly",
-        cut=tuple((loop, ANGLES[name]) for name, view in alone.items() for loop, _ in view.cut),
+        cut=tuple((loop, HATCH_ANGLES_DEG[name]) for name, view in alone.items() for loop, _ in view.cut),
         seen=tuple(line for name in ("outer", "film-outer") if name in alone for line in alone[name].seen[2:]),
-        plan=(disc(rf),),
-        hidden=(one.r2, one.ri, *((one.ro,) if rf > one.ro else ())),
+        plan=(build_disc(rf),),
+        hidden=(lengths.r2, lengths.ri, *((lengths.ro,) if rf > lengths.ro else ())),
         measures=(*heights, gap, *widths),
-        items=tuple(tips[name] for name in ITEMS if name in alone),
+        items=tuple(tips[name] for name in ASSEMBLY_ITEMS if name in alone),
     )
 
 
-def parts_list(probe: Probe, materials: Mapping[str, PartMaterial]) -> tuple[str, ...]:
+def list_parts(probe: Probe, materials: Mapping[str, PartMaterial]) -> tuple[str, ...]:
     """Return the lines of the assembly's list, in the order of its items."""
-    names = [name for name in ITEMS if probe.film is not None or not name.startswith("film")]
-    return tuple(f"{item}  {TITLES[name]}: {materials[name].text}" for item, name in enumerate(names, start=1))
+    names = [name for name in ASSEMBLY_ITEMS if probe.film is not None or not name.startswith("film")]
+    return tuple(f"{item}  {DRAWING_TITLES[name]}: {materials[name].text}" for item, name in enumerate(names, start=1))

@@ -7,25 +7,27 @@ from pathlib import Path
 from typing import Any
 
 from geometry.provenance.block import Provenance
-from geometry.provenance.texts import picture_metadata
-from geometry.workshop.sheet import SIZES, DrawingSheet
+from geometry.provenance.texts import build_picture_metadata
+from geometry.workshop.sheet import PAPER_SIZES_MM, DrawingSheet
 
-INCH = 25.4
-CAPITALS = 0.72  # of the font's size: height of Helvetica's capitals and figures, and of DejaVu Sans'
+MM_PER_INCH = 25.4
+CAPITAL_HEIGHT_FRACTION = 0.72  # of the font's size: height of Helvetica's capitals and figures, and of DejaVu Sans'
 
 
-def write(sheet: DrawingSheet, path: Path, title: str, origin: Provenance | None = None) -> None:
+def write_pdf(sheet: DrawingSheet, path: Path, title: str, origin: Provenance | None = None) -> None:
     """Print a sheet, made by ``origin``; a millimetre of the file's page is one of paper. Raises ``OSError``."""
     import matplotlib  # the fonts that every reader has: making subsets of others takes longer than the drawing
 
     with matplotlib.rc_context({"pdf.use14corefonts": True}):
-        figure = picture(sheet)
+        figure = draw_figure(sheet)
         for text in figure.axes[0].texts:
             text.set(fontfamily="Helvetica", fontweight="medium")
-        figure.savefig(path, format="pdf", metadata={"Title": title, "CreationDate": None, **picture_metadata("pdf", origin)})
+        figure.savefig(
+            path, format="pdf", metadata={"Title": title, "CreationDate": None, **build_picture_metadata("pdf", origin)}
+        )
 
 
-def picture(sheet: DrawingSheet) -> Any:
+def draw_figure(sheet: DrawingSheet) -> Any:
     """Return the sheet as a matplotlib figure of the paper's size."""
     from ezdxf.addons.drawing.config import BackgroundPolicy, ColorPolicy, Configuration, TextPolicy
     from ezdxf.addons.drawing.frontend import Frontend
@@ -34,42 +36,42 @@ def picture(sheet: DrawingSheet) -> Any:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    width, height = SIZES[sheet.size]
-    figure = Figure(figsize=(width / INCH, height / INCH), facecolor="white")
+    width, height = PAPER_SIZES_MM[sheet.size]
+    figure = Figure(figsize=(width / MM_PER_INCH, height / MM_PER_INCH), facecolor="white")
     FigureCanvasAgg(figure)
     axes = figure.add_axes((0, 0, 1, 1))
     looks = Configuration(
         color_policy=ColorPolicy.BLACK,
         background_policy=BackgroundPolicy.WHITE,
         text_policy=TextPolicy.IGNORE,
-        lineweight_scaling=72 / INCH,  # to points
+        lineweight_scaling=72 / MM_PER_INCH,  # to points
         min_lineweight=0.2,
     )
     Frontend(RenderContext(sheet.document), MatplotlibBackend(axes, adjust_figure=False), config=looks).draw_layout(
         sheet.model, finalize=False
     )
-    for text in texts(sheet):
-        _letter(axes, sheet, text)
-    axes.set(xlim=(0, width * sheet.unit), ylim=(0, height * sheet.unit))
+    for text in list_texts(sheet):
+        _draw_text(axes, sheet, text)
+    axes.set(xlim=(0, width * sheet.mm_per_paper_mm), ylim=(0, height * sheet.mm_per_paper_mm))
     axes.set_axis_off()
     return figure
 
 
-def texts(sheet: DrawingSheet) -> list[Any]:
+def list_texts(sheet: DrawingSheet) -> list[Any]:
     """Return every line of text on the sheet, those of dimensions among them."""
-    found = list(sheet.model.query("TEXT"))
+    entities = list(sheet.model.query("TEXT"))
     for dimension in sheet.model.query("DIMENSION"):
-        found += [part for part in dimension.virtual_entities() if part.dxftype() == "MTEXT"]
-    return found
+        entities += [part for part in dimension.virtual_entities() if part.dxftype() == "MTEXT"]
+    return entities
 
 
-def _letter(axes: Any, sheet: DrawingSheet, text: Any) -> None:
+def _draw_text(axes: Any, sheet: DrawingSheet, text: Any) -> None:
     if text.dxftype() == "MTEXT":
         content, place, height = text.plain_text(), text.dxf.insert, text.dxf.char_height
-        turn, across, up = text.get_rotation(), "center", "center"
+        turn, horizontal, vertical = text.get_rotation(), "center", "center"
     else:
         alignment, first, second = text.get_placement()
         content, height, turn = text.dxf.text, text.dxf.height, text.dxf.rotation
-        place, across, up = second or first, alignment.name.lower(), "baseline"
-    points, turn = height / sheet.unit / CAPITALS * 72 / INCH, round(math.remainder(turn, 360))
-    axes.text(place[0], place[1], content, fontsize=points, rotation=turn, ha=across, va=up, parse_math=False)
+        place, horizontal, vertical = second or first, alignment.name.lower(), "baseline"
+    points, turn = height / sheet.mm_per_paper_mm / CAPITAL_HEIGHT_FRACTION * 72 / MM_PER_INCH, round(math.remainder(turn, 360))
+    axes.text(place[0], place[1], content, fontsize=points, rotation=turn, ha=horizontal, va=vertical, parse_math=False)

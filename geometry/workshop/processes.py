@@ -42,34 +42,34 @@ class Process:
     finest: Table = ()
     finest_source: str = ""
 
-    def deviation(self, size: float, closure: bool = False) -> float | None:
+    def find_deviation(self, size: float, closure: bool = False) -> float | None:
         """Return the usual deviation of a size, mm; None where the source has none."""
         if size < self.smallest:
             return None
-        found = _of_table((self.closure if closure else ()) or self.fixed, size)
-        beyond = max(self.relative * size, self.minimum)
-        return beyond or None if found is None else found
+        deviation_found = _look_up((self.closure if closure else ()) or self.fixed, size)
+        proportional = max(self.relative * size, self.minimum)
+        return proportional or None if deviation_found is None else deviation_found
 
-    def tightest(self, size: float) -> float | None:
+    def find_tightest(self, size: float) -> float | None:
         """Return the lowest deviation of a size that can be asked for, mm; None where no tighter one than the usual can."""
-        found = _of_table(self.finest, size)
-        return self.finest[-1][1] * size / self.finest[-1][0] if self.finest and found is None else found
+        deviation_found = _look_up(self.finest, size)
+        return self.finest[-1][1] * size / self.finest[-1][0] if self.finest and deviation_found is None else deviation_found
 
 
 def find_process(name: str) -> Process:
     """Return a process by its name."""
-    return _processes()[name]
+    return _read_processes()[name]
 
 
 @cache
-def _processes() -> dict[str, Process]:
+def _read_processes() -> dict[str, Process]:
     entries = tomllib.loads(files("geometry.workshop").joinpath("processes.toml").read_text(encoding="utf-8"))
-    return {name: Process(name, **{key: _frozen(value) for key, value in entry.items()}) for name, entry in entries.items()}
+    return {name: Process(name, **{key: _freeze(value) for key, value in entry.items()}) for name, entry in entries.items()}
 
 
-def _frozen(value: Any) -> Any:
+def _freeze(value: Any) -> Any:
     return tuple(tuple(row) for row in value) if isinstance(value, list) else value
 
 
-def _of_table(table: Table, size: float) -> float | None:
-    return next((deviation for most, deviation in table if size <= most * (1 + 1e-12)), None)
+def _look_up(table: Table, size: float) -> float | None:
+    return next((deviation for max_size, deviation in table if size <= max_size * (1 + 1e-12)), None)

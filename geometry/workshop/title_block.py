@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 from geometry.cad.stamp import Stamp
 from geometry.workshop.processes import Process
-from geometry.workshop.sheet import PER_LETTER, DrawingSheet, View, room
+from geometry.workshop.sheet import WIDTH_PER_LETTER, DrawingSheet, View, find_text_width
 
-WIDTH, ROW, ROWS = 180.0, 6.5, 6  # mm of paper
-HEIGHT = ROW * ROWS + 3.5  # the first row is higher
-LABEL, FIGURES = 1.8, 2.2  # heights of letters
-PARTS = "see the parts' drawings"
-NOTE = 4.0  # between two lines of notes
+BLOCK_WIDTH_MM, ROW_HEIGHT_MM, ROW_COUNT = 180.0, 6.5, 6  # mm of paper
+BLOCK_HEIGHT_MM = ROW_HEIGHT_MM * ROW_COUNT + 3.5  # the first row is higher
+LABEL_HEIGHT_MM, MAX_LETTER_HEIGHT_MM = 1.8, 2.2  # heights of letters
+PARTS_REFERENCE = "see the parts' drawings"
+NOTE_SPACING_MM = 4.0  # between two lines of notes
 
 
 @dataclass(frozen=True)
@@ -34,67 +34,69 @@ class Title:
     process: Process | None
 
 
-def scale_text(scale: float) -> str:
+def format_scale(scale: float) -> str:
     """Write a scale as drawings do: ``5:1`` or ``1:2``."""
     return f"{scale:g}:1" if scale >= 1 else f"1:{1 / scale:g}"
 
 
-def frame(sheet: DrawingSheet) -> None:
+def draw_frame(sheet: DrawingSheet) -> None:
     """Draw the frame of a sheet."""
     left, bottom, right, top = sheet.frame
-    sheet.line((left, bottom), (right, bottom), (right, top), (left, top), (left, bottom))
+    sheet.draw_line((left, bottom), (right, bottom), (right, top), (left, top), (left, bottom))
 
 
-def title_block(sheet: DrawingSheet, title: Title) -> None:
+def draw_title_block(sheet: DrawingSheet, title: Title) -> None:
     """Draw the title block at the lower right corner of the frame."""
     _, bottom, right, _ = sheet.frame
-    left, top = right - WIDTH, bottom + HEIGHT
-    made = title.process
-    general, roughness, bonded = (made.general, made.roughness, made.bonded) if made else (PARTS, PARTS, PARTS)
-    sheet.line((left, bottom), (left, top), (right, top))
-    sheet.text(left + 3, top - 7.2, title.name, 4.5)
-    sheet.text(right - 3, top - 7.2, title.file, 3.0, "RIGHT")
+    left, top = right - BLOCK_WIDTH_MM, bottom + BLOCK_HEIGHT_MM
+    process = title.process
+    general, roughness, bonded = (
+        (process.general, process.roughness, process.bonded) if process else (PARTS_REFERENCE, PARTS_REFERENCE, PARTS_REFERENCE)
+    )
+    sheet.draw_line((left, bottom), (left, top), (right, top))
+    sheet.write_text(left + 3, top - 7.2, title.name, 4.5)
+    sheet.write_text(right - 3, top - 7.2, title.file, 3.0, "RIGHT")
     rows: list[list[tuple[str, str, float]]] = [
-        [("Material", title.material, WIDTH)],
-        [("Scale", scale_text(sheet.scale), 45), ("Sheet", sheet.size, 45), ("Units", "mm", 45), ("Projection", "", 45)],
+        [("Material", title.material, BLOCK_WIDTH_MM)],
+        [("Scale", format_scale(sheet.scale), 45), ("Sheet", sheet.size, 45), ("Units", "mm", 45), ("Projection", "", 45)],
         [("General tolerances", general, 90), ("Roughness, unless indicated", roughness, 90)],
-        [("Design", title.stamp.design, WIDTH)],
+        [("Design", title.stamp.design, BLOCK_WIDTH_MM)],
         [("Program", title.stamp.program, 90), ("Bonded faces", bonded, 90)],
     ]
     for number, row in enumerate(rows):
-        high = top - 10.0 - number * ROW
-        sheet.line((left, high), (right, high))
-        _cells(sheet, left, high, row)
-    _first_angle(sheet, left + 160, top - 10.0 - 1.5 * ROW)
+        high = top - 10.0 - number * ROW_HEIGHT_MM
+        sheet.draw_line((left, high), (right, high))
+        _draw_cells(sheet, left, high, row)
+    _draw_first_angle_symbol(sheet, left + 160, top - 10.0 - 1.5 * ROW_HEIGHT_MM)
 
 
-def _cells(sheet: DrawingSheet, left: float, high: float, row: list[tuple[str, str, float]]) -> None:
+def _draw_cells(sheet: DrawingSheet, left: float, high: float, row: list[tuple[str, str, float]]) -> None:
     for label, text, width in row:
-        if left > sheet.frame[2] - WIDTH:
-            sheet.line((left, high), (left, high - ROW))
-        sheet.text(left + 2, high - 4.2, label, LABEL)
-        start = 3 + room(label, LABEL)
-        sheet.text(left + start, high - 4.4, text, fitted(text, width - start - 1))
+        if left > sheet.frame[2] - BLOCK_WIDTH_MM:
+            sheet.draw_line((left, high), (left, high - ROW_HEIGHT_MM))
+        sheet.write_text(left + 2, high - 4.2, label, LABEL_HEIGHT_MM)
+        start = 3 + find_text_width(label, LABEL_HEIGHT_MM)
+        sheet.write_text(left + start, high - 4.4, text, fit_letter_height(text, width - start - 1))
         left += width
 
 
-def fitted(text: str, width: float, height: float = FIGURES) -> float:
+def fit_letter_height(text: str, width: float, height: float = MAX_LETTER_HEIGHT_MM) -> float:
     """Return the height of letters at which a text is no wider than ``width``, at most ``height``; mm of paper."""
-    return min(height, width / (PER_LETTER * max(1, len(text))))
+    return min(height, width / (WIDTH_PER_LETTER * max(1, len(text))))
 
 
-def notes(sheet: DrawingSheet, lines: list[str], bottom: float) -> None:
+def draw_notes(sheet: DrawingSheet, lines: list[str], bottom: float) -> None:
     """Write lines above each other, the last one at ``bottom``, in mm of paper."""
     left, _, right, _ = sheet.frame
     for number, line in enumerate(reversed(lines)):
-        sheet.text(left + 4, bottom + NOTE * number, line, fitted(line, right - left - 8))
+        sheet.write_text(left + 4, bottom + NOTE_SPACING_MM * number, line, fit_letter_height(line, right - left - 8))
 
 
-def _first_angle(sheet: DrawingSheet, x: float, y: float) -> None:
+def _draw_first_angle_symbol(sheet: DrawingSheet, x: float, y: float) -> None:
     """Draw the symbol of first-angle projection, ISO 5456-2: the cone, and to its right what is seen from its left."""
-    sheet.line((x - 9, y - 1), (x - 3, y - 2), (x - 3, y + 2), (x - 9, y + 1), (x - 9, y - 1), layer="TEXT")
-    view: View = sheet.view(x + 4, y)
+    sheet.draw_line((x - 9, y - 1), (x - 3, y - 2), (x - 3, y + 2), (x - 9, y + 1), (x - 9, y - 1), layer="TEXT")
+    view: View = sheet.create_view(x + 4, y)
     for radius in (1.0, 2.0):
-        view.circle(radius * sheet.unit, "TEXT")
-    sheet.line((x - 10, y), (x + 7, y), layer="AXIS")
-    sheet.line((x + 4, y - 2.8), (x + 4, y + 2.8), layer="AXIS")
+        view.draw_circle(radius * sheet.mm_per_paper_mm, "TEXT")
+    sheet.draw_line((x - 10, y), (x + 7, y), layer="AXIS")
+    sheet.draw_line((x + 4, y - 2.8), (x + 4, y + 2.8), layer="AXIS")

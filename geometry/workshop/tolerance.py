@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 
 from geometry.workshop.processes import Process, find_process
 
-MACHINING, CASTING = "machining", "casting"
+MACHINING_PROCESS, CASTING_PROCESS = "machining", "casting"
 # ISO 2768-1:1989, table 2, class m, for radii and chamfers that are machined: sizes up to, and the deviation, in mm
-RADII = ((3.0, 0.2), (6.0, 0.5), (math.inf, 1.0))
-OF_SMALL = 0.1  # of a machined size that is too small for the standard, or for its deviation: what it is given here
-OF_ANY = 0.5  # of a size of any other process: no deviation takes more
-RECTANGULAR = math.sqrt(3)
+RADIUS_DEVIATIONS_MM = ((3.0, 0.2), (6.0, 0.5), (math.inf, 1.0))
+SMALL_SIZE_FRACTION = 0.1  # of a machined size that is too small for the standard, or for its deviation: what it is given here
+MAX_SIZE_FRACTION = 0.5  # of a size of any other process: no deviation takes more
+DEVIATION_PER_SD = math.sqrt(3)
 """Deviation either way over standard deviation, anything within it being as likely (JCGM 100:2008, 4.3.7)."""
 
 
@@ -31,7 +31,7 @@ class Tolerance:
     size: float
     deviation: float
     source: str
-    told: bool
+    is_stated: bool
 
 
 @dataclass(frozen=True)
@@ -74,20 +74,20 @@ class Budget:
     scatter: tuple[Scatter, ...] = ()
     remark: str = ""
 
-    def bound(self, name: str) -> float | None:
+    def find_bound(self, name: str) -> float | None:
         """Return the deviation of a dimension in mm, None where the ratio binds it not."""
         return self.deviations.get(name)
 
-    def modulus_of(self, block: str) -> Scatter | None:
+    def find_modulus(self, block: str) -> Scatter | None:
         """Return how well the modulus of a block is known; None where that is not known."""
-        return next((one for one in self.scatter if one.name == f"probe.{block}.youngs_modulus"), None)
+        return next((scatter for scatter in self.scatter if scatter.name == f"probe.{block}.youngs_modulus"), None)
 
 
-UNBOUND = Budget()
+NO_BUDGET = Budget()
 
 
-def tolerance(
-    size: float, bound: float | None = None, radius: bool = False, *, process: str = MACHINING, closure: bool = False
+def find_tolerance(
+    size: float, bound: float | None = None, radius: bool = False, *, process: str = MACHINING_PROCESS, closure: bool = False
 ) -> Tolerance:
     """Return the deviation of a size, all in mm: the process's, or ``bound`` where that is tighter and the process can.
 
@@ -102,28 +102,28 @@ def tolerance(
         closure: whether the size lies across the parting plane of a mould.
     """
     made = find_process(process)
-    if process != MACHINING:
-        usual = made.deviation(size, closure)
-        return Tolerance(size, min(OF_ANY * size, usual or math.inf), made.general, told=True)
-    usual, source, told = _machined(made, size, radius)
+    if process != MACHINING_PROCESS:
+        usual = made.find_deviation(size, closure)
+        return Tolerance(size, min(MAX_SIZE_FRACTION * size, usual or math.inf), made.general, is_stated=True)
+    usual, source, is_stated = _find_machined(made, size, radius)
     if bound is None or bound >= usual:
-        return Tolerance(size, usual, source, told)
-    finest = made.tightest(size)
+        return Tolerance(size, usual, source, is_stated)
+    finest = made.find_tightest(size)
     if finest is not None and bound < min(finest, usual):
-        return Tolerance(size, min(finest, usual), made.finest_source, told=True)
-    return Tolerance(size, bound, "the ratio", told=True)
+        return Tolerance(size, min(finest, usual), made.finest_source, is_stated=True)
+    return Tolerance(size, bound, "the ratio", is_stated=True)
 
 
-def _machined(made: Process, size: float, radius: bool) -> tuple[float, str, bool]:
-    usual = made.deviation(size)
+def _find_machined(made: Process, size: float, radius: bool) -> tuple[float, str, bool]:
+    usual = made.find_deviation(size)
     if radius and usual is not None:
-        usual = next(deviation for most, deviation in RADII if size <= most)
-    if usual is None or usual > OF_SMALL * size:
-        return OF_SMALL * size, f"{100 * OF_SMALL:g} % of the size", True
+        usual = next(deviation for max_size, deviation in RADIUS_DEVIATIONS_MM if size <= max_size)
+    if usual is None or usual > SMALL_SIZE_FRACTION * size:
+        return SMALL_SIZE_FRACTION * size, f"{100 * SMALL_SIZE_FRACTION:g} % of the size", True
     return usual, made.general, False
 
 
-def written(deviation: float) -> str:
+def format_deviation(deviation: float) -> str:
     """Write a deviation in mm to two figures, rounded down: what is allowed is never more than was found."""
     exponent = math.floor(math.log10(deviation)) - 1
     step = 10.0**exponent

@@ -5,9 +5,9 @@ from __future__ import annotations
 from hw.common.samples import Samples
 from hw.common.transport import Chunk
 
-LATE = 0.3  # s, delay between a sample and the chunk that brings it: buffers of device and host
-OFF = 0.01  # relative error of the rate that is tolerated
-LEAST = 2.0  # s of stream before the rates are compared: a shorter one is dominated by the delay
+MAX_BUFFER_DELAY_S = 0.3  # s, delay between a sample and the chunk that brings it: buffers of device and host
+RATE_TOLERANCE = 0.01  # relative error of the rate that is tolerated
+MIN_ELAPSED_S = 2.0  # s of stream before the rates are compared: a shorter one is dominated by the delay
 
 
 class Clock:
@@ -22,22 +22,22 @@ class Clock:
         self._first: tuple[float, int] | None = None
         self._stream = 0
 
-    def told(self, chunk: Chunk, block: Samples) -> str | None:
+    def describe_difference(self, chunk: Chunk, block: Samples) -> str | None:
         """Describe by how much the measured rate differs so far, or return None; ``block`` must not be empty."""
         if chunk.time is None:
             return None
         now = (chunk.time, int(block.index[-1]))
         if self._first is None or chunk.stream != self._stream:
             self._first, self._stream = now, chunk.stream
-        passed = now[0] - self._first[0]
-        if passed < LEAST:
+        elapsed = now[0] - self._first[0]
+        if elapsed < MIN_ELAPSED_S:
             return None
-        rate = (now[1] - self._first[1]) / passed
-        if abs(rate / self._rate - 1) < OFF + LATE / passed:
+        rate = (now[1] - self._first[1]) / elapsed
+        if abs(rate / self._rate - 1) < RATE_TOLERANCE + MAX_BUFFER_DELAY_S / elapsed:
             return None
-        return different_rates(rate, self._rate)
+        return describe_rate_difference(rate, self._rate)
 
 
-def different_rates(timed: float, stated: float) -> str:
+def describe_rate_difference(timed: float, stated: float) -> str:
     """Describe a difference between the rate of the time stamps and the stated rate, both in Hz."""
     return f"the time stamps give {timed:.4g} samples a second, not the stated {stated:.6g}: frequencies have the same error"

@@ -9,8 +9,8 @@ from threading import Thread
 
 from hw.common.transport import Chunk, Transport
 
-MOST = 400  # chunks of 50 ms: 20 s of samples wait in memory, later ones stay in the device
-LOOK = 0.1  # s between two checks whether the queue has space
+MAX_WAITING_CHUNKS = 400  # chunks of 50 ms: 20 s of samples wait in memory, later ones stay in the device
+POLL_INTERVAL_S = 0.1  # s between two checks whether the queue has space
 
 
 class Drain:
@@ -31,7 +31,7 @@ class Drain:
         self._thread.start()
 
     @property
-    def behind(self) -> bool:
+    def is_behind(self) -> bool:
         """Whether chunks wait to be fetched."""
         return not self._chunks.empty()
 
@@ -54,7 +54,7 @@ class Drain:
                 self._chunks.put(chunk)
                 if chunk is None:
                     return
-                while self._chunks.qsize() >= MOST and not self._stopped:
-                    time.sleep(LOOK)
+                while self._chunks.qsize() >= MAX_WAITING_CHUNKS and not self._stopped:
+                    time.sleep(POLL_INTERVAL_S)
         except BaseException as fault:  # raised again in the iterating thread
             self._chunks.put(fault)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from importlib.resources import files
 
-RULES = "60-probe-design.rules"
+UDEV_RULES_FILE = "60-probe-design.rules"
 
 
 class HardwareError(Exception):
@@ -31,18 +31,19 @@ class Ambiguous(HardwareError):  # noqa: N818
 
     def __init__(self, serials: list[str]) -> None:
         self.serials = serials
-        alike = f"have the serial number {serials[0]}: unplug all but one"
+        same_serial = f"have the serial number {serials[0]}: unplug all but one"
         choose = f"are connected: choose one by its serial number, usb:{serials[0]} for the first of {', '.join(serials)}"
-        super().__init__(f"{len(serials)} probes {alike if len(set(serials)) == 1 else choose}")
+        super().__init__(f"{len(serials)} probes {same_serial if len(set(serials)) == 1 else choose}")
 
 
 class AccessDenied(HardwareError):  # noqa: N818
     """The operating system denies this user access to the device."""
 
-    def __init__(self, what: str) -> None:
+    def __init__(self, subject: str) -> None:
         super().__init__(
-            f"{what}: access denied: on Linux write this rule to /etc/udev/rules.d/{RULES} and plug the probe in again: "
-            f"{udev_rule()} ; on Windows install the WinUSB driver for it (Zadig)"
+            f"{subject}: access denied: on Linux write this rule to /etc/udev/rules.d/{UDEV_RULES_FILE} and plug the "
+            "probe in again: "
+            f"{read_udev_rule()} ; on Windows install the WinUSB driver for it (Zadig)"
         )
 
 
@@ -74,7 +75,7 @@ class Overrun(HardwareError):  # noqa: N818
     """The device's own buffer overflowed: samples were lost before they reached the bus."""
 
 
-def udev_rule() -> str:
+def read_udev_rule() -> str:
     """Return the udev rule that lets users at the machine open the probe, from the shipped rule file."""
-    text = files("hw").joinpath(RULES).read_text(encoding="utf-8")
+    text = files("hw").joinpath(UDEV_RULES_FILE).read_text(encoding="utf-8")
     return next(line for line in text.splitlines() if line and not line.startswith("#"))

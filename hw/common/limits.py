@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from hw.common.errors import InvalidSource
 
-LIBRARIES = 0.25e9  # bytes of a process that has loaded numpy and h5py, measured on Linux
+LIBRARY_MEMORY_BYTES = 0.25e9  # bytes of a process that has loaded numpy and h5py, measured on Linux
 BYTES_PER_VALUE = 60  # peak memory per number of a column, measured with 1e7 rows of two columns
 
 
@@ -32,7 +32,7 @@ class ReadLimits:
         Raises:
             InvalidSource: they need more than ``memory``.
         """
-        needed = values * BYTES_PER_VALUE + LIBRARIES
+        needed = values * BYTES_PER_VALUE + LIBRARY_MEMORY_BYTES
         if needed > self.memory:
             takes = f"{name} claims {values:.3g} samples, which take {needed / 1e9:.2g} GB to read"
             raise InvalidSource(f"{takes}: allowed: up to {self.memory / 1e9:g} GB; --memory raises the limit")

@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
-NOTES = ("cut", "damaged", "clock", "unrecorded")  # keys of a source's remarks, texts
+NOTE_KEYS = ("cut", "damaged", "clock", "unrecorded")  # keys of a source's remarks, texts
 
 
 @dataclass(frozen=True)
@@ -63,32 +63,32 @@ class Samples:
     @property
     def notes(self) -> tuple[str, ...]:
         """Remarks on the source, besides gaps: a recording that is cut or damaged, a clock that differs."""
-        return tuple(str(self.source[key]) for key in NOTES if key in self.source)
+        return tuple(str(self.source[key]) for key in NOTE_KEYS if key in self.source)
 
     @property
     def times(self) -> Floats:
         """Times of the rows since the start of the stream, s, shape (n,)."""
         return self.index / self.rate
 
-    def before(self, index: int) -> Samples:
+    def select_before(self, index: int) -> Samples:
         """Return the rows with an index below ``index``, and the gaps that begin below it."""
         end = int(np.searchsorted(self.index, index))
         gaps = tuple(gap for gap in self.gaps if gap.first < index)
         return replace(self, index=self.index[:end], volts=self.volts[:end], saturated=self.saturated[:end], gaps=gaps)
 
-    def after(self, index: int) -> Samples:
+    def select_from(self, index: int) -> Samples:
         """Return the rows from ``index`` on, and the gaps that begin there; overruns count in the part before."""
         begin = int(np.searchsorted(self.index, index))
         gaps = tuple(gap for gap in self.gaps if gap.first >= index)
         rows = self.index[begin:], self.volts[begin:], self.saturated[begin:]
         return replace(self, index=rows[0], volts=rows[1], saturated=rows[2], gaps=gaps, overruns=0)
 
-    def of(self, names: Sequence[str]) -> Samples:
+    def select_channels(self, names: Sequence[str]) -> Samples:
         """Return the samples of the named channels, in this order; all of them must exist."""
         columns = [self.channels.index(name) for name in names]
         return replace(self, channels=tuple(names), volts=self.volts[:, columns], saturated=self.saturated[:, columns])
 
-    def whole(self) -> Samples:
+    def require_complete(self) -> Samples:
         """Return the samples unchanged if none was lost, as a calibration requires.
 
         Raises:
@@ -105,7 +105,7 @@ class Samples:
         return self
 
 
-def joined(parts: Sequence[Samples]) -> Samples:
+def join_samples(parts: Sequence[Samples]) -> Samples:
     """Join consecutive parts of one stream; there must be at least one."""
     return replace(
         parts[-1],

@@ -74,6 +74,6 @@ class Decoder(Protocol):
         """Return the samples that the chunk completes, perhaps none."""
 
 
-def now() -> str:
+def make_timestamp() -> str:
     """Return the present time as an ISO 8601 text, UTC."""
     return datetime.now(UTC).isoformat(timespec="milliseconds")

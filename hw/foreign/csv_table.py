@@ -19,17 +19,17 @@ import numpy as np
 from hw.common.errors import InvalidSource
 from hw.common.samples import Floats
 from hw.foreign.table import ColumnTable
-from hw.foreign.units import NUMBER, SECONDS, VOLTS, refusal
+from hw.foreign.units import NUMBER_PATTERN, SECOND_UNITS, VOLT_UNITS, build_refusal
 
 LARGEST_FILE = 400_000_000  # bytes, which take a minute
-SAMPLE = 300  # lines from which the layout is detected
-MISSING = {"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---"}
-OVERLOADS = {"inf": math.inf, "+inf": math.inf, "-inf": -math.inf, "ovf": math.inf, "ol": math.inf, "infinity": math.inf}
-_POINT, _COMMA = re.compile(NUMBER), re.compile(r"[-+]?(?:\d+,?\d*|,\d+)(?:[eE][-+]?\d+)?")
-_DECIMAL = str.maketrans(",.", ".?")  # a point in a file of decimal commas separates thousands: such a cell is refused
-_BRACKETS = re.compile(r"(.*\S)?\s*[(\[]\s*([^()\[\]]*)\s*[)\]]")
-_INTERVAL = re.compile(r"sample interval|x?-?incr(ement)?|tinc", re.IGNORECASE)
-_INLINE = re.compile(rf"tinc\s*=\s*({NUMBER})", re.IGNORECASE)
+SAMPLE_LINES = 300  # lines from which the layout is detected
+MISSING_WORDS = {"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---"}
+OVERLOAD_VALUES = {"inf": math.inf, "+inf": math.inf, "-inf": -math.inf, "ovf": math.inf, "ol": math.inf, "infinity": math.inf}
+_POINT_NUMBER, _COMMA_NUMBER = re.compile(NUMBER_PATTERN), re.compile(r"[-+]?(?:\d+,?\d*|,\d+)(?:[eE][-+]?\d+)?")
+_COMMA_TO_POINT = str.maketrans(",.", ".?")  # a point in a file of decimal commas separates thousands: such a cell is refused
+_BRACKETED_UNIT = re.compile(r"(.*\S)?\s*[(\[]\s*([^()\[\]]*)\s*[)\]]")
+_INTERVAL_NAME = re.compile(r"sample interval|x?-?incr(ement)?|tinc", re.IGNORECASE)
+_INLINE_INTERVAL = re.compile(rf"tinc\s*=\s*({NUMBER_PATTERN})", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -48,9 +48,9 @@ class TextLayout:
     width: int
     begin: int
 
-    def cells(self, lines: list[str]) -> Iterator[list[str]]:
+    def split_cells(self, lines: list[str]) -> Iterator[list[str]]:
         """Return the cells of each line."""
-        return _cells(lines, self.delimiter)
+        return _split_cells(lines, self.delimiter)
 
 
 def read_csv(path: Path) -> ColumnTable:
@@ -59,61 +59,63 @@ def read_csv(path: Path) -> ColumnTable:
     Raises:
         InvalidSource: the file cannot be read, or has no rows of numbers.
     """
-    lines = _text(path).splitlines()
+    lines = _read_text(path).splitlines()
     while lines and not lines[-1].strip().strip(",;"):
         lines.pop()
-    dialect = _dialect(lines, path)
-    head = list(dialect.cells(lines[: dialect.begin]))
-    (first,) = dialect.cells(lines[dialect.begin : dialect.begin + 1])
-    names, units = _names(head, first, told_apart=dialect.delimiter is not None)
+    layout = _detect_layout(lines, path)
+    head = list(layout.split_cells(lines[: layout.begin]))
+    (first,) = layout.split_cells(lines[layout.begin : layout.begin + 1])
+    names, units = _read_names(head, first, delimited=layout.delimiter is not None)
 
     def read(wanted: list[int]) -> Floats:
-        return _numbers(path, dialect, lines, wanted)
+        return _read_numbers(path, layout, lines, wanted)
 
-    return ColumnTable(path.name, names, units, read, _rate(lines[: dialect.begin], head), source={"transport": "csv"})
+    return ColumnTable(path.name, names, units, read, _read_rate(lines[: layout.begin], head), source={"transport": "csv"})
 
 
-def _text(path: Path) -> str:
+def _read_text(path: Path) -> str:
     try:
         if path.stat().st_size > LARGEST_FILE:
-            raise refusal(str(path), f"{path.stat().st_size} bytes", f"up to {LARGEST_FILE} bytes of text: longer ones as HDF5")
+            raise build_refusal(
+                str(path), f"{path.stat().st_size} bytes", f"up to {LARGEST_FILE} bytes of text: longer ones as HDF5"
+            )
         data = path.read_bytes()
     except OSError as fault:
         raise InvalidSource(f"{path} cannot be read ({fault.strerror})") from fault
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return data.decode("utf-16", "replace")
     if b"\0" in data[:10_000]:
-        raise refusal(str(path), "no text", "a text file of columns; HDF5 as .h5, sound as .wav")
+        raise build_refusal(str(path), "no text", "a text file of columns; HDF5 as .h5, sound as .wav")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
         return data.decode("latin-1")
 
 
-def _cells(lines: list[str], delimiter: str | None) -> Iterator[list[str]]:
+def _split_cells(lines: list[str], delimiter: str | None) -> Iterator[list[str]]:
     if delimiter is None:
         return ([cell.strip('"') for cell in line.split()] for line in lines)
-    return ([cell.strip() for cell in row] for row in _records(lines, delimiter))
+    return ([cell.strip() for cell in row] for row in _split_records(lines, delimiter))
 
 
-def _records(lines: list[str], delimiter: str) -> Iterator[list[str]]:
+def _split_records(lines: list[str], delimiter: str) -> Iterator[list[str]]:
     """Split cells line by line: a quote that is not closed ends with its line."""
     for line in lines:
         yield next(csv.reader([line], delimiter=delimiter)) if '"' in line else line.split(delimiter)
 
 
-def _dialect(lines: list[str], path: Path) -> TextLayout:
-    sample = lines[:SAMPLE]
+def _detect_layout(lines: list[str], path: Path) -> TextLayout:
+    sample = lines[:SAMPLE_LINES]
     best: tuple[tuple[float, int], TextLayout] | None = None
     for delimiter in (";", "\t", ",", None):
-        found = list(_cells(sample, delimiter))
+        cells = list(_split_cells(sample, delimiter))
         for comma in (False, True):
-            rows = [[_is_number(cell, comma) for cell in row] for row in found]
+            rows = [[_is_number(cell, comma) for cell in row] for row in cells]
             widths = Counter(len(row) for row in rows if sum(row) > 1)
             if not widths:
                 continue
             width = widths.most_common(1)[0][0]
-            begin = _begin(found, rows, width)
+            begin = _find_first_row(cells, rows, width)
             if begin is None:
                 continue
             body = [row for row in rows[begin:] if len(row) == width]
@@ -121,66 +123,68 @@ def _dialect(lines: list[str], path: Path) -> TextLayout:
             if best is None or score > best[0]:
                 best = score, TextLayout(delimiter, comma, width, begin)
     if best is None:
-        raise refusal(str(path), "no rows of two numbers or more", "a text file of columns, one for each film")
+        raise build_refusal(str(path), "no rows of two numbers or more", "a text file of columns, one for each film")
     return best[1]
 
 
-def _begin(found: list[list[str]], rows: list[list[bool]], width: int) -> int | None:
+def _find_first_row(cells: list[list[str]], rows: list[list[bool]], width: int) -> int | None:
     """Return the index of the first row with numbers in the columns where most rows have them, or None."""
     usual = [row for row in rows if len(row) == width and sum(row) > 1]
     columns = [k for k in range(width) if 2 * sum(row[k] for row in usual) > len(usual)]
     if not columns:
         return None
-    for at, row in enumerate(rows):
+    for index, row in enumerate(rows):
         fits = len(row) == width and any(row[k] for k in columns)
-        if fits and all(row[k] or _is_missing(found[at][k]) for k in columns):
-            return at
+        if fits and all(row[k] or _is_missing(cells[index][k]) for k in columns):
+            return index
     return None
 
 
 def _is_number(cell: str, comma: bool) -> bool:
-    return (_COMMA if comma else _POINT).fullmatch(cell) is not None
+    return (_COMMA_NUMBER if comma else _POINT_NUMBER).fullmatch(cell) is not None
 
 
 def _is_missing(cell: str) -> bool:
-    return cell.lower() in MISSING or cell.lower() in OVERLOADS
+    return cell.lower() in MISSING_WORDS or cell.lower() in OVERLOAD_VALUES
 
 
-def _names(head: list[list[str]], first: list[str], told_apart: bool) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _read_names(head: list[list[str]], first: list[str], delimited: bool) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return names and units of the columns from the rows above the numbers; a row of units may follow the row of names.
 
     Fewer names than columns are ambiguous and are ignored; so are more names, where blanks separate cells (``delimited`` false)
     and a name may itself hold blanks.
     """
     width = len(first)
-    told = [row for row in head if sum(bool(cell) for cell in row) > 1]
-    if not told:
+    filled_rows = [row for row in head if sum(bool(cell) for cell in row) > 1]
+    if not filled_rows:
         return ("",) * width, ("",) * width
     units: list[str] = []
-    if len(told) > 1 and _are_units(told[-1][:width]):
-        units = [cell.strip("()[] ") for cell in told.pop()]
-    last = told[-1][told[-1][0] == "#" :]  # a header of numpy.savetxt begins with "#"
-    named, filled = _filled(last), _filled(first)
-    if named < filled or (named > filled and not told_apart):
+    if len(filled_rows) > 1 and _are_units(filled_rows[-1][:width]):
+        units = [cell.strip("()[] ") for cell in filled_rows.pop()]
+    last = filled_rows[-1][filled_rows[-1][0] == "#" :]  # a header of numpy.savetxt begins with "#"
+    name_count, cell_count = _count_filled(last), _count_filled(first)
+    if name_count < cell_count or (name_count > cell_count and not delimited):
         return ("",) * width, ("",) * width
     names = [cell.lstrip("# ") for cell in [*last, *[""] * width][:width]]
-    split = [_BRACKETS.fullmatch(name) for name in names]
-    within = [match[2] if match and match[1] else "" for match in split]
+    split = [_BRACKETED_UNIT.fullmatch(name) for name in names]
+    bracketed = [match[2] if match and match[1] else "" for match in split]
     bare = [match[1] if match and match[1] else name for match, name in zip(split, names, strict=True)]
-    return tuple(bare), tuple(([*units, *[""] * width][:width]) if units else within)
+    return tuple(bare), tuple(([*units, *[""] * width][:width]) if units else bracketed)
 
 
-def _filled(cells: list[str]) -> int:
+def _count_filled(cells: list[str]) -> int:
     """Return the number of cells up to the last that is not empty."""
     return max((k for k, cell in enumerate(cells, 1) if cell), default=0)
 
 
 def _are_units(cells: list[str]) -> bool:
-    known = [cell.strip("()[] ") in VOLTS.keys() | SECONDS.keys() or cell.lower() == "sequence" for cell in cells if cell]
+    known = [
+        cell.strip("()[] ") in VOLT_UNITS.keys() | SECOND_UNITS.keys() or cell.lower() == "sequence" for cell in cells if cell
+    ]
     return 2 * sum(known) > len(known)
 
 
-def _rate(lines: list[str], head: list[list[str]]) -> float | None:
+def _read_rate(lines: list[str], head: list[list[str]]) -> float | None:
     """Return the rate in Hz from the sample interval in an oscilloscope's header, or None.
 
     The interval is in s unless a unit follows. It stands to the right of its name, below it, or in the same cell.
@@ -188,46 +192,46 @@ def _rate(lines: list[str], head: list[list[str]]) -> float | None:
     Raises:
         InvalidSource: the text after the interval is no unit of time.
     """
-    intervals = [float(match[1]) for line in lines if (match := _INLINE.search(line))]
-    for at, row in enumerate(head):
+    intervals = [float(match[1]) for line in lines if (match := _INLINE_INTERVAL.search(line))]
+    for index, row in enumerate(head):
         for k, cell in enumerate(row):
-            if _INTERVAL.fullmatch(cell.strip('"')):
-                below = head[at + 1][k : k + 1] if at + 1 < len(head) else []
-                beside = [other for other in row[k + 1 : k + 2] if _is_number(other, comma=False)]
-                intervals += [float(other) * _seconds(row[k + 2 : k + 3]) for other in beside]
-                intervals += [float(other) for other in below if _is_number(other, comma=False)]
-    positive = [one for one in intervals if one > 0]
+            if _INTERVAL_NAME.fullmatch(cell.strip('"')):
+                cells_below = head[index + 1][k : k + 1] if index + 1 < len(head) else []
+                numbers_beside = [text for text in row[k + 1 : k + 2] if _is_number(text, comma=False)]
+                intervals += [float(text) * _get_unit_seconds(row[k + 2 : k + 3]) for text in numbers_beside]
+                intervals += [float(text) for text in cells_below if _is_number(text, comma=False)]
+    positive = [interval for interval in intervals if interval > 0]
     return 1 / positive[0] if positive else None
 
 
-def _seconds(after: list[str]) -> float:
+def _get_unit_seconds(next_cells: list[str]) -> float:
     """Return the seconds in the unit that the cell after an interval names; 1 where it is empty or holds a number."""
-    unit = after[0].strip("()[] ") if after else ""
+    unit = next_cells[0].strip("()[] ") if next_cells else ""
     if not unit or _is_number(unit, comma=False):
         return 1.0
-    if unit not in SECONDS:
-        raise refusal("sample interval", repr(unit), f"a unit of time after its number: {', '.join(SECONDS)}; or none")
-    return SECONDS[unit]
+    if unit not in SECOND_UNITS:
+        raise build_refusal("sample interval", repr(unit), f"a unit of time after its number: {', '.join(SECOND_UNITS)}; or none")
+    return SECOND_UNITS[unit]
 
 
-def _numbers(path: Path, dialect: TextLayout, lines: list[str], wanted: list[int]) -> Floats:
-    values = np.empty((len(lines) - dialect.begin, len(wanted)))
-    for at, row in enumerate(dialect.cells(lines[dialect.begin :])):
-        if len(row) != dialect.width:
-            where = f"{path.name}: line {dialect.begin + at + 1}"
-            raise refusal(where, f"{len(row)} cells", f"{dialect.width} as in the others: is the file cut?")
+def _read_numbers(path: Path, layout: TextLayout, lines: list[str], wanted: list[int]) -> Floats:
+    values = np.empty((len(lines) - layout.begin, len(wanted)))
+    for i, row in enumerate(layout.split_cells(lines[layout.begin :])):
+        if len(row) != layout.width:
+            label = f"{path.name}: line {layout.begin + i + 1}"
+            raise build_refusal(label, f"{len(row)} cells", f"{layout.width} as in the others: is the file cut?")
         for k, number in enumerate(wanted):
             cell = row[number]
             try:
-                values[at, k] = float(cell.translate(_DECIMAL) if dialect.comma else cell)
+                values[i, k] = float(cell.translate(_COMMA_TO_POINT) if layout.comma else cell)
             except ValueError:
-                values[at, k] = _word(f"{path.name}: line {dialect.begin + at + 1}", cell)
+                values[i, k] = _parse_word(f"{path.name}: line {layout.begin + i + 1}", cell)
     return values
 
 
-def _word(where: str, cell: str) -> float:
-    if cell.lower() in OVERLOADS:
-        return OVERLOADS[cell.lower()]
-    if cell.lower() in MISSING:
+def _parse_word(label: str, cell: str) -> float:
+    if cell.lower() in OVERLOAD_VALUES:
+        return OVERLOAD_VALUES[cell.lower()]
+    if cell.lower() in MISSING_WORDS:
         return math.nan
-    raise refusal(where, repr(cell), "a number, or nan where a sample is missing")
+    raise build_refusal(label, repr(cell), "a number, or nan where a sample is missing")

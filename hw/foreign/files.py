@@ -12,24 +12,24 @@ from hw.common.transport import Transport
 from hw.foreign.columns import ColumnMap
 from hw.foreign.table import TableTransport
 
-HDF5 = (".h5", ".hdf5")
-TEXT = (".csv", ".txt", ".tsv", ".dat")
-WAV = (".wav",)
+HDF5_SUFFIXES = (".h5", ".hdf5")
+TEXT_SUFFIXES = (".csv", ".txt", ".tsv", ".dat")
+WAV_SUFFIXES = (".wav",)
 
 
-def raw_beside(path: Path) -> Path:
+def raw_recording_path(path: Path) -> Path:
     """Return the path of the raw bytes of an HDF5 recording: the file exists until the recording is complete, or after a kill."""
     return path.with_name(f"{path.name}.probe")
 
 
 def is_foreign(path: Path) -> bool:
     """Whether a file's suffix is that of another program's files."""
-    return path.suffix.lower() in (*HDF5, *TEXT, *WAV)
+    return path.suffix.lower() in (*HDF5_SUFFIXES, *TEXT_SUFFIXES, *WAV_SUFFIXES)
 
 
-def tells_itself(path: Path, limits: ReadLimits) -> bool:
+def is_self_describing(path: Path, limits: ReadLimits) -> bool:
     """Whether a file is a recording of this project, by its suffix or, for HDF5, by its contents. Raises ``InvalidSource``."""
-    if path.suffix.lower() not in HDF5:
+    if path.suffix.lower() not in HDF5_SUFFIXES:
         return not is_foreign(path)
     from hw.foreign.hdf5_file import Hdf5File
     from hw.foreign.hdf5_recording import is_recording
@@ -38,7 +38,7 @@ def tells_itself(path: Path, limits: ReadLimits) -> bool:
         return is_recording(file)
 
 
-def replayed(path: Path, columns: ColumnMap, limits: ReadLimits) -> Transport:
+def open_file(path: Path, columns: ColumnMap, limits: ReadLimits) -> Transport:
     """Open a file as a source of samples.
 
     Args:
@@ -50,12 +50,16 @@ def replayed(path: Path, columns: ColumnMap, limits: ReadLimits) -> Transport:
         InvalidSource: the file cannot be read, or information is missing.
     """
     if not os.path.isfile(path):
-        left = f"; what was read until it was interrupted is in {raw_beside(path)}" if raw_beside(path).exists() else ""
-        raise InvalidSource(f"{path} cannot be read: there is no such file{left}")
+        hint = (
+            f"; what was read until it was interrupted is in {raw_recording_path(path)}"
+            if raw_recording_path(path).exists()
+            else ""
+        )
+        raise InvalidSource(f"{path} cannot be read: there is no such file{hint}")
     suffix = path.suffix.lower()
-    if suffix in HDF5:
-        return _hdf5_transport(path, columns, limits)
-    if suffix in WAV:
+    if suffix in HDF5_SUFFIXES:
+        return _open_hdf5(path, columns, limits)
+    if suffix in WAV_SUFFIXES:
         from hw.foreign.wav_table import read_wav
 
         return TableTransport(read_wav(path), columns)
@@ -64,16 +68,16 @@ def replayed(path: Path, columns: ColumnMap, limits: ReadLimits) -> Transport:
     return TableTransport(read_csv(path), columns)
 
 
-def _hdf5_transport(path: Path, columns: ColumnMap, limits: ReadLimits) -> Transport:
+def _open_hdf5(path: Path, columns: ColumnMap, limits: ReadLimits) -> Transport:
     """Open an HDF5 file: a recording of this project is read chunk by chunk, a table of another program at once."""
     from hw.foreign.hdf5_file import Hdf5File
     from hw.foreign.hdf5_recording import Hdf5Replay, is_recording
-    from hw.foreign.hdf5_table import table_of
+    from hw.foreign.hdf5_table import build_table
 
     with ExitStack() as stack:
         file = stack.enter_context(Hdf5File(path, limits))
         if not is_recording(file):
-            return TableTransport(table_of(file, limits), columns)
+            return TableTransport(build_table(file, limits), columns)
         if columns != ColumnMap():
             raise InvalidSource(f"{path} states its columns and its rate itself: allowed: no --column and no --rate")
         replay = Hdf5Replay(file, limits)

@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 
 from hw.common.errors import InvalidSource
 from hw.common.limits import ReadLimits
-from hw.foreign.hdf5_library import library
+from hw.foreign.hdf5_library import load_h5py
 
-PROGRAM = Path(__file__).with_name("hdf5_program.py")
+READER_PROGRAM = Path(__file__).with_name("hdf5_program.py")
 
 
 @dataclass(frozen=True)
@@ -62,18 +62,18 @@ class Hdf5File:
     """
 
     def __init__(self, path: Path, limits: ReadLimits) -> None:
-        library()  # raises with an installation hint before the child process would fail
+        load_h5py()  # raises with an installation hint before the child process would fail
         self.path, self._limits, self._end = path, limits, time.monotonic() + limits.seconds
-        words = [
+        command = [
             sys.executable,
             "-P",
-            str(PROGRAM),
+            str(READER_PROGRAM),
             os.path.abspath(path),
             str(int(limits.memory)),
             str(math.ceil(limits.seconds)),
         ]
         self._process = subprocess.Popen(
-            words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=_environment()
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=_build_environment()
         )
         try:
             description, _ = self._receive()
@@ -81,7 +81,7 @@ class Hdf5File:
             self.close()
             raise
         self.attributes: dict[str, Any] = description["attributes"]
-        self.datasets = {one["path"]: Dataset(**one | {"shape": tuple(one["shape"])}) for one in description["datasets"]}
+        self.datasets = {entry["path"]: Dataset(**entry | {"shape": tuple(entry["shape"])}) for entry in description["datasets"]}
         self.gaps = [(int(first), int(count), str(reason)) for first, count, reason in description["gaps"]]
 
     def read(
@@ -113,18 +113,18 @@ class Hdf5File:
 
     def _receive(self) -> tuple[dict[str, Any], list[NDArray[Any]]]:
         stdout: IO[bytes] = self._process.stdout  # type: ignore[assignment] # a pipe was asked for
-        with self._timed():
+        with self._limit_time():
             line = stdout.readline()
-            answer: dict[str, Any] = json.loads(line) if line.endswith(b"\n") else {"refused": self._ending()}
-            if "refused" in answer:
-                raise InvalidSource(f"{self.path} {answer['refused']}")
-            arrays = [_array(stdout, np.dtype(kind), tuple(shape)) for kind, shape in answer.get("arrays", [])]
+            reply: dict[str, Any] = json.loads(line) if line.endswith(b"\n") else {"refused": self._explain_end()}
+            if "refused" in reply:
+                raise InvalidSource(f"{self.path} {reply['refused']}")
+            arrays = [_read_array(stdout, np.dtype(kind), tuple(shape)) for kind, shape in reply.get("arrays", [])]
         if any(array is None for array in arrays):
-            raise InvalidSource(f"{self.path} {self._ending()}")
-        return answer, [array for array in arrays if array is not None]
+            raise InvalidSource(f"{self.path} {self._explain_end()}")
+        return reply, [array for array in arrays if array is not None]
 
     @contextmanager
-    def _timed(self) -> Iterator[None]:
+    def _limit_time(self) -> Iterator[None]:
         """Kill the process when the time limit is reached; its pipe then ends."""
         timer = threading.Timer(max(self._end - time.monotonic(), 0.0), self._process.kill)
         timer.daemon = True
@@ -134,7 +134,7 @@ class Hdf5File:
         finally:
             timer.cancel()
 
-    def _ending(self) -> str:
+    def _explain_end(self) -> str:
         """Explain why the process ended without a reply."""
         self._process.wait()
         if time.monotonic() >= self._end:
@@ -142,7 +142,7 @@ class Hdf5File:
         return "is damaged: the HDF5 library fails on it"
 
 
-def _array(stream: IO[bytes], kind: np.dtype[Any], shape: tuple[int, ...]) -> NDArray[Any] | None:
+def _read_array(stream: IO[bytes], kind: np.dtype[Any], shape: tuple[int, ...]) -> NDArray[Any] | None:
     """Read an array from a stream; return None if the stream ends too early."""
     array = np.empty(shape, kind)
     view = array.data.cast("B") if array.size else memoryview(b"")
@@ -154,8 +154,8 @@ def _array(stream: IO[bytes], kind: np.dtype[Any], shape: tuple[int, ...]) -> ND
     return array
 
 
-def _environment() -> dict[str, str]:
+def _build_environment() -> dict[str, str]:
     """Return the child's environment: one thread, this process's modules, and no HDF5 plugins that a file could load."""
     path = os.pathsep.join(os.path.abspath(entry) for entry in sys.path if entry)
-    own = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": path, "HDF5_PLUGIN_PRELOAD": "::"}
-    return {**os.environ, **own, "PYTHONWARNINGS": "ignore"}
+    settings = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": path, "HDF5_PLUGIN_PRELOAD": "::"}
+    return {**os.environ, **settings, "PYTHONWARNINGS": "ignore"}

@@ -10,7 +10,7 @@ from typing import Any
 from hw.common.errors import InvalidSource
 
 
-def library() -> Any:
+def load_h5py() -> Any:
     """Import and return h5py; only programs that read or write HDF5 load it.
 
     Raises:

@@ -16,8 +16,8 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-ELSEWHERE = "is not stored in this file: allowed: datasets within it (h5copy or h5repack writes such a file)"
-KINDS = {"u1": "u1", "u8": "<f8"}  # of the values that are sent, where it is not i8 or f8: u8 may exceed i8
+STORED_ELSEWHERE = "is not stored in this file: allowed: datasets within it (h5copy or h5repack writes such a file)"
+SENT_TYPES = {"u1": "u1", "u8": "<f8"}  # of the values that are sent, where it is not i8 or f8: u8 may exceed i8
 MAX_DATASETS = 1000  # a file with more datasets is not a recording
 
 
@@ -65,10 +65,10 @@ def check_links(file: Any, h5py: Any) -> None:
 
     def find_elsewhere(name: str, link: Any) -> str | None:  # a return value other than None ends the visit
         if isinstance(link, h5py.ExternalLink):
-            return f"is refused: {name!r} {ELSEWHERE}"
+            return f"is refused: {name!r} {STORED_ELSEWHERE}"
         node = file[name] if isinstance(link, h5py.HardLink) else None
         if isinstance(node, h5py.Dataset) and (node.is_virtual or node.external):
-            return f"is refused: the data of {name!r} {ELSEWHERE}"
+            return f"is refused: the data of {name!r} {STORED_ELSEWHERE}"
         return None
 
     if reason := file.visititems_links(find_elsewhere):
@@ -85,7 +85,7 @@ def describe(file: Any, memory: int) -> dict[str, Any]:
         chunk = math.prod(node.chunks or (0,)) * node.dtype.itemsize
         if 2 * chunk > memory:  # HDF5 holds a whole chunk, compressed and uncompressed, for any of its values
             return f"is refused: {path!r} is stored in chunks of {chunk / 1e9:.3g} GB: --memory raises the limit"
-        units = [text(node.attrs[key]) for key in ("units", "unit", "Units", "Unit") if key in node.attrs]
+        units = [decode_text(node.attrs[key]) for key in ("units", "unit", "Units", "Unit") if key in node.attrs]
         stored = node.id.get_storage_size()
         whole = stored >= math.prod(node.shape) * node.dtype.itemsize
         datasets.append(
@@ -97,15 +97,15 @@ def describe(file: Any, memory: int) -> dict[str, Any]:
 
     if reason := file.visititems(add_dataset):
         raise Refused(reason)
-    attributes = {key: value for key in file.attrs if (value := plain(file.attrs[key])) is not None}
-    return {"attributes": attributes, "datasets": datasets, "gaps": gaps_of(file)}
+    attributes = {key: value for key in file.attrs if (value := convert_attribute(file.attrs[key])) is not None}
+    return {"attributes": attributes, "datasets": datasets, "gaps": read_gaps(file)}
 
 
-def gaps_of(file: Any) -> list[tuple[int, int, str]]:
+def read_gaps(file: Any) -> list[tuple[int, int, str]]:
     """Return the gaps (first, count, reason) of a recording of this project; empty for other files."""
     if "gaps" not in file or getattr(file["gaps"].dtype, "names", None) != ("first", "count", "reason"):
         return []
-    return [(int(row["first"]), int(row["count"]), text(row["reason"])) for row in file["gaps"][:]]
+    return [(int(row["first"]), int(row["count"]), decode_text(row["reason"])) for row in file["gaps"][:]]
 
 
 def read_arrays(file: Any, request: dict[str, Any]) -> tuple[dict[str, Any], list[Any]]:
@@ -115,7 +115,7 @@ def read_arrays(file: Any, request: dict[str, Any]) -> tuple[dict[str, Any], lis
     for path, column in request["datasets"]:
         check_filters(path, file[path])
         values = file[path][rows] if column is None else file[path][rows, column]
-        kind = KINDS.get(values.dtype.str[1:], "<f8" if values.dtype.kind == "f" else "<i8")
+        kind = SENT_TYPES.get(values.dtype.str[1:], "<f8" if values.dtype.kind == "f" else "<i8")
         with np.errstate(over="ignore"):  # long doubles beyond the range of doubles become infinite; the reader refuses them
             arrays.append(np.ascontiguousarray(values.astype(kind, copy=False)))
     return {"arrays": [[array.dtype.str, array.shape] for array in arrays]}, arrays
@@ -128,7 +128,7 @@ def check_filters(path: str, dataset: Any) -> None:
     properties = dataset.id.get_create_plist()
     for number, _, _, name in (properties.get_filter(k) for k in range(properties.get_nfilters())):
         if not h5z.filter_avail(number):
-            filter_name = f"{number} ({text(name)})" if name else str(number)
+            filter_name = f"{number} ({decode_text(name)})" if name else str(number)
             allowed = "gzip, szip, lzf, shuffle, fletcher32 (h5repack -f GZIP=4 writes such a file)"
             raise Refused(f"is refused: {path!r} is packed by filter {filter_name}, which is not installed: allowed: {allowed}")
 
@@ -141,19 +141,19 @@ def send(answer: BinaryIO, line: dict[str, Any], arrays: list[Any]) -> None:
     answer.flush()
 
 
-def plain(value: Any) -> Any:
+def convert_attribute(value: Any) -> Any:
     """Convert an attribute to a JSON value: a text, a number, or the first number of an array; None for anything else."""
     value = value.item() if isinstance(value, np.generic) else value
     if isinstance(value, bytes | str):
-        return text(value)
+        return decode_text(value)
     if isinstance(value, float) and not math.isfinite(value):
         return None
     if isinstance(value, np.ndarray) and value.size and value.dtype.kind in "iuf":
-        return plain(value.reshape(-1)[0])
+        return convert_attribute(value.reshape(-1)[0])
     return value if isinstance(value, int | float) else None
 
 
-def text(value: Any) -> str:
+def decode_text(value: Any) -> str:
     """Decode a text, with invalid UTF-8 replaced, so that JSON can hold it."""
     decoded = value if isinstance(value, bytes) else str(value).encode("utf-8", "replace")
     return decoded.decode("utf-8", "replace")

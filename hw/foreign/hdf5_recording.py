@@ -19,17 +19,17 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.common.clock import different_rates
+from hw.common.clock import describe_rate_difference
 from hw.common.errors import InvalidSource
 from hw.common.limits import ReadLimits
 from hw.common.samples import Gap, Samples
 from hw.common.transport import Chunk, Header
 from hw.foreign.hdf5_file import Hdf5File
-from hw.foreign.hdf5_library import UnfailingFile, library
-from hw.foreign.volts import noted, packed, volts_header
+from hw.foreign.hdf5_library import UnfailingFile, load_h5py
+from hw.foreign.volts import build_volts_header, encode_note, pack_samples
 
-KIND, VERSION = "probe-design samples", 1
-ROWS = 1 << 15  # rows of a chunk
+FILE_FORMAT, FORMAT_VERSION = "probe-design samples", 1
+CHUNK_ROWS = 1 << 15  # rows of a chunk
 RATES_APART = 1e-4  # relative difference of stated rate and times: rounding of the times over a second causes less
 
 
@@ -53,19 +53,19 @@ class Hdf5Recorder:
         self._draft, self._gaps, self._overruns = self.path.with_name(name), list[Gap](), 0
         self._disk = UnfailingFile(self._draft, "x+")  # default file permissions, unlike those of tempfile
         try:
-            self._file = library().File(self._disk, "w")
-            self._begun()
+            self._file = load_h5py().File(self._disk, "w")
+            self._create_datasets()
         except BaseException:
             self._disk.close()
             self._draft.unlink()
             raise
 
-    def _begun(self) -> None:
+    def _create_datasets(self) -> None:
         channels = self._header.channels
         for name, kind, unit in (("time", "f8", "s"), ("index", "i8", "1"), *((name, "f8", "V") for name in channels)):
-            shape: dict[str, Any] = {"shape": (0,), "maxshape": (None,), "chunks": (ROWS,)}
+            shape: dict[str, Any] = {"shape": (0,), "maxshape": (None,), "chunks": (CHUNK_ROWS,)}
             self._file.create_dataset(name, dtype=f"<{kind}", fletcher32=True, **shape).attrs["units"] = unit
-        shape = {"shape": (0, len(channels)), "maxshape": (None, len(channels)), "chunks": (ROWS, len(channels))}
+        shape = {"shape": (0, len(channels)), "maxshape": (None, len(channels)), "chunks": (CHUNK_ROWS, len(channels))}
         saturated = self._file.create_dataset("saturated", dtype="u1", fletcher32=True, **shape)
         saturated.attrs["channels"] = list(channels)
         self._file["time"].make_scale("time")
@@ -99,7 +99,7 @@ class Hdf5Recorder:
             return
         try:
             samples = int(self._file["index"].shape[0])
-            self._described()
+            self._write_attributes()
             self._file.close()
             self._check_disk()
             if samples:
@@ -119,13 +119,13 @@ class Hdf5Recorder:
         if self._disk.fault is not None:
             raise self._disk.fault
 
-    def _described(self) -> None:
-        kinds = np.dtype([("first", "<i8"), ("count", "<i8"), ("reason", library().string_dtype())])
+    def _write_attributes(self) -> None:
+        kinds = np.dtype([("first", "<i8"), ("count", "<i8"), ("reason", load_h5py().string_dtype())])
         self._file.create_dataset("gaps", data=np.array([(g.first, g.count, g.reason) for g in self._gaps], kinds))
         source = self._header.source.items()
         known = {key: value if isinstance(value, str | int | float) else json.dumps(value) for key, value in source}
-        own = {"format": KIND, "version": VERSION, "rate": self._header.rate, "overruns": self._overruns}
-        for key, value in (known | own).items():
+        properties = {"format": FILE_FORMAT, "version": FORMAT_VERSION, "rate": self._header.rate, "overruns": self._overruns}
+        for key, value in (known | properties).items():
             self._file.attrs[key] = value
 
     def __enter__(self) -> Self:
@@ -149,25 +149,27 @@ class Hdf5Replay:
     def __init__(self, file: Hdf5File, limits: ReadLimits) -> None:
         self._file = file
         source = dict(file.attributes)
-        if source.pop("version", None) != VERSION:
-            raise InvalidSource(f"{file.path} is not a recording of version {VERSION}, as this program reads")
+        if source.pop("version", None) != FORMAT_VERSION:
+            raise InvalidSource(f"{file.path} is not a recording of version {FORMAT_VERSION}, as this program reads")
         channels = tuple(name for name in ("inner", "outer", "force") if name in file.datasets)
         columns = [file.datasets.get(name) for name in ("index", *channels)]
         self._rows = file.datasets["index"].shape[0] if "index" in file.datasets else 0
-        whole = len(channels) > 1 and all(one is not None and one.whole and one.shape == (self._rows,) for one in columns)
+        is_whole = len(channels) > 1 and all(
+            column is not None and column.whole and column.shape == (self._rows,) for column in columns
+        )
         flags = file.datasets.get("saturated")
         rate, self._overruns = (source.pop(key, None) for key in ("rate", "overruns"))
         known = isinstance(rate, float | int) and 1e-6 < rate < 1e12 and isinstance(self._overruns, int)
-        if not whole or not known or flags is None or flags.shape != (self._rows, len(channels)):
+        if not is_whole or not known or flags is None or flags.shape != (self._rows, len(channels)):
             raise InvalidSource(f"{file.path} is damaged: columns of different lengths, or no rate")
         limits.check_values(file.path.name, self._rows * (1 + len(channels)))
         times = file.datasets.get("time")
-        self._timed = times is not None and times.whole and times.shape == (self._rows,)
+        self._has_times = times is not None and times.whole and times.shape == (self._rows,)
         self._first: tuple[float, float] | None = None  # index and time, s
         self._gaps = [Gap(*gap) for gap in file.gaps]
         source.pop("format")
-        self.header = volts_header(float(rate), channels, **(source | {"replayed": str(file.path)}))
-        self._chunks = self._made()
+        self.header = build_volts_header(float(rate), channels, **(source | {"replayed": str(file.path)}))
+        self._chunks = self._iterate_chunks()
 
     def read(self) -> Chunk | None:
         """Return the next rows; None at the end."""
@@ -177,29 +179,29 @@ class Hdf5Replay:
         """Close the file."""
         self._file.close()
 
-    def _made(self) -> Iterator[Chunk]:
+    def _iterate_chunks(self) -> Iterator[Chunk]:
         overruns, gaps = self._overruns, list(self._gaps)
         channels = self.header.channels
         columns = [("index", None), *((name, None) for name in channels), *(("saturated", k) for k in range(len(channels)))]
-        columns += [("time", None)] if self._timed else []
-        for begin in range(0, self._rows, ROWS):
-            index, *values = self._file.read(columns, begin, min(begin + ROWS, self._rows))
-            if self._timed:
-                self._compare(index, values.pop())
+        columns += [("time", None)] if self._has_times else []
+        for begin in range(0, self._rows, CHUNK_ROWS):
+            index, *values = self._file.read(columns, begin, min(begin + CHUNK_ROWS, self._rows))
+            if self._has_times:
+                self._compare_clock(index, values.pop())
             volts, saturated = (np.stack(part, axis=1) for part in (values[: len(channels)], values[len(channels) :]))
-            before = tuple(gap for gap in gaps if gap.first <= index[-1])
-            gaps = gaps[len(before) :]
-            yield Chunk(packed(index, volts, saturated), note=noted(before, overruns))
+            gaps_before = tuple(gap for gap in gaps if gap.first <= index[-1])
+            gaps = gaps[len(gaps_before) :]
+            yield Chunk(pack_samples(index, volts, saturated), note=encode_note(gaps_before, overruns))
             overruns = 0
 
-    def _compare(self, index: NDArray[Any], times: NDArray[Any]) -> None:
+    def _compare_clock(self, index: NDArray[Any], times: NDArray[Any]) -> None:
         """Note in the header if the file's times contradict its rate; files without usable times are not compared."""
         self._first = self._first or (float(index[0]), float(times[0]))
         rows, seconds = float(index[-1]) - self._first[0], float(times[-1]) - self._first[1]
         if rows > 0 and 0 < seconds < math.inf and abs(rows / seconds / self.header.rate - 1) > RATES_APART:
-            self.header.source["clock"] = different_rates(rows / seconds, self.header.rate)
+            self.header.source["clock"] = describe_rate_difference(rows / seconds, self.header.rate)
 
 
 def is_recording(file: Hdf5File) -> bool:
     """Whether an HDF5 file is a recording of this project."""
-    return bool(file.attributes.get("format") == KIND)
+    return bool(file.attributes.get("format") == FILE_FORMAT)

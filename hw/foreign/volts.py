@@ -14,19 +14,19 @@ from numpy.typing import ArrayLike
 
 from hw.common.errors import InvalidSource
 from hw.common.samples import Floats, Gap, Ints, Samples
-from hw.common.transport import Header, now
+from hw.common.transport import Header, make_timestamp
 
-CHANNELS = ("inner", "outer", "force")
+CHANNEL_NAMES = ("inner", "outer", "force")
 MAX_VOLTS = 1e6  # no instrument gives more: beyond it a file is damaged, and squares of it overflow
-MISSING = "samples are missing in what was recorded"
+GAP_REASON = "samples are missing in what was recorded"
 
 
-def rows(channels: int) -> np.dtype[np.void]:
+def build_row_type(channels: int) -> np.dtype[np.void]:
     """Return the structured type of a row."""
     return np.dtype([("index", "<i8"), ("volts", "<f8", (channels,)), ("saturated", "u1", (channels,))])
 
 
-def packed(index: ArrayLike, volts: ArrayLike, saturated: ArrayLike = False) -> bytes:
+def pack_samples(index: ArrayLike, volts: ArrayLike, saturated: ArrayLike = False) -> bytes:
     """Encode samples as the bytes of a chunk.
 
     Args:
@@ -35,22 +35,22 @@ def packed(index: ArrayLike, volts: ArrayLike, saturated: ArrayLike = False) -> 
         saturated: (n, channels), or one value for all.
     """
     values = np.asarray(volts, dtype=float)
-    data = np.zeros(len(values), rows(values.shape[1]))
+    data = np.zeros(len(values), build_row_type(values.shape[1]))
     data["index"], data["volts"], data["saturated"] = index, values, saturated
     return data.tobytes()
 
 
-def unknown_gap(first: int, reason: str) -> str:
+def note_unknown_gap(first: int, reason: str) -> str:
     """Encode the note of a chunk that follows a gap of unknown length; the gap takes up index ``first``."""
-    return noted((Gap(first, -1, reason),))
+    return encode_note((Gap(first, -1, reason),))
 
 
-def noted(gaps: tuple[Gap, ...], overruns: int = 0) -> str:
+def encode_note(gaps: tuple[Gap, ...], overruns: int = 0) -> str:
     """Encode a chunk's note that lists its gaps; without a note, gaps follow from the index."""
     return json.dumps({"gaps": [[gap.first, gap.count, gap.reason] for gap in gaps], "overruns": overruns})
 
 
-def volts_header(rate: float, channels: tuple[str, ...] = CHANNELS[:2], **source: Any) -> Header:
+def build_volts_header(rate: float, channels: tuple[str, ...] = CHANNEL_NAMES[:2], **source: Any) -> Header:
     """Build the header of a source of volts.
 
     Args:
@@ -58,7 +58,7 @@ def volts_header(rate: float, channels: tuple[str, ...] = CHANNELS[:2], **source
         channels: names of the columns: inner, outer and perhaps force.
         source: properties of the source, such as ``transport`` and ``serial``.
     """
-    return Header("volts", rate, channels, (1.0,) * len(channels), 0, 0, {"started": now()} | source)
+    return Header("volts", rate, channels, (1.0,) * len(channels), 0, 0, {"started": make_timestamp()} | source)
 
 
 class VoltsDecoder:
@@ -66,7 +66,7 @@ class VoltsDecoder:
 
     def __init__(self, header: Header) -> None:
         self.header = header
-        self._rows = rows(len(header.channels))
+        self._rows = build_row_type(len(header.channels))
         self._next: int | None = None
 
     def feed(self, data: bytes, stream: int | None = None, note: str = "") -> Samples:
@@ -77,35 +77,37 @@ class VoltsDecoder:
         """
         if len(data) % self._rows.itemsize:
             raise InvalidSource(f"{len(data)} bytes of volts: allowed: whole rows of {self._rows.itemsize} bytes")
-        found = np.frombuffer(data, self._rows)
-        index, volts = found["index"].astype(np.int64), found["volts"].astype(float)
+        rows = np.frombuffer(data, self._rows)
+        index, volts = rows["index"].astype(np.int64), rows["volts"].astype(float)
         first = 0 if self._next is None else self._next
         steps = np.diff(index, prepend=first - 1)
         if not (np.abs(volts) <= MAX_VOLTS).all() or (steps < 1).any():
             raise InvalidSource(f"volts: values that are no numbers or above {MAX_VOLTS:g} V, or an index that does not increase")
-        gaps, overruns = _told(note) if note else (self._jumps(index, steps), 0)
+        gaps, overruns = _decode_note(note) if note else (self._find_gaps(index, steps), 0)
         self._next = int(index[-1]) + 1 if len(index) else self._next
         header = self.header
         return Samples(
-            header.rate, header.channels, index, volts, found["saturated"].astype(bool),
+            header.rate, header.channels, index, volts, rows["saturated"].astype(bool),
             gaps=gaps, overruns=overruns, source=header.source,
         )  # fmt: skip
 
-    def _jumps(self, index: Ints, steps: Ints) -> tuple[Gap, ...]:
-        at = np.flatnonzero(steps > 1)
+    def _find_gaps(self, index: Ints, steps: Ints) -> tuple[Gap, ...]:
+        jumps = np.flatnonzero(steps > 1)
         if self._next is None:
-            at = at[at > 0]  # rows before the first one read are no gap
-        return tuple(Gap(int(index[k] - steps[k] + 1), int(steps[k] - 1), MISSING) for k in at)
+            jumps = jumps[jumps > 0]  # rows before the first one read are no gap
+        return tuple(Gap(int(index[k] - steps[k] + 1), int(steps[k] - 1), GAP_REASON) for k in jumps)
 
 
-def finite(volts: Floats) -> Floats:
+def replace_infinities(volts: Floats) -> Floats:
     """Replace NaN and infinities by finite numbers, in rows that count as lost or saturated."""
     return np.asarray(np.nan_to_num(volts, nan=0.0))
 
 
-def _told(note: str) -> tuple[tuple[Gap, ...], int]:
+def _decode_note(note: str) -> tuple[tuple[Gap, ...], int]:
     try:
-        told = json.loads(note)
-        return tuple(Gap(int(first), int(count), str(why)) for first, count, why in told["gaps"]), int(told["overruns"])
+        contents = json.loads(note)
+        return tuple(Gap(int(first), int(count), str(reason)) for first, count, reason in contents["gaps"]), int(
+            contents["overruns"]
+        )
     except (ValueError, TypeError, KeyError) as fault:
         raise InvalidSource("a note of volts that lists no gaps: another program wrote it") from fault

@@ -9,10 +9,10 @@ import numpy as np
 
 from hw.common.samples import Floats
 from hw.foreign.table import ColumnTable
-from hw.foreign.units import refusal
+from hw.foreign.units import build_refusal
 
 # lowest, highest and zero code by type; scipy returns 24-bit codes in the upper part of 32 bits
-_BITS = {np.dtype(np.uint8): (0.0, 255.0, 128.0), np.dtype(np.int16): (-32768.0, 32767.0, 0.0),
+_CODE_RANGES = {np.dtype(np.uint8): (0.0, 255.0, 128.0), np.dtype(np.int16): (-32768.0, 32767.0, 0.0),
          np.dtype(np.int32): (-(2.0**31), 2.0**31 - 256, 0.0)}  # fmt: skip
 LARGEST_FILE = 400_000_000  # bytes; reading takes four times as much memory
 
@@ -26,20 +26,22 @@ def read_wav(path: Path) -> ColumnTable:
     from scipy.io import wavfile  # slow to import
 
     if path.stat().st_size > LARGEST_FILE:
-        raise refusal(path.name, f"{path.stat().st_size} bytes", f"up to {LARGEST_FILE} bytes of sound: longer ones as HDF5")
+        raise build_refusal(
+            path.name, f"{path.stat().st_size} bytes", f"up to {LARGEST_FILE} bytes of sound: longer ones as HDF5"
+        )
     try:
         with warnings.catch_warnings():
             warnings.filterwarnings("error", message="Reached EOF")
             warnings.filterwarnings("ignore", message="Chunk")
             rate, data = wavfile.read(path)
     except (ValueError, OSError, EOFError, ArithmeticError, RuntimeError, UserWarning, IndexError) as fault:
-        raise refusal(path.name, f"no whole WAV file ({type(fault).__name__}: {fault})", "PCM or floating point") from fault
+        raise build_refusal(path.name, f"no whole WAV file ({type(fault).__name__}: {fault})", "PCM or floating point") from fault
     except Exception as fault:  # struct.error, and what else damaged headers bring
-        raise refusal(path.name, "no WAV file", "PCM or floating point") from fault
+        raise build_refusal(path.name, "no WAV file", "PCM or floating point") from fault
     codes = data.reshape(len(data), -1) if data.size else np.zeros((0, 1))
     if not rate > 0:
-        raise refusal(path.name, f"{rate} samples a second", "a rate above 0")
-    low, high, middle = _BITS.get(codes.dtype, (-1.0, 1.0, 0.0))
+        raise build_refusal(path.name, f"{rate} samples a second", "a rate above 0")
+    low, high, middle = _CODE_RANGES.get(codes.dtype, (-1.0, 1.0, 0.0))
     full = middle - low
 
     def read(wanted: list[int]) -> Floats:

@@ -27,7 +27,7 @@ class Scaling:
     zero: float
     offset: float
 
-    def volts(self, codes: Floats) -> Floats:
+    def to_volts(self, codes: Floats) -> Floats:
         """Convert codes to volts."""
         return (codes - self.zero) * self.step + self.offset
 
@@ -58,7 +58,7 @@ class Dialect:
     ends: tuple[int, int]
     rate: tuple[str, ...] = ()
 
-    def scaled(self, answer: str) -> Scaling:
+    def read_scaling(self, answer: str) -> Scaling:
         """Read the scales from the answer to ``scaling``.
 
         Raises:
@@ -68,18 +68,18 @@ class Dialect:
             fields = [float(word) for word in answer.replace(";", ",").split(",")]
             if self is TEKTRONIX:
                 interval, step, zero, offset = fields
-                return _checked(Scaling(interval, step, zero, offset), answer)
+                return _check_scaling(Scaling(interval, step, zero, offset), answer)
             _, _, _, _, interval, _, _, step, origin, reference = fields
         except ValueError as fault:
             raise ProtocolError(f"the oscilloscope's scales are {answer!r}: not in the form of its family") from fault
         if self is RIGOL:  # Rigol's origin is in codes, Keysight's in volts
-            return _checked(Scaling(interval, step, origin + reference, 0.0), answer)
-        return _checked(Scaling(interval, step, reference, origin), answer)
+            return _check_scaling(Scaling(interval, step, origin + reference, 0.0), answer)
+        return _check_scaling(Scaling(interval, step, reference, origin), answer)
 
-    def decoded(self, block: bytes, scaling: Scaling) -> tuple[Floats, Bools]:
+    def decode(self, block: bytes, scaling: Scaling) -> tuple[Floats, Bools]:
         """Decode a block of codes to volts and saturation, shape (n,) each."""
         codes = np.frombuffer(block, np.int8 if self.signed else np.uint8)
-        return scaling.volts(codes.astype(float)), (codes <= self.ends[0]) | (codes >= self.ends[1])
+        return scaling.to_volts(codes.astype(float)), (codes <= self.ends[0]) | (codes >= self.ends[1])
 
 
 KEYSIGHT = Dialect(
@@ -123,7 +123,7 @@ TEKTRONIX = Dialect(
 DIALECTS = {"keysight": KEYSIGHT, "rigol": RIGOL, "tektronix": TEKTRONIX}
 
 
-def dialect_of(identity: str) -> str:
+def find_dialect(identity: str) -> str:
     """Return the name of the dialect for an oscilloscope's answer to *IDN?.
 
     Raises:
@@ -135,7 +135,7 @@ def dialect_of(identity: str) -> str:
     raise ProtocolError(f"oscilloscope {identity.strip()!r}: only families of {', '.join(DIALECTS)} are known")
 
 
-def _checked(scaling: Scaling, answer: str) -> Scaling:
+def _check_scaling(scaling: Scaling, answer: str) -> Scaling:
     finite = np.isfinite([scaling.interval, scaling.step, scaling.zero, scaling.offset]).all()
     if not (finite and scaling.interval > 0 and scaling.step > 0):
         raise ProtocolError(f"the oscilloscope's scales are {answer!r}: is the channel switched on?")

@@ -19,15 +19,15 @@ from usb.core import USBError
 
 from hw.common.errors import Busy, Disconnected, HardwareError, InvalidSource, NotFound, ProtocolError, Timeout, TransferError
 from hw.common.samples import Gap, Samples
-from hw.common.transport import Chunk, Header, now
-from hw.oscilloscope.scpi import DIALECTS, Dialect, dialect_of
-from hw.usb.faults import named
+from hw.common.transport import Chunk, Header, make_timestamp
+from hw.oscilloscope.scpi import DIALECTS, Dialect, find_dialect
+from hw.usb.faults import translate_fault
 
-FILMS = {"inner": 1, "outer": 2}
+FILM_CHANNELS = {"inner": 1, "outer": 2}
 PER_DIVISION = 100  # samples per division, of oscilloscopes whose rate follows from the time base
-APART = 0.01  # largest relative difference between the requested and the actual rate
-_PATIENCE = 10.0  # s for one acquisition
-_BETWEEN = "a new acquisition"
+RATE_TOLERANCE = 0.01  # largest relative difference between the requested and the actual rate
+_ACQUISITION_TIMEOUT_S = 10.0  # s for one acquisition
+_GAP_REASON = "a new acquisition"
 _BY_STATUS: dict[str, type[HardwareError]] = {
     "error_timeout": Timeout, "error_resource_not_found": NotFound, "error_resource_busy": Busy, "error_resource_locked": Busy,
     "error_connection_lost": Disconnected, "error_io": TransferError, "error_invalid_resource_name": InvalidSource,
@@ -48,36 +48,36 @@ class ScopeTransport:
         InvalidSource: it does not sample at that rate.
     """
 
-    def __init__(self, resource: Any, name: str, numbers: dict[str, int] = FILMS, rate: float | None = None) -> None:
+    def __init__(self, resource: Any, name: str, numbers: dict[str, int] = FILM_CHANNELS, rate: float | None = None) -> None:
         self._resource, self._name, self._numbers = resource, name, numbers
         try:
-            with faults_named(name):
+            with translate_faults(name):
                 identity = resource.query("*IDN?").strip()
-                self._dialect = dialect_of(identity)
+                self._dialect = find_dialect(identity)
                 if rate is not None:
-                    self._write(tuple(word.format(rate=rate, division=PER_DIVISION / rate) for word in self._words.rate))
-                self._first: Chunk | None = self._acquired()
+                    self._write(tuple(word.format(rate=rate, division=PER_DIVISION / rate) for word in self._commands.rate))
+                self._first: Chunk | None = self._acquire()
         except HardwareError:
             self.close()
             raise
         acquisition = json.loads(self._first.note)
-        scaling = [DIALECTS[self._dialect].scaled(answer) for answer in acquisition["scales"]]
-        scale = tuple(one.step for one in scaling)
+        scaling = [DIALECTS[self._dialect].read_scaling(answer) for answer in acquisition["scales"]]
+        scale = tuple(channel_scaling.step for channel_scaling in scaling)
         maker, model, serial, firmware = (*str(identity).split(","), "", "", "")[:4]
         source = {
             "transport": "visa", "serial": serial, "firmware": firmware, "model": f"{maker} {model}", "resource": name,
-            "started": now(), "scale": list(scale),
+            "started": make_timestamp(), "scale": list(scale),
         }  # fmt: skip
-        if rate is not None and abs(rate * scaling[0].interval - 1) > APART:
+        if rate is not None and abs(rate * scaling[0].interval - 1) > RATE_TOLERANCE:
             self.close()
-            told = f"rate = {rate:g} Hz: {name} samples at {1 / scaling[0].interval:.6g} Hz"
-            raise InvalidSource(f"{told}: allowed: that rate, or none and the time base set on the instrument")
+            text = f"rate = {rate:g} Hz: {name} samples at {1 / scaling[0].interval:.6g} Hz"
+            raise InvalidSource(f"{text}: allowed: that rate, or none and the time base set on the instrument")
         self.header = Header(
             "waveforms", 1 / scaling[0].interval, channels=tuple(numbers), scale=scale, size=0, stream=0, source=source
         )
 
     @classmethod
-    def open(cls, name: str, numbers: dict[str, int] = FILMS, rate: float | None = None) -> ScopeTransport:
+    def open(cls, name: str, numbers: dict[str, int] = FILM_CHANNELS, rate: float | None = None) -> ScopeTransport:
         """Open a resource by its full name, such as ``USB0::0x1AB1::0x04CE::DS1ZA1::INSTR``; resources are never listed.
 
         Args:
@@ -95,8 +95,8 @@ class ScopeTransport:
             manager = visa.ResourceManager("@py")
         except (ImportError, ValueError) as missing:
             raise InvalidSource("oscilloscopes need pyvisa: pip install 'probe-design[scope]'") from missing
-        with faults_named(name, missing="not found, or not to be opened by this user: check plug, name and udev rule"):
-            resource = manager.open_resource(name, timeout=1000 * _PATIENCE)
+        with translate_faults(name, missing="not found, or not to be opened by this user: check plug, name and udev rule"):
+            resource = manager.open_resource(name, timeout=1000 * _ACQUISITION_TIMEOUT_S)
             if name.upper().endswith("SOCKET"):
                 resource.read_termination = resource.write_termination = "\n"
         return cls(resource, name, numbers, rate)
@@ -108,8 +108,8 @@ class ScopeTransport:
             HardwareError: the oscilloscope does not answer, or was disconnected.
         """
         first, self._first = self._first, None
-        with faults_named(self._name):
-            return first or self._acquired()
+        with translate_faults(self._name):
+            return first or self._acquire()
 
     def close(self) -> None:
         """Release the oscilloscope."""
@@ -117,11 +117,11 @@ class ScopeTransport:
             self._resource.close()
 
     @property
-    def _words(self) -> Dialect:
+    def _commands(self) -> Dialect:
         return DIALECTS[self._dialect]
 
-    def _acquired(self) -> Chunk:
-        dialect = self._words
+    def _acquire(self) -> Chunk:
+        dialect = self._commands
         self._write(dialect.acquire)
         self._wait(*dialect.finished)
         scales, blocks = [], []
@@ -132,15 +132,15 @@ class ScopeTransport:
         note = {"dialect": self._dialect, "scales": scales, "lengths": [len(block) for block in blocks]}
         return Chunk(b"".join(blocks), note=json.dumps(note))
 
-    def _write(self, words: tuple[str, ...]) -> None:
-        for word in words:
-            self._resource.write(word)
+    def _write(self, commands: tuple[str, ...]) -> None:
+        for command in commands:
+            self._resource.write(command)
 
     def _wait(self, query: str, finished: str) -> None:
-        limit = time.monotonic() + _PATIENCE
+        limit = time.monotonic() + _ACQUISITION_TIMEOUT_S
         while self._resource.query(query).strip() != finished:
             if time.monotonic() > limit:
-                raise Timeout(f"{self._name}: no acquisition in {_PATIENCE:g} s: set the trigger to automatic")
+                raise Timeout(f"{self._name}: no acquisition in {_ACQUISITION_TIMEOUT_S:g} s: set the trigger to automatic")
             time.sleep(0.02)
 
 
@@ -154,17 +154,17 @@ class _Acquisition:
     __pydantic_config__: ClassVar = {"strict": True, "extra": "forbid"}
 
 
-def _acquisition(note: str, size: int) -> _Acquisition:
+def _parse_note(note: str, size: int) -> _Acquisition:
     from pydantic import TypeAdapter, ValidationError  # slow to import
 
     try:
-        told = TypeAdapter(_Acquisition).validate_json(note)
+        acquisition = TypeAdapter(_Acquisition).validate_json(note)
     except ValidationError as fault:
         raise InvalidSource("the recording holds what no oscilloscope of ours has sent") from fault
-    whole = 2 <= len(told.scales) == len(told.lengths) <= 3
-    if told.dialect not in DIALECTS or not whole or min(told.lengths) < 1 or sum(told.lengths) != size:
+    is_complete = 2 <= len(acquisition.scales) == len(acquisition.lengths) <= 3
+    if acquisition.dialect not in DIALECTS or not is_complete or min(acquisition.lengths) < 1 or sum(acquisition.lengths) != size:
         raise InvalidSource("the recording holds an acquisition whose note does not fit its bytes")
-    return told
+    return acquisition
 
 
 class WaveformDecoder:
@@ -181,19 +181,19 @@ class WaveformDecoder:
             ProtocolError: lengths or intervals of the channels differ from each other, or from the header.
             InvalidSource: the recorded note has another form.
         """
-        acquisition = _acquisition(note, len(data))
+        acquisition = _parse_note(note, len(data))
         dialect = DIALECTS[acquisition.dialect]
         if len(acquisition.lengths) != len(self.header.channels):
             raise InvalidSource("the recording holds an acquisition of other channels than it says")
         lengths, begin, columns = acquisition.lengths, 0, []
         for length, answer in zip(lengths, acquisition.scales, strict=True):
-            scaling = dialect.scaled(answer)
+            scaling = dialect.read_scaling(answer)
             if length != lengths[0] or abs(scaling.interval * self.header.rate - 1) > 1e-9:
                 raise ProtocolError(f"channels of {lengths} samples, every {scaling.interval} s: leave the time base as it was")
-            columns.append(dialect.decoded(data[begin : begin + length], scaling))
+            columns.append(dialect.decode(data[begin : begin + length], scaling))
             begin += length
         volts, saturated = (np.column_stack(column) for column in zip(*columns, strict=True))
-        gaps = (Gap(self._next, -1, _BETWEEN),) if self._next else ()
+        gaps = (Gap(self._next, -1, _GAP_REASON),) if self._next else ()
         first = self._next + len(gaps)
         self._next = first + lengths[0]
         index = np.arange(first, self._next)
@@ -210,7 +210,7 @@ class WaveformDecoder:
 
 
 @contextmanager
-def faults_named(name: str, missing: str = "") -> Iterator[None]:
+def translate_faults(name: str, missing: str = "") -> Iterator[None]:
     """Translate exceptions of pyvisa, pyvisa-py and pyusb into subclasses of ``HardwareError``.
 
     Args:
@@ -220,7 +220,7 @@ def faults_named(name: str, missing: str = "") -> Iterator[None]:
     try:
         yield
     except USBError as fault:
-        raise named(fault, name) from fault
+        raise translate_fault(fault, name) from fault
     except HardwareError:
         raise
     except (ValueError, OSError) as fault:  # pyvisa-py raises both when the plug is pulled

@@ -24,13 +24,13 @@ from typing import BinaryIO, ClassVar, Literal, Self
 from hw.common.errors import InvalidSource
 from hw.common.transport import Chunk, Header
 
-KIND: Literal["probe-design recording"] = "probe-design recording"
-VERSION: Literal[1] = 1
-_RECORD = struct.Struct("<4sdHHI")
-_CRC = struct.Struct("<I")
-_TAG = re.compile(b"READ|DONE")
-WINDOW = 1 << 20  # bytes searched at a time
-SALVAGED = 100_000  # bytes: frames are searched for in shorter damage only
+FILE_FORMAT: Literal["probe-design recording"] = "probe-design recording"
+FORMAT_VERSION: Literal[1] = 1
+_RECORD_HEAD = struct.Struct("<4sdHHI")
+_CRC_FORMAT = struct.Struct("<I")
+_TAG_PATTERN = re.compile(b"READ|DONE")
+WINDOW_BYTES = 1 << 20  # bytes searched at a time
+MAX_SALVAGED_BYTES = 100_000  # bytes: frames are searched for in shorter damage only
 
 
 class Recorder:
@@ -43,7 +43,7 @@ class Recorder:
     def __init__(self, path: Path | str, header: Header) -> None:
         self._file = Path(path).open("xb", buffering=0)  # noqa: SIM115 - closed by close(); unbuffered
         self._begin, self._end = time.monotonic(), 0
-        line = json.dumps({"format": KIND, "version": VERSION} | header.as_dict())
+        line = json.dumps({"format": FILE_FORMAT, "version": FORMAT_VERSION} | header.as_dict())
         try:
             self._append(line.encode() + b"\n")
         except OSError:  # the disk is full already
@@ -57,13 +57,13 @@ class Recorder:
         Raises:
             OSError: the disk is full, or another fault; earlier records stay readable.
         """
-        self._record(b"READ", chunk)
+        self._append_record(b"READ", chunk)
 
     def close(self) -> None:
         """Mark the end, flush to disk and close."""
         if not self._file.closed:
             with suppress(OSError):  # on a full disk the file ends like a cut one
-                self._record(b"DONE", Chunk(b""))
+                self._append_record(b"DONE", Chunk(b""))
                 os.fsync(self._file.fileno())
             self._file.close()
 
@@ -73,12 +73,12 @@ class Recorder:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.close()
 
-    def _record(self, tag: bytes, chunk: Chunk) -> None:
+    def _append_record(self, tag: bytes, chunk: Chunk) -> None:
         note = chunk.note.encode()[:65535]
         when = time.monotonic() if chunk.time is None else chunk.time
-        head = _RECORD.pack(tag, when - self._begin, chunk.stream, len(note), len(chunk.data))
+        head = _RECORD_HEAD.pack(tag, when - self._begin, chunk.stream, len(note), len(chunk.data))
         body = head + note + chunk.data
-        self._append(body + _CRC.pack(zlib.crc32(body)))
+        self._append(body + _CRC_FORMAT.pack(zlib.crc32(body)))
 
     def _append(self, data: bytes) -> None:
         """Write all bytes, or restore the file's previous length."""
@@ -111,42 +111,46 @@ class Recording:
         self.cut: str | None = None
         self.damaged: list[int] = []
         if not os.path.isfile(path):  # a folder, a pipe (cannot be read twice) or too long a name
-            why = "it is no file" if os.path.exists(path) else "there is no such file"
-            raise InvalidSource(f"{path} is not a recording: {why}")
+            reason = "it is no file" if os.path.exists(path) else "there is no such file"
+            raise InvalidSource(f"{path} is not a recording: {reason}")
         try:
             with self.path.open("rb") as file:
-                self.header = _header(file.readline(1 << 20), self.path)
+                self.header = _read_header(file.readline(1 << 20), self.path)
                 self._data_begins = file.tell()
         except OSError as fault:
             raise InvalidSource(f"{path} cannot be read ({fault.strerror})") from fault
 
-    def chunks(self) -> Generator[Chunk, None, None]:
+    def read_chunks(self) -> Generator[Chunk, None, None]:
         """Yield the chunks in order, up to the end or the cut; a damaged record gives a chunk of its bytes as they are."""
         stream = self.header.stream
         with self.path.open("rb") as file:
             file.seek(self._data_begins)
             while True:
-                at = file.tell()
-                tag, chunk = _next(file)
+                position = file.tell()
+                tag, chunk = _read_record(file)
                 if tag == b"DONE":
                     return
                 if tag == b"READ":
                     stream = chunk.stream
                     yield chunk
                     continue
-                found = _found(file, at + 1)
-                if found is None:
-                    self.cut = f"{self.path.name} was cut or damaged at byte {at}; what stands before is whole"
+                next_record = _find_record(file, position + 1)
+                if next_record is None:
+                    self.cut = f"{self.path.name} was cut or damaged at byte {position}; what stands before is whole"
                     return
-                self.damaged.append(at)
-                file.seek(at)
-                rest = file.read(found - at) if self.header.kind == "frames" and found - at <= SALVAGED else b""
+                self.damaged.append(position)
+                file.seek(position)
+                damaged_bytes = (
+                    file.read(next_record - position)
+                    if self.header.kind == "frames" and next_record - position <= MAX_SALVAGED_BYTES
+                    else b""
+                )
                 if self.header.kind == "frames":  # frames have their own checksums; acquisitions have none
-                    yield Chunk(rest, stream, f"the recording is damaged at byte {at}")
-                file.seek(found)
+                    yield Chunk(damaged_bytes, stream, f"the recording is damaged at byte {position}")
+                file.seek(next_record)
 
 
-def sha256(path: Path | str) -> str:
+def compute_sha256(path: Path | str) -> str:
     """Return the SHA-256 of a file in hexadecimal, by which a calibration record identifies its raw data."""
     with Path(path).open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
@@ -176,20 +180,22 @@ class _FirstLine(Header):
             raise ValueError("kind: frames, waveforms or volts")
         if not 1e-6 < self.rate < 1e12:
             raise ValueError("rate: in Hz, above 0")
-        if not 2 <= len(self.channels) == len(self.scale) <= 3 or not all(1e-18 < abs(one) < 1e6 for one in self.scale):
+        if not 2 <= len(self.channels) == len(self.scale) <= 3 or not all(1e-18 < abs(factor) < 1e6 for factor in self.scale):
             raise ValueError("scale: volts per count of two or three channels")
         # limits of docs/reference/protocol.md
         if not 0 <= self.stream < 1 << 16 or (self.kind == "frames" and not 32 <= self.size <= 1024):
             raise ValueError("stream and size: of no frames")
 
 
-def _header(line: bytes, path: Path) -> Header:
+def _read_header(line: bytes, path: Path) -> Header:
     from pydantic import TypeAdapter, ValidationError  # slow to import
 
     try:
         version = TypeAdapter(_Kind).validate_json(line).version
-        if version != VERSION:
-            raise InvalidSource(f"{path} is a {KIND} of version {version}: this program reads {KIND} of version {VERSION}")
+        if version != FORMAT_VERSION:
+            raise InvalidSource(
+                f"{path} is a {FILE_FORMAT} of version {version}: this program reads {FILE_FORMAT} of version {FORMAT_VERSION}"
+            )
         first = TypeAdapter(_FirstLine).validate_json(line)
     except ValidationError as fault:
         key = ".".join(map(str, fault.errors(include_url=False)[0]["loc"][:2]))
@@ -198,30 +204,30 @@ def _header(line: bytes, path: Path) -> Header:
     return Header(**{field.name: getattr(first, field.name) for field in fields(Header)})
 
 
-def _found(file: BinaryIO, begin: int) -> int | None:
+def _find_record(file: BinaryIO, begin: int) -> int | None:
     """Return the position of the next complete record from ``begin`` on, or None."""
-    at = begin
+    position = begin
     while True:
-        file.seek(at)
-        window = file.read(WINDOW)
-        for match in _TAG.finditer(window):
-            file.seek(at + match.start())
-            if _next(file)[0]:
-                return at + match.start()
-        if len(window) < WINDOW:
+        file.seek(position)
+        window = file.read(WINDOW_BYTES)
+        for match in _TAG_PATTERN.finditer(window):
+            file.seek(position + match.start())
+            if _read_record(file)[0]:
+                return position + match.start()
+        if len(window) < WINDOW_BYTES:
             return None
-        at += len(window) - 3  # a tag of 4 bytes may cross the window's end
+        position += len(window) - 3  # a tag of 4 bytes may cross the window's end
 
 
-def _next(file: BinaryIO) -> tuple[bytes, Chunk]:
+def _read_record(file: BinaryIO) -> tuple[bytes, Chunk]:
     """Read a record; return its tag and chunk. The tag is empty where the file ends or is damaged."""
-    head = file.read(_RECORD.size)
-    if len(head) < _RECORD.size:
+    head = file.read(_RECORD_HEAD.size)
+    if len(head) < _RECORD_HEAD.size:
         return b"", Chunk(b"")
-    tag, when, stream, note, length = _RECORD.unpack(head)
+    tag, when, stream, note, length = _RECORD_HEAD.unpack(head)
     body = file.read(note + length) if length < 1 << 30 else b""
-    crc = file.read(_CRC.size)
-    if len(body) < note + length or crc != _CRC.pack(zlib.crc32(head + body)):
+    crc = file.read(_CRC_FORMAT.size)
+    if len(body) < note + length or crc != _CRC_FORMAT.pack(zlib.crc32(head + body)):
         return b"", Chunk(b"")
     if tag not in (b"READ", b"DONE"):
         return b"", Chunk(b"")

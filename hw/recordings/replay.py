@@ -19,7 +19,7 @@ class Replay:
         self._recording = Recording(path)
         source = {"replayed": str(path)}
         self.header = replace(self._recording.header, source=self._recording.header.source | source)
-        self._chunks = self._recording.chunks()
+        self._chunks = self._recording.read_chunks()
 
     def read(self) -> Chunk | None:
         """Return the next chunk; None at the end."""
@@ -27,8 +27,8 @@ class Replay:
         if self._recording.cut:
             self.header.source["cut"] = self._recording.cut
         if places := self._recording.damaged:
-            where = f"at byte {places[0]}" + (f" and {len(places) - 1} places more" if len(places) > 1 else "")
-            self.header.source["damaged"] = f"{self._recording.path.name} is damaged {where}: what is not whole was left out"
+            location = f"at byte {places[0]}" + (f" and {len(places) - 1} places more" if len(places) > 1 else "")
+            self.header.source["damaged"] = f"{self._recording.path.name} is damaged {location}: what is not whole was left out"
         return chunk
 
     def close(self) -> None:

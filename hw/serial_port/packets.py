@@ -5,43 +5,43 @@ from __future__ import annotations
 import struct
 import zlib
 
-REQUEST, ANSWER, VERSION = b"PQ", b"PA", 1
-REFUSED = 0x80
-_ASKED = struct.Struct("<2sBBHI")
-_TOLD = struct.Struct("<2sBBH")
-_CRC = struct.Struct("<I")
-LONGEST = 256  # bytes of an answer's data at most
+REQUEST_MAGIC, ANSWER_MAGIC, PACKET_VERSION = b"PQ", b"PA", 1
+REFUSED_BIT = 0x80
+_REQUEST_HEAD = struct.Struct("<2sBBHI")
+_ANSWER_HEAD = struct.Struct("<2sBBH")
+_CRC_FORMAT = struct.Struct("<I")
+MAX_ANSWER_BYTES = 256  # bytes of an answer's data at most
 
 
-def request(number: int, value: int = 0, data: int = 0) -> bytes:
+def encode_request(number: int, value: int = 0, data: int = 0) -> bytes:
     """Encode a request as 14 bytes."""
-    body = _ASKED.pack(REQUEST, VERSION, number, value, data)
-    return body + _CRC.pack(zlib.crc32(body))
+    body = _REQUEST_HEAD.pack(REQUEST_MAGIC, PACKET_VERSION, number, value, data)
+    return body + _CRC_FORMAT.pack(zlib.crc32(body))
 
 
-def answer(number: int, data: bytes = b"") -> bytes:
+def encode_answer(number: int, data: bytes = b"") -> bytes:
     """Encode an answer as bytes."""
-    body = _TOLD.pack(ANSWER, VERSION, number, len(data)) + data
-    return body + _CRC.pack(zlib.crc32(body))
+    body = _ANSWER_HEAD.pack(ANSWER_MAGIC, PACKET_VERSION, number, len(data)) + data
+    return body + _CRC_FORMAT.pack(zlib.crc32(body))
 
 
-def found(buffer: bytes, number: int) -> tuple[bool, bytes, bytes] | None:
+def find_answer(buffer: bytes, number: int) -> tuple[bool, bytes, bytes] | None:
     """Find the answer to a request among the received bytes.
 
     Returns:
         Whether the request was granted, the answer's data, and the remaining bytes, which belong to the stream; None if the
         answer is not complete yet.
     """
-    at = -1
-    while (at := buffer.find(ANSWER, at + 1)) >= 0:
-        head = buffer[at : at + _TOLD.size]
-        if len(head) < _TOLD.size:
+    start = -1
+    while (start := buffer.find(ANSWER_MAGIC, start + 1)) >= 0:
+        head = buffer[start : start + _ANSWER_HEAD.size]
+        if len(head) < _ANSWER_HEAD.size:
             return None
-        _, version, told, length = _TOLD.unpack(head)
-        end = at + _TOLD.size + length + _CRC.size
-        if version != VERSION or told & ~REFUSED != number or length > LONGEST or end > len(buffer):
+        _, version, answer_number, length = _ANSWER_HEAD.unpack(head)
+        end = start + _ANSWER_HEAD.size + length + _CRC_FORMAT.size
+        if version != PACKET_VERSION or answer_number & ~REFUSED_BIT != number or length > MAX_ANSWER_BYTES or end > len(buffer):
             continue
-        body = buffer[at : end - _CRC.size]
-        if _CRC.pack(zlib.crc32(body)) == buffer[end - _CRC.size : end]:
-            return not told & REFUSED, body[_TOLD.size :], buffer[:at] + buffer[end:]
+        body = buffer[start : end - _CRC_FORMAT.size]
+        if _CRC_FORMAT.pack(zlib.crc32(body)) == buffer[end - _CRC_FORMAT.size : end]:
+            return not answer_number & REFUSED_BIT, body[_ANSWER_HEAD.size :], buffer[:start] + buffer[end:]
     return None

@@ -16,16 +16,16 @@ from importlib import import_module
 from typing import Any
 
 from hw.common.errors import Busy, Disconnected, HardwareError, InvalidSource, NotFound, ProtocolError, Timeout, TransferError
-from hw.common.transport import Chunk, Header, now
-from hw.serial_port.packets import found, request
-from hw.wire.frames import CHANNELS, LARGEST, SMALLEST
+from hw.common.transport import Chunk, Header, make_timestamp
+from hw.serial_port.packets import encode_request, find_answer
+from hw.wire.frames import CHANNEL_NAMES, MAX_FRAME_BYTES, MIN_FRAME_BYTES
 from hw.wire.protocol import GET_INFO, GET_STATUS, SET_RATE, START, STOP, Info, Status
 
-BAUD = 115_200  # a CDC board ignores it
-PATIENCE = 1.0  # s for one answer
-WAKING = 3.0  # s: some boards restart when their port is opened
+BAUD_RATE = 115_200  # a CDC board ignores it
+ANSWER_TIMEOUT_S = 1.0  # s for one answer
+WAKE_TIMEOUT_S = 3.0  # s: some boards restart when their port is opened
 LARGEST_READ = 1 << 16
-_KINDS: dict[int | None, type[HardwareError]] = {errno.ENOENT: NotFound, errno.EBUSY: Busy, errno.EAGAIN: Busy}
+_ERROR_BY_ERRNO: dict[int | None, type[HardwareError]] = {errno.ENOENT: NotFound, errno.EBUSY: Busy, errno.EAGAIN: Busy}
 
 
 class SerialTransport:
@@ -46,9 +46,9 @@ class SerialTransport:
         if rate is not None and not 1e-3 <= rate <= 4e6:
             raise InvalidSource(f"rate = {rate} Hz: allowed: 0.001 to 4000000 Hz")
         self._name, self._silence, self._absence = port, silence, absence
-        self._stream, self._heard, self._note, self._rest = random.randint(1, 0xFFFF), time.monotonic(), "", b""
+        self._stream, self._heard, self._note, self._buffered = random.randint(1, 0xFFFF), time.monotonic(), "", b""
         self._started = False
-        self._port = self._opened()
+        self._port = self._open_port()
         try:
             self.header = self._begin(rate)
         except HardwareError:
@@ -56,7 +56,7 @@ class SerialTransport:
             raise
         except OSError as fault:
             self._port.close()
-            raise self._named(fault) from fault
+            raise self._translate_fault(fault) from fault
 
     def read(self) -> Chunk:
         """Return the received bytes, empty if none came in time. The first call starts the stream.
@@ -66,7 +66,7 @@ class SerialTransport:
         """
         if not self._started:
             self._start()
-        data, self._rest = self._rest, b""
+        data, self._buffered = self._buffered, b""
         try:
             data += self._port.read(max(1, min(self._port.in_waiting, LARGEST_READ)))
         except OSError as fault:  # pyserial's exception is a subclass
@@ -81,45 +81,47 @@ class SerialTransport:
     def close(self) -> None:
         """Stop the stream and release the port."""
         with suppress(OSError):  # no flush: it would wait for ever for a board that no longer reads
-            self._port.write(request(STOP))
+            self._port.write(encode_request(STOP))
         self._port.close()
 
-    def _opened(self) -> Any:
+    def _open_port(self) -> Any:
         try:
             serial = import_module("serial")
         except ImportError as missing:
             raise InvalidSource("serial ports need pyserial: pip install pyserial") from missing
         try:
-            port = serial.Serial(self._name, BAUD, timeout=0.1, write_timeout=PATIENCE, exclusive=True)
+            port = serial.Serial(self._name, BAUD_RATE, timeout=0.1, write_timeout=ANSWER_TIMEOUT_S, exclusive=True)
         except (OSError, ValueError) as fault:
-            raise self._named(fault) from fault
+            raise self._translate_fault(fault) from fault
         return port
 
-    def _named(self, fault: Exception) -> HardwareError:
+    def _translate_fault(self, fault: Exception) -> HardwareError:
         """Translate an exception of pyserial into a ``HardwareError``."""
         text, number = f"serial:{self._name}", getattr(fault, "errno", None)
         if number in (errno.EACCES, errno.EPERM) or isinstance(fault, PermissionError):
             remedy = "join the port's group (sudo usermod -aG dialout $USER), log out and in again; or another program holds it"
             return TransferError(f"{text}: access denied: {remedy}")
-        kind = _KINDS.get(number, NotFound if isinstance(fault, ValueError) else TransferError)
+        kind = _ERROR_BY_ERRNO.get(number, NotFound if isinstance(fault, ValueError) else TransferError)
         remedies = {NotFound: "there is no such port: is the board plugged in?", Busy: "another program holds it: close that"}
         return kind(f"{text}: {remedies.get(kind, 'it cannot be read')} ({' '.join(str(fault).split())})")
 
     def _begin(self, rate: float | None) -> Header:
         """Stop a running stream, set the rate and return the header."""
-        self._awake()
+        self._wake()
         if rate is not None:
             self._ask(SET_RATE, data=round(1e3 * rate))
-        told = self._ask(GET_INFO)
-        info = Info.decoded(told)
-        (size,) = struct.unpack_from("<H", told, 2)
-        if not SMALLEST <= size <= LARGEST:
-            raise ProtocolError(f"serial:{self._name} states frames of {size} bytes: allowed: {SMALLEST} to {LARGEST}")
+        reply = self._ask(GET_INFO)
+        info = Info.decode(reply)
+        (size,) = struct.unpack_from("<H", reply, 2)
+        if not MIN_FRAME_BYTES <= size <= MAX_FRAME_BYTES:
+            raise ProtocolError(
+                f"serial:{self._name} states frames of {size} bytes: allowed: {MIN_FRAME_BYTES} to {MAX_FRAME_BYTES}"
+            )
         source: dict[str, Any] = {
-            "transport": "serial", "serial": _serial_number(self._name), "port": self._name, "firmware": info.firmware,
-            "started": now(), "scale": list(info.scale),
+            "transport": "serial", "serial": _find_serial_number(self._name), "port": self._name, "firmware": info.firmware,
+            "started": make_timestamp(), "scale": list(info.scale),
         }  # fmt: skip
-        channels = CHANNELS[: info.channels]
+        channels = CHANNEL_NAMES[: info.channels]
         return Header("frames", info.rate, channels, scale=info.scale, size=size, stream=self._stream, source=source)
 
     def _start(self) -> None:
@@ -128,11 +130,11 @@ class SerialTransport:
         except OSError as fault:
             self._reopen(fault)
         self._started, self._heard = True, time.monotonic()
-        self.header.source["started"] = now()
+        self.header.source["started"] = make_timestamp()
 
-    def _awake(self) -> None:
+    def _wake(self) -> None:
         """Stop a stream that a killed program may have left running; repeat, since a restarting board misses requests."""
-        limit = time.monotonic() + WAKING
+        limit = time.monotonic() + WAKE_TIMEOUT_S
         while True:
             try:
                 self._ask(STOP)
@@ -141,7 +143,7 @@ class SerialTransport:
                     raise
             else:
                 self._port.reset_input_buffer()
-                self._rest = b""
+                self._buffered = b""
                 return
 
     def _ask(self, number: int, value: int = 0, data: int = 0) -> bytes:
@@ -151,14 +153,14 @@ class SerialTransport:
             Timeout: no answer comes.
             ProtocolError: the board refuses the request.
         """
-        self._port.write(request(number, value, data))
-        limit = time.monotonic() + PATIENCE
+        self._port.write(encode_request(number, value, data))
+        limit = time.monotonic() + ANSWER_TIMEOUT_S
         buffer = b""
         while time.monotonic() < limit:
             buffer += self._port.read(max(1, min(self._port.in_waiting, LARGEST_READ)))
-            if told := found(buffer, number):
-                granted, answer, around = told
-                self._rest += around
+            if reply := find_answer(buffer, number):
+                granted, answer, around = reply
+                self._buffered += around
                 if not granted:
                     raise ProtocolError(
                         f"serial:{self._name} refuses request {number} of docs/reference/protocol.md: correct its firmware"
@@ -172,19 +174,19 @@ class SerialTransport:
         """Open the port again, and continue the stream if the board still counts it; start another if not."""
         self._port.close()
         limit = time.monotonic() + self._absence
-        while not self._resumed():
+        while not self._try_resume():
             if time.monotonic() > limit:
                 text = f"serial:{self._name}: it went away and did not come back: check plug and cable, then read again"
                 raise Disconnected(text) from fault
             time.sleep(0.05)
         self._note, self._heard = "the port went away", time.monotonic()
 
-    def _resumed(self) -> bool:
+    def _try_resume(self) -> bool:
         try:
-            self._port = self._opened()
-            if Status.decoded(self._ask(GET_STATUS)).stream != self._stream:
+            self._port = self._open_port()
+            if Status.decode(self._ask(GET_STATUS)).stream != self._stream:
                 self._stream = self._stream % 0xFFFF + 1
-                self._rest = b""
+                self._buffered = b""
                 self._ask(START, self._stream)
         except (HardwareError, OSError):
             self._port.close()
@@ -192,10 +194,10 @@ class SerialTransport:
         return True
 
 
-def _serial_number(port: str) -> str:
+def _find_serial_number(port: str) -> str:
     """Return the serial number of the USB board at a port, "" if the system knows none."""
     with suppress(Exception):  # the list of ports is platform code that may raise anything
-        for one in import_module("serial.tools.list_ports").comports():
-            if os.path.realpath(one.device) == os.path.realpath(port):
-                return str(one.serial_number or "")
+        for listed_port in import_module("serial.tools.list_ports").comports():
+            if os.path.realpath(listed_port.device) == os.path.realpath(port):
+                return str(listed_port.serial_number or "")
     return ""

@@ -11,8 +11,10 @@ from scipy.linalg import block_diag
 from hw.common.errors import HardwareError
 from hw.common.samples import Complexes, Floats
 
-QUARTER = np.array([[0.0, -1.0], [1.0, 0.0]])  # multiplication by j, as a matrix on (re, im)
-LEAST = 0.5  # of the corner frequency: below it under 45 % of the charge is read, and the corner's error counts fully
+QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])  # multiplication by j, as a matrix on (re, im)
+MIN_FREQUENCY_RATIO = (
+    0.5  # of the corner frequency: below it under 45 % of the charge is read, and the corner's error counts fully
+)
 
 
 class TooSlow(HardwareError):  # noqa: N818 - says what is wrong with the load
@@ -53,13 +55,13 @@ class ChargeAmplifier:
         Raises:
             TooSlow: the frequency is far below the corner.
         """
-        if not frequency >= LEAST * self.corner:
+        if not frequency >= MIN_FREQUENCY_RATIO * self.corner:
             text = f"{frequency:.3g} Hz lies far below the charge amplifier's corner of {self.corner:.3g} Hz"
             raise TooSlow(f"{text}: load at {10 * self.corner:.2g} Hz or faster, or take a larger feedback resistance")
         turn = 2j * np.pi * frequency * self.time_constant
         return complex(-turn / (1 + turn) / self.capacitance)
 
-    def tolerance(self, frequency: float, calibrated_at: float | None = None) -> Floats:
+    def compute_tolerance(self, frequency: float, calibrated_at: float | None = None) -> Floats:
         """Return the covariance of (re, im) of ln H that the parts' tolerances cause, shape (2, 2).
 
         d ln H = -dC/C + (dR/R + dC/C) / (1 + j w tau) (SI.2). H is the response, R and C are the feedback resistance and
@@ -70,24 +72,26 @@ class ChargeAmplifier:
             frequency: of the load, Hz.
             calibrated_at: frequency of the calibration, Hz; None: gains are nominal.
         """
-        by_resistance = 1 / (1 + 2j * np.pi * frequency * self.time_constant)
-        by_capacitance = by_resistance - 1
+        d_resistance = 1 / (1 + 2j * np.pi * frequency * self.time_constant)
+        d_capacitance = d_resistance - 1
         if calibrated_at is not None:
             calibrated = 1 / (1 + 2j * np.pi * calibrated_at * self.time_constant)
-            by_resistance, by_capacitance = by_resistance - calibrated, by_resistance - calibrated
-        parts = np.array([by_resistance * self.resistance_tolerance, by_capacitance * self.capacitance_tolerance])
-        both = np.stack([parts.real, parts.imag])
-        return np.asarray(both @ both.T)
+            d_resistance, d_capacitance = d_resistance - calibrated, d_resistance - calibrated
+        parts = np.array([d_resistance * self.resistance_tolerance, d_capacitance * self.capacitance_tolerance])
+        columns = np.stack([parts.real, parts.imag])
+        return np.asarray(columns @ columns.T)
 
 
-def of_parts(
+def compute_parts_covariance(
     charges: Complexes, amplifiers: Sequence[ChargeAmplifier], frequency: float, calibrated_at: float | None = None
 ) -> Floats:
     """Return the covariance of charges (n,), as (re, im) of each in turn, from eq. SI.2, C^2, shape (2 n, 2 n)."""
-    turn = multiplied(charges)
-    return np.asarray(turn @ block_diag(*(one.tolerance(frequency, calibrated_at) for one in amplifiers)) @ turn.T)
+    turn = multiplication_matrix(charges)
+    return np.asarray(
+        turn @ block_diag(*(amplifier.compute_tolerance(frequency, calibrated_at) for amplifier in amplifiers)) @ turn.T
+    )
 
 
-def multiplied(factors: Complexes) -> Floats:
+def multiplication_matrix(factors: Complexes) -> Floats:
     """Return the real matrix of a multiplication by complex factors (n,), on (re, im) of each in turn, shape (2 n, 2 n)."""
-    return np.asarray(np.kron(np.diag(factors.real), np.eye(2)) + np.kron(np.diag(factors.imag), QUARTER))
+    return np.asarray(np.kron(np.diag(factors.real), np.eye(2)) + np.kron(np.diag(factors.imag), QUARTER_TURN))

@@ -18,13 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hw.common.samples import Floats, Samples
-from hw.signal.measure import FILMS
+from hw.signal.measure import FILM_NAMES
 
-ROWS = 1 << 13  # samples of each film that are used: 0.8 s at 10 kS/s
-LENGTHS = tuple(1 << k for k in range(6, 14))  # samples in a beginning: from the minimum of a fit to all that are used
-MEMORY = 12  # previous samples that predict the next: enough for the load, its harmonics and the mains
-BITS = 128
-DIFFERENT = 32  # signs: a quarter of all, 5.7 standard deviations below the half of independent noise
+FINGERPRINT_ROWS = 1 << 13  # samples of each film that are used: 0.8 s at 10 kS/s
+BEGINNING_LENGTHS = tuple(1 << k for k in range(6, 14))  # samples in a beginning: from the minimum of a fit to all that are used
+PREDICTOR_ORDER = 12  # previous samples that predict the next: enough for the load, its harmonics and the mains
+HASH_BITS = 128
+MIN_DIFFERENT_BITS = 32  # signs: a quarter of all, 5.7 standard deviations below the half of independent noise
 SAME_VOLTS = 5e-4  # relative: rounding and the scale of a sound file cause less
 
 
@@ -43,19 +43,21 @@ class Fingerprint:
     @classmethod
     def from_samples(cls, samples: Samples) -> Self:
         """Compute the fingerprint of samples from the reading's begin on; they must have both films."""
-        films = np.nan_to_num(samples.of(FILMS).volts[:ROWS], posinf=0.0, neginf=0.0)
-        beginnings = [films[:length] for length in LENGTHS if length <= len(films)]
-        deviations = (one.std(axis=0) for one in beginnings)
-        return cls(tuple(map(_signs, beginnings)), tuple((float(inner), float(outer)) for inner, outer in deviations))
+        films = np.nan_to_num(samples.select_channels(FILM_NAMES).volts[:FINGERPRINT_ROWS], posinf=0.0, neginf=0.0)
+        beginnings = [films[:length] for length in BEGINNING_LENGTHS if length <= len(films)]
+        deviations = (beginning.std(axis=0) for beginning in beginnings)
+        return cls(tuple(map(_compute_signs, beginnings)), tuple((float(inner), float(outer)) for inner, outer in deviations))
 
     @classmethod
-    def from_dict(cls, told: Any) -> Self | None:
+    def from_dict(cls, contents: Any) -> Self | None:
         """Read the result of ``as_dict``; return None for anything else."""
         try:
-            noise = tuple(told["noise"])
-            volts = tuple((float(inner), float(outer)) for inner, outer in told["volts"])
+            noise = tuple(contents["noise"])
+            volts = tuple((float(inner), float(outer)) for inner, outer in contents["volts"])
             sizes = {len(bytes.fromhex(signs)) for signs in noise}
-            return cls(noise, volts) if len(noise) == len(volts) <= len(LENGTHS) and sizes <= {0, BITS // 8} else None
+            return (
+                cls(noise, volts) if len(noise) == len(volts) <= len(BEGINNING_LENGTHS) and sizes <= {0, HASH_BITS // 8} else None
+            )
         except (KeyError, TypeError, ValueError, OverflowError):
             return None
 
@@ -68,34 +70,34 @@ class Fingerprint:
         beginnings = list(zip(self.noise, other.noise, self.volts, other.volts, strict=False))
         if not beginnings:
             return False
-        one, two, volts, others = beginnings[-1]
-        if not one or not two or not np.allclose(volts, others, rtol=SAME_VOLTS, atol=0):
+        signs, other_signs, volts, other_volts = beginnings[-1]
+        if not signs or not other_signs or not np.allclose(volts, other_volts, rtol=SAME_VOLTS, atol=0):
             return False
-        return (int(one, 16) ^ int(two, 16)).bit_count() < DIFFERENT
+        return (int(signs, 16) ^ int(other_signs, 16)).bit_count() < MIN_DIFFERENT_BITS
 
 
-def _signs(films: Floats) -> str:
+def _compute_signs(films: Floats) -> str:
     """Return the signs of the noise's projections on fixed vectors, in hexadecimal; "" if there is no noise."""
-    noise = np.concatenate([_unpredicted(film) for film in films.T])
+    noise = np.concatenate([_compute_noise(film) for film in films.T])
     if not noise.any():
         return ""
-    return np.packbits(_vectors(len(noise)) @ noise > 0).tobytes().hex()
+    return np.packbits(_build_vectors(len(noise)) @ noise > 0).tobytes().hex()
 
 
-def _unpredicted(volts: Floats) -> Floats:
+def _compute_noise(volts: Floats) -> Floats:
     """Return the residual of a linear prediction of a film's voltage, scaled to unit variance, shape (n - PREDICTOR_ORDER,)."""
     spread = volts.std()
     if spread == 0:
-        return np.zeros(len(volts) - MEMORY)
+        return np.zeros(len(volts) - PREDICTOR_ORDER)
     scaled = (volts - volts.mean()) / spread
-    past = np.lib.stride_tricks.sliding_window_view(scaled, MEMORY)[:-1]
-    rest = scaled[MEMORY:] - past @ np.linalg.lstsq(past, scaled[MEMORY:], rcond=None)[0]
-    size = rest.std()
-    return np.asarray(rest / size if size > 0 else np.zeros_like(rest))
+    past = np.lib.stride_tricks.sliding_window_view(scaled, PREDICTOR_ORDER)[:-1]
+    residual = scaled[PREDICTOR_ORDER:] - past @ np.linalg.lstsq(past, scaled[PREDICTOR_ORDER:], rcond=None)[0]
+    size = residual.std()
+    return np.asarray(residual / size if size > 0 else np.zeros_like(residual))
 
 
 @cache
-def _vectors(length: int) -> NDArray[np.float32]:
+def _build_vectors(length: int) -> NDArray[np.float32]:
     """Return fixed vectors of +1 and -1, shape (HASH_BITS, length), from a hash function: the same on every computer."""
-    bits = np.frombuffer(hashlib.shake_128(b"probe-design").digest(BITS * length // 8 + 1), dtype=np.uint8)
-    return np.unpackbits(bits)[: BITS * length].reshape(length, BITS).T.astype(np.float32) * 2 - 1
+    bits = np.frombuffer(hashlib.shake_128(b"probe-design").digest(HASH_BITS * length // 8 + 1), dtype=np.uint8)
+    return np.unpackbits(bits)[: HASH_BITS * length].reshape(length, HASH_BITS).T.astype(np.float32) * 2 - 1

@@ -8,16 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hw.common.samples import Complexes, Floats, Samples
-from hw.signal.amplifier import ChargeAmplifier, multiplied, of_parts
+from hw.signal.amplifier import ChargeAmplifier, compute_parts_covariance, multiplication_matrix
 from hw.signal.sine_fit import SineFit
-from hw.signal.stretches import sine_fit
-from hw.signal.waveform import Flawed, doubt
+from hw.signal.stretches import fit_sine
+from hw.signal.waveform import Flawed, assess_waveform
 
-FILMS = ("inner", "outer")
-FORCE = "force"
-LEAST_SEEN = 6.0  # amplitude over its standard deviation: the strongest line of noise alone stays below
-LEAST_STRENGTH = 20.0  # amplitude over its standard deviation that a calibration needs
-STEP = 1e-6  # relative step of the central differences that propagate covariances
+FILM_NAMES = ("inner", "outer")
+FORCE_CHANNEL = "force"
+MIN_DETECTED_STRENGTH = 6.0  # amplitude over its standard deviation: the strongest line of noise alone stays below
+MIN_CALIBRATION_STRENGTH = 20.0  # amplitude over its standard deviation that a calibration needs
+RELATIVE_STEP = 1e-6  # relative step of the central differences that propagate covariances
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Losses:
     notes: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, samples: Samples) -> Losses:
+    def from_samples(cls, samples: Samples) -> Losses:
         """Count the losses of samples."""
         return cls(int(samples.saturated.any(axis=1).sum()), len(samples.gaps), samples.overruns, samples.notes)
 
@@ -85,28 +85,30 @@ class Measurement:
     @property
     def ratio_covariance(self) -> Floats:
         """Covariance of (re, im) of the ratio due to noise, shape (2, 2), by the delta method."""
-        return carried(_quotient, _parts(self.charges), self.covariance)
+        return propagate_covariance(_compute_quotient, _split_parts(self.charges), self.covariance)
 
     @property
     def in_phase(self) -> Floats:
         """Components of the charges in phase with their sum, C, shape (2,); their sum is positive."""
-        return _in_phase(_parts(self.charges))
+        return _project_in_phase(_split_parts(self.charges))
 
     @property
     def in_phase_covariance(self) -> Floats:
         """Covariance of ``in_phase`` due to noise, C^2, shape (2, 2), by the delta method."""
-        return carried(_in_phase, _parts(self.charges), self.covariance)
+        return propagate_covariance(_project_in_phase, _split_parts(self.charges), self.covariance)
 
     @property
     def in_phase_tolerance(self) -> Floats:
         """Covariance of ``in_phase`` due to the amplifiers' tolerances, C^2, shape (2, 2)."""
-        return carried(_in_phase, _parts(self.charges), self.tolerance)
+        return propagate_covariance(_project_in_phase, _split_parts(self.charges), self.tolerance)
 
     @property
     def lag(self) -> tuple[float, float]:
         """Phase by which the inner charge leads the outer, rad, and its standard deviation due to noise and tolerances."""
-        both = self.covariance + self.tolerance
-        return float(_lag(_parts(self.charges))[0]), float(np.sqrt(carried(_lag, _parts(self.charges), both)[0, 0]))
+        covariance = self.covariance + self.tolerance
+        return float(_compute_lag(_split_parts(self.charges))[0]), float(
+            np.sqrt(propagate_covariance(_compute_lag, _split_parts(self.charges), covariance)[0, 0])
+        )
 
 
 def measure(
@@ -128,23 +130,23 @@ def measure(
     Raises:
         HardwareError: a channel is missing, no sinusoid can be fitted, or the load is not steady or too slow for the amplifier.
     """
-    used = samples.of(film_channels(samples, sensitivity is not None))
-    return measured(sine_fit(used, frequency), Losses.of(used), amplifier, sensitivity, calibrated_at)
+    used = samples.select_channels(choose_channels(samples, sensitivity is not None))
+    return build_measurement(fit_sine(used, frequency), Losses.from_samples(used), amplifier, sensitivity, calibrated_at)
 
 
-def film_channels(samples: Samples, force: bool) -> tuple[str, ...]:
+def choose_channels(samples: Samples, force: bool) -> tuple[str, ...]:
     """Choose the channels that a measurement uses: both films', and the force channel if ``force`` is true and it exists.
 
     Raises:
         Flawed: a film's channel is missing.
     """
-    missing = [name for name in FILMS if name not in samples.channels]
+    missing = [name for name in FILM_NAMES if name not in samples.channels]
     if missing:
         raise Flawed(f"no channel {missing[0]!r} among {', '.join(samples.channels)}: both films are needed")
-    return (*FILMS, FORCE) if force and FORCE in samples.channels else FILMS
+    return (*FILM_NAMES, FORCE_CHANNEL) if force and FORCE_CHANNEL in samples.channels else FILM_NAMES
 
 
-def measured(
+def build_measurement(
     fit: SineFit,
     losses: Losses,
     amplifier: ChargeAmplifier,
@@ -158,17 +160,17 @@ def measured(
     """
     response = amplifier.response(fit.frequency)
     charges = fit.amplitudes[:2] / response
-    covariance = _over(response, fit.covariance[:4, :4])
-    if _strength(charges, covariance) < LEAST_SEEN:
+    covariance = _divide_covariance(response, fit.covariance[:4, :4])
+    if _compute_strength(charges, covariance) < MIN_DETECTED_STRENGTH:
         raise Flawed(f"no load of about {fit.frequency:.4g} Hz stands out from the noise: is it on, is its frequency right?")
-    doubts = doubt(fit, (*FILMS, FORCE)[: len(fit.amplitudes)], amplifier.response)
-    told = replace(fit, covariance=fit.covariance + doubts.covariance(fit))
-    force, force_sd = _force(told, sensitivity)
+    doubts = assess_waveform(fit, (*FILM_NAMES, FORCE_CHANNEL)[: len(fit.amplitudes)], amplifier.response)
+    counted_fit = replace(fit, covariance=fit.covariance + doubts.compute_covariance(fit))
+    force, force_sd = _compute_force(counted_fit, sensitivity)
     return Measurement(
-        fit=told,
+        fit=counted_fit,
         charges=charges,
-        covariance=_over(response, told.covariance[:4, :4]),
-        tolerance=of_parts(charges, (amplifier, amplifier), fit.frequency, calibrated_at),
+        covariance=_divide_covariance(response, counted_fit.covariance[:4, :4]),
+        tolerance=compute_parts_covariance(charges, (amplifier, amplifier), fit.frequency, calibrated_at),
         force=force,
         force_sd=force_sd,
         saturated=losses.saturated,
@@ -178,27 +180,27 @@ def measured(
     )
 
 
-def _over(response: complex, covariance: Floats) -> Floats:
-    turn = multiplied(np.full(2, 1 / response))
+def _divide_covariance(response: complex, covariance: Floats) -> Floats:
+    turn = multiplication_matrix(np.full(2, 1 / response))
     return np.asarray(turn @ covariance @ turn.T)
 
 
-def checked(measurement: Measurement, least_cycles: float) -> Measurement:
+def check_measurement(measurement: Measurement, min_cycles: float) -> Measurement:
     """Return the measurement unchanged if a calibration may use it.
 
     Raises:
         Flawed: the reading has gaps, overruns, saturation, too few periods of the load, or no load.
     """
-    strength = _strength(measurement.charges, measurement.covariance)
+    strength = _compute_strength(measurement.charges, measurement.covariance)
     flaws = {
         f"{measurement.lost} gaps: samples were lost; read again": measurement.lost > 0,
         f"{measurement.overruns} overruns of the device: ask for a lower rate": measurement.overruns > 0,
         f"{measurement.saturated} samples are saturated: press less, or take a larger feedback capacitance": measurement.saturated
         > 0,
-        f"{measurement.fit.cycles:.3g} cycles of the load: at least {least_cycles:g} are needed; read longer": (
-            measurement.fit.cycles < least_cycles
+        f"{measurement.fit.cycles:.3g} cycles of the load: at least {min_cycles:g} are needed; read longer": (
+            measurement.fit.cycles < min_cycles
         ),
-        f"the load's amplitude is {strength:.2g} of its standard deviation: is the load on?": strength < LEAST_STRENGTH,
+        f"the load's amplitude is {strength:.2g} of its standard deviation: is the load on?": strength < MIN_CALIBRATION_STRENGTH,
     }
     for text, flawed in flaws.items():
         if flawed:
@@ -206,49 +208,49 @@ def checked(measurement: Measurement, least_cycles: float) -> Measurement:
     return measurement
 
 
-def _strength(charges: Complexes, covariance: Floats) -> float:
+def _compute_strength(charges: Complexes, covariance: Floats) -> float:
     """Return the larger of both films' amplitudes over their standard deviations."""
     return float((np.abs(charges) / np.sqrt(np.diag(covariance)[::2])).max())
 
 
-def carried(function: Callable[[Floats], Floats], at: Floats, covariance: Floats) -> Floats:
+def propagate_covariance(function: Callable[[Floats], Floats], values: Floats, covariance: Floats) -> Floats:
     """Return the covariance of a function's values: delta method, with derivatives by central differences."""
-    step = STEP * float(np.abs(at).max())
-    moved = step * np.eye(len(at))
-    slopes = np.stack([(function(at + one) - function(at - one)) / (2 * step) for one in moved], axis=1)
-    return np.asarray(slopes @ covariance @ slopes.T)
+    step = RELATIVE_STEP * float(np.abs(values).max())
+    shifts = step * np.eye(len(values))
+    derivatives = np.stack([(function(values + shift) - function(values - shift)) / (2 * step) for shift in shifts], axis=1)
+    return np.asarray(derivatives @ covariance @ derivatives.T)
 
 
-def _force(fit: SineFit, sensitivity: float | None) -> tuple[float | None, float | None]:
+def _compute_force(fit: SineFit, sensitivity: float | None) -> tuple[float | None, float | None]:
     if sensitivity is None or len(fit.amplitudes) < 3:
         return None, None
-    spread = carried(_size, _parts(fit.amplitudes[2:3]), fit.covariance[4:6, 4:6])
+    spread = propagate_covariance(_compute_amplitude, _split_parts(fit.amplitudes[2:3]), fit.covariance[4:6, 4:6])
     return float(abs(fit.amplitudes[2]) / abs(sensitivity)), float(np.sqrt(spread[0, 0]) / abs(sensitivity))
 
 
-def _parts(values: Complexes) -> Floats:
+def _split_parts(values: Complexes) -> Floats:
     return np.stack([values.real, values.imag], axis=1).ravel()
 
 
-def _complex(parts: Floats) -> Complexes:
+def _join_parts(parts: Floats) -> Complexes:
     return np.asarray(parts[0::2] + 1j * parts[1::2])
 
 
-def _quotient(parts: Floats) -> Floats:
-    inner, outer = _complex(parts)
+def _compute_quotient(parts: Floats) -> Floats:
+    inner, outer = _join_parts(parts)
     return np.array([(inner / outer).real, (inner / outer).imag])
 
 
-def _in_phase(parts: Floats) -> Floats:
-    charges = _complex(parts)
+def _project_in_phase(parts: Floats) -> Floats:
+    charges = _join_parts(parts)
     total = charges.sum()
     return np.asarray((charges * np.conj(total) / abs(total)).real)
 
 
-def _lag(parts: Floats) -> Floats:
-    inner, outer = _complex(parts)
+def _compute_lag(parts: Floats) -> Floats:
+    inner, outer = _join_parts(parts)
     return np.array([np.angle(inner * np.conj(outer))])
 
 
-def _size(parts: Floats) -> Floats:
-    return np.abs(_complex(parts))
+def _compute_amplitude(parts: Floats) -> Floats:
+    return np.abs(_join_parts(parts))

@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 from hw.common.errors import HardwareError
-from hw.common.samples import Samples, joined
-from hw.signal.fingerprint import ROWS as FIRST
+from hw.common.samples import Samples, join_samples
+from hw.signal.fingerprint import FINGERPRINT_ROWS as FIRST_ROWS
 from hw.signal.fingerprint import Fingerprint
-from hw.signal.measure import Losses, film_channels
+from hw.signal.measure import Losses, choose_channels
 from hw.signal.sine_fit import NoSine, SineFit, TooShort, fit_stretch
-from hw.signal.stretches import combined, stretches
+from hw.signal.stretches import combine_fits, split_stretches
 
-ROWS = 1 << 16  # minimum rows in a piece
-CYCLES = 30.0  # minimum periods of the load in a piece
+MIN_PIECE_ROWS = 1 << 16  # minimum rows in a piece
+MIN_PIECE_CYCLES = 30.0  # minimum periods of the load in a piece
 
 
 class RunningFit:
@@ -27,7 +27,7 @@ class RunningFit:
         rows: minimum rows in a piece.
     """
 
-    def __init__(self, frequency: float, force: bool, rows: int = ROWS) -> None:
+    def __init__(self, frequency: float, force: bool, rows: int = MIN_PIECE_ROWS) -> None:
         self._frequency, self._force, self._rows = frequency, force, rows
         self._waiting: list[Samples] = []
         self._begin: list[Samples] = []  # the first rows, for the fingerprint
@@ -39,22 +39,22 @@ class RunningFit:
 
     def add(self, block: Samples) -> None:
         """Add the next samples. Faults are raised by ``fit`` only, so that the reading continues."""
-        used = block.of(film_channels(block, self._force)) if self._fault is None else block
-        if sum(map(len, self._begin)) < FIRST:
+        used = block.select_channels(choose_channels(block, self._force)) if self._fault is None else block
+        if sum(map(len, self._begin)) < FIRST_ROWS:
             self._begin.append(used)
-        self.losses += Losses.of(used)
+        self.losses += Losses.from_samples(used)
         if self._fault is not None:
             return
         self._waiting.append(used)
         self._count += len(used)
-        self._piece = max(self._rows, round(CYCLES / self._frequency * block.rate))
+        self._piece = max(self._rows, round(MIN_PIECE_CYCLES / self._frequency * block.rate))
         while self._count >= 2 * self._piece:
             self._fit_first(self._piece)
 
     @property
     def fingerprint(self) -> Fingerprint:
         """Fingerprint of the reading; samples must have been added."""
-        return Fingerprint.from_samples(joined(self._begin))
+        return Fingerprint.from_samples(join_samples(self._begin))
 
     def fit(self) -> SineFit:
         """Return the fit of all samples.
@@ -63,31 +63,31 @@ class RunningFit:
             HardwareError: the fault of the first piece that could not be fitted.
         """
         if self._waiting:
-            self._fit_rest()
+            self._fit_remaining()
         if self._fault is not None:
             raise self._fault
         if not self._fits:
             raise NoSine("no samples: is the source empty?")
         longest = max(range(len(self._fits)), key=lambda k: self._fits[k].rows)
         ordered = [self._fits[longest], *self._fits[:longest], *self._fits[longest + 1 :]]
-        return replace(combined(ordered), left_out=self._left_out)
+        return replace(combine_fits(ordered), left_out=self._left_out)
 
-    def _fit_rest(self) -> None:
+    def _fit_remaining(self) -> None:
         """Fit the waiting samples: in two halves if they exceed a piece, so that no fit needs more memory than the others."""
         if self._fits and self._count > self._piece:
             self._fit_first(self._count // 2)
-        self._try(joined(self._waiting))
+        self._try_fit(join_samples(self._waiting))
         self._waiting, self._count = [], 0
 
     def _fit_first(self, piece: int) -> None:
-        whole = joined(self._waiting)
-        first, rest = whole.before(int(whole.index[piece])), whole.after(int(whole.index[piece]))
-        self._waiting, self._count = [rest], len(rest)
-        self._try(first)
+        samples = join_samples(self._waiting)
+        first, remaining = samples.select_before(int(samples.index[piece])), samples.select_from(int(samples.index[piece]))
+        self._waiting, self._count = [remaining], len(remaining)
+        self._try_fit(first)
 
-    def _try(self, samples: Samples) -> None:
+    def _try_fit(self, samples: Samples) -> None:
         """Fit each stretch between gaps of unknown length; a stretch that is too short is left out unless it is the only one."""
-        for part in sorted(stretches(samples), key=len, reverse=True):
+        for part in sorted(split_stretches(samples), key=len, reverse=True):
             try:
                 self._fits.append(fit_stretch(part, self._fits[0].frequency if self._fits else self._frequency))
             except TooShort as fault:

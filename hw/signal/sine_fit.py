@@ -13,21 +13,21 @@ import numpy as np
 
 from hw.common.errors import HardwareError
 from hw.common.samples import Complexes, Floats, Samples
-from hw.signal.residuals import bending, spikes
-from hw.signal.sine_model import DRIFT, Lines, Solved, residual, solve
-from hw.signal.spectrum import MAINS, WANDERS, density, mains, strongest
-from hw.signal.steadiness import blocks
+from hw.signal.residuals import estimate_bending_error, estimate_spike_error
+from hw.signal.sine_model import DRIFT_COEFFICIENTS, Lines, Solution, compute_residual, solve
+from hw.signal.spectrum import MAINS_HZ, MAINS_TOLERANCE_HZ, estimate_density, find_mains, find_strongest
+from hw.signal.steadiness import fit_blocks
 
-HARMONICS = 3  # of the load, the fundamental included
-HUMS = 3  # harmonics of the mains, the fundamental included
-LEAST_CYCLES = 3.0  # periods of the load: a shorter record cannot be distinguished from the drift polynomial
-LEAST_SHARE = 0.1  # of a record's samples that must be there and not saturated
+MAX_HARMONICS = 3  # of the load, the fundamental included
+MAX_MAINS_HARMONICS = 3  # harmonics of the mains, the fundamental included
+MIN_CYCLES = 3.0  # periods of the load: a shorter record cannot be distinguished from the drift polynomial
+MIN_SAMPLE_SHARE = 0.1  # of a record's samples that must be there and not saturated
 MAX_CONDITION = 1e10  # of the normal matrix: 1e6 with three cycles, beyond 1e10 where most of each cycle is cut off
 MIN_SWING_V = 1e-18  # no converter resolves less: a channel that changes by less shows nothing, and its squares underflow
-NEAR = 1.0  # Hz about the nominal frequency in which the load is searched
-LOWEST = 0.05  # Hz, lower end of a search without nominal frequency
-STEPS = 8  # of Gauss-Newton; two or three are enough from a good start
-CLOSE = 0.02  # of a frequency's standard deviation: smaller corrections end the iteration
+SEARCH_RANGE_HZ = 1.0  # Hz about the nominal frequency in which the load is searched
+MIN_SEARCH_FREQUENCY_HZ = 0.05  # Hz, lower end of a search without nominal frequency
+MAX_NEWTON_STEPS = 8  # of Gauss-Newton; two or three are enough from a good start
+STEP_TOLERANCE_SD = 0.02  # of a frequency's standard deviation: smaller corrections end the iteration
 
 
 class NoSine(HardwareError):  # noqa: N818 - says what is missing
@@ -77,7 +77,7 @@ class SineFit:
     variance: float
     harmonics: Complexes
     spikes: Floats
-    bent: Floats
+    bending: Floats
     blocks: Complexes
     blocks_variance: Floats
     mains: float | None
@@ -108,26 +108,26 @@ def fit_stretch(samples: Samples, frequency: float | None = None) -> SineFit:
     Raises:
         NoSine: the record is too short, too slowly sampled, or has no sinusoid.
     """
-    clean = _unsaturated(samples)
+    clean = _drop_saturated(samples)
     begin, end = (int(samples.index[k]) for k in (0, -1)) if len(samples.index) else (0, 0)
     span = (end - begin) / clean.rate
     _check_samples(clean, end - begin + 1)
-    load = _load(clean, span, frequency)
+    load = _find_load_frequency(clean, span, frequency)
     t = np.asarray(
         (clean.index - begin - (end - begin) / 2) / clean.rate, dtype=float
     )  # of large indices the difference is exact
-    lines = Lines(load, _below_nyquist(load, clean.rate, HARMONICS), None, 0, span / 2)
-    lines, solved = _settled(lines, t, clean.volts)
-    lines = _with_mains(lines, clean, t, solved)
+    lines = Lines(load, _count_below_nyquist(load, clean.rate, MAX_HARMONICS), None, 0, span / 2)
+    lines, solved = _fit_frequencies(lines, t, clean.volts)
+    lines = _add_mains(lines, clean, t, solved)
     if lines.mains is not None:
-        lines, solved = _settled(lines, t, clean.volts)
-    return _described(lines, solved, clean, t)
+        lines, solved = _fit_frequencies(lines, t, clean.volts)
+    return _build_fit(lines, solved, clean, t)
 
 
 def _check_samples(samples: Samples, requested: int) -> None:
-    least = 4 * (2 * (HARMONICS + HUMS) + DRIFT)
-    if len(samples.index) < max(least, LEAST_SHARE * requested):
-        needed = f"at least {least} and a share of {LEAST_SHARE:g} are needed"
+    min_samples = 4 * (2 * (MAX_HARMONICS + MAX_MAINS_HARMONICS) + DRIFT_COEFFICIENTS)
+    if len(samples.index) < max(min_samples, MIN_SAMPLE_SHARE * requested):
+        needed = f"at least {min_samples} and a share of {MIN_SAMPLE_SHARE:g} are needed"
         raise TooShort(f"{len(samples.index)} of {requested} samples arrived and are not saturated: {needed}")
     dead = [name for name, swing in zip(samples.channels, np.ptp(samples.volts, axis=0), strict=True) if not swing > MIN_SWING_V]
     if dead or not np.all(np.isfinite(samples.volts)):
@@ -136,26 +136,26 @@ def _check_samples(samples: Samples, requested: int) -> None:
         raise NoSine(f"channels {samples.channels[0]} and {samples.channels[1]} hold the same numbers: two films never do")
 
 
-def _load(samples: Samples, span: float, nominal: float | None) -> float:
+def _find_load_frequency(samples: Samples, span: float, nominal: float | None) -> float:
     """Return a first estimate of the load's frequency, Hz."""
-    frequency = _strongest_frequency(samples, span) if nominal is None else nominal
-    _check(frequency, span, samples.rate)
-    near = min(0.1 * frequency, NEAR)
-    frequency = strongest(samples, frequency - near, frequency + near) or frequency
-    _check(frequency, span, samples.rate)
+    frequency = _find_strongest_frequency(samples, span) if nominal is None else nominal
+    _check_frequency(frequency, span, samples.rate)
+    search_range = min(0.1 * frequency, SEARCH_RANGE_HZ)
+    frequency = find_strongest(samples, frequency - search_range, frequency + search_range) or frequency
+    _check_frequency(frequency, span, samples.rate)
     return frequency
 
 
-def _unsaturated(samples: Samples) -> Samples:
+def _drop_saturated(samples: Samples) -> Samples:
     good = ~samples.saturated.any(axis=1)
     if good.all():
         return samples
     return replace(samples, index=samples.index[good], volts=samples.volts[good], saturated=samples.saturated[good])
 
 
-def _strongest_frequency(samples: Samples, span: float) -> float:
-    low, high = max(LOWEST, LEAST_CYCLES / span), 0.4 * samples.rate
-    frequency = strongest(samples, low, high)
+def _find_strongest_frequency(samples: Samples, span: float) -> float:
+    low, high = max(MIN_SEARCH_FREQUENCY_HZ, MIN_CYCLES / span), 0.4 * samples.rate
+    frequency = find_strongest(samples, low, high)
     if frequency is None:
         raise NoSine(f"no frequency between {low:.3g} and {high:.3g} Hz can be determined in {span:.3g} s: read longer")
     return frequency
@@ -163,38 +163,41 @@ def _strongest_frequency(samples: Samples, span: float) -> float:
 
 def check_rate(frequency: float, rate: float) -> None:
     """Raise ``NoSine`` if a mains line, or its alias at this sampling rate, is at the load's frequency (both in Hz)."""
-    hum = [k * nominal for nominal in MAINS for k in range(1, HUMS + 1) if abs(frequency - k * nominal) < k * WANDERS]
+    hum = [
+        k * nominal
+        for nominal in MAINS_HZ
+        for k in range(1, MAX_MAINS_HARMONICS + 1)
+        if abs(frequency - k * nominal) < k * MAINS_TOLERANCE_HZ
+    ]
     if hum:
         raise NoSine(f"a load of {frequency:.4g} Hz is too close to the mains at {hum[0]:g} Hz: load at another frequency")
-    for mains_line in (k * nominal for nominal in MAINS for k in range(1, HUMS + 1)):
-        seen = abs(mains_line - rate * round(mains_line / rate))
-        if mains_line > 0.5 * rate and abs(frequency - seen) < WANDERS * max(1.0, mains_line / MAINS[0]):
+    for mains_line in (k * nominal for nominal in MAINS_HZ for k in range(1, MAX_MAINS_HARMONICS + 1)):
+        alias = abs(mains_line - rate * round(mains_line / rate))
+        if mains_line > 0.5 * rate and abs(frequency - alias) < MAINS_TOLERANCE_HZ * max(1.0, mains_line / MAINS_HZ[0]):
             raise NoSine(
-                f"at {rate:.6g} samples a second the mains at {mains_line:g} Hz look like {seen:.4g} Hz, the load's "
-                f"{frequency:.4g} Hz: read at another rate, above {2 * MAINS[1] * HUMS:g} samples a second"
+                f"at {rate:.6g} samples a second the mains at {mains_line:g} Hz look like {alias:.4g} Hz, the load's "
+                f"{frequency:.4g} Hz: read at another rate, above {2 * MAINS_HZ[1] * MAX_MAINS_HARMONICS:g} samples a second"
             )
 
 
-def _check(frequency: float, span: float, rate: float) -> None:
+def _check_frequency(frequency: float, span: float, rate: float) -> None:
     check_rate(frequency, rate)
-    if frequency * span < LEAST_CYCLES:
-        raise TooShort(
-            f"{frequency * span:.3g} cycles of {frequency:.4g} Hz in {span:.3g} s: at least {LEAST_CYCLES:g} are needed"
-        )
+    if frequency * span < MIN_CYCLES:
+        raise TooShort(f"{frequency * span:.3g} cycles of {frequency:.4g} Hz in {span:.3g} s: at least {MIN_CYCLES:g} are needed")
     if frequency > 0.4 * rate:
         raise NoSine(f"a load of {frequency:.4g} Hz needs more than {rate:.4g} samples a second: 2.5 a period at least")
 
 
-def _below_nyquist(frequency: float, rate: float, most: int) -> int:
-    return max(1, min(most, int(0.45 * rate / frequency)))
+def _count_below_nyquist(frequency: float, rate: float, max_count: int) -> int:
+    return max(1, min(max_count, int(0.45 * rate / frequency)))
 
 
-def _settled(lines: Lines, t: Floats, volts: Floats) -> tuple[Lines, Solved]:
+def _fit_frequencies(lines: Lines, t: Floats, volts: Floats) -> tuple[Lines, Solution]:
     """Correct the frequencies by Gauss-Newton steps until they converge."""
     start = lines.load
-    for _ in range(STEPS):
+    for _ in range(MAX_NEWTON_STEPS):
         solved = _solve(lines, t, volts)
-        if np.all(np.abs(solved.step) <= CLOSE * solved.step_sd):
+        if np.all(np.abs(solved.step) <= STEP_TOLERANCE_SD * solved.step_sd):
             return lines, solved
         hum = None if lines.mains is None else lines.mains + float(solved.step[-1])
         lines = replace(lines, load=lines.load + float(solved.step[0]), mains=hum)
@@ -203,7 +206,7 @@ def _settled(lines: Lines, t: Floats, volts: Floats) -> tuple[Lines, Solved]:
     return lines, _solve(lines, t, volts)
 
 
-def _solve(lines: Lines, t: Floats, volts: Floats) -> Solved:
+def _solve(lines: Lines, t: Floats, volts: Floats) -> Solution:
     """Return the solution. Raises ``NoSine`` where the samples do not determine one."""
     try:
         solved = solve(lines, t, volts)
@@ -217,24 +220,26 @@ def _solve(lines: Lines, t: Floats, volts: Floats) -> Solved:
     return solved
 
 
-def _with_mains(lines: Lines, samples: Samples, t: Floats, solved: Solved) -> Lines:
-    frequency = mains(samples, residual(lines, t, samples.volts, solved.coefficients), lines.frequencies)
+def _add_mains(lines: Lines, samples: Samples, t: Floats, solved: Solution) -> Lines:
+    frequency = find_mains(samples, compute_residual(lines, t, samples.volts, solved.coefficients), lines.frequencies)
     if frequency is None:
         return lines
-    hums = _below_nyquist(frequency, samples.rate, HUMS)
+    hums = _count_below_nyquist(frequency, samples.rate, MAX_MAINS_HARMONICS)
     multiples = frequency * np.arange(1, hums + 1)
     if np.min(np.abs(multiples[:, None] - lines.frequencies)) < 1 / lines.half:
         raise NoSine(f"the load's {lines.load:.4g} Hz or its harmonics fall on the mains: load at another frequency")
     return replace(lines, mains=frequency, hums=hums)
 
 
-def _described(lines: Lines, solved: Solved, samples: Samples, t: Floats) -> SineFit:
+def _build_fit(lines: Lines, solved: Solution, samples: Samples, t: Floats) -> SineFit:
     coefficients, width = solved.coefficients, 2 * len(lines.frequencies)
-    left = residual(lines, t, samples.volts, coefficients)
-    noise = density(samples, left, lines.load, lines.frequencies, solved.noise)
-    drifting = np.polynomial.legendre.legvander(np.linspace(-1, 1, 101), DRIFT - 1)[:, 1:] @ coefficients[width + 1 :]
+    residuals = compute_residual(lines, t, samples.volts, coefficients)
+    noise = estimate_density(samples, residuals, lines.load, lines.frequencies, solved.noise)
+    drifting = (
+        np.polynomial.legendre.legvander(np.linspace(-1, 1, 101), DRIFT_COEFFICIENTS - 1)[:, 1:] @ coefficients[width + 1 :]
+    )
     waves = coefficients[0 : 2 * lines.harmonics : 2] + 1j * coefficients[1 : 2 * lines.harmonics : 2]
-    each, variances = blocks(lines, t, samples.volts)
+    block_amplitudes, variances = fit_blocks(lines, t, samples.volts)
     return SineFit(
         frequency=lines.load,
         frequency_sd=float(solved.step_sd[0]),
@@ -247,9 +252,9 @@ def _described(lines: Lines, solved: Solved, samples: Samples, t: Floats) -> Sin
         density=noise,
         variance=float(max(solved.inverse[0, 0], solved.inverse[1, 1])),
         harmonics=waves[1:],
-        spikes=spikes(left, samples.rate / lines.load),
-        bent=bending(lines, t, samples.volts - left, left),
-        blocks=each,
+        spikes=estimate_spike_error(residuals, samples.rate / lines.load),
+        bending=estimate_bending_error(lines, t, samples.volts - residuals, residuals),
+        blocks=block_amplitudes,
         blocks_variance=variances,
         mains=lines.mains,
         seconds=2 * lines.half,

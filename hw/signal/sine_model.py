@@ -16,8 +16,8 @@ import numpy as np
 
 from hw.common.samples import Floats
 
-ROWS = 65_536  # rows of a slice
-DRIFT = 4  # coefficients of the drift polynomial: up to t^3
+SLICE_ROWS = 65_536  # rows of a slice
+DRIFT_COEFFICIENTS = 4  # coefficients of the drift polynomial: up to t^3
 
 
 @dataclass(frozen=True)
@@ -44,13 +44,13 @@ class Lines:
         mains = [] if self.mains is None else [k * self.mains for k in range(1, self.hums + 1)]
         return np.array([h * self.load for h in range(1, self.harmonics + 1)] + mains)
 
-    def columns(self, t: Floats) -> Floats:
+    def build_columns(self, t: Floats) -> Floats:
         """Return cosine and minus sine of each of the s sinusoids, then the polynomials, shape (len(t), 2 s + 4), eq. SI.3."""
         turns = 2 * np.pi * np.outer(t, self.frequencies)
         waves = np.stack([np.cos(turns), -np.sin(turns)], axis=2).reshape(len(t), -1)
-        return np.hstack([waves, np.polynomial.legendre.legvander(t / self.half, DRIFT - 1)])
+        return np.hstack([waves, np.polynomial.legendre.legvander(t / self.half, DRIFT_COEFFICIENTS - 1)])
 
-    def slopes(self, t: Floats, columns: Floats, coefficients: Floats) -> Floats:
+    def compute_derivatives(self, t: Floats, columns: Floats, coefficients: Floats) -> Floats:
         """Return the derivatives of eq. SI.3 with respect to f and, if there are mains, g: shape (2 or 1, len(t), channels)."""
         waves = columns[:, : 2 * len(self.frequencies)].reshape(len(t), -1, 2)
         re, im = coefficients[: 2 * len(self.frequencies)].reshape(-1, 2, coefficients.shape[1]).transpose(1, 0, 2)
@@ -58,11 +58,11 @@ class Lines:
         orders = np.array([*range(1, self.harmonics + 1), *range(1, self.hums + 1)])[: len(re), None]
         re, im = 2 * np.pi * orders * re, 2 * np.pi * orders * im
         groups = [slice(0, self.harmonics)] + ([] if self.mains is None else [slice(self.harmonics, None)])
-        return np.array([t[:, None] * (waves[:, one, 1] @ re[one] - waves[:, one, 0] @ im[one]) for one in groups])
+        return np.array([t[:, None] * (waves[:, group, 1] @ re[group] - waves[:, group, 0] @ im[group]) for group in groups])
 
 
 @dataclass(frozen=True)
-class Solved:
+class Solution:
     """A least-squares solution at given frequencies.
 
     Attributes:
@@ -80,7 +80,7 @@ class Solved:
     step_sd: Floats
 
 
-def solve(lines: Lines, t: Floats, volts: Floats) -> Solved:
+def solve(lines: Lines, t: Floats, volts: Floats) -> Solution:
     """Fit eq. SI.3 at the frequencies of ``lines``, and compute a Gauss-Newton correction of these.
 
     Args:
@@ -88,43 +88,46 @@ def solve(lines: Lines, t: Floats, volts: Floats) -> Solved:
         t: (n,) times from the middle of the record, s.
         volts: (n, channels).
     """
-    normal, right = normal_equations(lines, t, volts)
+    normal, right = build_normal_equations(lines, t, volts)
     inverse: Floats = np.asarray(np.linalg.inv(normal), dtype=float)
     coefficients = inverse @ right
-    square, curve, cross, pull = _second_pass(lines, t, volts, coefficients)
+    square, curve, cross, pull = _sum_second_pass(lines, t, volts, coefficients)
     noise = square / max(len(t) - len(inverse), 1)
     quiet = np.maximum(np.diag(noise), np.finfo(float).tiny)
     curve = curve - np.einsum("apc,pq,bqc->abc", cross, inverse, cross)
     information = (curve / quiet).sum(axis=2)
     step = np.linalg.solve(information, (pull / quiet).sum(axis=1))
     variances = np.maximum(np.diag(np.linalg.inv(information)), 0.0)  # rounding may leave less where rows hardly tell
-    return Solved(coefficients, inverse, noise, step, np.sqrt(variances))
+    return Solution(coefficients, inverse, noise, step, np.sqrt(variances))
 
 
-def normal_equations(lines: Lines, t: Floats, volts: Floats) -> tuple[Floats, Floats]:
+def build_normal_equations(lines: Lines, t: Floats, volts: Floats) -> tuple[Floats, Floats]:
     """Return the columns' products with each other, (p, p), and with ``volts``, (p, channels); arguments as in ``solve``."""
-    pairs = [(at := lines.columns(t[rows]), at.T @ at, at.T @ volts[rows])[1:] for rows in slices(len(t))]
+    pairs = [
+        (columns := lines.build_columns(t[rows]), columns.T @ columns, columns.T @ volts[rows])[1:]
+        for rows in iterate_slices(len(t))
+    ]
     return np.sum([normal for normal, _ in pairs], axis=0), np.sum([right for _, right in pairs], axis=0)
 
 
-def _second_pass(lines: Lines, t: Floats, volts: Floats, coefficients: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+def _sum_second_pass(lines: Lines, t: Floats, volts: Floats, coefficients: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     """Sum residual x residual, derivative x derivative, derivative x column and derivative x residual over all rows."""
     sums = []
-    for rows in slices(len(t)):
-        columns = lines.columns(t[rows])
-        remainder, slopes = volts[rows] - columns @ coefficients, lines.slopes(t[rows], columns, coefficients)
-        curve = np.einsum("anc,bnc->abc", slopes, slopes)
-        cross = np.einsum("anc,np->apc", slopes, columns, optimize=True)
-        sums.append((remainder.T @ remainder, curve, cross, np.einsum("anc,nc->ac", slopes, remainder)))
+    for rows in iterate_slices(len(t)):
+        columns = lines.build_columns(t[rows])
+        remainder, derivatives = volts[rows] - columns @ coefficients, lines.compute_derivatives(t[rows], columns, coefficients)
+        curve = np.einsum("anc,bnc->abc", derivatives, derivatives)
+        cross = np.einsum("anc,np->apc", derivatives, columns, optimize=True)
+        sums.append((remainder.T @ remainder, curve, cross, np.einsum("anc,nc->ac", derivatives, remainder)))
     square, curve, cross, pull = (sum(parts[1:], start=parts[0]) for parts in zip(*sums, strict=True))
     return square, curve, cross, pull
 
 
-def slices(rows: int) -> Iterator[slice]:
+def iterate_slices(rows: int) -> Iterator[slice]:
     """Yield slices of at most SLICE_ROWS rows."""
-    return (slice(low, low + ROWS) for low in range(0, rows, ROWS))
+    return (slice(low, low + SLICE_ROWS) for low in range(0, rows, SLICE_ROWS))
 
 
-def residual(lines: Lines, t: Floats, volts: Floats, coefficients: Floats) -> Floats:
+def compute_residual(lines: Lines, t: Floats, volts: Floats, coefficients: Floats) -> Floats:
     """Return the residuals of eq. SI.3, V, of the shape of ``volts``."""
-    return np.concatenate([volts[rows] - lines.columns(t[rows]) @ coefficients for rows in slices(len(t))])
+    return np.concatenate([volts[rows] - lines.build_columns(t[rows]) @ coefficients for rows in iterate_slices(len(t))])

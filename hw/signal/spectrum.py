@@ -10,17 +10,17 @@ from numpy.typing import NDArray
 
 from hw.common.samples import Floats, Samples
 
-ENOUGH = 500.0  # Hz: faster samples are summed down to about this rate; load and mains are well below
-PADDED = 4  # zero padding, times the record's length: bins are 1/4 of a line's width apart
-MAINS = (50.0, 60.0)  # Hz
-WANDERS = 0.5  # Hz by which the mains may deviate from 50 or 60 Hz
-NEAR = 8.0  # Hz about the mains in which the median power is taken as noise
-SEEN = 12.0  # times the median power: noise exceeds it in 1 of 4 000 records
-AROUND = 25  # lines on either side of the load from which the noise is estimated
-ENOUGH_LINES = 8  # lines needed for an estimate
-BETWEEN = 2  # zero padding of the density: a line between two bins then falls on one
-OFF = 0.1  # relative deviation of the mains that a wrong sampling rate may cause
-STANDS = 100.0  # times the median power: so strong a line within that range is the mains at a wrong rate
+REDUCED_RATE_HZ = 500.0  # Hz: faster samples are summed down to about this rate; load and mains are well below
+PADDING_FACTOR = 4  # zero padding, times the record's length: bins are 1/4 of a line's width apart
+MAINS_HZ = (50.0, 60.0)  # Hz
+MAINS_TOLERANCE_HZ = 0.5  # Hz by which the mains may deviate from 50 or 60 Hz
+MAINS_NEIGHBOURHOOD_HZ = 8.0  # Hz about the mains in which the median power is taken as noise
+DETECTION_FACTOR = 12.0  # times the median power: noise exceeds it in 1 of 4 000 records
+NEIGHBOUR_LINES = 25  # lines on either side of the load from which the noise is estimated
+MIN_LINES = 8  # lines needed for an estimate
+DENSITY_PADDING = 2  # zero padding of the density: a line between two bins then falls on one
+RATE_TOLERANCE = 0.1  # relative deviation of the mains that a wrong sampling rate may cause
+CLEAR_LINE_FACTOR = 100.0  # times the median power: so strong a line within that range is the mains at a wrong rate
 
 
 @dataclass(frozen=True)
@@ -37,66 +37,70 @@ class Spectrum:
     power: NDArray[Any]
     width: float
 
-    def away(self, lines: Floats, widths: float = 1.5) -> Spectrum:
+    def exclude_lines(self, lines: Floats, widths: float = 1.5) -> Spectrum:
         """Return the part that is more than ``widths`` line widths away from given frequencies (Hz)."""
         far = np.min(np.abs(self.frequencies[:, None] - lines), axis=1) > widths * self.width
         return Spectrum(self.frequencies[far], self.power[far], self.width)
 
-    def between(self, low: float, high: float) -> Spectrum:
+    def select_band(self, low: float, high: float) -> Spectrum:
         """Return the part from ``low`` to ``high``, Hz."""
         inside = (self.frequencies >= low) & (self.frequencies <= high)
         return Spectrum(self.frequencies[inside], self.power[inside], self.width)
 
 
-def spectrum(samples: Samples, values: Floats, padded: int = PADDED, hann: bool = True, power: bool = True) -> Spectrum:
+def compute_spectrum(
+    samples: Samples, values: Floats, padding: int = PADDING_FACTOR, hann: bool = True, power: bool = True
+) -> Spectrum:
     """Compute the spectrum of values (n, channels) at the samples' indices; gaps count as zeros, fast samples are summed.
 
     If ``power`` is false, the result's ``power`` holds the complex sums, not their squares.
     """
-    each = max(1, int(samples.rate // ENOUGH))
-    bins = (samples.index - samples.index[0]) // each
+    samples_per_bin = max(1, int(samples.rate // REDUCED_RATE_HZ))
+    bins = (samples.index - samples.index[0]) // samples_per_bin
     sums = np.stack([np.bincount(bins, weights=column) for column in values.T], axis=1)
     window = np.hanning(len(sums) + 2)[1:-1, None] if hann else 1.0
-    waves = np.fft.rfft(window * sums, n=padded * len(sums), axis=0)
-    rate = samples.rate / each
-    frequencies = np.asarray(np.fft.rfftfreq(padded * len(sums), 1 / rate), dtype=float)
+    waves = np.fft.rfft(window * sums, n=padding * len(sums), axis=0)
+    rate = samples.rate / samples_per_bin
+    frequencies = np.asarray(np.fft.rfftfreq(padding * len(sums), 1 / rate), dtype=float)
     return Spectrum(frequencies, np.abs(waves) ** 2 if power else waves, rate / len(sums))
 
 
-def strongest(samples: Samples, low: float, high: float) -> float | None:
+def find_strongest(samples: Samples, low: float, high: float) -> float | None:
     """Return the frequency from ``low`` to ``high`` (Hz) of the maximum power, summed over normalised channels, or None."""
     centred = samples.volts - samples.volts.mean(axis=0)
     quiet = centred / np.maximum(np.sqrt((centred**2).mean(axis=0)), np.finfo(float).tiny)
-    band = spectrum(samples, quiet).between(low, min(high, 0.4 * ENOUGH))
+    band = compute_spectrum(samples, quiet).select_band(low, min(high, 0.4 * REDUCED_RATE_HZ))
     return float(band.frequencies[np.argmax(band.power.sum(axis=1))]) if len(band.frequencies) else None
 
 
-def mains(samples: Samples, residual: Floats, fitted: Floats) -> float | None:
+def find_mains(samples: Samples, residual: Floats, fitted: Floats) -> float | None:
     """Return a first estimate of the mains' frequency in a residual (n, channels), Hz, or None if none is significant."""
-    whole = spectrum(samples, residual).away(fitted)
+    remaining = compute_spectrum(samples, residual).exclude_lines(fitted)
     candidates = []
-    for nominal in MAINS:
-        near, line = (whole.between(nominal - reach, nominal + reach) for reach in (NEAR, WANDERS))
-        if len(line.frequencies) and len(near.frequencies) > len(line.frequencies):
-            floor = np.maximum(np.median(near.power, axis=0), np.finfo(float).tiny)
+    for nominal in MAINS_HZ:
+        neighbourhood, line = (
+            remaining.select_band(nominal - reach, nominal + reach) for reach in (MAINS_NEIGHBOURHOOD_HZ, MAINS_TOLERANCE_HZ)
+        )
+        if len(line.frequencies) and len(neighbourhood.frequencies) > len(line.frequencies):
+            floor = np.maximum(np.median(neighbourhood.power, axis=0), np.finfo(float).tiny)
             rise = (line.power / floor).max(axis=1)
             candidates.append((float(rise.max()), float(line.frequencies[np.argmax(rise)])))
     highest, frequency = max(candidates, default=(0.0, 0.0))
-    return frequency if highest > SEEN else _misplaced(whole)
+    return frequency if highest > DETECTION_FACTOR else _find_misplaced_mains(remaining)
 
 
-def _misplaced(whole: Spectrum) -> float | None:
+def _find_misplaced_mains(remaining: Spectrum) -> float | None:
     """Return the frequency of a very strong line near 50 or 60 Hz, the mains at a wrong sampling rate, or None."""
-    for nominal in MAINS:
-        near = whole.between(nominal * (1 - OFF), nominal * (1 + OFF))
-        if len(near.frequencies) > ENOUGH_LINES:
-            rise = (near.power / np.maximum(np.median(near.power, axis=0), np.finfo(float).tiny)).max(axis=1)
-            if rise.max() > STANDS:
-                return float(near.frequencies[np.argmax(rise)])
+    for nominal in MAINS_HZ:
+        band = remaining.select_band(nominal * (1 - RATE_TOLERANCE), nominal * (1 + RATE_TOLERANCE))
+        if len(band.frequencies) > MIN_LINES:
+            rise = (band.power / np.maximum(np.median(band.power, axis=0), np.finfo(float).tiny)).max(axis=1)
+            if rise.max() > CLEAR_LINE_FACTOR:
+                return float(band.frequencies[np.argmax(rise)])
     return None
 
 
-def density(samples: Samples, residual: Floats, near: float, fitted: Floats, white: Floats) -> Floats:
+def estimate_density(samples: Samples, residual: Floats, frequency: float, fitted: Floats, white: Floats) -> Floats:
     """Estimate the noise near a frequency f as the covariance of white noise of equal density, V^2, (channels, channels).
 
     The amplitude of a line at f in noise of spectral density S has the variance that white noise of density S(f) would give. This
@@ -110,15 +114,15 @@ def density(samples: Samples, residual: Floats, near: float, fitted: Floats, whi
         fitted: frequencies that were fitted and removed from the residual, Hz.
         white: covariance of the residual's samples, V^2.
     """
-    waves = spectrum(samples, residual, padded=BETWEEN, hann=False, power=False)
-    reach = AROUND * waves.width
-    lines = waves.away(fitted).between(max(2 * waves.width, near - reach), near + reach)
-    total, count = (residual**2).sum(axis=0), len(lines.frequencies) // BETWEEN
-    if count < ENOUGH_LINES or not np.all(total > 0):
+    waves = compute_spectrum(samples, residual, padding=DENSITY_PADDING, hann=False, power=False)
+    reach = NEIGHBOUR_LINES * waves.width
+    lines = waves.exclude_lines(fitted).select_band(max(2 * waves.width, frequency - reach), frequency + reach)
+    total, count = (residual**2).sum(axis=0), len(lines.frequencies) // DENSITY_PADDING
+    if count < MIN_LINES or not np.all(total > 0):
         return white
-    near_by = (lines.power.T @ lines.power.conj()).real / len(lines.frequencies)
-    excess = np.diag(near_by) / total
+    nearby = (lines.power.T @ lines.power.conj()).real / len(lines.frequencies)
+    excess = np.diag(nearby) / total
     if np.all(np.abs(excess - 1) < 3 / np.sqrt(count)):
         return white
     scale = np.sqrt(np.diag(white) / total)
-    return np.asarray(near_by * np.outer(scale, scale) * (1 + 2 / count))
+    return np.asarray(nearby * np.outer(scale, scale) * (1 + 2 / count))

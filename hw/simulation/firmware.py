@@ -11,8 +11,8 @@ from typing import Literal
 import numpy as np
 
 from hw.common.samples import Floats
-from hw.wire.frames import HIGHEST, LOWEST, OVERRUN, Codes, FrameLayout, encoded
-from hw.wire.protocol import GET_INFO, GET_STATUS, RATE, SET_RATE, START, STOP, Info, Status
+from hw.wire.frames import MAX_CODE, MIN_CODE, OVERRUN_FLAG, Codes, FrameLayout, encode_frames
+from hw.wire.protocol import GET_INFO, GET_STATUS, RATE_FORMAT, SET_RATE, START, STOP, Info, Status
 
 Kind = Literal["drop", "repeat", "corrupt", "cut", "overrun", "stall", "error", "silence", "reset", "unplug", "power"]
 
@@ -61,21 +61,21 @@ class Firmware:
         self._faults = sorted(faults, key=lambda fault: fault.frame)
         self._failing: list[Kind] = []
         self._ready = b""
-        self._away, self._away_until = 0.0, 0.0
+        self._absence, self._away_until = 0.0, 0.0
         self._made = 0  # frames since power-up; ``Fault.frame`` refers to it
 
-    def absent(self) -> bool:
+    def is_absent(self) -> bool:
         """Whether the device is unplugged at present."""
         return time.monotonic() < self._away_until
 
     def control(self, request: int, value: int, data: bytes) -> bytes:
         """Return the answer to a vendor request. Raises ``Halted`` when it is refused."""
         if request == GET_INFO:
-            return Info(self.layout.channels, self.rate, self._highest, tuple(self._scale), "virtual 1").encoded()
+            return Info(self.layout.channels, self.rate, self._highest, tuple(self._scale), "virtual 1").encode()
         if request == GET_STATUS:
-            return Status(self.stream, self.overruns, self.sent, self.index).encoded()
+            return Status(self.stream, self.overruns, self.sent, self.index).encode()
         if request == SET_RATE and not self.stream:
-            self.rate = min(self._highest, max(1.0, RATE.unpack(data)[0] / 1e3))
+            self.rate = min(self._highest, max(1.0, RATE_FORMAT.unpack(data)[0] / 1e3))
         elif request == START and value:
             self.stream, self.index, self.sent, self.overruns, self.halted, self._ready = value, 0, 0, 0, False, b""
         elif request == STOP:
@@ -92,30 +92,30 @@ class Firmware:
         if self.halted:
             raise Halted
         while self.stream and len(self._ready) < size and not self._failing:
-            self._make(-(-(size - len(self._ready)) // self.layout.size))
+            self._make_frames(-(-(size - len(self._ready)) // self.layout.size))
         if not self._ready and self._failing:
             return self.send(size)
         data, self._ready = self._ready[:size], self._ready[size:]
         return data
 
-    def _make(self, count: int) -> None:
+    def _make_frames(self, count: int) -> None:
         """Prepare up to ``count`` frames, fewer if a fault comes first; if it is due now, apply the fault."""
         until = self._faults[0].frame - self._made if self._faults else count
         if until > 0:
-            self._ready += self._frames(min(count, until))
+            self._ready += self._build_frames(min(count, until))
             return
         fault = self._faults.pop(0)
         if fault.kind in ("drop", "repeat", "corrupt", "cut", "overrun"):
-            self._ready += self._spoiled(fault)
+            self._ready += self._spoil_frames(fault)
         else:
-            self._failing, self._away = [fault.kind] * fault.count, fault.seconds
+            self._failing, self._absence = [fault.kind] * fault.count, fault.seconds
 
-    def _spoiled(self, fault: Fault) -> bytes:
+    def _spoil_frames(self, fault: Fault) -> bytes:
         if fault.kind == "overrun":
             self.index += fault.count * self.layout.rows
             self.overruns += 1
-            return self._frames(1, OVERRUN)
-        frames = self._frames(fault.count)
+            return self._build_frames(1, OVERRUN_FLAG)
+        frames = self._build_frames(fault.count)
         if fault.kind == "repeat":
             return frames * 2
         if fault.kind == "cut":
@@ -141,16 +141,16 @@ class Firmware:
         if kind == "error":
             raise OSError(errno.EIO, "bus error")
         if kind in ("unplug", "power"):
-            self._away_until = time.monotonic() + self._away
+            self._away_until = time.monotonic() + self._absence
             self.stream = 0 if kind == "power" else self.stream
             raise OSError(errno.ENODEV, "unplugged")
 
-    def _frames(self, count: int, flags: int = 0) -> bytes:
+    def _build_frames(self, count: int, flags: int = 0) -> bytes:
         rows = self.layout.rows
         index = self.index + np.arange(count * rows)
         counts = np.rint(self._signals(index / self.rate) / self._scale)
-        codes: Codes = np.clip(counts, LOWEST, HIGHEST).astype(np.int16)
-        data = encoded(self.layout, stream=self.stream, sequence=self.sent, index=self.index, codes=codes, flags=flags)
+        codes: Codes = np.clip(counts, MIN_CODE, MAX_CODE).astype(np.int16)
+        data = encode_frames(self.layout, stream=self.stream, sequence=self.sent, index=self.index, codes=codes, flags=flags)
         self.index += count * rows
         self.sent += count
         self._made += count

@@ -22,27 +22,27 @@ from hw.common.samples import Floats
 from hw.simulation.firmware import Fault, Firmware, Halted
 from hw.wire.protocol import PRODUCT_ID, VENDOR_CLASS, VENDOR_ID
 
-_ENDPOINT = 0x81
-_DEVICE: dict[str, Any] = {
+_ENDPOINT_ADDRESS = 0x81
+_DEVICE_DESCRIPTOR: dict[str, Any] = {
     "bLength": 18, "bDescriptorType": 1, "bcdUSB": 0x0210, "bDeviceClass": 0, "bDeviceSubClass": 0, "bDeviceProtocol": 0,
     "bMaxPacketSize0": 64, "idVendor": VENDOR_ID, "idProduct": PRODUCT_ID, "bcdDevice": 0x0100, "iManufacturer": 1, "iProduct": 2,
     "iSerialNumber": 3, "bNumConfigurations": 1, "bus": 1, "port_number": 1, "port_numbers": (1,), "speed": 3,
 }  # fmt: skip
-_CONFIGURATION: dict[str, Any] = {
+_CONFIGURATION_DESCRIPTOR: dict[str, Any] = {
     "bLength": 9, "bDescriptorType": 2, "wTotalLength": 25, "bNumInterfaces": 1, "bConfigurationValue": 1, "iConfiguration": 0,
     "bmAttributes": 0x80, "bMaxPower": 50, "extra_descriptors": [],
 }  # fmt: skip
-_INTERFACE: dict[str, Any] = {
+_INTERFACE_DESCRIPTOR: dict[str, Any] = {
     "bLength": 9, "bDescriptorType": 4, "bInterfaceNumber": 0, "bAlternateSetting": 0, "bNumEndpoints": 1,
     "bInterfaceClass": VENDOR_CLASS, "bInterfaceSubClass": 0, "bInterfaceProtocol": 0, "iInterface": 0, "extra_descriptors": [],
 }  # fmt: skip
-_BULK: dict[str, Any] = {
-    "bLength": 7, "bDescriptorType": 5, "bEndpointAddress": _ENDPOINT, "bmAttributes": 2, "bInterval": 0, "bRefresh": 0,
+_ENDPOINT_DESCRIPTOR: dict[str, Any] = {
+    "bLength": 7, "bDescriptorType": 5, "bEndpointAddress": _ENDPOINT_ADDRESS, "bmAttributes": 2, "bInterval": 0, "bRefresh": 0,
     "bSynchAddress": 0, "extra_descriptors": [],
 }  # fmt: skip
 
 
-class Virtual(IBackend):  # type: ignore[misc]
+class VirtualProbe(IBackend):  # type: ignore[misc]
     """One virtual probe on a virtual bus; ``make_virtual_probe`` makes it.
 
     Attributes:
@@ -56,24 +56,24 @@ class Virtual(IBackend):  # type: ignore[misc]
         self._address, self._partial, self._begin = 2, b"", time.monotonic()
 
     def enumerate_devices(self) -> Iterator[int]:
-        if not self.firmware.absent():
+        if not self.firmware.is_absent():
             yield self._address
 
     def get_device_descriptor(self, dev: int) -> SimpleNamespace:
-        return SimpleNamespace(**_DEVICE, address=dev)
+        return SimpleNamespace(**_DEVICE_DESCRIPTOR, address=dev)
 
     def get_configuration_descriptor(self, dev: int, config: int) -> SimpleNamespace:
         if config:
             raise IndexError(config)
-        return SimpleNamespace(**_CONFIGURATION)
+        return SimpleNamespace(**_CONFIGURATION_DESCRIPTOR)
 
     def get_interface_descriptor(self, dev: int, intf: int, alt: int, config: int) -> SimpleNamespace:
         if intf or alt:
             raise IndexError((intf, alt))
-        return SimpleNamespace(**_INTERFACE)
+        return SimpleNamespace(**_INTERFACE_DESCRIPTOR)
 
     def get_endpoint_descriptor(self, dev: int, ep: int, intf: int, alt: int, config: int) -> SimpleNamespace:
-        return SimpleNamespace(**_BULK, wMaxPacketSize=self.firmware.layout.size)
+        return SimpleNamespace(**_ENDPOINT_DESCRIPTOR, wMaxPacketSize=self.firmware.layout.size)
 
     def open_device(self, dev: int) -> int:
         return dev
@@ -91,33 +91,33 @@ class Virtual(IBackend):  # type: ignore[misc]
         """Do nothing: no other program waits for it."""
 
     def clear_halt(self, dev_handle: int, ep: int) -> None:
-        self._check_there(dev_handle)
+        self._check_present(dev_handle)
         self.firmware.halted = False
 
     def ctrl_transfer(
         self, dev_handle: int, bmRequestType: int, bRequest: int, wValue: int, wIndex: int, data: Any, timeout: int
     ) -> int:
-        self._check_there(dev_handle)
+        self._check_present(dev_handle)
         if (bmRequestType, bRequest, wValue) == (0x80, 6, 0x0303):
             text = self.serial.encode("utf-16-le")
-            return _filled(data, struct.pack("BB", 2 + len(text), 3) + text)
+            return _fill_buffer(data, struct.pack("BB", 2 + len(text), 3) + text)
         try:
             answer = self.firmware.control(bRequest, wValue, bytes(data) if not bmRequestType & 0x80 else b"")
         except Halted as refused:
-            raise _pipe() from refused
+            raise _build_pipe_error() from refused
         self._begin = time.monotonic() if self.firmware.sent == 0 else self._begin
-        return _filled(data, answer) if bmRequestType & 0x80 else len(data)
+        return _fill_buffer(data, answer) if bmRequestType & 0x80 else len(data)
 
     def bulk_read(self, dev_handle: int, ep: int, intf: int, buff: Any, timeout: int) -> int:
-        self._check_there(dev_handle)
+        self._check_present(dev_handle)
         size = len(buff) * buff.itemsize
         try:
             data = self.firmware.send(size)
-            _filled(buff, data)
+            _fill_buffer(buff, data)
             if data and len(data) < size:  # a short transfer ends with its fault, as in libusb
                 self.firmware.send(size)
         except Halted as stall:
-            raise _pipe() from stall
+            raise _build_pipe_error() from stall
         except OSError as fault:
             if fault.errno == errno.ENODEV:
                 self._address += 1
@@ -128,8 +128,8 @@ class Virtual(IBackend):  # type: ignore[misc]
         self._wait()
         return len(data)
 
-    def _check_there(self, address: int) -> None:
-        if address != self._address or self.firmware.absent():
+    def _check_present(self, address: int) -> None:
+        if address != self._address or self.firmware.is_absent():
             raise USBError("No such device (it may have been disconnected)", -4, errno.ENODEV)
 
     def _wait(self) -> None:
@@ -138,7 +138,7 @@ class Virtual(IBackend):  # type: ignore[misc]
             time.sleep(max(0.0, self._begin + self.firmware.index / self.firmware.rate - time.monotonic()))
 
 
-def virtual(
+def make_virtual_probe(
     signals: Callable[[Floats], Floats],
     rate: float,
     serial: str = "VIRTUAL",
@@ -148,7 +148,7 @@ def virtual(
     scale: float = 1e-4,
     packet: int = 512,
     pace: bool = False,
-) -> Virtual:
+) -> VirtualProbe:
     """Make a virtual probe, for ``hw.reader.Reader.open``.
 
     Args:
@@ -161,14 +161,14 @@ def virtual(
         packet: bytes in a frame.
         pace: deliver samples in real time; if false, as fast as they are read.
     """
-    return Virtual(Firmware(signals, rate, (scale,) * channels, packet, faults), serial, pace)
+    return VirtualProbe(Firmware(signals, rate, (scale,) * channels, packet, faults), serial, pace)
 
 
-def _filled(buffer: array[int], data: bytes) -> int:
+def _fill_buffer(buffer: array[int], data: bytes) -> int:
     size = min(len(data), len(buffer) * buffer.itemsize)
     memoryview(buffer).cast("B")[:size] = data[:size]
     return size
 
 
-def _pipe() -> USBError:
+def _build_pipe_error() -> USBError:
     return USBError("Pipe error", -9, errno.EPIPE)

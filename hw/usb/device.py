@@ -9,8 +9,8 @@ import usb.core
 import usb.util
 
 from hw.common.errors import ProtocolError
-from hw.usb.find import FoundDevice, release, stream_endpoint, where
-from hw.wire.protocol import GET_INFO, GET_STATUS, IN, OUT, RATE, SET_RATE, START, STOP, Info, Status
+from hw.usb.find import FoundDevice, describe_address, find_stream_endpoint, release
+from hw.wire.protocol import GET_INFO, GET_STATUS, RATE_FORMAT, REQUEST_IN, REQUEST_OUT, SET_RATE, START, STOP, Info, Status
 
 _CONTROL_TIMEOUT = 1000  # ms
 
@@ -28,9 +28,9 @@ class UsbDevice:
 
     def __init__(self, connected: FoundDevice) -> None:
         self._device, self.serial = connected.device, connected.serial
-        self.place = where(connected.device)
+        self.place = describe_address(connected.device)
         try:
-            self._interface, self._endpoint = self._stream_endpoint()
+            self._interface, self._endpoint = self._find_endpoint()
             self.packet = int(self._endpoint.wMaxPacketSize)
             usb.util.claim_interface(self._device, self._interface)
         except BaseException:
@@ -45,25 +45,25 @@ class UsbDevice:
         count = self._device.read(self._endpoint.bEndpointAddress, buffer, timeout)
         return buffer.tobytes() if count == len(buffer) else buffer[:count].tobytes()
 
-    def info(self) -> Info:
+    def read_info(self) -> Info:
         """Read the device's description of itself."""
-        return Info.decoded(self._ask(GET_INFO))
+        return Info.decode(self._ask(GET_INFO))
 
-    def status(self) -> Status:
+    def read_status(self) -> Status:
         """Read the state of the device's stream."""
-        return Status.decoded(self._ask(GET_STATUS))
+        return Status.decode(self._ask(GET_STATUS))
 
     def set_rate(self, rate: float) -> None:
         """Request a rate, Hz; the device uses the nearest one that it supports."""
-        self._tell(SET_RATE, data=RATE.pack(round(1e3 * rate)))
+        self._send(SET_RATE, data=RATE_FORMAT.pack(round(1e3 * rate)))
 
     def start(self, stream: int) -> None:
         """Start a new stream."""
-        self._tell(START, stream)
+        self._send(START, stream)
 
     def stop(self) -> None:
         """Stop the stream."""
-        self._tell(STOP)
+        self._send(STOP)
 
     def clear_halt(self) -> None:
         """End a halt of the endpoint."""
@@ -78,18 +78,18 @@ class UsbDevice:
             pass
         release([self._device])
 
-    def _stream_endpoint(self) -> tuple[Any, Any]:
+    def _find_endpoint(self) -> tuple[Any, Any]:
         try:
             configuration = self._device.get_active_configuration()
         except usb.core.USBError:  # not configured yet
             self._device.set_configuration()
             configuration = self._device.get_active_configuration()
-        if (found := stream_endpoint(configuration)) is not None:
-            return found
+        if (endpoint := find_stream_endpoint(configuration)) is not None:
+            return endpoint
         raise ProtocolError(f"the device at {self.place} has no vendor interface with a bulk IN endpoint: it is not a probe")
 
     def _ask(self, request: int) -> bytes:
-        return bytes(self._device.ctrl_transfer(IN, request, 0, 0, 64, _CONTROL_TIMEOUT))
+        return bytes(self._device.ctrl_transfer(REQUEST_IN, request, 0, 0, 64, _CONTROL_TIMEOUT))
 
-    def _tell(self, request: int, value: int = 0, data: bytes | None = None) -> None:
-        self._device.ctrl_transfer(OUT, request, value, 0, data, _CONTROL_TIMEOUT)
+    def _send(self, request: int, value: int = 0, data: bytes | None = None) -> None:
+        self._device.ctrl_transfer(REQUEST_OUT, request, value, 0, data, _CONTROL_TIMEOUT)

@@ -28,7 +28,7 @@ _BY_ERRNO: dict[int | None, type[HardwareError]] = {
     errno.EIO: TransferError, errno.EACCES: AccessDenied, errno.EPERM: AccessDenied, errno.ENODEV: Disconnected,
     errno.ENOENT: Disconnected, errno.EBUSY: Busy, errno.ETIMEDOUT: Timeout, errno.EPIPE: Stalled,
 }  # fmt: skip
-_REMEDY = {
+_REMEDIES = {
     Busy: "another program holds it: close that program",
     Disconnected: "it went away and did not come back: check plug and cable, then read again",
     NotFound: "plug it in, or name another with usb:SERIAL",
@@ -38,7 +38,7 @@ _REMEDY = {
 }
 
 
-def meaning(fault: Exception) -> type[HardwareError]:
+def classify_fault(fault: Exception) -> type[HardwareError]:
     """Return the class of ``HardwareError`` for an exception of pyusb."""
     if isinstance(fault, USBTimeoutError):
         return Timeout
@@ -51,11 +51,11 @@ def meaning(fault: Exception) -> type[HardwareError]:
     return TransferError
 
 
-def named(fault: Exception, subject: str, kind: type[HardwareError] | None = None) -> HardwareError:
+def translate_fault(fault: Exception, subject: str, kind: type[HardwareError] | None = None) -> HardwareError:
     """Translate an exception of pyusb into a ``HardwareError``, or into ``kind``; the caller raises it from the fault."""
-    kind = kind or meaning(fault)
-    return AccessDenied(subject) if kind is AccessDenied else kind(f"{subject}: {_REMEDY[kind]} ({_told(fault)})")
+    kind = kind or classify_fault(fault)
+    return AccessDenied(subject) if kind is AccessDenied else kind(f"{subject}: {_REMEDIES[kind]} ({_describe_fault(fault)})")
 
 
-def _told(fault: Exception) -> str:
+def _describe_fault(fault: Exception) -> str:
     return " ".join(str(fault).split()) or type(fault).__name__

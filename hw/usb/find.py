@@ -14,11 +14,11 @@ from usb.backend import IBackend, libusb1
 from usb.backend.libusb1 import _LibUSB
 
 from hw.common.errors import Ambiguous, HardwareError, NotFound
-from hw.usb.faults import named
+from hw.usb.faults import translate_fault
 from hw.wire.protocol import PRODUCT_ID, VENDOR_CLASS, VENDOR_ID
 
 Backends = Callable[[], IBackend]
-_STRING, _ENGLISH = 0x0300, 0x0409
+_STRING_DESCRIPTOR, _ENGLISH_US = 0x0300, 0x0409
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class _Context(_LibUSB):  # type: ignore[misc]
             yield device
 
 
-def libusb() -> IBackend:
+def open_libusb() -> IBackend:
     """Open libusb with a new context, which lists the devices that are connected now.
 
     An existing context learns of new devices through the system's hotplug messages, which do not reach a container. A new
@@ -58,20 +58,20 @@ def libusb() -> IBackend:
     if backend is None and libusb1._lib is None:
         raise NotFound("libusb could not be loaded: install libusb-1.0 (apt install libusb-1.0-0, brew install libusb)")
     if backend is None:  # pyusb loaded it, but hides the reason of its failure
-        raise _uninitialised("of no reason that pyusb tells")
+        raise _build_uninitialised_error("of no reason that pyusb tells")
     try:
         return _Context(backend.lib)
     except usb.core.USBError as fault:
-        raise _uninitialised(" ".join(str(fault).split())) from fault
+        raise _build_uninitialised_error(" ".join(str(fault).split())) from fault
 
 
-def _uninitialised(why: str) -> NotFound:
+def _build_uninitialised_error(reason: str) -> NotFound:
     return NotFound(
-        f"libusb failed to initialise ({why}): is there USB on this machine, or in this container (--device /dev/bus/usb)?"
+        f"libusb failed to initialise ({reason}): is there USB on this machine, or in this container (--device /dev/bus/usb)?"
     )
 
 
-def find(serial: str | None, backends: Backends = libusb) -> FoundDevice:
+def find_probe(serial: str | None, backends: Backends = open_libusb) -> FoundDevice:
     """Find the probe with the serial number, or the only one connected.
 
     Raises:
@@ -79,7 +79,7 @@ def find(serial: str | None, backends: Backends = libusb) -> FoundDevice:
         Ambiguous: several probes match.
         AccessDenied: a probe is connected that this user may not open.
     """
-    probes = connected(backends())
+    probes = list_connected(backends())
     matching = [probe for probe in probes if probe.fault is None and serial in (None, probe.serial)]
     if len(matching) == 1:
         release([probe.device for probe in probes if probe is not matching[0]])
@@ -87,19 +87,19 @@ def find(serial: str | None, backends: Backends = libusb) -> FoundDevice:
     release([probe.device for probe in probes])
     if matching:
         raise Ambiguous([probe.serial for probe in matching])
-    raise _none(serial, probes) from next((probe.fault for probe in probes if probe.fault), None)
+    raise _build_missing_error(serial, probes) from next((probe.fault for probe in probes if probe.fault), None)
 
 
-def connected(backend: IBackend) -> list[FoundDevice]:
+def list_connected(backend: IBackend) -> list[FoundDevice]:
     """List all devices with the probe's numbers and interface, ordered by bus and address.
 
     Other boards may use the same test number (docs/reference/protocol.md); their interfaces have other classes.
     """
-    devices = usb.core.find(find_all=True, idVendor=VENDOR_ID, idProduct=PRODUCT_ID, backend=backend, custom_match=_streams)
+    devices = usb.core.find(find_all=True, idVendor=VENDOR_ID, idProduct=PRODUCT_ID, backend=backend, custom_match=_has_stream)
     return sorted((_read_serial(device) for device in devices), key=lambda probe: (probe.device.bus, probe.device.address))
 
 
-def stream_endpoint(configuration: Any) -> tuple[Any, Any] | None:
+def find_stream_endpoint(configuration: Any) -> tuple[Any, Any] | None:
     """Find the vendor interface with a bulk IN endpoint; return its number and the endpoint, or None."""
     for interface in configuration:
         for endpoint in interface:
@@ -109,15 +109,15 @@ def stream_endpoint(configuration: Any) -> tuple[Any, Any] | None:
     return None
 
 
-def _streams(device: Any) -> bool:
+def _has_stream(device: Any) -> bool:
     """Whether any configuration has the probe's interface; descriptors are readable without opening the device."""
     try:
-        return any(stream_endpoint(configuration) is not None for configuration in device)
+        return any(find_stream_endpoint(configuration) is not None for configuration in device)
     except (usb.core.USBError, NotImplementedError):
         return True  # unknown: opening it will give the reason
 
 
-def where(device: Any) -> str:
+def describe_address(device: Any) -> str:
     """Describe bus and address as text."""
     return f"bus {device.bus} address {device.address}"
 
@@ -132,17 +132,17 @@ def release(devices: list[Any]) -> None:
 def _read_serial(device: Any) -> FoundDevice:
     """Read a device's serial number; unlike pyusb's property this keeps the reason of a failure."""
     try:
-        descriptor = bytes(device.ctrl_transfer(0x80, 6, _STRING | device.iSerialNumber, _ENGLISH, 255))
+        descriptor = bytes(device.ctrl_transfer(0x80, 6, _STRING_DESCRIPTOR | device.iSerialNumber, _ENGLISH_US, 255))
     except (usb.core.USBError, NotImplementedError) as fault:
         return FoundDevice(device, "", fault)
     return FoundDevice(device, descriptor[2 : descriptor[0]].decode("utf-16-le", "replace") if descriptor else "")
 
 
-def _none(serial: str | None, probes: list[FoundDevice]) -> HardwareError:
+def _build_missing_error(serial: str | None, probes: list[FoundDevice]) -> HardwareError:
     """Build the error for a missing probe: it is not connected, or its serial number could not be read."""
     for probe in probes:
         if probe.fault is not None:
-            return named(probe.fault, f"a probe at {where(probe.device)}")
-    others = f"; connected: {[probe.serial for probe in probes]}" if probes else ""
-    sought, numbers = f"probe {serial}" if serial else "a probe", f"{VENDOR_ID:04x}:{PRODUCT_ID:04x}"
-    return NotFound(f"{sought} (USB {numbers}) is not connected: plug it in, or use --virtual or --replay{others}")
+            return translate_fault(probe.fault, f"a probe at {describe_address(probe.device)}")
+    listing = f"; connected: {[probe.serial for probe in probes]}" if probes else ""
+    wanted, numbers = f"probe {serial}" if serial else "a probe", f"{VENDOR_ID:04x}:{PRODUCT_ID:04x}"
+    return NotFound(f"{wanted} (USB {numbers}) is not connected: plug it in, or use --virtual or --replay{listing}")

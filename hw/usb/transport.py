@@ -18,14 +18,14 @@ from usb.backend import IBackend
 from usb.core import USBError
 
 from hw.common.errors import AccessDenied, Busy, Disconnected, HardwareError, InvalidSource, ProtocolError, Stalled, Timeout
-from hw.common.transport import Chunk, Header, now
+from hw.common.transport import Chunk, Header, make_timestamp
 from hw.usb.device import UsbDevice
-from hw.usb.faults import meaning, named
-from hw.usb.find import Backends, find, libusb
-from hw.wire.frames import CHANNELS, FrameLayout
+from hw.usb.faults import classify_fault, translate_fault
+from hw.usb.find import Backends, find_probe, open_libusb
+from hw.wire.frames import CHANNEL_NAMES, FrameLayout
 
-_FAULTS = (USBError, NotImplementedError)
-_REASON: dict[type[HardwareError], str] = {
+_USB_FAULTS = (USBError, NotImplementedError)
+_GAP_REASONS: dict[type[HardwareError], str] = {
     Stalled: "the endpoint was halted", Disconnected: "the device was unplugged", Timeout: "the device was reset",
 }  # fmt: skip
 
@@ -51,7 +51,7 @@ class Patience:
     largest: int = 1 << 16
 
 
-PATIENT = Patience()
+DEFAULT_PATIENCE = Patience()
 
 
 class UsbTransport:
@@ -72,9 +72,9 @@ class UsbTransport:
         serial: str | None = None,
         rate: float | None = None,
         backend: IBackend | None = None,
-        patience: Patience = PATIENT,
+        patience: Patience = DEFAULT_PATIENCE,
     ) -> None:
-        self._backends: Backends = libusb if backend is None else partial(_same, backend)
+        self._backends: Backends = open_libusb if backend is None else partial(_return_backend, backend)
         self._name = "usb" if backend is None else "virtual"
         self._patience = patience
         if rate is not None and not 1e-3 <= rate <= 4e6:
@@ -86,13 +86,13 @@ class UsbTransport:
         self._device = self._open_device(serial)
         try:
             self.header = self._begin(rate)
-        except _FAULTS as fault:
+        except _USB_FAULTS as fault:
             self._device.close()
-            if meaning(fault) is Stalled:
+            if classify_fault(fault) is Stalled:
                 raise ProtocolError(
-                    f"{self._what} refuses the requests of docs/reference/protocol.md: correct its firmware"
+                    f"{self._subject} refuses the requests of docs/reference/protocol.md: correct its firmware"
                 ) from fault
-            raise named(fault, self._what) from fault
+            raise translate_fault(fault, self._subject) from fault
         except HardwareError:
             self._device.close()
             raise
@@ -112,8 +112,8 @@ class UsbTransport:
         buffer = array("B", bytes(self._size))
         try:
             data = self._device.read(buffer, round(1e3 * self._patience.read))
-        except _FAULTS as fault:
-            self._fault, data = fault, _before_fault(buffer, self._device.packet)
+        except _USB_FAULTS as fault:
+            self._fault, data = fault, _salvage_packets(buffer, self._device.packet)
         if data:
             self._failures, self._heard = 0, time.monotonic()
         note, self._note = self._note, "" if data else self._note
@@ -124,32 +124,32 @@ class UsbTransport:
         self._device.close()
 
     @property
-    def _what(self) -> str:
+    def _subject(self) -> str:
         return f"probe {self._device.serial}".rstrip()
 
     def _open_device(self, serial: str | None) -> UsbDevice:
         try:
-            return UsbDevice(find(serial, self._backends))
-        except _FAULTS as fault:
-            raise named(fault, f"probe {serial or 'on USB'}") from fault
+            return UsbDevice(find_probe(serial, self._backends))
+        except _USB_FAULTS as fault:
+            raise translate_fault(fault, f"probe {serial or 'on USB'}") from fault
 
     def _begin(self, rate: float | None) -> Header:
         """Stop a running stream, set the rate and return the header."""
         self._device.stop()  # a killed program may have left it running
         if rate is not None:
             self._device.set_rate(rate)
-        info, packet = self._device.info(), self._device.packet
+        info, packet = self._device.read_info(), self._device.packet
         layout = FrameLayout(packet, info.channels)
         frames = max(1, round(self._patience.span * info.rate / layout.rows))
         self._size = min(frames, self._patience.largest // packet) * packet
         source: dict[str, Any] = {
             "transport": self._name, "serial": self._device.serial, "firmware": info.firmware, "place": self._device.place,
-            "started": now(), "scale": list(info.scale),
+            "started": make_timestamp(), "scale": list(info.scale),
         }  # fmt: skip
         return Header(
             "frames",
             info.rate,
-            channels=CHANNELS[: info.channels],
+            channels=CHANNEL_NAMES[: info.channels],
             scale=info.scale,
             size=packet,
             stream=self._stream,
@@ -159,45 +159,45 @@ class UsbTransport:
     def _start(self) -> None:
         try:
             self._device.start(self._stream)
-        except _FAULTS as fault:
-            raise named(fault, self._what) from fault
+        except _USB_FAULTS as fault:
+            raise translate_fault(fault, self._subject) from fault
         self._started, self._heard = True, time.monotonic()
-        self.header.source["started"] = now()
+        self.header.source["started"] = make_timestamp()
 
     def _recover(self, fault: Exception) -> str:
         """Recover the stream and return the reason of the gap; raise if recovery fails."""
-        kind, place = meaning(fault), self._device.place
-        if kind is Timeout and not self._forgotten():
+        kind, place = classify_fault(fault), self._device.place
+        if kind is Timeout and not self._is_stream_lost():
             self._check_silence(fault)
             return ""
         self._failures += 1
         if self._failures > self._patience.attempts:
-            raise named(fault, self._what) from fault
+            raise translate_fault(fault, self._subject) from fault
         try:
             if kind is Stalled:
                 self._device.clear_halt()
             elif kind is Disconnected or self._failures > 1:  # an unplug may show as a failing bus first
                 self._reopen(fault)
             self._resume()
-        except _FAULTS as another:
+        except _USB_FAULTS as another:
             return self._recover(another)
-        reason = _REASON.get(kind, "the bus failed")
+        reason = _GAP_REASONS.get(kind, "the bus failed")
         return reason if self._device.place == place else f"{reason}, and came back at {self._device.place}"
 
-    def _forgotten(self) -> bool:
+    def _is_stream_lost(self) -> bool:
         """Whether the board has ended this stream without leaving the bus, after a reset or a short loss of power."""
         try:
-            return self._device.status().stream != self._stream
-        except (*_FAULTS, ProtocolError):  # no answer to this either: the device is silent
+            return self._device.read_status().stream != self._stream
+        except (*_USB_FAULTS, ProtocolError):  # no answer to this either: the device is silent
             return False
 
     def _check_silence(self, fault: Exception) -> None:
         if time.monotonic() - self._heard > self._patience.silence:
-            raise named(fault, self._what) from fault
+            raise translate_fault(fault, self._subject) from fault
 
     def _resume(self) -> None:
         """Continue the stream if the device still counts it; start another if not."""
-        if self._device.status().stream != self._stream:
+        if self._device.read_status().stream != self._stream:
             self._stream = self._stream % 0xFFFF + 1
             self._device.start(self._stream)
         self._heard = time.monotonic()
@@ -214,12 +214,14 @@ class UsbTransport:
             except HardwareError as missing:  # access may be given a moment after it came back
                 if time.monotonic() > limit:
                     raise (
-                        missing if isinstance(missing, AccessDenied | Busy) else named(fault, self._what, Disconnected)
+                        missing
+                        if isinstance(missing, AccessDenied | Busy)
+                        else translate_fault(fault, self._subject, Disconnected)
                     ) from fault
             time.sleep(0.05)
 
 
-def _before_fault(buffer: array[int], packet: int) -> bytes:
+def _salvage_packets(buffer: array[int], packet: int) -> bytes:
     """Return the bytes that a failed read received before the fault; the frames' checksums exclude wrong ones.
 
     Trailing zeros are cut only to a multiple of the packet size, because one checksum in 256 ends in a received zero.
@@ -228,5 +230,5 @@ def _before_fault(buffer: array[int], packet: int) -> bytes:
     return buffer[: -(-size // packet) * packet].tobytes()
 
 
-def _same(backend: IBackend) -> IBackend:
+def _return_backend(backend: IBackend) -> IBackend:
     return backend

@@ -11,11 +11,21 @@ from numpy.typing import NDArray
 
 from hw.common.errors import ProtocolError
 from hw.common.samples import Gap, Ints, Samples
-from hw.wire.frames import CHANNELS, CRC, HIGHEST, LOWEST, MAGIC, OVERRUN, SATURATED, VERSION, FrameLayout
+from hw.wire.frames import (
+    CHANNEL_NAMES,
+    CRC_FORMAT,
+    FRAME_MAGIC,
+    MAX_CODE,
+    MIN_CODE,
+    OVERRUN_FLAG,
+    PROTOCOL_VERSION,
+    SATURATED_FLAG,
+    FrameLayout,
+)
 
-GIVE_UP = 2_000  # frames: after so many frames' bytes without a valid frame decoding is refused
-OVERRAN = "the device's buffer ran over"
-LOST = "frames were lost or damaged on the way"
+GIVE_UP_FRAMES = 2_000  # frames: after so many frames' bytes without a valid frame decoding is refused
+OVERRUN_REASON = "the device's buffer ran over"
+LOSS_REASON = "frames were lost or damaged on the way"
 
 
 @dataclass(frozen=True)
@@ -49,7 +59,7 @@ class FrameDecoder:
         self.repeated = 0  # frames that came twice, or belong to another stream
         self._dtype = self.layout.dtype
         self._scale = np.array(form.scale)
-        self._rest = b""
+        self._buffered = b""
         self._stream, self._offset, self._next = form.stream, 0, 0
         self._note = ""
         self._unknown: list[Gap] = []
@@ -69,16 +79,16 @@ class FrameDecoder:
         self._note = note or self._note
         if stream is not None and stream != self._stream:
             self._restart(stream)
-        buffer = self._rest + data
-        frames, used = self._valid(buffer)
-        self._rest = buffer[used:]
+        buffer = self._buffered + data
+        frames, used = self._find_valid(buffer)
+        self._buffered = buffer[used:]
         self._in_vain = 0 if len(frames) else self._in_vain + len(data)
-        if self._in_vain > GIVE_UP * self.layout.size:
+        if self._in_vain > GIVE_UP_FRAMES * self.layout.size:
             raise ProtocolError(
-                f"no valid frame in {self._in_vain} bytes: the firmware must speak version {VERSION} of "
+                f"no valid frame in {self._in_vain} bytes: the firmware must speak version {PROTOCOL_VERSION} of "
                 f"docs/reference/protocol.md, with {self.layout.channels} channels and frames of {self.layout.size} bytes"
             )
-        return self._samples(frames)
+        return self._build_samples(frames)
 
     def _restart(self, stream: int) -> None:
         """Continue with another stream: the number of samples in between is unknown, and the gap takes one index."""
@@ -86,74 +96,74 @@ class FrameDecoder:
             self._unknown.append(Gap(self._offset + self._next, -1, self._note or "the device restarted"))
             self._note = ""
         self._offset += self._next + bool(self._next)
-        self._stream, self._next, self._rest = stream, 0, b""
+        self._stream, self._next, self._buffered = stream, 0, b""
 
-    def _valid(self, buffer: bytes) -> tuple[NDArray[np.void], int]:
+    def _find_valid(self, buffer: bytes) -> tuple[NDArray[np.void], int]:
         """Return the valid frames in the buffer, and the number of its bytes that were used."""
-        size, at, runs = self.layout.size, 0, []
-        while at + size <= len(buffer):
-            run = np.frombuffer(buffer, self._dtype, (len(buffer) - at) // size, at)
-            good = self._leading_good(run, memoryview(buffer)[at:])
+        size, position, runs = self.layout.size, 0, []
+        while position + size <= len(buffer):
+            run = np.frombuffer(buffer, self._dtype, (len(buffer) - position) // size, position)
+            good = self._count_leading_valid(run, memoryview(buffer)[position:])
             runs.append(run[:good])
-            at += good * size
+            position += good * size
             if good < len(run):
-                ahead = buffer.find(MAGIC, at + 1)
+                ahead = buffer.find(FRAME_MAGIC, position + 1)
                 if ahead < 0:  # the last byte may be the first one of the next magic
-                    ahead = len(buffer) - buffer.endswith(MAGIC[:1])
-                self.skipped += ahead - at
-                at = ahead
-        return np.concatenate(runs) if runs else np.empty(0, self._dtype), at
+                    ahead = len(buffer) - buffer.endswith(FRAME_MAGIC[:1])
+                self.skipped += ahead - position
+                position = ahead
+        return np.concatenate(runs) if runs else np.empty(0, self._dtype), position
 
-    def _leading_good(self, run: NDArray[np.void], view: memoryview) -> int:
+    def _count_leading_valid(self, run: NDArray[np.void], view: memoryview) -> int:
         """Return how many frames of the run are valid before the first that is not."""
-        likely = (run["magic"] == MAGIC) & (run["version"] == VERSION) & (run["channels"] == self.layout.channels)
+        likely = (run["magic"] == FRAME_MAGIC) & (run["version"] == PROTOCOL_VERSION) & (run["channels"] == self.layout.channels)
         likely &= (run["rows"] > 0) & (run["rows"] <= self.layout.rows)
         end = len(run) if likely.all() else int(np.argmin(likely))
-        size, body = self.layout.size, self.layout.size - CRC.size
+        size, body = self.layout.size, self.layout.size - CRC_FORMAT.size
         for k, stated in enumerate(run["crc"][:end].tolist()):
             if zlib.crc32(view[k * size : k * size + body]) != stated:
                 return k
         return end
 
-    def _samples(self, frames: NDArray[np.void]) -> Samples:
-        frames, begin, end = self._in_order(frames)
+    def _build_samples(self, frames: NDArray[np.void]) -> Samples:
+        frames, begin, end = self._select_in_order(frames)
         rows = frames["rows"].astype(np.int64)
-        gaps = self._gaps(frames, begin, end)
+        gaps = self._list_gaps(frames, begin, end)
         if len(frames):
             self._next = int(end[-1])
         filled = np.arange(self.layout.rows) < rows[:, None]
         codes = frames["codes"][filled]
-        flagged = (frames["flags"][:, None] & (SATURATED << np.arange(self.layout.channels))) != 0
+        flagged = (frames["flags"][:, None] & (SATURATED_FLAG << np.arange(self.layout.channels))) != 0
         index: Ints = (begin[:, None] + np.arange(self.layout.rows))[filled] + self._offset
         return Samples(
             rate=self.form.rate,
-            channels=CHANNELS[: self.layout.channels],
+            channels=CHANNEL_NAMES[: self.layout.channels],
             index=index,
             volts=codes * self._scale,
-            saturated=(codes == LOWEST) | (codes == HIGHEST) | np.repeat(flagged, rows, axis=0),
+            saturated=(codes == MIN_CODE) | (codes == MAX_CODE) | np.repeat(flagged, rows, axis=0),
             gaps=gaps,
-            overruns=int(np.count_nonzero(frames["flags"] & OVERRUN)),
+            overruns=int(np.count_nonzero(frames["flags"] & OVERRUN_FLAG)),
             source=self.source,
         )
 
-    def _in_order(self, frames: NDArray[np.void]) -> tuple[NDArray[np.void], Ints, Ints]:
+    def _select_in_order(self, frames: NDArray[np.void]) -> tuple[NDArray[np.void], Ints, Ints]:
         """Drop frames of other streams and overlapping ones; return the others with their first and end indices."""
         mine = (frames["stream"] == self._stream) & (frames["index"] < 2**62)
         begin = frames["index"].astype(np.int64)
         end = begin + frames["rows"]
-        before = np.maximum.accumulate(np.concatenate([[self._next], np.where(mine, end, 0)]))[:-1]
-        keep = mine & (begin >= before)
+        earlier_ends = np.maximum.accumulate(np.concatenate([[self._next], np.where(mine, end, 0)]))[:-1]
+        keep = mine & (begin >= earlier_ends)
         self.repeated += int(np.count_nonzero(~keep))
         return frames[keep], begin[keep], end[keep]
 
-    def _gaps(self, frames: NDArray[np.void], begin: Ints, end: Ints) -> tuple[Gap, ...]:
+    def _list_gaps(self, frames: NDArray[np.void], begin: Ints, end: Ints) -> tuple[Gap, ...]:
         """Return the gaps before the frames, restarts first; a restart's gap is kept until samples follow it."""
         if not len(begin):
             return ()
         gaps, self._unknown = self._unknown, []
         ends = np.concatenate([[self._next], end[:-1]])
         for k in np.flatnonzero(begin > ends):
-            why = OVERRAN if frames["flags"][k] & OVERRUN else self._note or LOST
-            gaps.append(Gap(int(ends[k]) + self._offset, int(begin[k] - ends[k]), why))
+            reason = OVERRUN_REASON if frames["flags"][k] & OVERRUN_FLAG else self._note or LOSS_REASON
+            gaps.append(Gap(int(ends[k]) + self._offset, int(begin[k] - ends[k]), reason))
         self._note = ""
         return tuple(gaps)

@@ -6,17 +6,17 @@ import struct
 from dataclasses import dataclass
 
 from hw.common.errors import ProtocolError
-from hw.wire.frames import CHANNELS, VERSION
+from hw.wire.frames import CHANNEL_NAMES, PROTOCOL_VERSION
 
 VENDOR_ID, PRODUCT_ID = 0x1209, 0x0001  # pid.codes' number for tests: free to use, not for products on sale
 VENDOR_CLASS = 0xFF
-IN, OUT = 0xC0, 0x40  # bmRequestType of vendor requests to the device
+REQUEST_IN, REQUEST_OUT = 0xC0, 0x40  # bmRequestType of vendor requests to the device
 GET_INFO, SET_RATE, START, STOP, GET_STATUS = 1, 2, 3, 4, 5
 MS_OS_20 = 0x20  # vendor code of the MS OS 2.0 descriptor set
 
-_INFO = struct.Struct("<BBHII4f16s")
-_STATUS = struct.Struct("<HHIQ")
-RATE = struct.Struct("<I")
+_INFO_FORMAT = struct.Struct("<BBHII4f16s")
+_STATUS_FORMAT = struct.Struct("<HHIQ")
+RATE_FORMAT = struct.Struct("<I")
 
 
 @dataclass(frozen=True)
@@ -37,11 +37,11 @@ class Info:
     scale: tuple[float, ...]
     firmware: str
 
-    def encoded(self) -> bytes:
+    def encode(self) -> bytes:
         """Encode the answer as bytes."""
         scale = (*self.scale, 0.0, 0.0)[:4]
-        return _INFO.pack(
-            VERSION,
+        return _INFO_FORMAT.pack(
+            PROTOCOL_VERSION,
             self.channels,
             0,
             round(1e3 * self.rate),
@@ -51,18 +51,20 @@ class Info:
         )
 
     @classmethod
-    def decoded(cls, data: bytes) -> Info:
+    def decode(cls, data: bytes) -> Info:
         """Decode a device's answer.
 
         Raises:
             ProtocolError: the answer does not follow this version of the protocol.
         """
-        if len(data) < _INFO.size:
-            raise ProtocolError(f"the device described itself in {len(data)} bytes, not {_INFO.size}: update its firmware")
-        version, channels, _, rate, highest, *scale, firmware = _INFO.unpack_from(data)
-        if version != VERSION:
-            raise ProtocolError(f"the device speaks version {version} of the protocol, this program {VERSION}: update the older")
-        if not 2 <= channels <= len(CHANNELS) or rate == 0 or not all(0 < one < 1e3 for one in scale[:channels]):
+        if len(data) < _INFO_FORMAT.size:
+            raise ProtocolError(f"the device described itself in {len(data)} bytes, not {_INFO_FORMAT.size}: update its firmware")
+        version, channels, _, rate, highest, *scale, firmware = _INFO_FORMAT.unpack_from(data)
+        if version != PROTOCOL_VERSION:
+            raise ProtocolError(
+                f"the device speaks version {version} of the protocol, this program {PROTOCOL_VERSION}: update the older"
+            )
+        if not 2 <= channels <= len(CHANNEL_NAMES) or rate == 0 or not all(0 < factor < 1e3 for factor in scale[:channels]):
             raise ProtocolError(f"the device states {channels} channels, {rate / 1e3} Hz, {scale} V/count: correct its firmware")
         text = firmware.split(b"\0")[0].decode("ascii", "replace")
         return cls(channels, rate / 1e3, highest / 1e3, tuple(scale[:channels]), text)
@@ -84,17 +86,17 @@ class Status:
     sequence: int
     index: int
 
-    def encoded(self) -> bytes:
+    def encode(self) -> bytes:
         """Encode the answer as bytes."""
-        return _STATUS.pack(self.stream, self.overruns % 2**16, self.sequence % 2**32, self.index)
+        return _STATUS_FORMAT.pack(self.stream, self.overruns % 2**16, self.sequence % 2**32, self.index)
 
     @classmethod
-    def decoded(cls, data: bytes) -> Status:
+    def decode(cls, data: bytes) -> Status:
         """Decode a device's answer.
 
         Raises:
             ProtocolError: the answer is too short.
         """
-        if len(data) < _STATUS.size:
-            raise ProtocolError(f"the device's status has {len(data)} bytes, not {_STATUS.size}: update its firmware")
-        return cls(*_STATUS.unpack_from(data))
+        if len(data) < _STATUS_FORMAT.size:
+            raise ProtocolError(f"the device's status has {len(data)} bytes, not {_STATUS_FORMAT.size}: update its firmware")
+        return cls(*_STATUS_FORMAT.unpack_from(data))

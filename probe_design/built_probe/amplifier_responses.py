@@ -19,7 +19,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from hw.common.samples import Complexes
-from hw.signal.amplifier import multiplied, of_parts
+from hw.signal.amplifier import compute_parts_covariance, multiplication_matrix
 from hw.signal.measure import Measurement
 from probe_design.built_probe.bench import Amplifier, Bench
 from probe_design.built_probe.gain_matrix import Gains
@@ -27,7 +27,7 @@ from probe_design.built_probe.gain_matrix import Gains
 SIGNIFICANT_SD = 3.0
 
 
-def with_own_amplifiers(measurement: Measurement, amplifier: Amplifier, calibrated_at: float | None = None) -> Measurement:
+def divide_own_amplifiers(measurement: Measurement, amplifier: Amplifier, calibrated_at: float | None = None) -> Measurement:
     """Replace the common amplifier's response by each film's own in the charges of a measurement.
 
     Args:
@@ -38,21 +38,21 @@ def with_own_amplifiers(measurement: Measurement, amplifier: Amplifier, calibrat
     Raises:
         TooSlow: the load's frequency is far below a corner frequency.
     """
-    common, films, frequency = amplifier.built(), amplifier.of_films(), measurement.fit.frequency
+    common, films, frequency = amplifier.build_common(), amplifier.build_films(), measurement.fit.frequency
     if films == (common, common):
         return measurement
-    factors = np.array([common.response(frequency) / one.response(frequency) for one in films])
+    factors = np.array([common.response(frequency) / film_amplifier.response(frequency) for film_amplifier in films])
     charges = measurement.charges * factors
-    turn = multiplied(factors)
+    turn = multiplication_matrix(factors)
     return replace(
         measurement,
         charges=charges,
         covariance=np.asarray(turn @ measurement.covariance @ turn.T),
-        tolerance=of_parts(charges, films, frequency, calibrated_at),
+        tolerance=compute_parts_covariance(charges, films, frequency, calibrated_at),
     )
 
 
-def with_rate_doubt(measurement: Measurement, bench: Bench, calibrated_at: float | None = None) -> Measurement:
+def add_rate_doubt(measurement: Measurement, bench: Bench, calibrated_at: float | None = None) -> Measurement:
     """Add the error of a wrong sampling rate to a measurement's tolerance, and a warning if the drive's frequency shows one.
 
     Args:
@@ -60,45 +60,45 @@ def with_rate_doubt(measurement: Measurement, bench: Bench, calibrated_at: float
         bench: for the drive's frequency and the amplifiers.
         calibrated_at: frequency of the calibration, Hz, at the same rate: the error that the gains have absorbed is subtracted.
     """
-    change = _change(bench, measurement.fit.frequency)
+    change = _compute_response_change(bench, measurement.fit.frequency)
     if calibrated_at is not None:
-        change = change - _change(bench, calibrated_at)
-    moved = measurement.charges * change * rate_doubt(measurement, bench)
-    parts = np.stack([moved.real, moved.imag], axis=1).ravel()
+        change = change - _compute_response_change(bench, calibrated_at)
+    shift = measurement.charges * change * estimate_rate_doubt(measurement, bench)
+    parts = np.stack([shift.real, shift.imag], axis=1).ravel()
     tolerance = measurement.tolerance + np.outer(parts, parts)
-    return replace(measurement, tolerance=tolerance, warnings=measurement.warnings + _warnings(measurement, bench))
+    return replace(measurement, tolerance=tolerance, warnings=measurement.warnings + _list_warnings(measurement, bench))
 
 
-def gains_with_rate_doubt(gains: Gains, measurements: Sequence[Measurement], bench: Bench) -> Gains:
+def add_rate_doubt_to_gains(gains: Gains, measurements: Sequence[Measurement], bench: Bench) -> Gains:
     """Add the error of a wrong sampling rate, common to all readings, to the covariance of the gains."""
-    doubt = max(rate_doubt(one, bench) for one in measurements)
-    frequency = float(np.mean([one.fit.frequency for one in measurements]))
-    moved = (_change(bench, frequency).real[:, None] * gains.matrix).ravel() * doubt
-    return replace(gains, covariance=gains.covariance + np.outer(moved, moved))
+    doubt = max(estimate_rate_doubt(measurement, bench) for measurement in measurements)
+    frequency = float(np.mean([measurement.fit.frequency for measurement in measurements]))
+    shift = (_compute_response_change(bench, frequency).real[:, None] * gains.matrix).ravel() * doubt
+    return replace(gains, covariance=gains.covariance + np.outer(shift, shift))
 
 
-def rate_doubt(measurement: Measurement, bench: Bench) -> float:
+def estimate_rate_doubt(measurement: Measurement, bench: Bench) -> float:
     """Return the relative standard deviation of the sampling rate."""
-    return max(bench.load.frequency_tolerance, abs(_off(measurement, bench)))
+    return max(bench.load.frequency_tolerance, abs(_compute_rate_error(measurement, bench)))
 
 
-def _off(measurement: Measurement, bench: Bench) -> float:
+def _compute_rate_error(measurement: Measurement, bench: Bench) -> float:
     return measurement.fit.frequency / bench.load.frequency - 1
 
 
-def _change(bench: Bench, frequency: float) -> Complexes:
+def _compute_response_change(bench: Bench, frequency: float) -> Complexes:
     """Return the derivative d ln H / d ln f of both films' amplifiers, eq. BP.10, shape (2,)."""
-    taus: Floats = np.array([one.time_constant for one in bench.amplifier.of_films()])
+    taus: Floats = np.array([amplifier.time_constant for amplifier in bench.amplifier.build_films()])
     return np.asarray(1 / (1 + 2j * math.pi * frequency * taus))
 
 
-def _warnings(measurement: Measurement, bench: Bench) -> tuple[str, ...]:
-    off, fit = _off(measurement, bench), measurement.fit
-    if abs(off) <= SIGNIFICANT_SD * math.hypot(bench.load.frequency_tolerance, fit.frequency_sd / fit.frequency):
+def _list_warnings(measurement: Measurement, bench: Bench) -> tuple[str, ...]:
+    rate_error, fit = _compute_rate_error(measurement, bench), measurement.fit
+    if abs(rate_error) <= SIGNIFICANT_SD * math.hypot(bench.load.frequency_tolerance, fit.frequency_sd / fit.frequency):
         return ()
-    side = "above" if off > 0 else "below"
-    words = f"the load reads {100 * abs(off):.2g} % {side} the {bench.load.frequency:g} Hz of the bench"
+    side = "above" if rate_error > 0 else "below"
+    text = f"the load reads {100 * abs(rate_error):.2g} % {side} the {bench.load.frequency:g} Hz of the bench"
     return (
-        f"{words}: the sampling rate or the unit of the times is off as much, or load.frequency of the bench is not the drive's; "
+        f"{text}: the sampling rate or the unit of the times is off as much, or load.frequency of the bench is not the drive's; "
         "counted in the uncertainties",
     )

@@ -12,10 +12,10 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, Field, ValidationError, model_validator
 
-from geometry.common.errors import InputError, Words, one_of
-from geometry.common.text_files import read_tables, tables
+from geometry.common.errors import InputError, Words, describe_choices
+from geometry.common.text_files import parse_tables, read_tables
 from geometry.scenes.file_kinds import check_kind
-from geometry.scenes.messages import model_at
+from geometry.scenes.messages import find_model
 from geometry.scenes.probe import Frozen, Length, Modulus
 from geometry.scenes.units import PERCENTAGE, Quantity
 from hw.signal.amplifier import ChargeAmplifier
@@ -25,12 +25,12 @@ Resistance = Annotated[float, Quantity("resistance", "ohm", "ohm", 1e3, 1e15)]
 Capacitance = Annotated[float, Quantity("capacitance", "F", "pF", 1e-14, 1.0)]
 Sensitivity = Annotated[float, Quantity("sensitivity", "V/N", "V/N", 1e-9, 1e9)]
 Warming = Annotated[float, Quantity("temperature change", "K", "K", 1e-6, 100.0)]
-Share = Annotated[float, PERCENTAGE, Field(ge=0.0, le=1.0, description="a number from 0 to 1, such as 0.02 or 2 %")]
+Fraction = Annotated[float, PERCENTAGE, Field(ge=0.0, le=1.0, description="a number from 0 to 1, such as 0.02 or 2 %")]
 Skew = Annotated[float, Quantity("time", "s", "us", -1.0, 1.0)]
 SkewTolerance = Annotated[float, Quantity("time", "s", "us", 0.0, 1.0)]
 KnownForce = Annotated[float, Quantity("force", "N", "mN", 1e-9, 1e6)]
-On = Literal["tissue", "inner", "outer"]
-LEAK = (
+ReferenceKind = Literal["tissue", "inner", "outer"]
+DEFAULT_LEAK_SD = (
     0.007  # fraction of a pin's or ring's load on the other block, 1 sd: 1 % occurs, and is within 95 % (docs/guides/hardware.md)
 )
 
@@ -47,7 +47,7 @@ class Shaker(Frozen):
     """
 
     frequency: Frequency = 5.0
-    frequency_tolerance: Share = 0.001
+    frequency_tolerance: Fraction = 0.001
     least_cycles: Annotated[float, Field(ge=3.0, le=1e6, description="a number from 3 to 1e6")] = 20.0
     most_warming: Warming = 0.1
 
@@ -57,8 +57,8 @@ class OwnAmplifier(Frozen):
 
     resistance: Resistance | None = None
     capacitance: Capacitance | None = None
-    resistance_tolerance: Share | None = None
-    capacitance_tolerance: Share | None = None
+    resistance_tolerance: Fraction | None = None
+    capacitance_tolerance: Fraction | None = None
 
 
 class Amplifier(Frozen):
@@ -66,19 +66,19 @@ class Amplifier(Frozen):
 
     resistance: Resistance = 1e9
     capacitance: Capacitance = 1e-9
-    resistance_tolerance: Share = 0.05
-    capacitance_tolerance: Share = 0.02
+    resistance_tolerance: Fraction = 0.05
+    capacitance_tolerance: Fraction = 0.02
     inner: OwnAmplifier | None = None
     outer: OwnAmplifier | None = None
 
-    def built(self) -> ChargeAmplifier:
+    def build_common(self) -> ChargeAmplifier:
         """Build the amplifier that both films have in common, as ``hw`` uses it."""
         return ChargeAmplifier(**self.model_dump(exclude={"inner", "outer"}))
 
-    def of_films(self) -> tuple[ChargeAmplifier, ChargeAmplifier]:
+    def build_films(self) -> tuple[ChargeAmplifier, ChargeAmplifier]:
         """Build the inner film's and the outer film's amplifier."""
-        own = [{} if one is None else one.model_dump(exclude_none=True) for one in (self.inner, self.outer)]
-        inner, outer = (replace(self.built(), **parts) for parts in own)
+        overrides = [{} if film is None else film.model_dump(exclude_none=True) for film in (self.inner, self.outer)]
+        inner, outer = (replace(self.build_common(), **parts) for parts in overrides)
         return inner, outer
 
 
@@ -105,7 +105,7 @@ class ReferenceForce(Frozen):
     """
 
     sensitivity: Sensitivity
-    tolerance: Share = 0.005
+    tolerance: Fraction = 0.005
     verified: bool = False
     delay: Skew = 0.0
 
@@ -119,8 +119,8 @@ class Channels(Frozen):
         warming: standard deviation of each film's temperature about that of its calibration, K.
     """
 
-    gain: Share = 0.05
-    cross_talk: Share = 0.01
+    gain: Fraction = 0.05
+    cross_talk: Fraction = 0.01
     warming: Warming = 1.0
 
 
@@ -128,8 +128,8 @@ class Workshop(Frozen):
     """Tolerances of manufacture: standard deviations of every length (m), modulus (relative) and Poisson's ratio."""
 
     length: Length = 20e-6
-    modulus: Share = 0.02
-    poisson_ratio: Share = 0.003
+    modulus: Fraction = 0.02
+    poisson_ratio: Fraction = 0.003
 
 
 class Reference(Frozen):
@@ -146,15 +146,15 @@ class Reference(Frozen):
         known_force_tolerance: relative standard deviation of ``known_force``.
     """
 
-    on: On = "tissue"
+    on: ReferenceKind = "tissue"
     youngs_modulus: Modulus | None = None
-    tolerance: Share = 0.01
-    leak: Share | None = None
+    tolerance: Fraction = 0.01
+    leak: Fraction | None = None
     known_force: KnownForce | None = None
     known_force_tolerance: Annotated[float, Field(ge=1e-6, le=1.0, description="a number from 1e-6 to 1, such as 0.01")] = 0.01
 
     @model_validator(mode="after")
-    def _modulus_of_tissue(self) -> Self:
+    def _check_modulus(self) -> Self:
         if (self.youngs_modulus is None) == (self.on == "tissue"):
             entry = Words("missing" if self.on == "tissue" else f"given beside on = '{self.on}'")
             raise InputError("youngs_modulus", entry, "given for on = 'tissue', and for nothing else")
@@ -163,9 +163,9 @@ class Reference(Frozen):
         return self
 
     @property
-    def strays(self) -> float:
+    def leak_sd(self) -> float:
         """Standard deviation of the inner film's share of the load due to leakage; 0 on tissue."""
-        return 0.0 if self.on == "tissue" else LEAK if self.leak is None else self.leak
+        return 0.0 if self.on == "tissue" else DEFAULT_LEAK_SD if self.leak is None else self.leak
 
     @property
     def name(self) -> str:
@@ -190,20 +190,20 @@ class Bench(Frozen):
     @property
     def blocks(self) -> tuple[Reference, ...]:
         """The references that are blocks of tissue."""
-        return tuple(one for one in self.reference if one.on == "tissue")
+        return tuple(reference for reference in self.reference if reference.on == "tissue")
 
 
-def builtin_bench() -> Bench:
+def read_builtin_bench() -> Bench:
     """Return the built-in bench."""
     text = files("probe_design.data").joinpath("bench.toml").read_text(encoding="utf-8")
-    return bench_from_dict(tables(text, "bench.toml", "TOML"))
+    return bench_from_dict(parse_tables(text, "bench.toml", "TOML"))
 
 
 def read_bench(path: Path | str) -> Bench:
     """Read a bench file. Raises ``InputError``."""
-    found = read_tables(path, "bench file", "a TOML file like probe_design/data/bench.toml")
-    check_kind(found, str(path), "bench file", "a bench file, like probe_design/data/bench.toml")
-    return bench_from_dict(found)
+    contents = read_tables(path, "bench file", "a TOML file like probe_design/data/bench.toml")
+    check_kind(contents, str(path), "bench file", "a bench file, like probe_design/data/bench.toml")
+    return bench_from_dict(contents)
 
 
 def bench_from_dict(data: dict[str, Any]) -> Bench:
@@ -211,26 +211,26 @@ def bench_from_dict(data: dict[str, Any]) -> Bench:
     try:
         return Bench.model_validate(data, context={"units_required": True})
     except ValidationError as refused:
-        raise first_fault(refused, "bench", Bench) from None
+        raise convert_first_fault(refused, "bench", Bench) from None
 
 
-def first_fault(refused: ValidationError, what: str, root: type[BaseModel]) -> InputError:
+def convert_first_fault(refused: ValidationError, label: str, root: type[BaseModel]) -> InputError:
     """Convert one of pydantic's errors about ``root``'s tables into an ``InputError``: an unknown key before other faults."""
-    error = min(refused.errors(include_url=False), key=lambda one: one["type"] != "extra_forbidden")
+    error = min(refused.errors(include_url=False), key=lambda fault: fault["type"] != "extra_forbidden")
     cause = error.get("ctx", {}).get("error")
-    key = ".".join(map(str, error["loc"])) or what
+    key = ".".join(map(str, error["loc"])) or label
     if isinstance(cause, InputError):
         return InputError(f"{key}.{cause.key}", cause.value, cause.allowed)
     entry = Words("missing") if error["type"] == "missing" else error["input"]
     if error["type"] == "extra_forbidden":
-        return InputError(key, entry, one_of(error["loc"][-1], model_at(root, error["loc"][:-1]).model_fields))
-    told = _description(error["loc"], root) if error["type"] != "quantity" else None
-    return InputError(key, entry, told or error["msg"].removeprefix("Input should be "))
+        return InputError(key, entry, describe_choices(error["loc"][-1], find_model(root, error["loc"][:-1]).model_fields))
+    description = _read_description(error["loc"], root) if error["type"] != "quantity" else None
+    return InputError(key, entry, description or error["msg"].removeprefix("Input should be "))
 
 
-def _description(place: tuple[int | str, ...], root: type[BaseModel]) -> str | None:
+def _read_description(place: tuple[int | str, ...], root: type[BaseModel]) -> str | None:
     """Return the description of the field at a place of ``root``'s tables, or None."""
     if not place or not isinstance(place[-1], str):
         return None
-    field = model_at(root, place[:-1]).model_fields.get(place[-1])
+    field = find_model(root, place[:-1]).model_fields.get(place[-1])
     return None if field is None else field.description

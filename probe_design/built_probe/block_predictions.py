@@ -15,27 +15,27 @@ from scipy.special import expit
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, Words
 from geometry.scenes.scene import Placement, Scene
-from geometry.scenes.units import SI
-from geometry.scenes.variables import changed, values
+from geometry.scenes.units import SI_CONTEXT
+from geometry.scenes.variables import list_values, replace_values
 from probe_design.built_probe.bench import Reference, Workshop
 from solver.axisymmetric.converged_forces import Converged
-from solver.axisymmetric.gradients import gradients
+from solver.axisymmetric.gradients import compute_gradients
 from solver.axisymmetric.level import Axisymmetric
 from solver.planning.coarse_model import CoarseModel
-from solver.planning.load_check import REMEDY, why
-from solver.planning.load_limits import largest
+from solver.planning.load_check import LINEAR_REMEDY, explain_limit
+from solver.planning.load_limits import find_largest_load
 from solver.planning.loads import LoadRule
-from solver.results.film_forces import outputs
+from solver.results.film_forces import compute_result_fields
 
-ACCURACY = 1e-3  # relative accuracy of the solver
-LINEAR = 0.01  # largest relative change by finite strain at which a load is allowed
-STEP = 1e-5  # relative, of the central difference of the nominal areas' ratio, which is a polynomial
-TISSUE = "tissue.youngs_modulus"
-MODULI = "reference.youngs_modulus"  # an additional variable: one relative change of all blocks' moduli
+PREDICTION_ACCURACY = 1e-3  # relative accuracy of the solver
+LINEARITY_ACCURACY = 0.01  # largest relative change by finite strain at which a load is allowed
+RELATIVE_STEP = 1e-5  # relative, of the central difference of the nominal areas' ratio, which is a polynomial
+TISSUE_MODULUS = "tissue.youngs_modulus"
+BLOCK_MODULI = "reference.youngs_modulus"  # an additional variable: one relative change of all blocks' moduli
 
 
 @dataclass(frozen=True)
-class Share:
+class BlockPrediction:
     """The prediction for a reference block.
 
     Attributes:
@@ -49,14 +49,14 @@ class Share:
     log_ratio: float
     bound: float
     slopes: Floats
-    by_modulus: float
+    modulus_derivative: float
     rule: LoadRule | None = None
 
-    def variance(self, reference: Reference) -> float:
+    def compute_variance(self, reference: Reference) -> float:
         """Return the variance of ``log_ratio`` due to the block's modulus and the solver's error (uniform in its bound)."""
-        return (self.by_modulus * reference.tolerance) ** 2 + self.bound**2 / 3
+        return (self.modulus_derivative * reference.tolerance) ** 2 + self.bound**2 / 3
 
-    def under(self, force: float, name: str, linear: bool) -> Share:
+    def apply_force(self, force: float, name: str, linear: bool) -> BlockPrediction:
         """Return the prediction under a force, N, with the effect of finite strain added to the bound.
 
         Raises:
@@ -64,17 +64,19 @@ class Share:
         """
         if self.rule is None:
             return self
-        limit, known = largest(self.rule, LINEAR, promise=False), self.rule.knows(force)
+        limit, known = find_largest_load(self.rule, LINEARITY_ACCURACY, promise=False), self.rule.is_known(force)
         if force > limit.force and not (linear and known):
-            remedy = f", {REMEDY}" if known else ""
+            remedy = f", {LINEAR_REMEDY}" if known else ""
             raise Refusal(
-                "load", Words(f"{force:.3g} N on the {name}"), f"up to {limit.force:.3g} N ({why(limit, LINEAR)}){remedy}"
+                "load",
+                Words(f"{force:.3g} N on the {name}"),
+                f"up to {limit.force:.3g} N ({explain_limit(limit, LINEARITY_ACCURACY)}){remedy}",
             )
-        return replace(self, bound=self.bound - math.log1p(-self.rule.ratio_change(force)))
+        return replace(self, bound=self.bound - math.log1p(-self.rule.bound_ratio_change(force)))
 
 
 @dataclass(frozen=True)
-class Shares:
+class BlockPredictions:
     """The predictions for all tissue blocks of a bench, for one design.
 
     Attributes:
@@ -86,32 +88,36 @@ class Shares:
 
     variables: tuple[str, ...]
     nominal: Floats
-    blocks: tuple[Share, ...]
+    blocks: tuple[BlockPrediction, ...]
     unmeasured: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def log_ratios(self) -> Floats:
         """ln(F_inner / F_outer) on each block, shape (blocks,)."""
-        return np.array([one.log_ratio for one in self.blocks])
+        return np.array([block.log_ratio for block in self.blocks])
 
     @property
     def slopes(self) -> Floats:
         """Derivatives of ``log_ratios`` with respect to the variables, per SI unit, shape (blocks, v)."""
-        return np.array([one.slopes for one in self.blocks]).reshape(len(self.blocks), len(self.variables))
+        return np.array([block.slopes for block in self.blocks]).reshape(len(self.blocks), len(self.variables))
 
-    def under(self, forces: Sequence[float], references: Sequence[Reference], linear: bool) -> Shares:
+    def apply_forces(self, forces: Sequence[float], references: Sequence[Reference], linear: bool) -> BlockPredictions:
         """Return the predictions under forces (N) on all references; see ``BlockPrediction.apply_force``."""
-        blocks = [(force, one.name) for force, one in zip(forces, references, strict=True) if one.on == "tissue"]
-        return replace(self, blocks=tuple(share.under(*block, linear) for share, block in zip(self.blocks, blocks, strict=True)))
+        blocks = [
+            (force, reference.name) for force, reference in zip(forces, references, strict=True) if reference.on == "tissue"
+        ]
+        return replace(
+            self, blocks=tuple(share.apply_force(*block, linear) for share, block in zip(self.blocks, blocks, strict=True))
+        )
 
-    def tolerances(self, workshop: Workshop) -> Floats:
+    def compute_tolerances(self, workshop: Workshop) -> Floats:
         """Return the variables' standard deviations, SI, shape (v,); unmeasured moduli have the catalogue's."""
         known = {name: sd * self.nominal[self.variables.index(name)] for name, sd in self.unmeasured.items()}
         held = zip(self.variables, self.nominal, strict=True)
-        return np.array([known.get(name, _tolerance(name, value, workshop)) for name, value in held])
+        return np.array([known.get(name, _get_tolerance(name, value, workshop)) for name, value in held])
 
 
-def predicted(scene: Scene, references: Sequence[Reference]) -> Shares:
+def predict_blocks(scene: Scene, references: Sequence[Reference]) -> BlockPredictions:
     """Predict the films' share of the load on the references that are blocks of tissue.
 
     Args:
@@ -121,22 +127,26 @@ def predicted(scene: Scene, references: Sequence[Reference]) -> Shares:
     Raises:
         Refusal: the axisymmetric evaluator cannot compute the probe, or a film is not pressed.
     """
-    by_radius = by_outer_radius(scene)
-    names = tuple(key for key in values(by_radius) if key.startswith("probe."))
-    blocks = tuple(_share(on_block(by_radius, one), names) for one in references if one.on == "tissue")
-    nominal = values(by_radius)
+    by_radius = express_by_outer_radius(scene)
+    names = tuple(key for key in list_values(by_radius) if key.startswith("probe."))
+    blocks = tuple(
+        _predict_block(build_block_scene(by_radius, reference), names) for reference in references if reference.on == "tissue"
+    )
+    nominal = list_values(by_radius)
     bodies = {"probe.inner.youngs_modulus": scene.probe.inner, "probe.outer.youngs_modulus": scene.probe.outer}
-    unmeasured = {name: body.unmeasured.log_sd for name, body in bodies.items() if body.unmeasured is not None}
-    return Shares((*names, MODULI), np.array([*(nominal[name] for name in names), 1.0]), blocks, unmeasured)
+    unmeasured = {name: body.unmeasured_entry.log_sd for name, body in bodies.items() if body.unmeasured_entry is not None}
+    return BlockPredictions((*names, BLOCK_MODULI), np.array([*(nominal[name] for name in names), 1.0]), blocks, unmeasured)
 
 
-def log_ratios(scene: Scene, references: Sequence[Reference]) -> Floats:
+def predict_log_ratios(scene: Scene, references: Sequence[Reference]) -> Floats:
     """Return ln(F_inner / F_outer) on the references that are tissue, shape (blocks,); see ``predict_blocks``."""
-    by_radius = by_outer_radius(scene)
-    return np.array([_solved(on_block(by_radius, one))[1] for one in references if one.on == "tissue"])
+    by_radius = express_by_outer_radius(scene)
+    return np.array(
+        [_solve_block(build_block_scene(by_radius, reference))[1] for reference in references if reference.on == "tissue"]
+    )
 
 
-def inner_shares(log_ratios: Floats, references: Sequence[Reference]) -> Floats:
+def compute_inner_shares(log_ratios: Floats, references: Sequence[Reference]) -> Floats:
     """Return the inner film's share of the load on each reference, shape (n,).
 
     Args:
@@ -144,54 +154,54 @@ def inner_shares(log_ratios: Floats, references: Sequence[Reference]) -> Floats:
         references: all references; a pin presses the inner film only, a ring the outer one.
     """
     blocks = iter(expit(log_ratios))
-    known = ({"inner": 1.0, "outer": 0.0}.get(one.on) for one in references)
+    known = ({"inner": 1.0, "outer": 0.0}.get(reference.on) for reference in references)
     return np.array([next(blocks) if share is None else share for share in known])
 
 
-def on_block(scene: Scene, reference: Reference) -> Scene:
+def build_block_scene(scene: Scene, reference: Reference) -> Scene:
     """Build the scene of the probe in the middle of a homogeneous reference block."""
     tissue = scene.tissue.model_copy(update={"youngs_modulus": reference.youngs_modulus, "layer": ()})
     data = scene.model_dump(exclude_unset=True, exclude={"inclusion", "tissue", "placement"})
     upright = data | {"tissue": tissue.model_dump(exclude_unset=True), "placement": Placement().model_dump()}
-    return Scene.model_validate(upright, context=SI)
+    return Scene.model_validate(upright, context=SI_CONTEXT)
 
 
-def by_outer_radius(scene: Scene) -> Scene:
+def express_by_outer_radius(scene: Scene) -> Scene:
     """Return the scene with the probe's outer radius in place of its area ratio, since a workshop measures the radius."""
     probe = scene.probe.model_dump(exclude_unset=True, exclude={"area_ratio"}) | {"outer_radius": scene.probe.tube_radius}
-    return Scene.model_validate(scene.model_dump(exclude_unset=True) | {"probe": probe}, context=SI)
+    return Scene.model_validate(scene.model_dump(exclude_unset=True) | {"probe": probe}, context=SI_CONTEXT)
 
 
-def _solved(scene: Scene) -> tuple[Converged, float]:
+def _solve_block(scene: Scene) -> tuple[Converged, float]:
     """Solve the probe on a block; return the solution and ln(F_inner / F_outer)."""
-    solution = Axisymmetric().converged(scene, ACCURACY)
-    ratio = outputs(scene, solution.films[0])["ratio"]
+    solution = Axisymmetric().compute_converged(scene, PREDICTION_ACCURACY)
+    ratio = compute_result_fields(scene, solution.films[0])["ratio"]
     if ratio is None or ratio <= 0:
         raise Refusal("reference.youngs_modulus", scene.tissue.youngs_modulus, "one on which both films are pressed")
     return solution, math.log(ratio * scene.probe.inner_area / scene.probe.outer_area)
 
 
-def _share(scene: Scene, names: tuple[str, ...]) -> Share:
-    solution, log_ratio = _solved(scene)
-    gradient = gradients(scene, solution.sample)
+def _predict_block(scene: Scene, names: tuple[str, ...]) -> BlockPrediction:
+    solution, log_ratio = _solve_block(scene)
+    gradient = compute_gradients(scene, solution.sample)
     by_name = dict(zip(gradient.variables, gradient.derivatives["ratio"][0] / gradient.values["ratio"][0], strict=True))
-    by_modulus = float(by_name[TISSUE] * scene.tissue.youngs_modulus)
-    slopes = np.array([*(by_name.get(name, 0.0) + _by_areas(scene, name) for name in names), by_modulus])
-    rule = CoarseModel(scene, solution.sample, ()).rule(scene)
-    return Share(log_ratio, solution.films[0].bound.log_ratio, slopes, by_modulus, rule)
+    modulus_derivative = float(by_name[TISSUE_MODULUS] * scene.tissue.youngs_modulus)
+    slopes = np.array([*(by_name.get(name, 0.0) + _differentiate_area_ratio(scene, name) for name in names), modulus_derivative])
+    rule = CoarseModel(scene, solution.sample, ()).build_rule(scene)
+    return BlockPrediction(log_ratio, solution.films[0].bound.log_ratio, slopes, modulus_derivative, rule)
 
 
-def _by_areas(scene: Scene, name: str) -> float:
+def _differentiate_area_ratio(scene: Scene, name: str) -> float:
     """Return the derivative of ln(A_inner / A_outer), the areas' ratio, which converts a ratio of stresses to one of forces."""
     if name not in ("probe.inner_radius", "probe.outer_radius", "probe.gap"):
         return 0.0
-    step = STEP * values(scene)[name]
-    high, low = (changed(scene, {name: values(scene)[name] + turn}).probe for turn in (step, -step))
+    step = RELATIVE_STEP * list_values(scene)[name]
+    high, low = (replace_values(scene, {name: list_values(scene)[name] + turn}).probe for turn in (step, -step))
     return math.log(high.inner_area / high.outer_area * low.outer_area / low.inner_area) / (2 * step)
 
 
-def _tolerance(name: str, value: float, workshop: Workshop) -> float:
-    if name == MODULI:  # counted for each block in ``BlockPrediction.compute_variance``
+def _get_tolerance(name: str, value: float, workshop: Workshop) -> float:
+    if name == BLOCK_MODULI:  # counted for each block in ``BlockPrediction.compute_variance``
         return 0.0
     if name.endswith("modulus"):
         return workshop.modulus * value

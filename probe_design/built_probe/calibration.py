@@ -14,17 +14,17 @@ from hw.common.errors import HardwareError
 from hw.common.samples import Samples
 from hw.signal.measure import Measurement
 from hw.signal.waveform import Flawed
-from probe_design.built_probe.amplifier_responses import gains_with_rate_doubt
+from probe_design.built_probe.amplifier_responses import add_rate_doubt_to_gains
 from probe_design.built_probe.bench import Bench, Reference
-from probe_design.built_probe.block_predictions import Shares, predicted
-from probe_design.built_probe.film_forces import observed, strict_reading
-from probe_design.built_probe.force_scale import scale_warnings
-from probe_design.built_probe.gain_matrix import Gains, Observed
-from probe_design.built_probe.load_checks import check_reference_loads, within_limits
-from probe_design.built_probe.phase_lags import lag_warnings
-from probe_design.built_probe.trusted_gains import trusted
+from probe_design.built_probe.block_predictions import BlockPredictions, predict_blocks
+from probe_design.built_probe.film_forces import build_observation, measure_strict_reading
+from probe_design.built_probe.force_scale import list_scale_warnings
+from probe_design.built_probe.gain_matrix import Gains, Observation
+from probe_design.built_probe.load_checks import apply_loads, check_reference_loads
+from probe_design.built_probe.phase_lags import list_lag_warnings
+from probe_design.built_probe.trusted_gains import estimate_trusted_gains
 
-SAME = 0.01  # largest relative difference of the loads' frequencies
+FREQUENCY_TOLERANCE = 0.01  # largest relative difference of the loads' frequencies
 
 
 @dataclass(frozen=True)
@@ -49,12 +49,12 @@ class Calibration:
     frequency: float
     offsets: Floats
     offsets_sd: Floats
-    readings: tuple[Observed, ...]
+    readings: tuple[Observation, ...]
     warnings: tuple[str, ...]
 
 
 def calibrate(
-    scene: Scene, bench: Bench, samples: Sequence[Samples], shares: Shares | None = None, *, linear: bool = False
+    scene: Scene, bench: Bench, samples: Sequence[Samples], shares: BlockPredictions | None = None, *, linear: bool = False
 ) -> Calibration:
     """Calibrate a probe.
 
@@ -72,47 +72,63 @@ def calibrate(
         Refusal: the axisymmetric evaluator cannot compute the probe, or a load is above the limit of linear elasticity.
     """
     _check_count(samples, bench)
-    measurements = [_on(reference, one, bench, scene) for reference, one in zip(bench.reference, samples, strict=True)]
-    return calibrated(scene, bench, measurements, shares, linear=linear)
+    measurements = [
+        _read_reference(reference, reading, bench, scene) for reference, reading in zip(bench.reference, samples, strict=True)
+    ]
+    return calibrate_measurements(scene, bench, measurements, shares, linear=linear)
 
 
-def calibrated(
-    scene: Scene, bench: Bench, measurements: Sequence[Measurement], shares: Shares | None = None, *, linear: bool = False
+def calibrate_measurements(
+    scene: Scene,
+    bench: Bench,
+    measurements: Sequence[Measurement],
+    shares: BlockPredictions | None = None,
+    *,
+    linear: bool = False,
 ) -> Calibration:
     """Calibrate from measurements by ``film_forces.measure_strict_reading``; otherwise as ``calibrate``."""
     _check_count(measurements, bench)
-    observations = tuple(observed(one, reference, scene) for one, reference in zip(measurements, bench.reference, strict=True))
-    predictions = predicted(scene, bench.reference) if shares is None else shares
-    of_loads = check_reference_loads(observations, predictions, scene)
-    predictions = within_limits(predictions, observations, of_loads, linear)
-    lags = lag_warnings(measurements, bench.reference, bench)
+    observations = tuple(
+        build_observation(measurement, reference, scene)
+        for measurement, reference in zip(measurements, bench.reference, strict=True)
+    )
+    predictions = predict_blocks(scene, bench.reference) if shares is None else shares
+    load_warnings = check_reference_loads(observations, predictions, scene)
+    predictions = apply_loads(predictions, observations, load_warnings, linear)
+    lags = list_lag_warnings(measurements, bench.reference, bench)
     try:
-        gains, notes = trusted(observations, predictions, bench)
+        gains, notes = estimate_trusted_gains(observations, predictions, bench)
     except InputError as fault:  # a film's lag may explain the contradiction
         raise InputError(fault.key, fault.value, "; ".join([fault.allowed, *lags])) from None
-    gains = gains_with_rate_doubt(gains, measurements, bench)
-    offsets = np.array([one.fit.offsets[:2] for one in measurements])
+    gains = add_rate_doubt_to_gains(gains, measurements, bench)
+    offsets = np.array([measurement.fit.offsets[:2] for measurement in measurements])
     spread = offsets.std(axis=0, ddof=1) / np.sqrt(len(offsets)) if len(offsets) > 1 else measurements[0].fit.offsets_sd[:2]
     return Calibration(
         scene=scene,
         bench=bench,
         gains=gains,
         variables=predictions.variables,
-        frequency=_frequency(measurements),
+        frequency=_compute_frequency(measurements),
         offsets=offsets.mean(axis=0),
         offsets_sd=spread,
         readings=observations,
-        warnings=(*notes, *_warnings(gains, bench), *of_loads, *waveform_warnings(measurements, bench.reference), *lags),
+        warnings=(
+            *notes,
+            *_list_warnings(gains, bench),
+            *load_warnings,
+            *list_waveform_warnings(measurements, bench.reference),
+            *lags,
+        ),
     )
 
 
-def waveform_warnings(measurements: Sequence[Measurement], references: Sequence[Reference]) -> tuple[str, ...]:
+def list_waveform_warnings(measurements: Sequence[Measurement], references: Sequence[Reference]) -> tuple[str, ...]:
     """List the warnings of all readings, each with the names of the references on which it occurs."""
-    found: dict[str, list[str]] = {}
-    for one, reference in zip(measurements, references, strict=True):
-        for text in one.warnings:
-            found.setdefault(text, []).append(reference.name)
-    return tuple(f"{', '.join(names)}: {text}" for text, names in found.items())
+    names_by_text: dict[str, list[str]] = {}
+    for measurement, reference in zip(measurements, references, strict=True):
+        for text in measurement.warnings:
+            names_by_text.setdefault(text, []).append(reference.name)
+    return tuple(f"{', '.join(names)}: {text}" for text, names in names_by_text.items())
 
 
 def _check_count(readings: Sequence[Samples] | Sequence[Measurement], bench: Bench) -> None:
@@ -120,26 +136,26 @@ def _check_count(readings: Sequence[Samples] | Sequence[Measurement], bench: Ben
         raise InputError("readings", len(readings), f"one for each of the bench's {len(bench.reference)} references")
 
 
-def _on(reference: Reference, samples: Samples, bench: Bench, scene: Scene) -> Measurement:
+def _read_reference(reference: Reference, samples: Samples, bench: Bench, scene: Scene) -> Measurement:
     """Measure a reading on a reference; an error names the reference."""
     try:
-        return strict_reading(samples, bench, scene)
+        return measure_strict_reading(samples, bench, scene)
     except HardwareError as fault:
         dead = "" if reference.on == "tissue" else f"; if the load is on, is the {reference.on} film dead, its cable off?"
         raise Flawed(f"{reference.name}: {fault}{dead}") from fault
 
 
-def _frequency(measurements: Sequence[Measurement]) -> float:
-    frequencies = [one.fit.frequency for one in measurements]
+def _compute_frequency(measurements: Sequence[Measurement]) -> float:
+    frequencies = [measurement.fit.frequency for measurement in measurements]
     mean = float(np.mean(frequencies))
-    if np.ptp(frequencies) > SAME * mean:
+    if np.ptp(frequencies) > FREQUENCY_TOLERANCE * mean:
         spread = Words(f"{min(frequencies):.4g} to {max(frequencies):.4g} Hz")
         raise InputError("load.frequency", spread, "the same at all readings of a calibration")
     return mean
 
 
-def _warnings(gains: Gains, bench: Bench) -> list[str]:
-    warnings = scale_warnings(gains.force_scale, bench)
+def _list_warnings(gains: Gains, bench: Bench) -> list[str]:
+    warnings = list_scale_warnings(gains.force_scale, bench)
     if not gains.absolute:
         warnings.append("no force channel: the ratio is calibrated, the stresses' common factor is not")
     for measured, entry in zip(gains.cross_talk_resolved, ("inner from outer", "outer from inner"), strict=True):

@@ -16,20 +16,20 @@ from pydantic import Field, ValidationError, model_validator
 from geometry.common.errors import InputError, Words
 from geometry.common.files import write_text
 from geometry.common.text_files import read_tables
-from geometry.provenance.block import provenance
-from geometry.provenance.texts import toml_comment
+from geometry.provenance.block import build_provenance
+from geometry.provenance.texts import format_toml_comment
 from geometry.scenes.probe import Frozen
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_from_dict, scene_to_dict
-from probe_design.built_probe.bench import Bench, bench_from_dict, first_fault
+from probe_design.built_probe.bench import Bench, bench_from_dict, convert_first_fault
 from probe_design.built_probe.calibration import Calibration
 from probe_design.built_probe.force_scale import ForceScale
-from probe_design.built_probe.gain_matrix import ENTRIES, Gains
-from probe_design.built_probe.probe_identity import LONGEST
+from probe_design.built_probe.gain_matrix import ENTRY_NAMES, Gains
+from probe_design.built_probe.probe_identity import MAX_SERIAL_LENGTH
 
-FORMAT: Literal["probe-design calibration"] = "probe-design calibration"
-VERSION: Literal[1] = 1
-HEADER = """# A calibration of a tactile probe, by `probe-design calibrate`; docs/guides/hardware.md explains each number.
+RECORD_FORMAT: Literal["probe-design calibration"] = "probe-design calibration"
+RECORD_VERSION: Literal[1] = 1
+RECORD_HEADER = """# A calibration of a tactile probe, by `probe-design calibrate`; docs/guides/hardware.md explains each number.
 # reading / N of nominal gain = matrix @ film force / N; rows and columns: inner, outer film. Covariances row by row.
 """
 T = TypeVar("T")
@@ -79,7 +79,7 @@ class CalibrationRecord(Frozen):
     software: str
     date: str
     device: str
-    serial: str = Field(default="", max_length=LONGEST)
+    serial: str = Field(default="", max_length=MAX_SERIAL_LENGTH)
     frequency: float = Field(ge=1e-6, le=1e12)
     absolute: bool
     entries: Listed[tuple[str, ...]]
@@ -100,18 +100,18 @@ class CalibrationRecord(Frozen):
     bench: dict[str, Any]
 
     @model_validator(mode="after")
-    def _shapes(self) -> CalibrationRecord:
-        gains = self.gains()
+    def _check_shapes(self) -> CalibrationRecord:
+        gains = self.build_gains()
         shapes = (gains.matrix.shape, gains.covariance.shape, gains.slopes.shape, gains.workshop.shape)
         v = len(self.variables)
         if shapes != ((2, 2), (4, 4), (4, v), (v,)) or abs(np.linalg.det(gains.matrix)) < 1e-6:
             raise InputError("matrix", Words("of a shape that its covariance or slopes do not fit"), "what calibrate has written")
-        beside = gains.covariance - gains.force_scale.covariance
-        if np.linalg.eigvalsh(beside).min() < -1e-9 * max(np.trace(gains.covariance), 1e-12):
+        own_covariance = gains.covariance - gains.force_scale.covariance
+        if np.linalg.eigvalsh(own_covariance).min() < -1e-9 * max(np.trace(gains.covariance), 1e-12):
             raise InputError("covariance", Words("no covariance"), "what calibrate has written")
         return self
 
-    def gains(self) -> Gains:
+    def build_gains(self) -> Gains:
         """Build the gain matrix with its covariance."""
         return Gains(
             matrix=np.array(self.matrix, dtype=float),
@@ -125,16 +125,16 @@ class CalibrationRecord(Frozen):
             force_scale=ForceScale(**self.force_scale.model_dump() | {"entries": np.array(self.force_scale.entries)}),
         )
 
-    def scene_read(self) -> Scene:
+    def build_scene(self) -> Scene:
         """Build the scene that the calibration assumed."""
         return scene_from_dict(self.scene)
 
-    def bench_read(self) -> Bench:
+    def build_bench(self) -> Bench:
         """Build the bench that the calibration assumed."""
         return bench_from_dict(self.bench)
 
 
-def record(calibration: Calibration, raw: Sequence[Raw], device: str, serial: str | None = None) -> CalibrationRecord:
+def build_record(calibration: Calibration, raw: Sequence[Raw], device: str, serial: str | None = None) -> CalibrationRecord:
     """Build the record of a calibration.
 
     Args:
@@ -146,20 +146,20 @@ def record(calibration: Calibration, raw: Sequence[Raw], device: str, serial: st
     gains = calibration.gains
     readings = tuple(
         ReadingRecord(
-            on=one.reference.name, films=tuple(one.films.tolist()), films_sd=tuple(np.sqrt(np.diag(one.covariance)).tolist()),
-            force=one.force, sha256=data.sha256, file=data.file,
+            on=observation.reference.name, films=tuple(observation.films.tolist()), films_sd=tuple(np.sqrt(np.diag(observation.covariance)).tolist()),
+            force=observation.force, sha256=data.sha256, file=data.file,
         )
-        for one, data in zip(calibration.readings, raw, strict=True)
+        for observation, data in zip(calibration.readings, raw, strict=True)
     )  # fmt: skip
     scale = ForceScaleRecord.model_validate(asdict(gains.force_scale) | {"entries": gains.force_scale.entries.tolist()})
     tables: dict[str, Any] = {name: getattr(gains, name).tolist() for name in ("matrix", "covariance", "slopes", "workshop")}
     return CalibrationRecord.model_validate(
         tables
         | {
-            "format": FORMAT, "version": VERSION, "software": f"probe-design {version('probe-design')}",
+            "format": RECORD_FORMAT, "version": RECORD_VERSION, "software": f"probe-design {version('probe-design')}",
             "date": datetime.now(UTC).isoformat(timespec="seconds"), "device": device,
             "serial": serial or "", "frequency": calibration.frequency,
-            "absolute": gains.absolute, "entries": ENTRIES, "cross_talk_resolved": gains.cross_talk_resolved,
+            "absolute": gains.absolute, "entries": ENTRY_NAMES, "cross_talk_resolved": gains.cross_talk_resolved,
             "offsets": tuple(calibration.offsets.tolist()), "offsets_sd": tuple(calibration.offsets_sd.tolist()),
             "chi_square": gains.chi_square, "degrees_of_freedom": gains.freedom, "variables": calibration.variables,
             "warnings": calibration.warnings, "reading": readings, "force_scale": scale,
@@ -179,20 +179,23 @@ def write_record(path: Path, contents: CalibrationRecord) -> Path:
 
     check_free(path)
     return write_text(
-        path, toml_comment(provenance()) + HEADER + tomli_w.dumps(contents.model_dump(mode="json", exclude_none=True))
+        path,
+        format_toml_comment(build_provenance())
+        + RECORD_HEADER
+        + tomli_w.dumps(contents.model_dump(mode="json", exclude_none=True)),
     )
 
 
 def read_record(path: Path | str) -> CalibrationRecord:
     """Read a record. Raises ``InputError``."""
     data = read_tables(path, "calibration", "a calibration that `probe-design calibrate` has written")
-    if (data.get("format"), data.get("version")) != (FORMAT, VERSION):
+    if (data.get("format"), data.get("version")) != (RECORD_FORMAT, RECORD_VERSION):
         header = Words(f"{path}: {data.get('format', 'no format')}, version {data.get('version', 'missing')}")
-        raise InputError("calibration", header, f"{FORMAT}, version {VERSION}")
+        raise InputError("calibration", header, f"{RECORD_FORMAT}, version {RECORD_VERSION}")
     try:
         return CalibrationRecord.model_validate(data)
     except ValidationError as refused:
-        raise first_fault(refused, "calibration", CalibrationRecord) from None
+        raise convert_first_fault(refused, "calibration", CalibrationRecord) from None
 
 
 def check_free(path: Path) -> None:

@@ -26,18 +26,22 @@ from geometry.scenes.scene import Scene
 from hw.signal.fingerprint import Fingerprint
 from hw.signal.measure import Measurement
 from probe_design.built_probe.bench import Bench
-from probe_design.built_probe.film_forces import newtons
+from probe_design.built_probe.film_forces import compute_film_forces
 from probe_design.built_probe.gain_matrix import Gains
-from probe_design.built_probe.probe_identity import probe_difference, probe_numbers
-from probe_design.built_probe.reading import Read, read
+from probe_design.built_probe.probe_identity import describe_probe_difference, list_probe_numbers
+from probe_design.built_probe.reading import StressReading, compute_reading
 from solver.results.result import Result
 
-PHASE = ("ratio_phase", "ratio_phase_uncertainty")
-LARGEST, FARTHEST, VAGUEST = 1e150, 10.0, 1e3  # limits of any number; of a position, m; of a relative standard deviation
+PHASE_KEYS = ("ratio_phase", "ratio_phase_uncertainty")
+MAX_NUMBER, MAX_PLACEMENT_M, MAX_RELATIVE_SD = (
+    1e150,
+    10.0,
+    1e3,
+)  # limits of any number; of a position, m; of a relative standard deviation
 LARGEST_FILE = 1_000_000  # bytes of what `read --json` prints
-WRITTEN = "what `probe-design read --json` has printed"
+READING_ORIGIN = "what `probe-design read --json` has printed"
 NO_SAMPLES = Fingerprint((), ())
-AGAIN = f"as {WRITTEN}; read the recording again, with `probe-design read SCENE --replay FILE --json`"
+READ_AGAIN_HINT = f"as {READING_ORIGIN}; read the recording again, with `probe-design read SCENE --replay FILE --json`"
 
 
 @dataclass(frozen=True)
@@ -65,15 +69,17 @@ class FieldReading:
     fingerprint: Fingerprint = NO_SAMPLES
 
 
-def noise_of(measurement: Measurement, scene: Scene, bench: Bench, gains: Gains | None) -> float:
+def compute_ratio_noise(measurement: Measurement, scene: Scene, bench: Bench, gains: Gains | None) -> float:
     """Return the relative standard deviation of a ratio due to the reading's noise, for exact gains and amplifiers."""
-    effective = replace(Gains.nominal(bench) if gains is None else gains, covariance=np.zeros((4, 4)))
-    films, noise = newtons(measurement, scene)
-    slopes = np.array([1.0, -1.0]) / effective.forces(films)
-    return float(np.sqrt(slopes @ effective.forces_covariance(films, noise) @ slopes))
+    effective = replace(Gains.from_bench(bench) if gains is None else gains, covariance=np.zeros((4, 4)))
+    films, noise = compute_film_forces(measurement, scene)
+    slopes = np.array([1.0, -1.0]) / effective.compute_forces(films)
+    return float(np.sqrt(slopes @ effective.compute_forces_covariance(films, noise) @ slopes))
 
 
-def read_told(result: Read, noise: float, origin: dict[str, Any], scene: Scene, fingerprint: Fingerprint) -> dict[str, Any]:
+def build_reading_json(
+    result: StressReading, noise: float, origin: dict[str, Any], scene: Scene, fingerprint: Fingerprint
+) -> dict[str, Any]:
     """Build the JSON object of `read`, including the data that an estimate needs.
 
     Args:
@@ -83,20 +89,20 @@ def read_told(result: Read, noise: float, origin: dict[str, Any], scene: Scene, 
         scene: for the probe that was read.
         fingerprint: of the samples.
     """
-    beside = {key: origin.get(key) for key in ("placement", "scene_sha256", "calibration_sha256", "serial")}
-    identity = {"probe": probe_numbers(scene), "fingerprint": fingerprint.as_dict()}
-    return result.as_dict() | {"ratio_noise": noise} | beside | identity
+    origin_fields = {key: origin.get(key) for key in ("placement", "scene_sha256", "calibration_sha256", "serial")}
+    identity = {"probe": list_probe_numbers(scene), "fingerprint": fingerprint.as_dict()}
+    return result.as_dict() | {"ratio_noise": noise} | origin_fields | identity
 
 
-def without_prediction(
+def build_reading_without_prediction(
     measurement: Measurement, scene: Scene, bench: Bench, gains: Gains | None, *, origin: dict[str, Any], fingerprint: Fingerprint
 ) -> dict[str, Any]:
     """Build the JSON object of `read` for a reading without a prediction."""
-    result = read(measurement, scene, bench, Result("none", 0.0), gains)
-    return read_told(result, noise_of(measurement, scene, bench, gains), origin, scene, fingerprint)
+    result = compute_reading(measurement, scene, bench, Result("none", 0.0), gains)
+    return build_reading_json(result, compute_ratio_noise(measurement, scene, bench, gains), origin, scene, fingerprint)
 
 
-def placement_of(source: dict[str, Any]) -> Any:
+def read_placement(source: dict[str, Any]) -> Any:
     """Return the placement in a recording's source, not validated, or None."""
     place = source.get("placement")
     if not isinstance(place, str):  # HDF5 stores it as text
@@ -107,7 +113,7 @@ def placement_of(source: dict[str, Any]) -> Any:
         return place
 
 
-def field_reading(told: dict[str, Any], name: str, scene: Scene) -> FieldReading:
+def parse_field_reading(contents: dict[str, Any], name: str, scene: Scene) -> FieldReading:
     """Build a reading from the JSON object of `read`.
 
     Args:
@@ -118,28 +124,34 @@ def field_reading(told: dict[str, Any], name: str, scene: Scene) -> FieldReading
     Raises:
         InputError: the object is no reading, its ratio is null, or it is of another probe.
     """
-    _check_probe(told, name, scene)
-    fingerprint = Fingerprint.from_dict(told.get("fingerprint"))
+    _check_probe(contents, name, scene)
+    fingerprint = Fingerprint.from_dict(contents.get("fingerprint"))
     if fingerprint is None:
-        raise InputError(f"{name}: fingerprint", Words("missing" if "fingerprint" not in told else "no fingerprint"), AGAIN)
-    if "ratio" in told and told["ratio"] is None:
+        raise InputError(
+            f"{name}: fingerprint", Words("missing" if "fingerprint" not in contents else "no fingerprint"), READ_AGAIN_HINT
+        )
+    if "ratio" in contents and contents["ratio"] is None:
         raise InputError(f"{name}: ratio", Words("null"), "a reading whose outer stress stands out: press harder, or read longer")
-    ratio, spread, force = (_number(told, key, name) for key in ("ratio", "ratio_uncertainty", "force"))
-    if ratio == 0 or not 0 < spread <= VAGUEST * abs(ratio):
-        raise InputError(f"{name}: ratio", ratio, f"a ratio other than 0, its uncertainty above 0, up to {VAGUEST:g} of it")
-    if not isinstance(told.get("calibration_sha256"), str | None):
-        raise InputError(f"{name}: calibration_sha256", told["calibration_sha256"], f"a text, as {WRITTEN}")
+    ratio, spread, force = (_get_number(contents, key, name) for key in ("ratio", "ratio_uncertainty", "force"))
+    if ratio == 0 or not 0 < spread <= MAX_RELATIVE_SD * abs(ratio):
+        raise InputError(
+            f"{name}: ratio", ratio, f"a ratio other than 0, its uncertainty above 0, up to {MAX_RELATIVE_SD:g} of it"
+        )
+    if not isinstance(contents.get("calibration_sha256"), str | None):
+        raise InputError(f"{name}: calibration_sha256", contents["calibration_sha256"], f"a text, as {READING_ORIGIN}")
     whole = spread / abs(ratio)
-    own = min(_number(told, "ratio_noise", name), whole) if told.get("ratio_noise") is not None else 0.0
-    place = told.get("placement")
+    own_noise = min(_get_number(contents, "ratio_noise", name), whole) if contents.get("ratio_noise") is not None else 0.0
+    place = contents.get("placement")
     return FieldReading(
         ratio=ratio,
-        noise=own,
-        shared=math.sqrt(max(whole**2 - own**2, 0.0)),
-        calibration=told.get("calibration_sha256"),
-        force=force if told.get("reference_force") is None else _number(told, "reference_force", name),
-        placement=None if place is None else _place(place, name),
-        phase=None if told.get(PHASE[0]) is None else (_number(told, PHASE[0], name), _number(told, PHASE[1], name)),
+        noise=own_noise,
+        shared=math.sqrt(max(whole**2 - own_noise**2, 0.0)),
+        calibration=contents.get("calibration_sha256"),
+        force=force if contents.get("reference_force") is None else _get_number(contents, "reference_force", name),
+        placement=None if place is None else _get_placement(place, name),
+        phase=None
+        if contents.get(PHASE_KEYS[0]) is None
+        else (_get_number(contents, PHASE_KEYS[0], name), _get_number(contents, PHASE_KEYS[1], name)),
         fingerprint=fingerprint,
     )
 
@@ -155,18 +167,18 @@ def read_result(path: Path) -> dict[str, Any] | None:
             data = file.read(LARGEST_FILE + 1)
     except OSError as fault:
         raise InputError("reading", str(path), f"a file that can be read ({fault.strerror})") from None
-    named = path.suffix.lower() == ".json"
-    if not named and not data.lstrip().startswith(b"{"):
+    has_json_name = path.suffix.lower() == ".json"
+    if not has_json_name and not data.lstrip().startswith(b"{"):
         return None
     try:
-        told = json.loads(data)
+        contents = json.loads(data)
     except (ValueError, RecursionError):
-        if named:
-            raise InputError("reading", str(path), WRITTEN) from None
+        if has_json_name:
+            raise InputError("reading", str(path), READING_ORIGIN) from None
         return None
-    if not isinstance(told, dict) or "ratio" not in told:
-        raise InputError("reading", str(path), WRITTEN)
-    return told
+    if not isinstance(contents, dict) or "ratio" not in contents:
+        raise InputError("reading", str(path), READING_ORIGIN)
+    return contents
 
 
 def check_different(key: str, readings: Sequence[tuple[str, Fingerprint]]) -> None:
@@ -180,40 +192,42 @@ def check_different(key: str, readings: Sequence[tuple[str, Fingerprint]]) -> No
         InputError: two readings are of the same samples.
     """
     for k, (name, fingerprint) in enumerate(readings):
-        for other, before in readings[:k]:
-            if fingerprint.is_same(before):
-                raise InputError(key, name, f"another reading than {other}, which holds the same samples: give each reading once")
+        for earlier_name, earlier in readings[:k]:
+            if fingerprint.is_same(earlier):
+                raise InputError(
+                    key, name, f"another reading than {earlier_name}, which holds the same samples: give each reading once"
+                )
 
 
-def _check_probe(told: dict[str, Any], name: str, scene: Scene) -> None:
-    numbers = told.get("probe")
+def _check_probe(contents: dict[str, Any], name: str, scene: Scene) -> None:
+    numbers = contents.get("probe")
     if not isinstance(numbers, dict):
-        raise InputError(f"{name}: probe", Words("missing" if "probe" not in told else "no table"), AGAIN)
-    difference = probe_difference({key: float(value) for key, value in numbers.items() if _is_number(value)}, scene)
+        raise InputError(f"{name}: probe", Words("missing" if "probe" not in contents else "no table"), READ_AGAIN_HINT)
+    difference = describe_probe_difference({key: float(value) for key, value in numbers.items() if _is_number(value)}, scene)
     if difference is not None:
         raise InputError("reading", name, f"one of the scene's probe: {difference}")
 
 
-def spreads(readings: Sequence[FieldReading]) -> tuple[float, ...]:
+def compute_spreads(readings: Sequence[FieldReading]) -> tuple[float, ...]:
     """Return the relative standard deviations of readings that are then treated as independent, eq. BP.5."""
-    count = Counter(one.calibration for one in readings)
-    return tuple(math.sqrt(one.noise**2 + count[one.calibration] * one.shared**2) for one in readings)
+    count = Counter(reading.calibration for reading in readings)
+    return tuple(math.sqrt(reading.noise**2 + count[reading.calibration] * reading.shared**2) for reading in readings)
 
 
-def _number(told: dict[str, Any], key: str, name: str) -> float:
-    value = told.get(key)
+def _get_number(contents: dict[str, Any], key: str, name: str) -> float:
+    value = contents.get(key)
     if not _is_number(value):
-        raise InputError(f"{name}: {key}", Words("missing") if key not in told else value, f"a number, as {WRITTEN}")
+        raise InputError(f"{name}: {key}", Words("missing") if key not in contents else value, f"a number, as {READING_ORIGIN}")
     return float(value)
 
 
 def _is_number(value: Any) -> TypeGuard[float]:
     """Whether a value is a number whose square does not overflow."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < LARGEST
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < MAX_NUMBER
 
 
-def _place(place: Any, name: str) -> tuple[float, float]:
+def _get_placement(place: Any, name: str) -> tuple[float, float]:
     values = place if isinstance(place, list) else []
-    if len(values) != 2 or not all(_is_number(one) and abs(one) <= FARTHEST for one in values):
-        raise InputError(f"{name}: placement", place, f"x and y in m, up to {FARTHEST:g} m, as {WRITTEN}")
+    if len(values) != 2 or not all(_is_number(value) and abs(value) <= MAX_PLACEMENT_M for value in values):
+        raise InputError(f"{name}: placement", place, f"x and y in m, up to {MAX_PLACEMENT_M:g} m, as {READING_ORIGIN}")
     return float(values[0]), float(values[1])

@@ -45,23 +45,28 @@ class ForceScale:
         return np.outer(self.entries, self.entries)
 
 
-def prior_sd(bench: Bench, doubt: float) -> float:
+def compute_prior_sd(bench: Bench, doubt: float) -> float:
     """Return the standard deviation of ln k before any reading; ``doubt`` is the relative error of a lag, common to all."""
     assert bench.force is not None
     return float(np.hypot(bench.force.tolerance if bench.force.verified else UNKNOWN_LN, doubt))
 
 
-def mean_gain_sd(bench: Bench) -> float:
+def compute_mean_gain_sd(bench: Bench) -> float:
     """Return the standard deviation of the mean of both channels' gains, due to films and amplifiers."""
-    return float(np.sqrt(sum(bench.channels.gain**2 + one.capacitance_tolerance**2 for one in bench.amplifier.of_films())) / 2)
+    return float(
+        np.sqrt(sum(bench.channels.gain**2 + amplifier.capacitance_tolerance**2 for amplifier in bench.amplifier.build_films()))
+        / 2
+    )
 
 
-def scale_warnings(scale: ForceScale, bench: Bench) -> list[str]:
+def list_scale_warnings(scale: ForceScale, bench: Bench) -> list[str]:
     """List the warnings on the force channel's scale: not confirmed by a known load, or different from 1."""
     if bench.force is None or scale.sd == 0:
         return []
-    off = 100 * (scale.factor - 1)
-    shown = f"shows {abs(off):.2g} % too {'much' if off > 0 else 'little'}, give or take {100 * scale.sd:.2g} %"
+    percent_error = 100 * (scale.factor - 1)
+    shown = (
+        f"shows {abs(percent_error):.2g} % too {'much' if percent_error > 0 else 'little'}, give or take {100 * scale.sd:.2g} %"
+    )
     if not scale.confirmed:
         return [
             f"nothing confirms the force channel's scale: by the films' nominal gains it {shown}; gains and stresses count that, "

@@ -14,10 +14,10 @@ from geometry.scenes.scene import Scene
 from hw.signal.measure import Measurement
 from hw.signal.waveform import Flawed
 from probe_design.built_probe.bench import Bench
-from probe_design.built_probe.block_predictions import LINEAR, Shares
+from probe_design.built_probe.block_predictions import LINEARITY_ACCURACY, BlockPredictions
 from probe_design.built_probe.force_scale import ForceScale
-from probe_design.built_probe.gain_matrix import Observed
-from solver.planning.load_limits import largest
+from probe_design.built_probe.gain_matrix import Observation
+from solver.planning.load_limits import find_largest_load
 from solver.results.result import Result
 
 IMPLAUSIBLE_FACTOR = 30.0  # between read and expected load, either way: a hand is never off by so much, most wrong units are
@@ -26,7 +26,7 @@ SIGNIFICANT_SD = 3.0
 SAFE_SHARE = 0.8  # of the largest load that linear elasticity allows on the softest block, which the printed protocol asks for
 CONTRADICTION_SD = 5.0  # between the films' sum and the force channel
 NEAR_DECADE = 0.25  # decades: largest distance at which a factor is taken for a power of ten
-SLIPS = {
+UNIT_SLIPS = {
     3: "Are millivolts taken as volts? Give the columns' unit, --column 'inner=NAME mV'.",
     -3: "Are volts taken as millivolts? Give the columns' unit, --column 'inner=NAME V'.",
     1: "Is there a 10:1 probe factor of the oscilloscope, or a feedback capacitor of a tenth of what the bench says?",
@@ -50,19 +50,21 @@ def check_expected(load: float, spread: float, low: float, high: float, source: 
     nearest = min(max(load, low), high)
     factor = load / nearest
     if not 1 / IMPLAUSIBLE_FACTOR < factor < IMPLAUSIBLE_FACTOR:
-        raise InputError("load read", Words(_words(load, nearest, source)), f"1/30 to 30 times that. {remedy(factor)}")
+        raise InputError(
+            "load read", Words(_describe_load(load, nearest, source)), f"1/30 to 30 times that. {describe_remedy(factor)}"
+        )
     if DOUBTFUL_FACTOR * math.exp(SIGNIFICANT_SD * min(spread, 1.0)) < max(factor, 1 / factor):
-        return [f"{_words(load, nearest, source)}. {remedy(factor)}"]
+        return [f"{_describe_load(load, nearest, source)}. {describe_remedy(factor)}"]
     return []
 
 
-def remedy(factor: float) -> str:
+def describe_remedy(factor: float) -> str:
     """Describe the likely cause, and the remedy, of films that show ``factor`` times the expected load."""
     decade = math.log10(factor) if 0 < factor < math.inf else math.inf
-    near = round(decade) if abs(decade) < 20 else 0
-    likely = SLIPS.get(near, "") if abs(decade - near) < NEAR_DECADE else ""
-    where = "units of the columns, the bench's [force] sensitivity and [amplifier] capacitance, d31 to d33 of [probe.film]"
-    return f"{likely}{' ' if likely else ''}Check the {where}, or write the load that was pressed into [load] of the scene"
+    power_of_ten = round(decade) if abs(decade) < 20 else 0
+    likely = UNIT_SLIPS.get(power_of_ten, "") if abs(decade - power_of_ten) < NEAR_DECADE else ""
+    places = "units of the columns, the bench's [force] sensitivity and [amplifier] capacitance, d31 to d33 of [probe.film]"
+    return f"{likely}{' ' if likely else ''}Check the {places}, or write the load that was pressed into [load] of the scene"
 
 
 def check_scene_load(
@@ -85,14 +87,14 @@ def check_scene_load(
     source = "both films show"
     if measurement.force is not None:
         load, spread, source = measurement.force / scale.factor, 0.0, "the force channel shows"
-    expected = expected_load(scene, predicted)
+    expected = compute_expected_load(scene, predicted)
     if expected is None:
         _check_depth(load, scene, predicted, source)
         return []
     return check_expected(load, spread, expected, expected, source)
 
 
-def check_reference_loads(observed: Sequence[Observed], shares: Shares, scene: Scene) -> list[str]:
+def check_reference_loads(observed: Sequence[Observation], shares: BlockPredictions, scene: Scene) -> list[str]:
     """Compare the loads on references with the expected ones: the scene's load, or less where a block allows less.
 
     Args:
@@ -103,26 +105,31 @@ def check_reference_loads(observed: Sequence[Observed], shares: Shares, scene: S
     Raises:
         InputError: a load is 30 times too large or too small.
     """
-    limits = [largest(one.rule, LINEAR, promise=False).force for one in shares.blocks if one.rule is not None]
-    high = expected_load(scene) or max(limits, default=None)
+    limits = [
+        find_largest_load(item.rule, LINEARITY_ACCURACY, promise=False).force for item in shares.blocks if item.rule is not None
+    ]
+    high = compute_expected_load(scene) or max(limits, default=None)
     if high is None:
         return []
-    low = min([high, *(SAFE_SHARE * one for one in limits)])
-    doubtful = {one.reference.name: found for one in observed if (found := _check_reference(one, low, high))}
+    low = min([high, *(SAFE_SHARE * item for item in limits)])
+    doubtful = {item.reference.name: warning for item in observed if (warning := _check_reference(item, low, high))}
     return [f"{', '.join(doubtful)}: {next(iter(doubtful.values()))}"] if doubtful else []
 
 
-def _check_reference(one: Observed, low: float, high: float) -> str:
+def _check_reference(observation: Observation, low: float, high: float) -> str:
     """Return a warning or ""; an error names the reference. A contradiction with the force channel is left to the fit."""
-    if one.force is not None and not 1 / DOUBTFUL_FACTOR < one.films.sum() / max(one.force, 1e-300) < DOUBTFUL_FACTOR:
+    if (
+        observation.force is not None
+        and not 1 / DOUBTFUL_FACTOR < observation.films.sum() / max(observation.force, 1e-300) < DOUBTFUL_FACTOR
+    ):
         return ""
-    known = one.reference.known_force
+    known = observation.reference.known_force
     bounds = (low, high) if known is None else (known, known)
-    source = "both films show" if one.force is None else "the force channel shows"
+    source = "both films show" if observation.force is None else "the force channel shows"
     try:
-        return "".join(check_expected(one.load, 0.0, *bounds, source))
+        return "".join(check_expected(observation.load, 0.0, *bounds, source))
     except InputError as fault:
-        raise InputError(f"{one.reference.name}: {fault.key}", fault.value, fault.allowed) from None
+        raise InputError(f"{observation.reference.name}: {fault.key}", fault.value, fault.allowed) from None
 
 
 def check_pressed(load: float, scene: Scene, bench: Bench) -> None:
@@ -131,13 +138,15 @@ def check_pressed(load: float, scene: Scene, bench: Bench) -> None:
     Raises:
         InputError: the load is too large.
     """
-    expected = expected_load(scene)
+    expected = compute_expected_load(scene)
     if expected is not None:
-        most = max([expected, *(one.known_force or 0.0 for one in bench.reference)])
-        check_expected(load, 0.0, min(load, most), most, "both films show")
+        max_load = max([expected, *(reference.known_force or 0.0 for reference in bench.reference)])
+        check_expected(load, 0.0, min(load, max_load), max_load, "both films show")
 
 
-def within_limits(shares: Shares, observed: Sequence[Observed], doubts: Sequence[str], linear: bool) -> Shares:
+def apply_loads(
+    shares: BlockPredictions, observed: Sequence[Observation], doubts: Sequence[str], linear: bool
+) -> BlockPredictions:
     """Return the predictions under the loads that were read; an error for too large a load includes the doubts on it.
 
     Args:
@@ -150,12 +159,14 @@ def within_limits(shares: Shares, observed: Sequence[Observed], doubts: Sequence
         Refusal: a load is above the limit of linear elasticity.
     """
     try:
-        return shares.under([one.load for one in observed], [one.reference for one in observed], linear)
+        return shares.apply_forces(
+            [observation.load for observation in observed], [observation.reference for observation in observed], linear
+        )
     except Refusal as fault:
         raise Refusal(fault.key, fault.value, "; ".join([fault.allowed, *doubts])) from None
 
 
-def expected_load(scene: Scene, predicted: Result | None = None) -> float | None:
+def compute_expected_load(scene: Scene, predicted: Result | None = None) -> float | None:
     """Return the amplitude of the scene's load, N; None if it is 0, or an indentation of unknown stiffness."""
     force, indentation = scene.load.force, scene.load.indentation
     if force is None and predicted is not None and predicted.stiffness is not None and indentation is not None:
@@ -163,7 +174,7 @@ def expected_load(scene: Scene, predicted: Result | None = None) -> float | None
     return force or None
 
 
-def check_films(total: tuple[float, float], measurement: Measurement, bench: Bench, scale: ForceScale) -> list[str]:
+def check_film_sum(total: tuple[float, float], measurement: Measurement, bench: Bench, scale: ForceScale) -> list[str]:
     """Compare both films' sum with the force channel, since the films carry the whole load; return warnings.
 
     ``total`` is the sum and its standard deviation, N, without the error shared with the force channel by a calibration.
@@ -176,15 +187,15 @@ def check_films(total: tuple[float, float], measurement: Measurement, bench: Ben
         return []
     force = measurement.force / scale.factor
     tolerance = math.hypot(bench.force.tolerance, measurement.force_doubt)
-    apart = abs(total[0] - force) / math.hypot(total[1], measurement.force_sd, tolerance * force)
-    words = f"both films show {total[0]:.4g} N, the force channel {force:.4g} N, {apart:.2g} standard deviations apart"
+    difference_sd = abs(total[0] - force) / math.hypot(total[1], measurement.force_sd, tolerance * force)
+    text = f"both films show {total[0]:.4g} N, the force channel {force:.4g} N, {difference_sd:.2g} standard deviations apart"
     factor = total[0] / force if force > 0 else math.inf
     if factor > IMPLAUSIBLE_FACTOR or 0 < factor < 1 / IMPLAUSIBLE_FACTOR:
-        raise InputError("load read", Words(words), f"films and force channel that agree. {remedy(factor)}")
-    words = f"{words}: a film, amplifier or force sensor is not what bench and calibration say"
-    if apart > CONTRADICTION_SD:
-        raise Flawed(words)
-    return [words] if apart > SIGNIFICANT_SD else []
+        raise InputError("load read", Words(text), f"films and force channel that agree. {describe_remedy(factor)}")
+    text = f"{text}: a film, amplifier or force sensor is not what bench and calibration say"
+    if difference_sd > CONTRADICTION_SD:
+        raise Flawed(text)
+    return [text] if difference_sd > SIGNIFICANT_SD else []
 
 
 def _check_depth(load: float, scene: Scene, predicted: Result, source: str) -> None:
@@ -192,12 +203,12 @@ def _check_depth(load: float, scene: Scene, predicted: Result, source: str) -> N
     depth, stiffness = getattr(scene.tissue, "depth", None), predicted.stiffness  # a half-space has no depth
     if depth is None or not stiffness or load < stiffness * depth:
         return
-    most = stiffness * depth
-    allowed = f"up to {most:.3g} N, which would press the probe through the tissue. {remedy(load / most)}"
+    max_load = stiffness * depth
+    allowed = f"up to {max_load:.3g} N, which would press the probe through the tissue. {describe_remedy(load / max_load)}"
     raise InputError("load read", Words(f"{source} {load:.3g} N"), allowed)
 
 
-def _words(load: float, expected: float, source: str) -> str:
+def _describe_load(load: float, expected: float, source: str) -> str:
     times = load / expected
     size = f"{times:.3g} times" if times > 1 else f"1/{1 / times:.3g} of" if times > 0 else "not"
     return f"{source} {load:.3g} N, {size} the load of {expected:.3g} N that was to be pressed"

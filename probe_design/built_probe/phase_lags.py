@@ -33,8 +33,8 @@ from dataclasses import replace
 import numpy as np
 
 from hw.common.samples import Complexes, Floats
-from hw.signal.amplifier import of_parts
-from hw.signal.measure import FILMS, Measurement, carried
+from hw.signal.amplifier import compute_parts_covariance
+from hw.signal.measure import FILM_NAMES, Measurement, propagate_covariance
 from hw.signal.waveform import Flawed
 from probe_design.built_probe.bench import Bench, Reference
 
@@ -44,7 +44,7 @@ MAX_FORCE_LAG_RAD = 0.2  # rad, beyond which the channel is not used: the loss w
 MAX_FILM_LAG_RAD = 0.02  # beyond three standard deviations a warning reports it: a film loses 2e-4 of its amplitude by that
 
 
-def with_force_lag(measurement: Measurement, bench: Bench) -> Measurement:
+def add_force_lag(measurement: Measurement, bench: Bench) -> Measurement:
     """Add the loss that the force channel's lag may cause to a measurement, and a warning if it is more than 0.1 %.
 
     Args:
@@ -56,47 +56,47 @@ def with_force_lag(measurement: Measurement, bench: Bench) -> Measurement:
     """
     if measurement.force is None or bench.force is None:
         return measurement
-    lag, spread = force_lag(measurement, bench)
+    lag, spread = compute_force_lag(measurement, bench)
     if abs(lag) <= SEEN_SD * spread:
         return measurement
-    words = f"the force channel {'lags' if lag > 0 else 'leads'} the films by {abs(lag):.2g} rad"
+    text = f"the force channel {'lags' if lag > 0 else 'leads'} the films by {abs(lag):.2g} rad"
     if abs(lag) > MAX_FORCE_LAG_RAD:
-        raise Flawed(f"{words}: a filter, play or friction before the sensor, or amplifiers that are not the bench's")
-    doubt = loss(lag)
-    told = (f"{words}: its amplitude may be off by {100 * doubt:.2g} %, which is counted; a delay that is known stands in "
+        raise Flawed(f"{text}: a filter, play or friction before the sensor, or amplifiers that are not the bench's")
+    doubt = estimate_amplitude_loss(lag)
+    new_warnings = (f"{text}: its amplitude may be off by {100 * doubt:.2g} %, which is counted; a delay that is known stands in "
             "force.delay of the bench",) if doubt > MIN_LOSS else ()  # fmt: skip
-    return replace(measurement, force_doubt=doubt, warnings=measurement.warnings + told)
+    return replace(measurement, force_doubt=doubt, warnings=measurement.warnings + new_warnings)
 
 
-def force_lag(measurement: Measurement, bench: Bench) -> tuple[float, float]:
+def compute_force_lag(measurement: Measurement, bench: Bench) -> tuple[float, float]:
     """Return the lag of eq. BP.6, rad, from -pi/2 to pi/2, and its standard deviation due to noise, parts and sampling."""
     charges, force = measurement.charges, measurement.fit.amplitudes[2:3]
     frequency = measurement.fit.frequency
-    spread = measurement.covariance + of_parts(charges, bench.amplifier.of_films(), frequency)
-    noise = _phase_variance(charges, spread) + _phase_variance(force, measurement.fit.covariance[4:6, 4:6])
+    spread = measurement.covariance + compute_parts_covariance(charges, bench.amplifier.build_films(), frequency)
+    noise = _compute_phase_variance(charges, spread) + _compute_phase_variance(force, measurement.fit.covariance[4:6, 4:6])
     turn = 2 * math.pi * frequency
     lag = float(np.angle(charges.sum() * np.conj(force[0]))) - turn * (0.0 if bench.force is None else bench.force.delay)
-    reversed_off = math.remainder(lag, math.pi)
-    return reversed_off, math.hypot(math.sqrt(noise), turn * bench.sampling.skew_tolerance)
+    unreversed_lag = math.remainder(lag, math.pi)
+    return unreversed_lag, math.hypot(math.sqrt(noise), turn * bench.sampling.skew_tolerance)
 
 
-def loss(lag: float) -> float:
+def estimate_amplitude_loss(lag: float) -> float:
     """Return the fraction of its amplitude that a channel with this lag (rad) may have lost, eq. BP.7."""
     return 16 / (3 * math.pi) * math.pow(math.pi * abs(lag) / 4, 1.5)
 
 
-def _phase_variance(values: Complexes, covariance: Floats) -> float:
+def _compute_phase_variance(values: Complexes, covariance: Floats) -> float:
     """Return the variance of the phase of the sum of amplitudes (n,), from the covariance of (re, im) of each in turn."""
     scale = float(np.abs(values).max())
     parts = np.stack([values.real, values.imag], axis=1).ravel() / scale
-    return float(carried(_phase, parts, covariance / scale**2)[0, 0])
+    return float(propagate_covariance(_compute_phase, parts, covariance / scale**2)[0, 0])
 
 
-def _phase(parts: Floats) -> Floats:
+def _compute_phase(parts: Floats) -> Floats:
     return np.array([math.atan2(parts[1::2].sum(), parts[0::2].sum())])
 
 
-def lag_warnings(measurements: Sequence[Measurement], references: Sequence[Reference], bench: Bench) -> list[str]:
+def list_lag_warnings(measurements: Sequence[Measurement], references: Sequence[Reference], bench: Bench) -> list[str]:
     """List a warning for each film that lags on tissue, with the names of the references.
 
     Args:
@@ -108,31 +108,34 @@ def lag_warnings(measurements: Sequence[Measurement], references: Sequence[Refer
     for measurement, reference in zip(measurements, references, strict=True):
         if reference.on != "tissue":
             continue
-        lag, spread = film_lag(measurement, bench)
+        lag, spread = compute_film_lag(measurement, bench)
         if abs(lag) - SEEN_SD * spread > MAX_FILM_LAG_RAD:
-            lags.setdefault(_late_film(measurement, bench, lag), []).append((reference.name, abs(lag)))
+            lags.setdefault(_describe_late_film(measurement, bench, lag), []).append((reference.name, abs(lag)))
     return [
-        f"{', '.join(name for name, _ in found)}: {fault} by up to {max(lag for _, lag in found):.2g} rad: tissue that flows, "
+        f"{', '.join(name for name, _ in entries)}: {fault} by up to {max(lag for _, lag in entries):.2g} rad: tissue "
+        "that flows, "
         "or that film's amplifier, filter or cable; the gains are of the parts in phase with the load"
-        for fault, found in lags.items()
+        for fault, entries in lags.items()
     ]
 
 
-def film_lag(measurement: Measurement, bench: Bench) -> tuple[float, float]:
+def compute_film_lag(measurement: Measurement, bench: Bench) -> tuple[float, float]:
     """Return by how much the inner film leads the outer one, eq. BP.8, and its standard deviation, both in rad."""
     lag, spread = measurement.lag
     turn = 2 * math.pi * measurement.fit.frequency
     return lag + turn * bench.sampling.skew, math.hypot(spread, turn * bench.sampling.skew_tolerance)
 
 
-def _late_film(measurement: Measurement, bench: Bench, lag: float) -> str:
+def _describe_late_film(measurement: Measurement, bench: Bench, lag: float) -> str:
     """Describe which film lags; a force channel shows which of both is out of phase."""
-    late, early = reversed(FILMS) if lag > 0 else FILMS
-    words = f"the {late} film lags the {early} film"
+    late, early = reversed(FILM_NAMES) if lag > 0 else FILM_NAMES
+    text = f"the {late} film lags the {early} film"
     if measurement.force is None or bench.force is None:
-        return words
+        return text
     turn = 2 * math.pi * measurement.fit.frequency
     force = measurement.fit.amplitudes[2] * np.exp(1j * turn * bench.force.delay)
     charges = measurement.charges * np.exp([0.0, -1j * turn * bench.sampling.skew])
-    off = [abs(math.remainder(float(np.angle(one * np.conj(force))), math.pi)) for one in charges]  # a sensor may be reversed
-    return f"{words} (the {FILMS[int(np.argmax(off))]} film is out of phase with the force channel)"
+    phase_errors = [
+        abs(math.remainder(float(np.angle(charge * np.conj(force))), math.pi)) for charge in charges
+    ]  # a sensor may be reversed
+    return f"{text} (the {FILM_NAMES[int(np.argmax(phase_errors))]} film is out of phase with the force channel)"

@@ -12,43 +12,45 @@ from typing import Any
 
 from geometry.common.errors import InputError, Words
 from geometry.scenes.scene import Scene
-from geometry.scenes.variables import values
-from probe_design.built_probe.block_predictions import by_outer_radius
+from geometry.scenes.variables import list_values
+from probe_design.built_probe.block_predictions import express_by_outer_radius
 
-CHARGE = "probe.film charge per force"
-SAME = 1e-9  # relative difference within which two numbers are equal
-NO_BOARDS = ("visa",)  # transports whose serial number is not a probe's
-LONGEST = 100  # characters
-SHOWN = 3  # names in a message
+CHARGE_KEY = "probe.film charge per force"
+RELATIVE_TOLERANCE = 1e-9  # relative difference within which two numbers are equal
+BOARDLESS_TRANSPORTS = ("visa",)  # transports whose serial number is not a probe's
+MAX_SERIAL_LENGTH = 100  # characters
+MAX_SHOWN_NAMES = 3  # names in a message
 
 
-def probe_numbers(scene: Scene) -> dict[str, float]:
+def list_probe_numbers(scene: Scene) -> dict[str, float]:
     """List a probe's dimensions and moduli by their keys, SI, and its film's charge per force, C/N, if it has a film."""
-    numbers = {key: value for key, value in values(by_outer_radius(scene)).items() if key.startswith("probe.")}
+    numbers = {key: value for key, value in list_values(express_by_outer_radius(scene)).items() if key.startswith("probe.")}
     film = scene.probe.film
-    return numbers if film is None else numbers | {CHARGE: film.charge_per_force}
+    return numbers if film is None else numbers | {CHARGE_KEY: film.charge_per_force}
 
 
-def probe_difference(numbers: Mapping[str, float], scene: Scene) -> str | None:
+def describe_probe_difference(numbers: Mapping[str, float], scene: Scene) -> str | None:
     """Describe the first number in which a probe differs from the scene's, or return None.
 
     Args:
         numbers: of the probe, as ``list_probe_numbers`` returns them.
         scene: with the other probe.
     """
-    wanted = probe_numbers(scene)
-    for key, own in wanted.items():
+    wanted = list_probe_numbers(scene)
+    for key, value in wanted.items():
         if key not in numbers:
             return f"{key} is missing there"
-        if not math.isclose(numbers[key], own, rel_tol=SAME):
-            return f"{key} is {numbers[key]:.6g} there and {own:.6g} in the scene, SI units"
+        if not math.isclose(numbers[key], value, rel_tol=RELATIVE_TOLERANCE):
+            return f"{key} is {numbers[key]:.6g} there and {value:.6g} in the scene, SI units"
     return None if numbers.keys() == wanted.keys() else "it has parts there that the scene's has not"
 
 
-def board_serial(source: Mapping[str, Any]) -> str | None:
+def read_board_serial(source: Mapping[str, Any]) -> str | None:
     """Read the serial number of the board from a source of samples; None if unknown."""
     transport, serial = source.get("transport"), source.get("serial")
-    if transport in NO_BOARDS or (transport == "serial" and "port" not in source):  # older recordings, in which it is the port's
+    if transport in BOARDLESS_TRANSPORTS or (
+        transport == "serial" and "port" not in source
+    ):  # older recordings, in which it is the port's
         return None
     return clean_serial(serial)
 
@@ -56,7 +58,7 @@ def board_serial(source: Mapping[str, Any]) -> str | None:
 def clean_serial(serial: Any) -> str | None:
     """Return a serial number without surrounding blanks, for comparison; None if it is empty or not printable."""
     text = serial.strip() if isinstance(serial, str) else ""
-    return text if text.isprintable() and 0 < len(text) <= LONGEST else None
+    return text if text.isprintable() and 0 < len(text) <= MAX_SERIAL_LENGTH else None
 
 
 def check_serials(boards: Mapping[str, str | None], any_probe: bool) -> list[str]:
@@ -74,7 +76,7 @@ def check_serials(boards: Mapping[str, str | None], any_probe: bool) -> list[str
         if serial is not None:
             by_serial.setdefault(serial, []).append(name)
     if len(by_serial) > 1:
-        different = "; ".join(f"{serial} of {_listed(names)}" for serial, names in by_serial.items())
+        different = "; ".join(f"{serial} of {_format_names(names)}" for serial, names in by_serial.items())
         if not any_probe:
             allowed = "one probe's: give each probe its own calibration, or take them as one with --any-probe"
             raise InputError("serial number", Words(different), allowed)
@@ -82,15 +84,15 @@ def check_serials(boards: Mapping[str, str | None], any_probe: bool) -> list[str
     unknown = [name for name, serial in boards.items() if serial is None]
     if not unknown or len(boards) < 2:
         return []
-    return [f"no serial number of {_listed(unknown)}: nothing shows that it is the same probe's as the rest"]
+    return [f"no serial number of {_format_names(unknown)}: nothing shows that it is the same probe's as the rest"]
 
 
-def common_serial(boards: Mapping[str, str | None]) -> str | None:
+def find_common_serial(boards: Mapping[str, str | None]) -> str | None:
     """Find the serial number common to all readings; None if one is unknown, or they differ."""
     numbers = set(boards.values())
     return numbers.pop() if len(numbers) == 1 else None
 
 
-def _listed(names: list[str]) -> str:
-    more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
-    return ", ".join(names[:SHOWN]) + more
+def _format_names(names: list[str]) -> str:
+    suffix = f" and {len(names) - MAX_SHOWN_NAMES} more" if len(names) > MAX_SHOWN_NAMES else ""
+    return ", ".join(names[:MAX_SHOWN_NAMES]) + suffix

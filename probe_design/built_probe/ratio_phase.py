@@ -19,64 +19,66 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
 from geometry.scenes.scene import Scene
-from geometry.scenes.variables import loss_factors
-from hw.signal.amplifier import of_parts
-from hw.signal.measure import Measurement, carried
+from geometry.scenes.variables import list_loss_factors
+from hw.signal.amplifier import compute_parts_covariance
+from hw.signal.measure import Measurement, propagate_covariance
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.gain_matrix import Gains
-from solver.answers import with_phase
-from solver.phase.inertia import with_inertia
+from solver.answers import add_phase
+from solver.phase.inertia import add_inertia_error
 from solver.results.result import Result
 from solver.results.warnings import Note
 
-SPREAD = 3**-0.5  # standard deviation of an even distribution within a bound of 1: GUM 4.3.7
-SURPRISING = 5.0  # standard deviations from the prediction beyond which a warning is given
+SD_PER_BOUND = 3**-0.5  # standard deviation of an even distribution within a bound of 1: GUM 4.3.7
+SURPRISING_SD = 5.0  # standard deviations from the prediction beyond which a warning is given
 
 
-def phased(result: Result, scene: Scene, accuracy: float, frequency: float | None) -> Result:
+def add_ratio_phase(result: Result, scene: Scene, accuracy: float, frequency: float | None) -> Result:
     """Add the phase of the ratio at a frequency (Hz) to a scene's result.
 
     If the phase is null, a warning gives the reason. Without lossy materials it is 0 and nothing is solved; nothing is refused.
     """
     if frequency is None:
         return result
-    moving = replace(result, frequency=frequency, error_estimate=with_inertia(result.error_estimate, scene, frequency))
-    if not any(loss_factors(scene).values()):
+    moving = replace(result, frequency=frequency, error_estimate=add_inertia_error(result.error_estimate, scene, frequency))
+    if not any(list_loss_factors(scene).values()):
         return replace(moving, ratio_phase=0.0, ratio_phase_error=0.0)
     try:
-        return with_phase(result, scene, accuracy, frequency)
+        return add_phase(result, scene, accuracy, frequency)
     except InputError as fault:  # a load too fast for the phase's model may still be read
         return replace(moving, warnings=(*result.warnings, Note("null", f"predicted_ratio_phase is null: {fault}")))
 
 
-def ratio_phase(measurement: Measurement, bench: Bench, gains: Gains) -> tuple[float, float]:
+def compute_ratio_phase(measurement: Measurement, bench: Bench, gains: Gains) -> tuple[float, float]:
     """Return the phase of eq. BP.4 and its standard deviation, rad."""
     charges, frequency = measurement.charges, measurement.fit.frequency
     turn = 2 * math.pi * frequency
     scale = float(np.abs(charges).max())
     parts = np.stack([charges.real, charges.imag], axis=1).ravel() / scale
-    of_charges = measurement.covariance + of_parts(
-        charges, bench.amplifier.of_films(), frequency
+    charges_covariance = measurement.covariance + compute_parts_covariance(
+        charges, bench.amplifier.build_films(), frequency
     )  # a calibration has not seen them
-    variance = carried(lambda moved: _phase(moved, gains.matrix), parts, of_charges / scale**2)
-    variance = variance + carried(lambda moved: _phase(parts, moved.reshape(2, 2)), gains.matrix.ravel(), gains.covariance)
-    value = float(_phase(parts, gains.matrix)[0]) + turn * bench.sampling.skew
+    variance = propagate_covariance(lambda moved: _compute_phase(moved, gains.matrix), parts, charges_covariance / scale**2)
+    variance = variance + propagate_covariance(
+        lambda moved: _compute_phase(parts, moved.reshape(2, 2)), gains.matrix.ravel(), gains.covariance
+    )
+    value = float(_compute_phase(parts, gains.matrix)[0]) + turn * bench.sampling.skew
     return value, math.hypot(math.sqrt(float(variance[0, 0])), turn * bench.sampling.skew_tolerance)
 
 
-def surprises(value: float, spread: float, predicted: Result) -> tuple[float | None, list[str]]:
+def compare_ratio_phase(value: float, spread: float, predicted: Result) -> tuple[float | None, list[str]]:
     """Return the difference of a phase from its prediction in standard deviations, and a warning if it is above 5."""
     expected, error = predicted.ratio_phase, predicted.ratio_phase_error
     if expected is None or error is None:
         return None, []
-    z = (value - expected) / math.hypot(spread, SPREAD * error)
-    if abs(z) <= SURPRISING:
+    z = (value - expected) / math.hypot(spread, SD_PER_BOUND * error)
+    if abs(z) <= SURPRISING_SD:
         return z, []
     text = f"the ratio's phase is {value:.2g} rad, and {expected:.2g} by the scene's loss factors"
     return z, [f"{text}: tissue or blocks that lose more than the scene says, or channels that differ in time"]
 
 
-def _phase(parts: Floats, matrix: Floats) -> Floats:
+def _compute_phase(parts: Floats, matrix: Floats) -> Floats:
     inner, outer = np.linalg.solve(matrix, parts[0::2] + 1j * parts[1::2])
     leads = inner * np.conj(outer)
     return np.array([np.angle(leads if leads.real >= 0 else -leads)])

@@ -10,28 +10,28 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
-from hw.signal.measure import FILMS, Measurement, carried
+from hw.signal.measure import FILM_NAMES, Measurement, propagate_covariance
 from hw.signal.waveform import Flawed
 from probe_design.built_probe.bench import Bench
-from probe_design.built_probe.exchanges import SHOWS
-from probe_design.built_probe.film_forces import newtons
+from probe_design.built_probe.exchanges import SIGNIFICANT_SD
+from probe_design.built_probe.film_forces import compute_film_forces
 from probe_design.built_probe.gain_matrix import Gains
-from probe_design.built_probe.load_checks import check_films, check_scene_load
-from probe_design.built_probe.ratio_phase import SPREAD, phased, ratio_phase, surprises
+from probe_design.built_probe.load_checks import check_film_sum, check_scene_load
+from probe_design.built_probe.ratio_phase import SD_PER_BOUND, add_ratio_phase, compare_ratio_phase, compute_ratio_phase
 from solver.answers import evaluate
 from solver.axisymmetric.level import Axisymmetric
 from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.levels import AUTO
-from solver.planning.load_check import check_load, with_load
-from solver.planning.load_limits import load_rule
+from solver.planning.load_check import add_load_effect, check_load
+from solver.planning.load_limits import build_load_rule
 from solver.results.result import Result
 
-CONTRADICTS = 5.0  # standard deviations between a ratio and its prediction from which an exchange is considered
-NEARER = 5.0  # factor by which exchanged channels must reduce the difference of ln ratio from its prediction
+CONTRADICTION_SD = 5.0  # standard deviations between a ratio and its prediction from which an exchange is considered
+EXCHANGE_FACTOR = 5.0  # factor by which exchanged channels must reduce the difference of ln ratio from its prediction
 
 
 @dataclass(frozen=True)
-class Read:
+class StressReading:
     """Stress amplitudes under the sinusoidal load, compression positive; every ``uncertainty`` is a standard deviation.
 
     Attributes:
@@ -90,7 +90,7 @@ class Read:
         return asdict(self)
 
 
-def prediction(scene: Scene, accuracy: float, linear: bool = False, frequency: float | None = None) -> Result:
+def predict_scene(scene: Scene, accuracy: float, linear: bool = False, frequency: float | None = None) -> Result:
     """Evaluate a scene by the fastest finite-element evaluator that accepts it, whatever error it then states.
 
     With a frequency (Hz) the ratio's phase is computed, too; it is null, with a warning, where this is not possible.
@@ -98,16 +98,20 @@ def prediction(scene: Scene, accuracy: float, linear: bool = False, frequency: f
     Raises:
         Refusal: no evaluator accepts the scene, or, unless ``linear``, its load is above the limit of linear elasticity.
     """
-    level = next((one for one in (Axisymmetric(), EquivalentInclusion()) if one.refusal(scene) is None), None)
-    if level is None:
-        return phased(evaluate(scene, AUTO, accuracy, linear=linear), scene, accuracy, frequency)
-    result, rule = level.evaluate(scene, accuracy), load_rule(scene)
+    evaluator = next(
+        (candidate for candidate in (Axisymmetric(), EquivalentInclusion()) if candidate.refusal(scene) is None), None
+    )
+    if evaluator is None:
+        return add_ratio_phase(evaluate(scene, AUTO, accuracy, linear=linear), scene, accuracy, frequency)
+    result, rule = evaluator.evaluate(scene, accuracy), build_load_rule(scene)
     if not linear:
         check_load(scene, rule, accuracy, promise=False)
-    return phased(with_load(result, scene, rule, accuracy, promise=False), scene, accuracy, frequency)
+    return add_ratio_phase(add_load_effect(result, scene, rule, accuracy, promise=False), scene, accuracy, frequency)
 
 
-def read(measurement: Measurement, scene: Scene, bench: Bench, predicted: Result, gains: Gains | None = None) -> Read:
+def compute_reading(
+    measurement: Measurement, scene: Scene, bench: Bench, predicted: Result, gains: Gains | None = None
+) -> StressReading:
     """Compute the stresses of a reading, and compare them with the prediction.
 
     Args:
@@ -121,27 +125,33 @@ def read(measurement: Measurement, scene: Scene, bench: Bench, predicted: Result
         Flawed: a film is dead or reversed, or the films contradict the force channel.
         InputError: the load is 30 times the scene's, or a 30th of it, as with a wrong unit: see ``load_checks``.
     """
-    effective = Gains.nominal(bench) if gains is None else gains
-    films, noise = newtons(measurement, scene, tolerance=True)
-    forces, covariance = effective.forces(films), effective.forces_covariance(films, noise)
+    effective = Gains.from_bench(bench) if gains is None else gains
+    films, noise = compute_film_forces(measurement, scene, tolerance=True)
+    forces, covariance = effective.compute_forces(films), effective.compute_forces_covariance(films, noise)
     _check_films(forces, covariance)
     scale = effective.force_scale
-    beside = covariance if measurement.force is None else _beside_force(films, noise, effective)
-    of_load = check_films((float(forces.sum()), _sum_sd(beside)), measurement, bench, scale)
-    of_load += check_scene_load((float(forces.sum()), _sum_sd(covariance)), measurement, scene, predicted, scale)
+    own_covariance = covariance if measurement.force is None else _compute_own_covariance(films, noise, effective)
+    load_warnings = check_film_sum((float(forces.sum()), _compute_sum_sd(own_covariance)), measurement, bench, scale)
+    load_warnings += check_scene_load((float(forces.sum()), _compute_sum_sd(covariance)), measurement, scene, predicted, scale)
     areas = np.array([scene.probe.inner_area, scene.probe.outer_area])
     stress, spread = forces / areas, np.sqrt(np.diag(covariance)) / areas
-    ratio, ratio_sd = _ratio(forces, covariance, float(areas[1] / areas[0]))
-    relative = None if predicted.error_estimate is None else SPREAD * predicted.error_estimate
-    of_scale = 0.0 if gains is not None or bench.force is None or bench.force.verified else _sum_sd(beside) / abs(forces.sum())
-    at_load, at_load_sd = _at_load(measurement, scene, bench, predicted, relative, factor=scale.factor, of_scale=of_scale)
-    beside_sd = np.sqrt(np.maximum(np.diag(beside), 0.0)) / areas
+    ratio, ratio_sd = _compute_ratio(forces, covariance, float(areas[1] / areas[0]))
+    relative = None if predicted.error_estimate is None else SD_PER_BOUND * predicted.error_estimate
+    scale_doubt = (
+        0.0
+        if gains is not None or bench.force is None or bench.force.verified
+        else _compute_sum_sd(own_covariance) / abs(forces.sum())
+    )
+    at_load, at_load_sd = _predict_at_load(
+        measurement, scene, bench, predicted, relative, factor=scale.factor, scale_doubt=scale_doubt
+    )
+    own_sd = np.sqrt(np.maximum(np.diag(own_covariance), 0.0)) / areas
     predicted_ratio_sd = None if predicted.ratio is None or relative is None else abs(predicted.ratio) * relative
-    z_ratio = _z(ratio, ratio_sd, predicted.ratio, predicted_ratio_sd)
-    surprising = [*of_load, *_exchanged(films, effective, predicted.ratio, z_ratio, areas)]
-    phase, phase_sd = ratio_phase(measurement, bench, effective)
-    z_phase, of_phase = surprises(phase, phase_sd, predicted)
-    return Read(
+    z_ratio = _compute_z(ratio, ratio_sd, predicted.ratio, predicted_ratio_sd)
+    comparison_warnings = [*load_warnings, *_warn_of_exchange(films, effective, predicted.ratio, z_ratio, areas)]
+    phase, phase_sd = compute_ratio_phase(measurement, bench, effective)
+    z_phase, phase_warnings = compare_ratio_phase(phase, phase_sd, predicted)
+    return StressReading(
         ratio=ratio,
         ratio_uncertainty=ratio_sd,
         stress_inner=float(stress[0]),
@@ -149,7 +159,7 @@ def read(measurement: Measurement, scene: Scene, bench: Bench, predicted: Result
         stress_outer=float(stress[1]),
         stress_outer_uncertainty=float(spread[1]),
         force=float(forces.sum()),
-        force_uncertainty=_sum_sd(covariance),
+        force_uncertainty=_compute_sum_sd(covariance),
         reference_force=None if measurement.force is None else measurement.force / scale.factor,
         evaluator=predicted.evaluator,
         predicted_ratio=predicted.ratio,
@@ -157,8 +167,8 @@ def read(measurement: Measurement, scene: Scene, bench: Bench, predicted: Result
         predicted_stress_inner=at_load[0],
         predicted_stress_outer=at_load[1],
         z_ratio=z_ratio,
-        z_stress_inner=_z(float(stress[0]), float(beside_sd[0]), at_load[0], at_load_sd[0]),
-        z_stress_outer=_z(float(stress[1]), float(beside_sd[1]), at_load[1], at_load_sd[1]),
+        z_stress_inner=_compute_z(float(stress[0]), float(own_sd[0]), at_load[0], at_load_sd[0]),
+        z_stress_outer=_compute_z(float(stress[1]), float(own_sd[1]), at_load[1], at_load_sd[1]),
         frequency=measurement.fit.frequency,
         cycles=measurement.fit.cycles,
         ratio_phase=phase,
@@ -171,49 +181,49 @@ def read(measurement: Measurement, scene: Scene, bench: Bench, predicted: Result
         saturated=measurement.saturated,
         gaps=measurement.lost,
         overruns=measurement.overruns,
-        warnings=(*_warnings(measurement, bench, gains, ratio), *surprising, *of_phase),
+        warnings=(*_list_warnings(measurement, bench, gains, ratio), *comparison_warnings, *phase_warnings),
     )
 
 
 def _check_films(forces: Floats, covariance: Floats) -> None:
     """Refuse a film in tension, and an inner film without signal. An outer film without signal only makes the ratio null."""
     spread = np.sqrt(np.diag(covariance))
-    for name, force, own in zip(FILMS, forces.tolist(), spread.tolist(), strict=True):
-        if force < -SHOWS * own:
+    for name, force, sd in zip(FILM_NAMES, forces.tolist(), spread.tolist(), strict=True):
+        if force < -SIGNIFICANT_SD * sd:
             raise Flawed(f"the {name} film shows tension, {force:.3g} N: is its polarity reversed, or its cable another's?")
-    if forces[0] < SHOWS * spread[0]:
+    if forces[0] < SIGNIFICANT_SD * spread[0]:
         shown = f"the inner film shows {forces[0]:.2g} N, uncertain by {spread[0]:.2g} N"
         raise Flawed(f"{shown}: is it dead, its cable off, or the load too small?")
 
 
-def _beside_force(films: Floats, noise: Floats, gains: Gains) -> Floats:
+def _compute_own_covariance(films: Floats, noise: Floats, gains: Gains) -> Floats:
     """Return the covariance of the films' forces without the error that they share with the force channel by a calibration."""
-    return replace(gains, covariance=gains.covariance - gains.force_scale.covariance).forces_covariance(films, noise)
+    return replace(gains, covariance=gains.covariance - gains.force_scale.covariance).compute_forces_covariance(films, noise)
 
 
-def _sum_sd(covariance: Floats) -> float:
+def _compute_sum_sd(covariance: Floats) -> float:
     """Return the standard deviation of both films' sum."""
     return math.sqrt(max(float(covariance.sum()), 0.0))
 
 
-def _exchanged(films: Floats, gains: Gains, predicted: float | None, z: float | None, areas: Floats) -> list[str]:
+def _warn_of_exchange(films: Floats, gains: Gains, predicted: float | None, z: float | None, areas: Floats) -> list[str]:
     """Return a warning if a ratio is far from its prediction, and much nearer with the films' channels exchanged."""
-    if predicted is None or z is None or predicted <= 0 or abs(z) <= CONTRADICTS:
+    if predicted is None or z is None or predicted <= 0 or abs(z) <= CONTRADICTION_SD:
         return []
-    forces = [gains.forces(one) / areas for one in (films, films[::-1])]
-    off, turned = (abs(float(np.log(abs(one[0] / one[1] / predicted)))) for one in forces)
-    if turned > off / NEARER:
+    forces = [gains.compute_forces(pair) / areas for pair in (films, films[::-1])]
+    deviation, exchanged_deviation = (abs(float(np.log(abs(pair[0] / pair[1] / predicted)))) for pair in forces)
+    if exchanged_deviation > deviation / EXCHANGE_FACTOR:
         return []
     return [f"the ratio is {abs(z):.2g} standard deviations from its prediction, and near it with the films' channels exchanged"]
 
 
-def _z(read: float | None, spread: float | None, predicted: float | None, predicted_spread: float | None) -> float | None:
+def _compute_z(read: float | None, spread: float | None, predicted: float | None, predicted_spread: float | None) -> float | None:
     if read is None or spread is None or predicted is None or predicted_spread is None:
         return None
     return (read - predicted) / math.hypot(spread, predicted_spread)
 
 
-def _at_load(
+def _predict_at_load(
     measurement: Measurement,
     scene: Scene,
     bench: Bench,
@@ -221,7 +231,7 @@ def _at_load(
     relative: float | None,
     *,
     factor: float,
-    of_scale: float,
+    scale_doubt: float,
 ) -> tuple[tuple[float | None, ...], tuple[float | None, ...]]:
     """Return the predicted stresses of both films at the load of the reading, Pa, and their standard deviations.
 
@@ -232,13 +242,13 @@ def _at_load(
     stress = np.array([predicted.stress_inner, predicted.stress_outer])
     if measurement.force is not None and bench.force is not None:
         stress = stress * measurement.force / factor / float(stress @ [scene.probe.inner_area, scene.probe.outer_area])
-        relative = math.hypot(relative, bench.force.tolerance, measurement.force_doubt, of_scale)
+        relative = math.hypot(relative, bench.force.tolerance, measurement.force_doubt, scale_doubt)
     return tuple(stress.tolist()), tuple((np.abs(stress) * relative).tolist())
 
 
-def _warnings(measurement: Measurement, bench: Bench, gains: Gains | None, ratio: float | None) -> list[str]:
+def _list_warnings(measurement: Measurement, bench: Bench, gains: Gains | None, ratio: float | None) -> list[str]:
     lost = {"gaps": measurement.lost, "overruns": measurement.overruns, "saturated samples": measurement.saturated}
-    warnings = [f"{count} {what}: left out, never filled in" for what, count in lost.items() if count]
+    warnings = [f"{count} {label}: left out, never filled in" for label, count in lost.items() if count]
     warnings += measurement.warnings
     if gains is None:
         channels = bench.channels
@@ -251,15 +261,15 @@ def _warnings(measurement: Measurement, bench: Bench, gains: Gains | None, ratio
     return warnings
 
 
-def _ratio(forces: Floats, covariance: Floats, areas: float) -> tuple[float | None, float | None]:
+def _compute_ratio(forces: Floats, covariance: Floats, areas: float) -> tuple[float | None, float | None]:
     """Return the ratio and its standard deviation, enlarged by 1/(1 - x) with x the outer force's relative one."""
-    own = float(np.sqrt(covariance[1, 1]))
-    if own >= abs(forces[1]):
+    outer_sd = float(np.sqrt(covariance[1, 1]))
+    if outer_sd >= abs(forces[1]):
         return None, None
-    loose = own / float(abs(forces[1]))
-    spread = float(np.sqrt(carried(_quotient, forces, covariance)[0, 0])) / (1 - loose)
+    loose = outer_sd / float(abs(forces[1]))
+    spread = float(np.sqrt(propagate_covariance(_divide_forces, forces, covariance)[0, 0])) / (1 - loose)
     return float(forces[0] / forces[1] * areas), spread * areas
 
 
-def _quotient(forces: Floats) -> Floats:
+def _divide_forces(forces: Floats) -> Floats:
     return forces[:1] / forces[1:]

@@ -14,16 +14,16 @@ from geometry.scenes.scene import Scene
 from hw.common.samples import Complexes
 from hw.signal.amplifier import ChargeAmplifier
 from probe_design.built_probe.bench import Bench, Reference
-from probe_design.built_probe.block_predictions import inner_shares, log_ratios
+from probe_design.built_probe.block_predictions import compute_inner_shares, predict_log_ratios
 from solver.results.result import Result
 
 Matrix = tuple[tuple[float, float], tuple[float, float]]
-RATE = 1000.0  # Hz
-SCALE = 2e-6  # V per count of the converter
+SAMPLE_RATE_HZ = 1000.0  # Hz
+VOLTS_PER_COUNT = 2e-6  # V per count of the converter
 
 
 @dataclass(frozen=True)
-class Built:
+class BuiltProperties:
     """The true properties of the virtual probe and its bench, which readings have to determine.
 
     Attributes:
@@ -48,17 +48,17 @@ class Built:
     drift: float = 1e-3
     offsets: tuple[float, float, float] = (0.3e-3, -0.2e-3, 0.1e-3)
 
-    def amplifiers(self, nominal: tuple[ChargeAmplifier, ChargeAmplifier]) -> tuple[ChargeAmplifier, ChargeAmplifier]:
+    def build_amplifiers(self, nominal: tuple[ChargeAmplifier, ChargeAmplifier]) -> tuple[ChargeAmplifier, ChargeAmplifier]:
         """Return both amplifiers as built."""
         inner, outer = (
-            replace(one, resistance=one.resistance * r, capacitance=one.capacitance * c)
-            for one, r, c in zip(nominal, self.resistance, self.capacitance, strict=True)
+            replace(amplifier, resistance=amplifier.resistance * r, capacitance=amplifier.capacitance * c)
+            for amplifier, r, c in zip(nominal, self.resistance, self.capacitance, strict=True)
         )
         return inner, outer
 
 
-def signals(
-    built: Built, bench: Bench, scene: Scene, forces: Floats | Complexes, seed: int | list[int]
+def build_signals(
+    built: BuiltProperties, bench: Bench, scene: Scene, forces: Floats | Complexes, seed: int | list[int]
 ) -> Callable[[Floats], Floats]:
     """Build the function from times (s, shape (n,)) to volts of inner, outer and force channel, shape (n, 3).
 
@@ -72,15 +72,16 @@ def signals(
         seed: of the noise.
     """
     frequency = built.frequency * bench.load.frequency
-    charges = charge_per_force(scene) * np.array(built.gains) @ forces
-    amplifiers = built.amplifiers(bench.amplifier.of_films())
+    charges = compute_charge_per_force(scene) * np.array(built.gains) @ forces
+    amplifiers = built.build_amplifiers(bench.amplifier.build_films())
     sensitivity = built.force * (0.0 if bench.force is None else bench.force.sensitivity)
     first, second = (
-        np.append(charges * [one.response(k * frequency) for one in amplifiers], sensitivity * forces.sum()) for k in (1, 2)
+        np.append(charges * [amplifier.response(k * frequency) for amplifier in amplifiers], sensitivity * forces.sum())
+        for k in (1, 2)
     )
     random = np.random.default_rng(seed)
 
-    def volts(times: Floats) -> Floats:
+    def compute_volts(times: Floats) -> Floats:
         turns = 2j * np.pi * frequency * times[:, None] + 0.7j
         load = (first * np.exp(turns) + 0.01 * second * np.exp(2 * turns)).real  # with a second harmonic
         hum = built.hum * np.array([1.0, 0.7, 0.1]) * np.cos(2 * np.pi * built.mains * times)[:, None]
@@ -88,20 +89,20 @@ def signals(
         noise = built.noise * random.standard_normal((len(times), 3))
         return np.asarray(load + hum + drift + noise + np.array(built.offsets))
 
-    return volts
+    return compute_volts
 
 
-def charge_per_force(scene: Scene) -> float:
+def compute_charge_per_force(scene: Scene) -> float:
     """Return the nominal charge per force, C/N, of the scene's film, or of the default film if it has none."""
     return (scene.probe.film or Film()).charge_per_force
 
 
-def as_delivered(reference: Reference, random: np.random.Generator) -> Reference:
+def draw_delivered(reference: Reference, random: np.random.Generator) -> Reference:
     """Draw a reference block's true modulus from its tolerance."""
     if reference.youngs_modulus is None:
         return reference
-    off = float(np.exp(reference.tolerance * random.standard_normal()))
-    return reference.model_copy(update={"youngs_modulus": reference.youngs_modulus * off})
+    factor = float(np.exp(reference.tolerance * random.standard_normal()))
+    return reference.model_copy(update={"youngs_modulus": reference.youngs_modulus * factor})
 
 
 @dataclass(frozen=True)
@@ -119,10 +120,10 @@ class VirtualBench:
     drawn: Scene
     scene: Scene
     bench: Bench
-    built: Built = Built()
+    built: BuiltProperties = BuiltProperties()
     seed: int = 0
 
-    def on_scene(self, result: Result) -> Callable[[Floats], Floats]:
+    def build_scene_signals(self, result: Result) -> Callable[[Floats], Floats]:
         """Build the signals on the scene's tissue, from its result."""
         if result.stress_inner is None or result.stress_outer is None:
             raise Refusal("scene", result.evaluator, "one whose film stresses are computed")
@@ -130,22 +131,24 @@ class VirtualBench:
         inner = result.stress_inner * np.exp(1j * (result.ratio_phase or 0.0))
         forces = np.array([inner * probe.inner_area, result.stress_outer * probe.outer_area])
         x, y = self.scene.placement.x, self.scene.placement.y
-        return self._signals(forces, 0, *np.array([x, y], dtype=np.float32).view(np.uint32).tolist())  # other noise elsewhere
+        return self._build_signals(
+            forces, 0, *np.array([x, y], dtype=np.float32).view(np.uint32).tolist()
+        )  # other noise elsewhere
 
-    def on_references(self, load: float, run: int = 0) -> tuple[Callable[[Floats], Floats], ...]:
+    def build_reference_signals(self, load: float, run: int = 0) -> tuple[Callable[[Floats], Floats], ...]:
         """Build the signals on each reference under a load, N, or the reference's known one; each run has other noise."""
         random = np.random.default_rng(self.seed)
-        delivered = [as_delivered(one, random) for one in self.bench.reference]
-        shares = inner_shares(log_ratios(self.scene, delivered), delivered)
-        loads = np.array([one.known_force or load for one in delivered])
+        delivered = [draw_delivered(item, random) for item in self.bench.reference]
+        shares = compute_inner_shares(predict_log_ratios(self.scene, delivered), delivered)
+        loads = np.array([item.known_force or load for item in delivered])
         forces = loads[:, None] * np.stack([shares, 1 - shares], axis=1)
-        return tuple(self._signals(one, 1 + run * len(forces) + k) for k, one in enumerate(forces))
+        return tuple(self._build_signals(item, 1 + run * len(forces) + k) for k, item in enumerate(forces))
 
-    def _signals(self, forces: Floats | Complexes, *run: int) -> Callable[[Floats], Floats]:
-        return signals(self.built, self.bench, self.drawn, forces, [self.seed, *run])
+    def _build_signals(self, forces: Floats | Complexes, *run: int) -> Callable[[Floats], Floats]:
+        return build_signals(self.built, self.bench, self.drawn, forces, [self.seed, *run])
 
 
-def load_of(scene: Scene, stiffness: float | None) -> float:
+def compute_load(scene: Scene, stiffness: float | None) -> float:
     """Return the amplitude of the scene's load, N.
 
     Raises:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from probe_design.data.noise import ALLOWED, NOISE, checked_noise
+from probe_design.data.noise import ALLOWED_NOISE, DEFAULT_NOISE, check_noise
 
 if TYPE_CHECKING:
     from geometry.common.resources import Limits
@@ -33,19 +33,19 @@ force_option = click.option("--force", is_flag=True, help="Replace parts of anot
 """For commands that write parts."""
 
 
-def _frequency(ctx: click.Context, parameter: click.Parameter, text: str | None) -> float | None:
-    from geometry.scenes.units import FREQUENCY
+def _read_frequency(ctx: click.Context, parameter: click.Parameter, text: str | None) -> float | None:
+    from geometry.scenes.units import FREQUENCY_QUANTITY
 
-    return None if text is None else FREQUENCY.read("frequency", text)
+    return None if text is None else FREQUENCY_QUANTITY.read("frequency", text)
 
 
 frequency_option = click.option(
     "--frequency",
-    callback=_frequency,
+    callback=_read_frequency,
     help='Frequency of the load, "5 Hz": compute the phase of the ratio by loss factors.',
 )
 """For evaluate: a frequency in Hz, or None."""
-F = TypeVar("F", bound=Callable[..., Any])
+CommandT = TypeVar("F", bound=Callable[..., Any])
 
 
 class NamedCommands(click.Group):
@@ -56,9 +56,9 @@ class NamedCommands(click.Group):
         if args[0] in self.commands:
             return super().resolve_command(ctx, args)
         kind = "command" if ctx.parent is None else ctx.info_name
-        from geometry.common.errors import one_of
+        from geometry.common.errors import describe_choices
 
-        raise click.UsageError(f"{kind} = {args[0]!r}: allowed: {one_of(args[0], self.commands)}")
+        raise click.UsageError(f"{kind} = {args[0]!r}: allowed: {describe_choices(args[0], self.commands)}")
 
 
 class FileName(click.Path):
@@ -78,74 +78,74 @@ class FileName(click.Path):
         return super().convert(value, param, ctx)
 
 
-def completed(*words: str) -> Callable[[click.Context, click.Parameter, str], list[str]]:
+def complete_words(*words: str) -> Callable[[click.Context, click.Parameter, str], list[str]]:
     """Return the shell completion of an option with given words; the option itself refuses other words."""
-    return lambda ctx, parameter, begun: [word for word in words if word.startswith(begun)]
+    return lambda ctx, parameter, prefix: [word for word in words if word.startswith(prefix)]
 
 
 FILE_NAME = FileName(path_type=Path)
 
 
-def noise_option(command: F) -> F:
+def add_noise_option(command: CommandT) -> CommandT:
     """Add the option --noise, a text or None for the default. It has the same meaning for every command."""
-    text = f"Relative standard deviation of one reading of the ratio.  [default: {NOISE:g}]"
+    text = f"Relative standard deviation of one reading of the ratio.  [default: {DEFAULT_NOISE:g}]"
     return click.option("--noise", help=text)(command)
 
 
-def noise_of(text: str | None) -> float:
+def read_noise(text: str | None) -> float:
     """Return the noise of a ratio as a number, or the default."""
-    return NOISE if text is None else checked_noise(fraction("noise", text, ALLOWED))
+    return DEFAULT_NOISE if text is None else check_noise(read_fraction("noise", text, ALLOWED_NOISE))
 
 
-def limiting(verb: Callable[..., Any]) -> Callable[..., Any]:
+def add_limit_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options ``--memory`` and ``--time``, the limits of each evaluation, to a command."""
     for name, default in (("time", "120 s"), ("memory", "2 GB")):
         text = f"{name.capitalize()} that one evaluation may take.  [default: {default}]"
-        verb = click.option(f"--{name}", callback=_limited, expose_value=False, help=text)(verb)
-    return verb
+        command = click.option(f"--{name}", callback=_set_limit, expose_value=False, help=text)(command)
+    return command
 
 
-def _limited(ctx: click.Context, parameter: click.Parameter, text: str | None) -> None:
+def _set_limit(ctx: click.Context, parameter: click.Parameter, text: str | None) -> None:
     """Set one limit while the command runs."""
-    from geometry.common.resources import limited, limits
+    from geometry.common.resources import get_limits, use_limits
 
     if text is not None:
-        ctx.with_resource(limited(with_limits(limits(), **{str(parameter.name): text})))
+        ctx.with_resource(use_limits(replace_limits(get_limits(), **{str(parameter.name): text})))
 
 
-def with_limits(held: Limits, *, time: str | None = None, memory: str | None = None) -> Limits:
+def replace_limits(limits: Limits, *, time: str | None = None, memory: str | None = None) -> Limits:
     """Return limits with time and memory replaced by given texts, such as ``"60 s"`` and ``"4 GB"``."""
     from dataclasses import replace
 
-    from geometry.scenes.units import MEMORY, TIME
+    from geometry.scenes.units import MEMORY_QUANTITY, TIME_QUANTITY
 
     if time is not None:
-        held = replace(held, seconds=TIME.read("time", time))
-    return held if memory is None else replace(held, memory=MEMORY.read("memory", memory))
+        limits = replace(limits, seconds=TIME_QUANTITY.read("time", time))
+    return limits if memory is None else replace(limits, memory=MEMORY_QUANTITY.read("memory", memory))
 
 
-def number(key: str, text: str, allowed: str) -> float:
+def read_number(key: str, text: str, allowed: str) -> float:
     """Return a text as a number; the caller checks its range."""
     from geometry.scenes import units
 
-    return units.number(key, text, allowed)
+    return units.read_number(key, text, allowed)
 
 
-def fraction(key: str, text: str, allowed: str = "a number above 0 and below 1, such as 0.01 or 1 %") -> float:
+def read_fraction(key: str, text: str, allowed: str = "a number above 0 and below 1, such as 0.01 or 1 %") -> float:
     """Return a fraction such as ``"0.01"`` or ``"1 %"`` as a number; the caller checks its range."""
     from geometry.scenes import units
 
-    return units.fraction(key, text, allowed)
+    return units.read_fraction(key, text, allowed)
 
 
-def length(key: str, text: str) -> float:
+def read_length(key: str, text: str) -> float:
     """Return a length such as ``"5 mm"`` in m."""
-    from geometry.scenes.probe import LENGTH
+    from geometry.scenes.probe import LENGTH_QUANTITY
 
-    return LENGTH.read(key, text)
+    return LENGTH_QUANTITY.read(key, text)
 
 
-def position(key: str, text: str) -> float:
+def read_position(key: str, text: str) -> float:
     """Return a position such as ``"-20 mm"`` in m."""
     from typing import get_args
 
@@ -154,8 +154,8 @@ def position(key: str, text: str) -> float:
     return float(get_args(Position)[1].read(key, text))
 
 
-def modulus(key: str, text: str) -> float:
+def read_modulus(key: str, text: str) -> float:
     """Return a modulus such as ``"1 kPa"`` in Pa."""
-    from geometry.scenes.units import MODULUS
+    from geometry.scenes.units import MODULUS_QUANTITY
 
-    return MODULUS.read(key, text)
+    return MODULUS_QUANTITY.read(key, text)

@@ -22,30 +22,30 @@ def tissue() -> None:
 
 @tissue.command("list")
 @json_option
-def tissues_listed(as_json: bool) -> None:
+def print_tissue_names(as_json: bool) -> None:
     """List the built-in tissues."""
-    from probe_design.data.tissues import tissues
+    from probe_design.data.tissues import read_tissues
 
-    found = {name: one.about for name, one in tissues().items()}
+    descriptions = {name: entry.about for name, entry in read_tissues().items()}
     if as_json:
-        print_json({"tissues": found})
+        print_json({"tissues": descriptions})
         return
-    for name, about in found.items():
-        print(f"{name:10}{about}")
+    for name, description in descriptions.items():
+        print(f"{name:10}{description}")
 
 
 @tissue.command("show")
 @click.argument("name")
 @json_option
-def tissue_shown(name: str, as_json: bool) -> None:
+def print_tissue(name: str, as_json: bool) -> None:
     """Print the table [tissue] of NAME for a scene file; a comment above each number gives its scatter and source."""
-    from probe_design.data.tissues import tissue as find
+    from probe_design.data.tissues import find_tissue as find
 
-    found = find(name)
+    entry = find(name)
     if as_json:
-        print_json(found.as_dict())
+        print_json(entry.as_dict())
     else:
-        print(found.toml(), end="")
+        print(entry.toml(), end="")
 
 
 @click.group(cls=NamedCommands)
@@ -61,16 +61,16 @@ def material() -> None:
 
 @material.command("list")
 @json_option
-def materials_listed(as_json: bool) -> None:
+def print_material_names(as_json: bool) -> None:
     """List the built-in materials: Young's modulus, the standard deviation of its logarithm, a description."""
-    from geometry.scenes.catalogue import materials, modulus_text
+    from geometry.scenes.catalogue import format_modulus, list_materials
 
-    found = materials()
+    catalogue = list_materials()
     if as_json:
-        print_json({"materials": {name: _brief(one.as_dict()) for name, one in found.items()}})
+        print_json({"materials": {name: _select_brief(entry.as_dict()) for name, entry in catalogue.items()}})
         return
-    for name, one in found.items():
-        print(f"{name:22}{one.kind:11}{modulus_text(one.youngs_modulus):>11}  +- {one.log_sd:4.2f}  {one.about}")
+    for name, entry in catalogue.items():
+        print(f"{name:22}{entry.kind:11}{format_modulus(entry.youngs_modulus):>11}  +- {entry.log_sd:4.2f}  {entry.about}")
 
 
 @material.command("show")
@@ -78,20 +78,20 @@ def materials_listed(as_json: bool) -> None:
 @click.option("--thinner", help="Fraction of thinner of an Ecoflex, such as 0.3.")
 @click.option("--ratio", help="Parts of base to one of agent of Sylgard 184, such as 20.")
 @json_option
-def material_shown(name: str, thinner: str | None, ratio: str | None, as_json: bool) -> None:
+def print_material(name: str, thinner: str | None, ratio: str | None, as_json: bool) -> None:
     """Print a table of NAME for a scene file, with comments on tolerance, sources, test methods and licences."""
     from geometry.scenes.catalogue import find_material as find
-    from probe_design.cli.arguments import number
+    from probe_design.cli.arguments import read_number
 
-    share = None if thinner is None else number("thinner", thinner, "a share of thinner, such as 0.3")
-    parts = None if ratio is None else number("ratio", ratio, "parts of base to one of agent, such as 20")
-    found = find(name, thinner=share, ratio=parts)
+    thinner_fraction = None if thinner is None else read_number("thinner", thinner, "a share of thinner, such as 0.3")
+    parts = None if ratio is None else read_number("ratio", ratio, "parts of base to one of agent, such as 20")
+    entry = find(name, thinner=thinner_fraction, ratio=parts)
     if as_json:
-        print_json(found.as_dict())
+        print_json(entry.as_dict())
     else:
-        print(found.toml(), end="")
+        print(entry.to_toml(), end="")
 
 
-def _brief(told: dict[str, object]) -> dict[str, object]:
+def _select_brief(entry: dict[str, object]) -> dict[str, object]:
     """Return the entries of a material that the list shows."""
-    return {key: told[key] for key in ("kind", "about", "youngs_modulus", "poisson_ratio", "log_sd", "recipe")}
+    return {key: entry[key] for key in ("kind", "about", "youngs_modulus", "poisson_ratio", "log_sd", "recipe")}

@@ -7,9 +7,16 @@ from typing import TYPE_CHECKING
 
 import click
 
-from probe_design.cli.arguments import FILE_NAME, any_probe_option, fraction, limiting, linear_option, noise_option
+from probe_design.cli.arguments import (
+    FILE_NAME,
+    add_limit_options,
+    add_noise_option,
+    any_probe_option,
+    linear_option,
+    read_fraction,
+)
 from probe_design.cli.output import present
-from probe_design.data.noise import NOISE
+from probe_design.data.noise import DEFAULT_NOISE
 
 if TYPE_CHECKING:
     from geometry.scenes.scene import Scene
@@ -18,9 +25,9 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("scene", type=FILE_NAME)
-@click.argument("more", nargs=-1, metavar="")
+@click.argument("other_files", nargs=-1, metavar="")
 @click.option("--ratio", help="Measured stress_inner / stress_outer at the scene's placement.")
-@noise_option
+@add_noise_option
 @click.option("--stiffness", help="Measured force on the base per indentation, together with --ratio, N/m.")
 @click.option("--stiffness-noise", help="Relative standard deviation of a stiffness.  [default: that of the ratio]")
 @click.option("--readings", "file", type=FILE_NAME, help="In place of --ratio: a .toml or .csv file, see below.")
@@ -47,12 +54,12 @@ if TYPE_CHECKING:
 @click.option("--accuracy", help="Relative error that the model's ratio may have.  [default: 1/4 of --noise, at most 0.01]")
 @linear_option
 @any_probe_option
-@limiting
+@add_limit_options
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def estimate(
     scene: Path, ratio: str | None, noise: str | None, stiffness: str | None, stiffness_noise: str | None, file: Path | None,
     unknown: str, nuisance: tuple[str, ...], accuracy: str | None, linear: bool, as_json: bool, reading: tuple[str, ...],
-    more: tuple[str, ...], calibration: Path | None, bench: Path | None, column: tuple[str, ...], rate: str | None, advise: bool,
+    other_files: tuple[str, ...], calibration: Path | None, bench: Path | None, column: tuple[str, ...], rate: str | None, advise: bool,
     any_probe: bool,
 ) -> None:  # fmt: skip
     """Estimate E_object, diameter or depth of SCENE's target, or a layer of its tissue, from readings, with its 95 % interval.
@@ -86,29 +93,33 @@ def estimate(
     from dataclasses import replace
 
     from geometry.scenes.scene_file import read_scene
-    from probe_design.cli.estimate_readings import Sources, checked_texts, field_readings
+    from probe_design.cli.estimate_readings import RecordingOptions, collect_field_readings, join_reading_texts
     from probe_design.estimation.estimate import estimate as run
-    from probe_design.terminal.console import working
-    from probe_design.terminal.estimate_table import advice, estimate_table, sentence
+    from probe_design.terminal.console import show_spinner
+    from probe_design.terminal.estimate_table import build_estimate_table, list_advice, write_sentence
 
-    read = read_scene(scene)
-    roughly = dict(_named(text) for text in nuisance)
+    parsed_scene = read_scene(scene)
+    nuisances = dict(_split_nuisance(text) for text in nuisance)
     notes: list[str] = []
-    if texts := checked_texts(reading, more):
-        _check_alone(
+    if texts := join_reading_texts(reading, other_files):
+        _refuse_options(
             {"ratio": ratio, "readings": file, "noise": noise, "stiffness": stiffness, "stiffness-noise": stiffness_noise}
         )
-        read, readings, notes = field_readings(scene, texts, Sources(bench, calibration, column, rate, any_probe))
+        parsed_scene, readings, notes = collect_field_readings(
+            scene, texts, RecordingOptions(bench, calibration, column, rate, any_probe)
+        )
     else:
-        readings = _readings(read, file, ratio=ratio, noise=noise, stiffness=stiffness, stiffness_noise=stiffness_noise)
-    reach = None if accuracy is None else fraction("accuracy", accuracy)
-    with working(f"estimating {unknown} of {scene}"):
-        answer = run(read, readings, unknown, reach, linear=linear, nuisances=roughly, advise=advise)
-    answer = replace(answer, warnings=(*notes, *answer.warnings))
-    present(answer, estimate_table, as_json, lines=lambda estimate: [sentence(estimate), *advice(estimate)])
+        readings = _read_readings(
+            parsed_scene, file, ratio=ratio, noise=noise, stiffness=stiffness, stiffness_noise=stiffness_noise
+        )
+    relative_accuracy = None if accuracy is None else read_fraction("accuracy", accuracy)
+    with show_spinner(f"estimating {unknown} of {scene}"):
+        result = run(parsed_scene, readings, unknown, relative_accuracy, linear=linear, nuisances=nuisances, advise=advise)
+    result = replace(result, warnings=(*notes, *result.warnings))
+    present(result, build_estimate_table, as_json, lines=lambda estimate: [write_sentence(estimate), *list_advice(estimate)])
 
 
-def _named(text: str) -> tuple[str, str]:
+def _split_nuisance(text: str) -> tuple[str, str]:
     """Split a text such as "tissue.layer[0].thickness = 20 %" into key and value."""
     from geometry.common.errors import InputError
 
@@ -118,27 +129,27 @@ def _named(text: str) -> tuple[str, str]:
     return name, value
 
 
-def _check_alone(beside: dict[str, object]) -> None:
+def _refuse_options(options: dict[str, object]) -> None:
     """Refuse options whose values the files of --reading state themselves."""
     from geometry.common.errors import InputError
 
-    for key, value in beside.items():
+    for key, value in options.items():
         if value is not None:
             raise InputError(key, str(value), "nothing beside --reading, whose files have it")
 
 
-def _readings(
+def _read_readings(
     scene: Scene, file: Path | None, *, ratio: str | None, noise: str | None, stiffness: str | None, stiffness_noise: str | None
 ) -> tuple[Reading, ...]:
     """Return the readings of --ratio or --readings."""
     from geometry.common.errors import InputError, Words
-    from probe_design.estimation.readings import one_reading, read_readings
+    from probe_design.estimation.readings import build_single_reading, read_readings
 
     if (ratio is None) == (file is None):
-        what = Words("missing") if ratio is None else Words(f"{ratio} beside --readings")
-        raise InputError("ratio", what, "exactly one of --ratio, --readings and --reading")
+        problem = Words("missing") if ratio is None else Words(f"{ratio} beside --readings")
+        raise InputError("ratio", problem, "exactly one of --ratio, --readings and --reading")
     if file is None:
-        return one_reading(scene, ratio, NOISE if noise is None else noise, stiffness, stiffness_noise)
+        return build_single_reading(scene, ratio, DEFAULT_NOISE if noise is None else noise, stiffness, stiffness_noise)
     if stiffness is not None:
         raise InputError("stiffness", stiffness, "nothing beside --readings, whose file has a column for it")
-    return read_readings(file, scene, NOISE if noise is None else noise, stiffness_noise)
+    return read_readings(file, scene, DEFAULT_NOISE if noise is None else noise, stiffness_noise)

@@ -16,28 +16,28 @@ from hw.reader import Reader
 from hw.signal.fingerprint import Fingerprint
 from probe_design.built_probe.field_readings import (
     FieldReading,
+    build_reading_without_prediction,
     check_different,
-    field_reading,
-    placement_of,
+    compute_spreads,
+    parse_field_reading,
+    read_placement,
     read_result,
-    spreads,
-    without_prediction,
 )
-from probe_design.built_probe.film_forces import reading as measured
-from probe_design.built_probe.load_checks import check_expected, expected_load
-from probe_design.built_probe.probe_identity import board_serial, check_serials, clean_serial
-from probe_design.cli.arguments import position
-from probe_design.cli.hardware_sources import HardwareSetup, read_limits
-from probe_design.data.noise import LEAST
-from probe_design.estimation.readings import Reading, one_reading
+from probe_design.built_probe.film_forces import measure_reading as measure_films
+from probe_design.built_probe.load_checks import check_expected, compute_expected_load
+from probe_design.built_probe.probe_identity import check_serials, clean_serial, read_board_serial
+from probe_design.cli.arguments import read_position
+from probe_design.cli.hardware_sources import HardwareSetup, get_reading_limits
+from probe_design.data.noise import MIN_NOISE
+from probe_design.estimation.readings import Reading, build_single_reading
 
-KEYS = ("x", "y", "blank")
-FORM = "a file and, behind commas, its place: 'run.probe, x=-8 mm, y=0 mm, blank=true'"
-MORE = 1.05  # times the scene's load: a reading under a larger load is evaluated at its own load
+PLACE_KEYS = ("x", "y", "blank")
+READING_FORM = "a file and, behind commas, its place: 'run.probe, x=-8 mm, y=0 mm, blank=true'"
+LOAD_EXCESS_FACTOR = 1.05  # times the scene's load: a reading under a larger load is evaluated at its own load
 
 
 @dataclass(frozen=True)
-class Sources:
+class RecordingOptions:
     """Options for recordings, with the same meaning as for the command `read`."""
 
     bench: Path | None = None
@@ -47,7 +47,9 @@ class Sources:
     any_probe: bool = False
 
 
-def field_readings(scene: Path, texts: tuple[str, ...], sources: Sources) -> tuple[Scene, tuple[Reading, ...], list[str]]:
+def collect_field_readings(
+    scene: Path, texts: tuple[str, ...], options: RecordingOptions
+) -> tuple[Scene, tuple[Reading, ...], list[str]]:
     """Return the scene, the readings and warnings; the scene's load is raised to the largest measured load.
 
     Args:
@@ -60,29 +62,31 @@ def field_readings(scene: Path, texts: tuple[str, ...], sources: Sources) -> tup
         InputError: a file or place is not allowed, or a reading is of another probe, or given twice.
         HardwareError: no ratio can be computed from a recording.
     """
-    setting = HardwareSetup.of(scene, sources.bench, sources.calibration)
-    split = [_split(text) for text in texts]
-    _check_there([path for path, _ in split])
-    found, warnings, boards = [], [], dict[str, str | None]()
-    for path, _ in split:
-        told = read_result(path)
-        if told is None:
-            told = _recorded(path, setting, sources)
-            boards |= setting.boards({})
-        boards[str(path)] = clean_serial(told.get("serial"))
-        found.append(field_reading(told, path.name, setting.scene))
-        expected = expected_load(setting.scene)
+    setup = HardwareSetup.from_files(scene, options.bench, options.calibration)
+    file_places = [_split_reading_text(text) for text in texts]
+    _check_files_exist([path for path, _ in file_places])
+    measured, warnings, serials = [], [], dict[str, str | None]()
+    for path, _ in file_places:
+        entry = read_result(path)
+        if entry is None:
+            entry = _read_recording(path, setup, options)
+            serials |= setup.collect_serials({})
+        serials[str(path)] = clean_serial(entry.get("serial"))
+        measured.append(parse_field_reading(entry, path.name, setup.scene))
+        expected = compute_expected_load(setup.scene)
         if expected is not None:  # the load of a recording is checked while reading it; the load in a JSON file is checked here
-            check_expected(abs(found[-1].force), 0.0, expected, expected, f"{path.name} shows")
-        warnings += [f"{path.name}: {text}" for text in told.get("warnings", []) if isinstance(text, str)]
-    check_different("reading", [(str(path), one.fingerprint) for (path, _), one in zip(split, found, strict=True)])
-    warnings += check_serials(boards, sources.any_probe)
-    pairs = zip(found, spreads(found), split, strict=True)
-    readings = tuple(_reading(setting.scene, one, spread, place) for one, spread, (_, place) in pairs)
-    return _loaded(setting.scene, found, warnings), readings, warnings
+            check_expected(abs(measured[-1].force), 0.0, expected, expected, f"{path.name} shows")
+        warnings += [f"{path.name}: {text}" for text in entry.get("warnings", []) if isinstance(text, str)]
+    check_different(
+        "reading", [(str(path), reading.fingerprint) for (path, _), reading in zip(file_places, measured, strict=True)]
+    )
+    warnings += check_serials(serials, options.any_probe)
+    pairs = zip(measured, compute_spreads(measured), file_places, strict=True)
+    readings = tuple(_build_reading(setup.scene, reading, spread, place) for reading, spread, (_, place) in pairs)
+    return _apply_largest_load(setup.scene, measured, warnings), readings, warnings
 
 
-def _split(text: str) -> tuple[Path, dict[str, str]]:
+def _split_reading_text(text: str) -> tuple[Path, dict[str, str]]:
     """Return the file and the place entries of a text of the form ``READING_FORM``."""
     if os.path.exists(text):
         return Path(text), {}
@@ -90,61 +94,61 @@ def _split(text: str) -> tuple[Path, dict[str, str]]:
     entries = {}
     for place in places:
         key, equals, value = (part.strip() for part in place.partition("="))
-        if key not in KEYS or not equals:
-            raise InputError("reading", text, FORM)
+        if key not in PLACE_KEYS or not equals:
+            raise InputError("reading", text, READING_FORM)
         entries[key] = value
     return Path(name.strip()), entries
 
 
-def _check_there(paths: list[Path]) -> None:
+def _check_files_exist(paths: list[Path]) -> None:
     """Refuse names of files that do not exist."""
     for path in paths:
         if not os.path.isfile(path):
-            raise InputError("reading", str(path), f"a file that is there; {FORM}")
+            raise InputError("reading", str(path), f"a file that is there; {READING_FORM}")
 
 
-def _recorded(path: Path, setting: HardwareSetup, sources: Sources) -> dict[str, Any]:
+def _read_recording(path: Path, setup: HardwareSetup, options: RecordingOptions) -> dict[str, Any]:
     """Return the JSON object of `read` for a recording, without the prediction."""
-    gains = None if setting.calibration is None else setting.calibration.gains().warmed(setting.bench.channels.warming)
-    at = None if setting.calibration is None else setting.calibration.frequency
-    rate = None if sources.rate is None else read_rate(sources.rate)
-    with Reader.open(f"replay:{path}", rate, ColumnMap.of(sources.columns), read_limits()) as reader:
+    gains = None if setup.calibration is None else setup.calibration.build_gains().add_warming(setup.bench.channels.warming)
+    frequency = None if setup.calibration is None else setup.calibration.frequency
+    rate = None if options.rate is None else read_rate(options.rate)
+    with Reader.open(f"replay:{path}", rate, ColumnMap.from_texts(options.columns), get_reading_limits()) as reader:
         samples = reader.collect()
-    origin = setting.origin | {"placement": placement_of(samples.source), "serial": board_serial(samples.source)}
-    measurement = measured(samples, setting.bench, at)
-    return without_prediction(
-        measurement, setting.scene, setting.bench, gains, origin=origin, fingerprint=Fingerprint.from_samples(samples)
+    origin = setup.origin | {"placement": read_placement(samples.source), "serial": read_board_serial(samples.source)}
+    measurement = measure_films(samples, setup.bench, frequency)
+    return build_reading_without_prediction(
+        measurement, setup.scene, setup.bench, gains, origin=origin, fingerprint=Fingerprint.from_samples(samples)
     )
 
 
-def _reading(scene: Scene, found: FieldReading, spread: float, place: dict[str, str]) -> Reading:
+def _build_reading(scene: Scene, measured: FieldReading, spread: float, place: dict[str, str]) -> Reading:
     """Return one reading, at its given place, else at the place stored in its file, else at the scene's."""
-    x, y = found.placement or (scene.placement.x, scene.placement.y)
-    x, y = (position(key, place[key]) if key in place else own for key, own in (("x", x), ("y", y)))
-    there = scene.model_copy(update={"placement": scene.placement.model_copy(update={"x": x, "y": y})})
-    (one,) = one_reading(there, found.ratio, max(spread, LEAST))
+    x, y = measured.placement or (scene.placement.x, scene.placement.y)
+    x, y = (read_position(key, place[key]) if key in place else default for key, default in (("x", x), ("y", y)))
+    placed_scene = scene.model_copy(update={"placement": scene.placement.model_copy(update={"x": x, "y": y})})
+    (reading,) = build_single_reading(placed_scene, measured.ratio, max(spread, MIN_NOISE))
     blank = {"true": True, "false": False}.get(place.get("blank", "false").lower())
     if blank is None:
         raise InputError("blank", place["blank"], "true or false")
-    return replace(one, blank=blank)
+    return replace(reading, blank=blank)
 
 
-def _loaded(scene: Scene, found: list[FieldReading], warnings: list[str]) -> Scene:
+def _apply_largest_load(scene: Scene, measured: list[FieldReading], warnings: list[str]) -> Scene:
     """Return the scene under the largest measured load, if that is clearly above the scene's load; add a warning then."""
-    largest = max(abs(one.force) for one in found)
+    largest_force = max(abs(reading.force) for reading in measured)
     force = scene.load.force
-    if force is None or not math.isfinite(largest) or largest <= MORE * force:
+    if force is None or not math.isfinite(largest_force) or largest_force <= LOAD_EXCESS_FACTOR * force:
         return scene
-    warnings.append(f"the measured load {largest:.4g} N is above the scene's {force:.4g} N and replaces it")
-    return scene.model_copy(update={"load": Load(force=largest)})
+    warnings.append(f"the measured load {largest_force:.4g} N is above the scene's {force:.4g} N and replaces it")
+    return scene.model_copy(update={"load": Load(force=largest_force)})
 
 
-def checked_texts(texts: tuple[str, ...], more: tuple[str, ...]) -> tuple[str, ...]:
+def join_reading_texts(texts: tuple[str, ...], other_files: tuple[str, ...]) -> tuple[str, ...]:
     """Return the texts of all --reading options, and of the files that follow the last one.
 
     Raises:
         InputError: files without --reading.
     """
-    if more and not texts:
-        raise InputError("scene", Words(f"{len(more) + 1} files"), "one scene; --reading before the files of readings")
-    return (*texts, *more)
+    if other_files and not texts:
+        raise InputError("scene", Words(f"{len(other_files) + 1} files"), "one scene; --reading before the files of readings")
+    return (*texts, *other_files)

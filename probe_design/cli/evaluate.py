@@ -9,17 +9,17 @@ import click
 
 from probe_design.cli.arguments import (
     FILE_NAME,
-    completed,
-    fraction,
+    add_limit_options,
+    complete_words,
     frequency_option,
-    limiting,
     linear_option,
     loads_option,
-    modulus,
+    read_fraction,
+    read_modulus,
 )
 from probe_design.cli.output import check_picture, present
 
-EVALUATORS = "auto, published, closed-form, equivalent-inclusion, axisymmetric, contact, solid"
+EVALUATOR_NAMES = "auto, published, closed-form, equivalent-inclusion, axisymmetric, contact, solid"
 
 
 @click.command()
@@ -28,8 +28,8 @@ EVALUATORS = "auto, published, closed-form, equivalent-inclusion, axisymmetric, 
     "--evaluator",
     default="auto",
     show_default=True,
-    shell_complete=completed(*EVALUATORS.split(", ")),
-    help=f"Model to use: {EVALUATORS}.",
+    shell_complete=complete_words(*EVALUATOR_NAMES.split(", ")),
+    help=f"Model to use: {EVALUATOR_NAMES}.",
 )
 @click.option("--accuracy", default="0.01", show_default=True, help="Relative error that ratio, stresses and stiffness may have.")
 @linear_option
@@ -37,7 +37,7 @@ EVALUATORS = "auto, published, closed-form, equivalent-inclusion, axisymmetric, 
 @frequency_option
 @click.option("--vtu", type=FILE_NAME, help="With solid: write mesh, displacements and stresses for ParaView.")
 @click.option("--plot", "picture", type=FILE_NAME, help="With solid: draw mesh and stresses to this .png file.")
-@limiting
+@add_limit_options
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def evaluate(
     scene: Path, evaluator: str, accuracy: str, linear: bool, loads: bool, frequency: float | None, vtu: Path | None,
@@ -61,22 +61,22 @@ def evaluate(
     model the scene, and refuses if not. With --linear, error_estimate counts the possible effect of finite strain instead.
     """  # noqa: D301
     from geometry.scenes.scene_file import read_scene
-    from probe_design.terminal.console import result_table, saying
+    from probe_design.terminal.console import build_result_table, show_steps
 
-    relative = fraction("accuracy", accuracy)
-    with saying(f"evaluating {scene}") as tell:
+    relative_accuracy = read_fraction("accuracy", accuracy)
+    with show_steps(f"evaluating {scene}") as tell:
         if vtu is not None or picture is not None:
-            from probe_design.solid_output.evaluate_with_files import evaluated
-            from solver.answers import with_phase
+            from probe_design.solid_output.evaluate_with_files import evaluate_with_files
+            from solver.answers import add_phase
 
-            read = read_scene(scene)
-            result = evaluated(read, evaluator, relative, vtu=vtu, picture=picture, tell=tell)
-            result = result if frequency is None else with_phase(result, read, relative, frequency)
+            parsed_scene = read_scene(scene)
+            result = evaluate_with_files(parsed_scene, evaluator, relative_accuracy, vtu=vtu, picture=picture, tell=tell)
+            result = result if frequency is None else add_phase(result, parsed_scene, relative_accuracy, frequency)
         else:
             from solver import evaluate as run
 
-            result = run(read_scene(scene), evaluator, relative, tell, linear=linear, loads=loads, frequency=frequency)
-    present(result, result_table, as_json)
+            result = run(read_scene(scene), evaluator, relative_accuracy, tell, linear=linear, loads=loads, frequency=frequency)
+    present(result, build_result_table, as_json)
 
 
 @click.command()
@@ -89,7 +89,7 @@ def evaluate(
 @click.option("--accuracy", default="0.01", show_default=True, help="Relative error that the ratio may have at every modulus.")
 @linear_option
 @click.option("--plot", "picture", type=FILE_NAME, help="Draw the curve to this .png, .svg or .pdf file.")
-@limiting
+@add_limit_options
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def curve(
     scene: Path, low: str, high: str, points: int, accuracy: str, linear: bool, picture: Path | None, as_json: bool
@@ -101,26 +101,26 @@ def curve(
     """
     from geometry.scenes.scene_file import read_scene
     from probe_design.maps.curve_plot import plot
-    from probe_design.terminal.console import curve_table, saying
+    from probe_design.terminal.console import build_curve_table, show_steps
     from solver import curve as run
 
-    read = read_scene(scene)
+    parsed_scene = read_scene(scene)
     check_picture(picture)
-    with saying(f"curve of {scene}") as tell:
-        answer = run(read, _moduli(low, high, points), fraction("accuracy", accuracy), tell, linear=linear)
+    with show_steps(f"curve of {scene}") as tell:
+        result = run(parsed_scene, _space_moduli(low, high, points), read_fraction("accuracy", accuracy), tell, linear=linear)
     if picture is not None:
-        body = read.inclusion[read.target or 0]
-        plot(answer, picture, body.youngs_modulus, read.tissue.material_at(body.depth).youngs_modulus)
-    present(answer, curve_table, as_json, picture)
+        body = parsed_scene.inclusion[parsed_scene.target or 0]
+        plot(result, picture, body.youngs_modulus, parsed_scene.tissue.find_material(body.depth).youngs_modulus)
+    present(result, build_curve_table, as_json, picture)
 
 
-def _moduli(low: str, high: str, points: int) -> Any:
+def _space_moduli(low: str, high: str, points: int) -> Any:
     """Return logarithmically spaced moduli that contain ``low`` and ``high`` exactly, Pa, shape (points,)."""
     import numpy as np
 
     from geometry.common.errors import InputError
 
-    first, last = modulus("from", low), modulus("to", high)
+    first, last = read_modulus("from", low), read_modulus("to", high)
     if not first < last:
         raise InputError("to", high, f"a modulus above from = {low!r}")
     moduli = np.geomspace(first, last, points)
@@ -132,7 +132,7 @@ def _moduli(low: str, high: str, points: int) -> Any:
 @click.argument("scene", type=FILE_NAME)
 @click.option("--accuracy", default="0.01", show_default=True, help="Relative error that ratio, stresses and stiffness may have.")
 @loads_option
-@limiting
+@add_limit_options
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def plan(scene: Path, accuracy: str, loads: bool, as_json: bool) -> None:
     """Report which model of SCENE reaches --accuracy at the lowest cost, which features it neglects, and the reasons.
@@ -143,14 +143,14 @@ def plan(scene: Path, accuracy: str, loads: bool, as_json: bool) -> None:
     accuracy; solid is not run where its accuracy is certain without.
     """
     from geometry.scenes.scene_file import read_scene
-    from probe_design.terminal.console import plan_lines, plan_table, working
+    from probe_design.terminal.console import build_plan_table, list_plan_lines, show_spinner
     from solver import plan as run
 
-    with working(f"planning {scene}"):
-        decided = run(read_scene(scene), fraction("accuracy", accuracy), loads=loads)
-    present(decided, plan_table, as_json, lines=plan_lines)
-    if decided.refusal is not None:
-        raise decided.refusal
+    with show_spinner(f"planning {scene}"):
+        result = run(read_scene(scene), read_fraction("accuracy", accuracy), loads=loads)
+    present(result, build_plan_table, as_json, lines=list_plan_lines)
+    if result.refusal is not None:
+        raise result.refusal
 
 
 @click.command()
@@ -161,7 +161,7 @@ def plan(scene: Path, accuracy: str, loads: bool, as_json: bool) -> None:
 @click.option("--bench", type=FILE_NAME, help="TOML file whose [workshop] and [channels] replace the built-in ones.")
 @click.option("--samples", default=1024, show_default=True, type=int, help="Samples for the Sobol indices: a power of 2.")
 @click.option("--plot", "picture", type=FILE_NAME, help="Draw the budget to this .png, .svg or .pdf file.")
-@limiting
+@add_limit_options
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def tolerances(
     scene: Path, ratio: str, tolerance: tuple[str, ...], material: tuple[str, ...], bench: Path | None, samples: int,
@@ -174,24 +174,24 @@ def tolerances(
     """
     from geometry.scenes.scene_file import read_scene
     from probe_design.built_probe.bench import read_bench
-    from probe_design.terminal.console import working
-    from probe_design.terminal.tolerance_table import tolerance_lines, tolerance_table
+    from probe_design.terminal.console import show_spinner
+    from probe_design.terminal.tolerance_table import build_tolerance_table, write_tolerance_lines
     from probe_design.tolerances.budget import tolerances as run
-    from probe_design.tolerances.plot import plot
+    from probe_design.tolerances.plot import plot_budget
 
-    read, allowed = read_scene(scene), fraction("ratio", ratio)
+    parsed_scene, allowed_sd = read_scene(scene), read_fraction("ratio", ratio)
     check_picture(picture)
-    given, materials = (dict(_named(kind, text) for text in texts) for kind, texts in
+    stated_sds, materials = (dict(_split_assignment(kind, text) for text in texts) for kind, texts in
                         (("tolerance", tolerance), ("material", material)))  # fmt: skip
-    with working(f"tolerances of {scene}"):
-        shop = None if bench is None else read_bench(bench)
-        found = run(read, allowed, bench=shop, materials=materials, given=given, samples=samples)
+    with show_spinner(f"tolerances of {scene}"):
+        bench_data = None if bench is None else read_bench(bench)
+        budget = run(parsed_scene, allowed_sd, bench=bench_data, materials=materials, given=stated_sds, samples=samples)
     if picture is not None:
-        plot(found, picture)
-    present(found, tolerance_table, as_json, picture, tolerance_lines)
+        plot_budget(budget, picture)
+    present(budget, build_tolerance_table, as_json, picture, write_tolerance_lines)
 
 
-def _named(kind: str, text: str) -> tuple[str, str]:
+def _split_assignment(kind: str, text: str) -> tuple[str, str]:
     """Split a text such as "probe.gap = 10 um" into key and value."""
     from geometry.common.errors import InputError
 

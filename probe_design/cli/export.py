@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-from probe_design.cli.arguments import FILE_NAME, force_option, fraction, length
-from probe_design.cli.output import print_json, tell_assumed
+from probe_design.cli.arguments import FILE_NAME, force_option, read_fraction, read_length
+from probe_design.cli.output import print_json, report_assumed_sizes
 
 if TYPE_CHECKING:
     from geometry.cad.export import Writer
     from geometry.scenes.scene import Scene
     from geometry.workshop.package import Casting
-    from probe_design.workshop.package import Exported
+    from probe_design.workshop.package import ExportSummary
 
 
 @click.command()
@@ -45,51 +45,64 @@ def export(
     calibration.pdf, one page with the references of the bench in their order, loads, expected signals and commands.
     """
     from geometry.scenes.scene_file import read_scene
-    from probe_design.terminal.console import saying
+    from probe_design.terminal.console import show_steps
 
-    drawn = read_scene(scene)
-    size = None if step is None else length("step", step)
-    allowed, casting = fraction("tolerance", tolerance), _casting(shrinkage, draft)
-    with saying("export") as tell:
+    parsed_scene = read_scene(scene)
+    step_size = None if step is None else read_length("step", step)
+    allowed_sd, casting = read_fraction("tolerance", tolerance), _read_casting(shrinkage, draft)
+    with show_steps("export") as tell:
         from probe_design.workshop.package import export as write
 
-        beside = partial(_to_calibrate, fixture, bench, scene.name)
-        told = write(drawn, output, step=size, force=force, tolerance=allowed, casting=casting, beside=beside, tell=tell)
+        other_files = partial(_build_fixture_writers, fixture, bench, scene.name)
+        exported = write(
+            parsed_scene,
+            output,
+            step=step_size,
+            force=force,
+            tolerance=allowed_sd,
+            casting=casting,
+            extra_writers=other_files,
+            tell=tell,
+        )
     if as_json:
-        print_json(told.as_dict())
+        print_json(exported.as_dict())
         return
-    _tell(told, output)
+    _report_export(exported, output)
 
 
-def _casting(shrinkage: str | None, draft: str | None) -> Casting:
+def _read_casting(shrinkage: str | None, draft: str | None) -> Casting:
     """Return shrinkage and draft angle as numbers, or their defaults."""
     from geometry.scenes.units import Quantity
-    from geometry.scenes.units import number as plain
-    from geometry.workshop.mould_sizes import DRAFT, MOST_DRAFT, SHRINKAGE
+    from geometry.scenes.units import read_number as read_plain_number
+    from geometry.workshop.mould_sizes import DEFAULT_DRAFT_RAD, DEFAULT_SHRINKAGE, MAX_DRAFT_RAD
     from geometry.workshop.package import Casting
 
-    share = SHRINKAGE if shrinkage is None else plain("shrinkage", shrinkage, "a number such as 0.001, of every length")
-    angle = DRAFT if draft is None else Quantity("angle", "rad", "deg", 0.0, MOST_DRAFT).read("draft", draft)
-    return Casting(share, angle)
+    shrinkage_fraction = (
+        DEFAULT_SHRINKAGE
+        if shrinkage is None
+        else read_plain_number("shrinkage", shrinkage, "a number such as 0.001, of every length")
+    )
+    angle = DEFAULT_DRAFT_RAD if draft is None else Quantity("angle", "rad", "deg", 0.0, MAX_DRAFT_RAD).read("draft", draft)
+    return Casting(shrinkage_fraction, angle)
 
 
-def _to_calibrate(fixture: bool, bench: Path | None, name: str, scene: Scene) -> dict[str, Writer]:
+def _build_fixture_writers(fixture: bool, bench: Path | None, name: str, scene: Scene) -> dict[str, Writer]:
     """Return the writers of the fixture and of the calibration page, if --fixture is given."""
     if not fixture:
         return {}
-    from probe_design.built_probe.bench import builtin_bench, read_bench
-    from probe_design.measuring.protocol_page import writers
+    from probe_design.built_probe.bench import read_bench, read_builtin_bench
+    from probe_design.measuring.protocol_page import build_writers
 
-    return writers(scene, builtin_bench() if bench is None else read_bench(bench), name)
+    return build_writers(scene, read_builtin_bench() if bench is None else read_bench(bench), name)
 
 
-def _tell(told: Exported, output: Path) -> None:
+def _report_export(exported: ExportSummary, output: Path) -> None:
     """Report assumed sizes, the effect of rounding, warnings and the files written."""
-    from probe_design.terminal.console import message, warn
-    from probe_design.terminal.rounding_lines import rounding_lines
+    from probe_design.terminal.console import warn, write_message
+    from probe_design.terminal.rounding_lines import write_rounding_lines
 
-    tell_assumed(told.scene.probe)
-    for line in [] if told.rounding is None else rounding_lines(told.rounding):
-        message(line)
-    warn(told.remarks)
-    message(f"wrote {', '.join(file.name for file in told.files)} to {output}")
+    report_assumed_sizes(exported.scene.probe)
+    for line in [] if exported.rounding is None else write_rounding_lines(exported.rounding):
+        write_message(line)
+    warn(exported.remarks)
+    write_message(f"wrote {', '.join(file.name for file in exported.files)} to {output}")

@@ -11,21 +11,23 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from probe_design.cli.arguments import FILE_NAME, any_probe_option, fraction, limiting, linear_option
-from probe_design.cli.output import print_json, with_provenance
-from probe_design.cli.reference_readings import on_scene, predicting, readings
+from probe_design.cli.arguments import FILE_NAME, add_limit_options, any_probe_option, linear_option, read_fraction
+from probe_design.cli.output import add_provenance, print_json
+from probe_design.cli.reference_readings import choose_prediction, read_references, simulate_on_scene
 
 if TYPE_CHECKING:
     from probe_design.cli.hardware_sources import HardwareSetup, SampleSource
     from probe_design.doctor.finding import Finding
 
-Verb = Callable[..., None]
+CommandCallback = Callable[..., None]
 
 
-_RESUME = click.option("--resume", is_flag=True, help="Use the recordings that --record has written before; read the others.")
+_RESUME_OPTION = click.option(
+    "--resume", is_flag=True, help="Use the recordings that --record has written before; read the others."
+)
 
 
-def _with_source(verb: Verb, resumes: bool = False) -> Verb:
+def _add_source_options(command: CommandCallback, resumes: bool = False) -> CommandCallback:
     """Add the options of all commands for a built probe, and --resume to those with several readings."""
     options = (
         click.argument("scene", type=FILE_NAME, required=False),
@@ -52,7 +54,7 @@ def _with_source(verb: Verb, resumes: bool = False) -> Verb:
             type=FILE_NAME,
             help="Write the raw data to this file, or samples in volts where it ends in .h5; several are numbered.",
         ),
-        *([_RESUME] if resumes else []),
+        *([_RESUME_OPTION] if resumes else []),
         click.option("--bench", type=FILE_NAME, help="TOML file of load, amplifier and references."),
         click.option("--built", multiple=True, help="Deviation of the virtual probe from the drawing: 'probe.gap=0.12 mm'."),
         click.option("--seed", default=0, show_default=True, type=click.IntRange(0, 2**31), help="Seed of its noise."),
@@ -60,12 +62,12 @@ def _with_source(verb: Verb, resumes: bool = False) -> Verb:
         click.option("--json", "as_json", is_flag=True, help="Print one JSON object."),
     )
     for option in reversed(options):
-        verb = option(verb)
-    return limiting(verb)
+        command = option(command)
+    return add_limit_options(command)
 
 
 @click.command()
-@_with_source
+@_add_source_options
 @any_probe_option
 @click.option("--calibration", type=FILE_NAME, help="Calibration file that calibrate has written.")
 @click.option("--accuracy", default="0.01", show_default=True, help="Relative error that the prediction may have.")
@@ -86,56 +88,67 @@ def read(
     """  # noqa: D301
     from hw.signal.running import RunningFit
     from hw.signal.sine_fit import check_rate
-    from probe_design.built_probe.field_readings import noise_of, placement_of, read_told
-    from probe_design.built_probe.film_forces import reading, running_reading
-    from probe_design.built_probe.probe_identity import board_serial, check_serials
-    from probe_design.built_probe.reading import read as judged
+    from probe_design.built_probe.field_readings import build_reading_json, compute_ratio_noise, read_placement
+    from probe_design.built_probe.film_forces import measure_reading, measure_running_reading
+    from probe_design.built_probe.probe_identity import check_serials, read_board_serial
+    from probe_design.built_probe.reading import compute_reading as compare_reading
     from probe_design.cli.hardware_sources import HardwareSetup, SampleSource
-    from probe_design.measuring.acquisition import collected
-    from probe_design.terminal.console import show, warn, working
-    from probe_design.terminal.hardware_tables import read_table
-    from probe_design.terminal.live import followed, following
+    from probe_design.measuring.acquisition import fit_reading
+    from probe_design.terminal.console import show_spinner, show_table, warn
+    from probe_design.terminal.hardware_tables import build_reading_table
+    from probe_design.terminal.live import compute_live_window, show_live
 
-    origin, setting = SampleSource(**source), HardwareSetup.of(scene, bench, calibration)
-    length, (recording,) = origin.length, origin.recordings(1)
-    (opener,) = origin.openers(lambda: (on_scene(setting, origin, accuracy),), 1, sys.stderr.isatty())
+    sample_source, setup = SampleSource(**source), HardwareSetup.from_files(scene, bench, calibration)
+    length, (recording,) = sample_source.duration, sample_source.list_new_recordings(1)
+    (opener,) = sample_source.build_openers(lambda: (simulate_on_scene(setup, sample_source, accuracy),), 1, sys.stderr.isatty())
     with opener() as reader:  # a missing device or another probe is refused before anything is computed
-        serial = board_serial(reader.header.source)
-        of_boards = check_serials(setting.boards({"the reading": serial}), origin.any_probe)
-        with working("predicting"):
-            predicted = predicting(length)(setting.scene, fraction("accuracy", accuracy), linear, setting.bench.load.frequency)
-        gains, at = None, None
-        if setting.calibration is not None:
-            gains = setting.calibration.gains().warmed(setting.bench.channels.warming)
-            at = setting.calibration.frequency
+        serial = read_board_serial(reader.header.source)
+        serial_warnings = check_serials(setup.collect_serials({"the reading": serial}), sample_source.any_probe)
+        with show_spinner("predicting"):
+            predicted = choose_prediction(length)(
+                setup.scene, read_fraction("accuracy", accuracy), linear, setup.bench.load.frequency
+            )
+        gains, calibration_frequency = None, None
+        if setup.calibration is not None:
+            gains = setup.calibration.build_gains().add_warming(setup.bench.channels.warming)
+            calibration_frequency = setup.calibration.frequency
 
-        def judge(measurement: Any) -> Any:
-            return judged(measurement, setting.scene, setting.bench, predicted, gains)
+        def compare(measurement: Any) -> Any:
+            return compare_reading(measurement, setup.scene, setup.bench, predicted, gains)
 
-        frequency = setting.bench.load.frequency
+        frequency = setup.bench.load.frequency
         check_rate(frequency, reader.header.rate)
-        running = RunningFit(frequency, setting.bench.force is not None)
-        with following(lambda samples: judge(reading(samples, setting.bench, at))) as follow:  # the reading begins
-            collected(setting.described_by(reader), length, recording, running, show=follow, last=followed(frequency))
-    measurement = running_reading(running, setting.bench, at)
-    result = judge(measurement)
+        running_fit = RunningFit(frequency, setup.bench.force is not None)
+        with show_live(
+            lambda samples: compare(measure_reading(samples, setup.bench, calibration_frequency))
+        ) as show_samples:  # the reading begins
+            fit_reading(
+                setup.describe_recording(reader),
+                length,
+                recording,
+                running_fit,
+                show=show_samples,
+                last=compute_live_window(frequency),
+            )
+    measurement = measure_running_reading(running_fit, setup.bench, calibration_frequency)
+    result = compare(measurement)
     if as_json:
-        known = setting.origin | {"placement": placement_of(reader.header.source), "serial": serial}
-        noise = noise_of(measurement, setting.scene, setting.bench, gains)
-        print_json(read_told(result, noise, known, setting.scene, running.fingerprint))
+        recorded_origin = setup.origin | {"placement": read_placement(reader.header.source), "serial": serial}
+        noise = compute_ratio_noise(measurement, setup.scene, setup.bench, gains)
+        print_json(build_reading_json(result, noise, recorded_origin, setup.scene, running_fit.fingerprint))
     else:
-        show(read_table(result))
-    warn((*result.warnings, *of_boards, *(note for note in predicted.warnings if note.kind in ("linear", "null"))))
-    _tell_written(recording)
+        show_table(build_reading_table(result))
+    warn((*result.warnings, *serial_warnings, *(note for note in predicted.warnings if note.kind in ("linear", "null"))))
+    _report_written(recording)
 
 
-WAIT = click.option("--wait", help="Seconds to change each reference in, without a terminal, in place of Enter.")
+WAIT_OPTION = click.option("--wait", help="Seconds to change each reference in, without a terminal, in place of Enter.")
 
 
 @click.command()
-@partial(_with_source, resumes=True)
+@partial(_add_source_options, resumes=True)
 @any_probe_option
-@WAIT
+@WAIT_OPTION
 @click.option("-o", "--output", type=FILE_NAME, required=True, help="New file for the calibration record.")
 def calibrate(scene: Path | None, bench: Path | None, output: Path, linear: bool, as_json: bool, **source: Any) -> None:
     """Calibrate a built probe: determine gains, cross-talk and offsets from readings on the bench's references.
@@ -148,37 +161,41 @@ def calibrate(scene: Path | None, bench: Path | None, output: Path, linear: bool
     probe-design calibrate scene.toml --record run.probe -o probe.toml
     """  # noqa: D301
     from geometry.common.files import check_writable_file
-    from probe_design.built_probe.calibration import calibrated
-    from probe_design.built_probe.calibration_record import check_free, record, write_record
-    from probe_design.built_probe.probe_identity import check_serials, common_serial
-    from probe_design.cli.hardware_sources import HardwareSetup, SampleSource, described, raw
-    from probe_design.terminal.console import message, show, warn, working
-    from probe_design.terminal.hardware_tables import calibration_table
+    from probe_design.built_probe.calibration import calibrate_measurements
+    from probe_design.built_probe.calibration_record import build_record, check_free, write_record
+    from probe_design.built_probe.probe_identity import check_serials, find_common_serial
+    from probe_design.cli.hardware_sources import HardwareSetup, SampleSource, describe_device, hash_raw_data
+    from probe_design.terminal.console import show_spinner, show_table, warn, write_message
+    from probe_design.terminal.hardware_tables import build_calibration_table
 
-    origin, setting = SampleSource(**source), HardwareSetup.of(scene, bench, None)
+    sample_source, setup = SampleSource(**source), HardwareSetup.from_files(scene, bench, None)
     check_free(output)
     check_writable_file(output)
-    read = readings(setting, origin, setting.bench.reference, run=0)
-    with working("calibrating"):
-        calibration = calibrated(setting.scene, setting.bench, [one.measurement for one in read], linear=linear)
-    boards = {one.name: one.board for one in read}
-    of_boards = check_serials(boards, origin.any_probe)
-    calibration = replace(calibration, warnings=(*calibration.warnings, *of_boards))
-    raws = [raw(one.samples, one.file) for one in read]
-    recorded = record(calibration, raws, described(read[0].samples), common_serial(boards))
-    write_record(output, recorded)
+    reference_readings = read_references(setup, sample_source, setup.bench.reference, run=0)
+    with show_spinner("calibrating"):
+        calibration = calibrate_measurements(
+            setup.scene, setup.bench, [reading.measurement for reading in reference_readings], linear=linear
+        )
+    serials = {reading.name: reading.serial for reading in reference_readings}
+    serial_warnings = check_serials(serials, sample_source.any_probe)
+    calibration = replace(calibration, warnings=(*calibration.warnings, *serial_warnings))
+    raw_hashes = [hash_raw_data(reading.samples, reading.file) for reading in reference_readings]
+    calibration_record = build_record(
+        calibration, raw_hashes, describe_device(reference_readings[0].samples), find_common_serial(serials)
+    )
+    write_record(output, calibration_record)
     if as_json:
-        print_json(recorded.model_dump(mode="json"))
+        print_json(calibration_record.model_dump(mode="json"))
     else:
-        show(calibration_table(recorded))
-    warn(recorded.warnings)
-    message(f"wrote {output}")
+        show_table(build_calibration_table(calibration_record))
+    warn(calibration_record.warnings)
+    write_message(f"wrote {output}")
 
 
 @click.command()
-@partial(_with_source, resumes=True)
+@partial(_add_source_options, resumes=True)
 @any_probe_option
-@WAIT
+@WAIT_OPTION
 @click.option("--calibration", type=FILE_NAME, help="Calibration file that calibrate has written.")
 @click.option("-o", "--output", type=FILE_NAME, help="New file for the result, as JSON.")
 @click.option("--report", type=FILE_NAME, help="File for the result as a page, .html.")
@@ -200,47 +217,53 @@ def check(
 
     from geometry.common.files import check_writable_file, write_text
     from probe_design.built_probe.calibration_record import check_free
-    from probe_design.built_probe.probe_identity import check_serials, common_serial
+    from probe_design.built_probe.probe_identity import check_serials, find_common_serial
     from probe_design.cli.hardware_sources import HardwareSetup, SampleSource
-    from probe_design.probe_check.check import checked
-    from probe_design.terminal.console import saying, show, warn
-    from probe_design.terminal.hardware_tables import check_table, coverage_table, explanations_table, pairs_table, sentences
+    from probe_design.probe_check.check import check_measurements
+    from probe_design.terminal.console import show_steps, show_table, warn
+    from probe_design.terminal.hardware_tables import (
+        build_check_table,
+        build_coverage_table,
+        build_explanations_table,
+        build_pairs_table,
+        write_sentences,
+    )
 
-    origin, setting = SampleSource(**source), HardwareSetup.of(scene, bench, calibration)
+    sample_source, setup = SampleSource(**source), HardwareSetup.from_files(scene, bench, calibration)
     if output is not None:
         check_free(output)
         check_writable_file(output)
     if report is not None:
         check_writable_file(report, "report")
-    pressed = readings(setting, origin, setting.bench.blocks, run=1)
-    boards = {one.name: one.board for one in pressed}
-    of_boards = check_serials(setting.boards(boards), origin.any_probe)
-    read = [one.measurement for one in pressed]
-    record = setting.calibration
-    gains, variables = (None, ()) if record is None else (record.gains(), record.variables)
-    with saying("checking") as tell:
-        result = checked(setting.scene, setting.bench, read, gains, variables=variables, linear=linear, tell=tell)
-    result = replace(result, serial=common_serial(boards), warnings=(*result.warnings, *of_boards))
-    told, page = with_provenance(result.as_dict()), ""
+    block_readings = read_references(setup, sample_source, setup.bench.blocks, run=1)
+    serials = {reading.name: reading.serial for reading in block_readings}
+    serial_warnings = check_serials(setup.collect_serials(serials), sample_source.any_probe)
+    measurements = [reading.measurement for reading in block_readings]
+    record = setup.calibration
+    gains, variables = (None, ()) if record is None else (record.build_gains(), record.variables)
+    with show_steps("checking") as tell:
+        result = check_measurements(setup.scene, setup.bench, measurements, gains, variables=variables, linear=linear, tell=tell)
+    result = replace(result, serial=find_common_serial(serials), warnings=(*result.warnings, *serial_warnings))
+    json_object, page = add_provenance(result.as_dict()), ""
     if report is not None:
-        from probe_design.terminal.check_report import check_report
+        from probe_design.terminal.check_report import build_check_report
 
-        with saying("the report") as tell:
-            page = check_report(result, setting.scene, told, tell)
+        with show_steps("the report") as tell:
+            page = build_check_report(result, setup.scene, json_object, tell)
     if output is not None:  # both files are written last: computing the page takes seconds, in which a signal may end the program
-        write_text(output, json.dumps(told, allow_nan=False, indent=1) + "\n")
+        write_text(output, json.dumps(json_object, allow_nan=False, indent=1) + "\n")
     if report is not None:
         write_text(report, page)
     if as_json:
         print_json(result.as_dict())
     else:
-        show(check_table(result))
+        show_table(build_check_table(result))
         if result.alike:
-            show(explanations_table(result))
+            show_table(build_explanations_table(result))
         if result.pairs:
-            show(pairs_table(result))
-        show(coverage_table(result))
-        print("\n".join(sentences(result)))
+            show_table(build_pairs_table(result))
+        show_table(build_coverage_table(result))
+        print("\n".join(write_sentences(result)))
     warn(result.warnings)
     if record is None:
         warn(["not calibrated: nominal gains, with the bench's tolerances"])
@@ -249,7 +272,7 @@ def check(
 
 
 @click.command()
-@_with_source
+@_add_source_options
 def doctor(scene: Path | None, bench: Path | None, linear: bool, as_json: bool, **source: Any) -> None:
     """Report what is installed, connected and permitted for reading probes, and test the channels of a probe.
 
@@ -263,54 +286,59 @@ def doctor(scene: Path | None, bench: Path | None, linear: bool, as_json: bool, 
     probe-design doctor --device usb:1234 --bench bench.toml --json
     """  # noqa: D301
     from probe_design.cli.hardware_sources import HardwareSetup, SampleSource
-    from probe_design.doctor.installed import installed, versions
-    from probe_design.terminal.console import show
-    from probe_design.terminal.doctor_table import doctor_table
+    from probe_design.doctor.installed import check_installation, list_versions
+    from probe_design.terminal.console import show_table
+    from probe_design.terminal.doctor_table import build_doctor_table
 
-    origin, setting = SampleSource(**source), HardwareSetup.of(scene, bench, None)
-    length = origin.length
-    computer = installed()
-    channels = _channels(origin, setting, length, any(one.name == "probe on USB" for one in computer))
-    found = [*computer, *channels]
-    good = not any(one.state == "fault" for one in found)
+    sample_source, setup = SampleSource(**source), HardwareSetup.from_files(scene, bench, None)
+    length = sample_source.duration
+    computer_findings = check_installation()
+    channel_findings = _test_channels(
+        sample_source, setup, length, any(finding.name == "probe on USB" for finding in computer_findings)
+    )
+    findings = [*computer_findings, *channel_findings]
+    is_good = not any(finding.state == "fault" for finding in findings)
     if as_json:
-        told = {"installed": [one.as_dict() for one in computer], "self_test": [one.as_dict() for one in channels]}
-        print_json({"good": good, "versions": versions(), **told})
+        json_parts = {
+            "installed": [finding.as_dict() for finding in computer_findings],
+            "self_test": [finding.as_dict() for finding in channel_findings],
+        }
+        print_json({"good": is_good, "versions": list_versions(), **json_parts})
     else:
-        show(doctor_table(found, versions()))
-        for state, words in (("fault", "at fault"), ("doubtful", "doubtful")):
-            names = ", ".join(one.name for one in found if one.state == state)
-            print(f"{words}: {names or 'nothing'}")
-        for one in found:
-            if one.state != "good" and one.remedy:
-                print(f"{one.name}: {one.remedy}")
-    if not good:
+        show_table(build_doctor_table(findings, list_versions()))
+        for state, heading in (("fault", "at fault"), ("doubtful", "doubtful")):
+            names = ", ".join(finding.name for finding in findings if finding.state == state)
+            print(f"{heading}: {names or 'nothing'}")
+        for finding in findings:
+            if finding.state != "good" and finding.remedy:
+                print(f"{finding.name}: {finding.remedy}")
+    if not is_good:
         raise SystemExit(1)
 
 
-def _channels(origin: SampleSource, setting: HardwareSetup, length: float | None, plugged: bool) -> list[Finding]:
+def _test_channels(sample_source: SampleSource, setup: HardwareSetup, length: float | None, is_plugged: bool) -> list[Finding]:
     """Return the findings of a test of a probe's channels; none where no probe is connected."""
     from hw.common.errors import HardwareError, InvalidSource
     from probe_design.doctor.finding import Finding
-    from probe_design.doctor.self_test import self_test
+    from probe_design.doctor.self_test import run_self_test
 
-    (recording,) = origin.recordings(1)
-    if origin.live and origin.device is None and not plugged:
+    (recording,) = sample_source.list_new_recordings(1)
+    if sample_source.is_live and sample_source.device is None and not is_plugged:
         return []
     try:
-        (opener,) = origin.openers(lambda: (on_scene(setting, origin, "0.01"),), 1, pace=False)
+        (opener,) = sample_source.build_openers(lambda: (simulate_on_scene(setup, sample_source, "0.01"),), 1, pace=False)
         with opener() as reader:
-            samples = setting.described_by(reader).collect(length, recording)
+            samples = setup.describe_recording(reader).collect(length, recording)
     except InvalidSource:
         raise
     except HardwareError as fault:
         return [Finding("reading", "fault", str(fault))]
-    return self_test(samples, setting.scene, setting.bench)
+    return run_self_test(samples, setup.scene, setup.bench)
 
 
-def _tell_written(recording: Path | None) -> None:
+def _report_written(recording: Path | None) -> None:
     """Report the file of a recording, if it was written."""
-    from probe_design.terminal.console import message
+    from probe_design.terminal.console import write_message
 
     if recording is not None and recording.exists():  # on a full disk no HDF5 file is written, and a warning says so
-        message(f"wrote {recording}")
+        write_message(f"wrote {recording}")

@@ -6,19 +6,19 @@ from pathlib import Path
 
 import click
 
-from probe_design.cli.arguments import FILE_NAME, fraction, limiting
+from probe_design.cli.arguments import FILE_NAME, add_limit_options, read_fraction
 from probe_design.cli.output import check_picture, present
 
 
 @click.command()
 @click.argument("scene", type=FILE_NAME)
-@click.option("--to", "most", required=True, help='Largest load: a force, "0.3 N", or an indentation, "2 mm".')
+@click.option("--to", "max_load", required=True, help='Largest load: a force, "0.3 N", or an indentation, "2 mm".')
 @click.option("--points", default=20, show_default=True, type=click.IntRange(1, 1000), help="Loads, evenly spaced above 0.")
 @click.option("--accuracy", default="0.01", show_default=True, help="Relative error that ratio, stresses and stiffness may have.")
 @click.option("--plot", "picture", type=FILE_NAME, help="Draw ratio, log-sensitivity and walls to this .png, .svg or .pdf file.")
-@limiting
+@add_limit_options
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-def load(scene: Path, most: str, points: int, accuracy: str, picture: Path | None, as_json: bool) -> None:
+def load(scene: Path, max_load: str, points: int, accuracy: str, picture: Path | None, as_json: bool) -> None:
     """Compute ratio, log-sensitivity and the gap between the blocks under rising loads.
 
     Finite strain and contact are modelled (evaluator contact): tissue folds onto the blocks' walls, and the gap closes. The
@@ -28,21 +28,28 @@ def load(scene: Path, most: str, points: int, accuracy: str, picture: Path | Non
     """
     from geometry.scenes.scene_file import read_scene
     from probe_design.maps.load_plot import plot
-    from probe_design.terminal.console import saying
-    from probe_design.terminal.load_table import load_lines, load_table
+    from probe_design.terminal.console import show_steps
+    from probe_design.terminal.load_table import build_load_table, list_load_lines
     from solver.answers import load as run
 
-    force, indentation = _load(most)
-    read = read_scene(scene)
+    force, indentation = _read_load(max_load)
+    parsed_scene = read_scene(scene)
     check_picture(picture)
-    with saying(f"pressing {scene}") as tell:
-        found = run(read, force=force, indentation=indentation, points=points, accuracy=fraction("accuracy", accuracy), tell=tell)
+    with show_steps(f"pressing {scene}") as tell:
+        result = run(
+            parsed_scene,
+            force=force,
+            indentation=indentation,
+            points=points,
+            accuracy=read_fraction("accuracy", accuracy),
+            tell=tell,
+        )
     if picture is not None:
-        plot(found, picture)
-    present(found, load_table, as_json, picture, load_lines)
+        plot(result, picture)
+    present(result, build_load_table, as_json, picture, list_load_lines)
 
 
-def _load(text: str) -> tuple[float | None, float | None]:
+def _read_load(text: str) -> tuple[float | None, float | None]:
     """Return (force, None) or (None, indentation) of a text, in N and m."""
     from typing import get_args
 

@@ -19,13 +19,13 @@ from probe_design.cli.hardware import calibrate, check, doctor, read
 from probe_design.cli.load import load
 from probe_design.cli.maps import detectability, scan
 from probe_design.cli.optimize import optimize
-from probe_design.cli.output import noted
+from probe_design.cli.output import record_command_line
 from probe_design.cli.rerun import rerun
 from probe_design.cli.sweep import sweep
 from probe_design.cli.tradeoff import tradeoff
 from probe_design.process import interrupts
 
-CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
+CONTEXT_SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
 
 class Interrupted(Exception):  # noqa: N818 - it is no error
@@ -33,7 +33,7 @@ class Interrupted(Exception):  # noqa: N818 - it is no error
 
 
 @contextmanager
-def handed_on() -> Iterator[None]:
+def pass_interrupts_on() -> Iterator[None]:
     """Convert a KeyboardInterrupt to ``Interrupted``, which click passes on."""
     try:
         yield
@@ -41,21 +41,21 @@ def handed_on() -> Iterator[None]:
         raise Interrupted from interrupt
 
 
-class Verbs(NamedCommands):
+class MainGroup(NamedCommands):
     """The group of all commands."""
 
-    @handed_on()
+    @pass_interrupts_on()
     def make_context(self, *words: Any, **extra: Any) -> click.Context:
         """Parse the command line."""
         return super().make_context(*words, **extra)
 
-    @handed_on()
+    @pass_interrupts_on()
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command."""
         return super().invoke(ctx)
 
 
-@click.group(cls=Verbs, context_settings=CONTEXT)
+@click.group(cls=MainGroup, context_settings=CONTEXT_SETTINGS)
 @click.version_option(package_name="probe-design")
 def cli() -> None:
     """Design, check and export tactile palpation probes.
@@ -64,12 +64,12 @@ def cli() -> None:
     """
 
 
-VERBS = (
+COMMANDS = (
     evaluate, plan, curve, load, scan, detectability, estimate, optimize, export, tradeoff, sweep, tissue, material, tolerances,
     read, calibrate, check, doctor, rerun,
 )  # fmt: skip
-for verb in VERBS:
-    cli.add_command(noted(verb))
+for command in COMMANDS:
+    cli.add_command(record_command_line(command))
 
 
 def main() -> None:
@@ -89,12 +89,12 @@ def run() -> int:
         return 0
     except BaseException as fault:
         # libraries may convert an interrupt to any other exception
-        if isinstance(fault, KeyboardInterrupt | Interrupted | click.Abort) or interrupts.came():
-            return interrupts.told()
-        return _explained(fault)
+        if isinstance(fault, KeyboardInterrupt | Interrupted | click.Abort) or interrupts.has_signal():
+            return interrupts.report_end()
+        return _report_fault(fault)
 
 
-def _explained(fault: BaseException) -> int:
+def _report_fault(fault: BaseException) -> int:
     """Print one line about an exception, and return the exit code; an unexpected one is reported as a defect."""
     if isinstance(fault, SystemExit):
         return int(fault.code or 0)
@@ -106,8 +106,11 @@ def _explained(fault: BaseException) -> int:
     if isinstance(fault, OSError):
         return _fail(f"{fault.filename or 'output'}: {fault.strerror or fault}", 1)
     if isinstance(fault, MemoryError):
-        less = "a coarser --accuracy, fewer inclusions, points or designs"
-        return _fail(f"memory = all that the system gives this process: allowed: more, or a question that takes less: {less}", 2)
+        smaller_requests = "a coarser --accuracy, fewer inclusions, points or designs"
+        return _fail(
+            f"memory = all that the system gives this process: allowed: more, or a question that takes less: {smaller_requests}",
+            2,
+        )
     from geometry.common.errors import ProbeError  # takes 0.2 s, which --help does not need
     from hw.common.errors import HardwareError
 
@@ -120,7 +123,7 @@ def _explained(fault: BaseException) -> int:
 
 def _fail(text: str, code: int) -> int:
     """Print one line to standard error, and return the exit code."""
-    from geometry.common.errors import one_line
+    from geometry.common.errors import to_one_line
 
-    print("probe-design:", one_line(text), file=sys.stderr)
+    print("probe-design:", to_one_line(text), file=sys.stderr)
     return code

@@ -10,31 +10,31 @@ import click
 
 from probe_design.cli.arguments import (
     FILE_NAME,
-    fraction,
-    length,
-    limiting,
+    add_limit_options,
+    add_noise_option,
     linear_option,
-    noise_of,
-    noise_option,
-    number,
-    position,
+    read_fraction,
+    read_length,
+    read_noise,
+    read_number,
+    read_position,
 )
 from probe_design.cli.output import check_picture, present
-from probe_design.data.noise import RESOLVED
+from probe_design.data.noise import MAX_RESOLVED_LOG_SD
 
-F = TypeVar("F", bound=Callable[..., Any])
-SCENE = click.argument("scene", type=FILE_NAME)
-JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+CommandT = TypeVar("F", bound=Callable[..., Any])
+SCENE_ARGUMENT = click.argument("scene", type=FILE_NAME)
+JSON_OPTION = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 
 
-def picture_option(what: str) -> Callable[[F], F]:
+def make_picture_option(subject: str) -> Callable[[CommandT], CommandT]:
     """Return the option --plot, with a help text that names the subject of the picture."""
-    text = f"Draw {what} to this .png, .svg or .pdf file."
+    text = f"Draw {subject} to this .png, .svg or .pdf file."
     return click.option("--plot", "picture", type=FILE_NAME, help=text)
 
 
 @click.command()
-@SCENE
+@SCENE_ARGUMENT
 @click.option("--along", default="x", show_default=True, type=click.Choice(["x", "y"]), help="Axis that the probe moves along.")
 @click.option("--from", "low", default="-20 mm", show_default=True, help="First position of the probe's axis.")
 @click.option("--to", "high", default="20 mm", show_default=True, help="Last position of the probe's axis.")
@@ -42,9 +42,9 @@ def picture_option(what: str) -> Callable[[F], F]:
 @click.option("--at", help="Coordinate of the line along the other axis.  [default: the scene's placement]")
 @click.option("--accuracy", default="0.01", show_default=True, help="Relative error that ratio, stresses and stiffness may have.")
 @linear_option
-@picture_option("the scan above a section of the tissue")
-@limiting
-@JSON
+@make_picture_option("the scan above a section of the tissue")
+@add_limit_options
+@JSON_OPTION
 def scan(
     scene: Path, along: str, low: str, high: str, points: int, at: str | None, accuracy: str, linear: bool, picture: Path | None,
     as_json: bool,
@@ -65,28 +65,39 @@ def scan(
     from geometry.scenes.scene_file import read_scene
     from probe_design.maps.scan import scan as run
     from probe_design.maps.scan_plot import plot
-    from probe_design.terminal.console import counting, scan_table
+    from probe_design.terminal.console import build_scan_table, show_count
 
-    read = read_scene(scene)
+    parsed_scene = read_scene(scene)
     check_picture(picture)
-    first, last = position("from", low), position("to", high)
+    first, last = read_position("from", low), read_position("to", high)
     if not first < last:
         raise InputError("to", high, f"a position above from = {low!r}")
-    line = None if at is None else position("at", at)
-    with counting(f"scan of {scene}") as progress:
+    line_offset = None if at is None else read_position("at", at)
+    with show_count(f"scan of {scene}") as progress:
         positions = np.linspace(first, last, points)
-        answer = run(read, along, positions, line, accuracy=fraction("accuracy", accuracy), linear=linear, progress=progress)
+        result = run(
+            parsed_scene,
+            along,
+            positions,
+            line_offset,
+            accuracy=read_fraction("accuracy", accuracy),
+            linear=linear,
+            progress=progress,
+        )
     if picture is not None:
-        plot(answer, read, picture)
-    present(answer, scan_table, as_json, picture)
+        plot(result, parsed_scene, picture)
+    present(result, build_scan_table, as_json, picture)
 
 
 @click.command()
-@SCENE
-@noise_option
+@SCENE_ARGUMENT
+@add_noise_option
 @click.option("--seen", default="3", show_default=True, help="Change of the ratio over noise from which a tumour is detected.")
 @click.option(
-    "--resolved", default=f"{RESOLVED:g}", show_default=True, help="Standard deviation of ln E_object up to which it is resolved."
+    "--resolved",
+    default=f"{MAX_RESOLVED_LOG_SD:g}",
+    show_default=True,
+    help="Standard deviation of ln E_object up to which it is resolved.",
 )
 @click.option("--depth-from", help="Smallest depth of a centre.  [default: 1/50 of the largest]")
 @click.option("--depth-to", help="Largest depth of a centre.  [default: 4 outer radii or what the scene's tumour needs]")
@@ -95,9 +106,9 @@ def scan(
 @click.option("--points", default=50, show_default=True, type=click.IntRange(2, 300), help="Depths, and as many diameters.")
 @click.option("--accuracy", help="Relative error that the ratio may have.  [default: --noise, between 0.0005 and 0.01]")
 @linear_option
-@picture_option("both maps")
-@limiting
-@JSON
+@make_picture_option("both maps")
+@add_limit_options
+@JSON_OPTION
 def detectability(
     scene: Path, noise: str | None, seen: str, resolved: str, depth_from: str | None, depth_to: str | None,
     diameter_from: str | None, diameter_to: str | None, points: int, accuracy: str | None, linear: bool, picture: Path | None,
@@ -123,19 +134,19 @@ def detectability(
     from probe_design.maps.detectability import detectability as run
     from probe_design.maps.detectability_plot import plot
     from probe_design.maps.sphere_effects import Thresholds
-    from probe_design.maps.target_grid import chosen_sizes
-    from probe_design.terminal.console import counting, threshold_table
+    from probe_design.maps.target_grid import choose_sizes
+    from probe_design.terminal.console import build_threshold_table, show_count
 
-    read = read_scene(scene)
+    parsed_scene = read_scene(scene)
     check_picture(picture)
     ends = {"depth_from": depth_from, "depth_to": depth_to, "diameter_from": diameter_from, "diameter_to": diameter_to}
-    sizes = {key: None if text is None else length(key.replace("_", "-"), text) for key, text in ends.items()}
+    sizes = {key: None if text is None else read_length(key.replace("_", "-"), text) for key, text in ends.items()}
     positive = "a number above 0"
-    limits = Thresholds(noise_of(noise), number("seen", seen, positive), number("resolved", resolved, positive))
-    depths, diameters = chosen_sizes(read, points, **sizes)
-    relative = None if accuracy is None else fraction("accuracy", accuracy)
-    with counting(f"detectability of {scene}") as progress:
-        answer = run(read, depths, diameters, limits, accuracy=relative, linear=linear, progress=progress)
+    thresholds = Thresholds(read_noise(noise), read_number("seen", seen, positive), read_number("resolved", resolved, positive))
+    depths, diameters = choose_sizes(parsed_scene, points, **sizes)
+    relative_accuracy = None if accuracy is None else read_fraction("accuracy", accuracy)
+    with show_count(f"detectability of {scene}") as progress:
+        result = run(parsed_scene, depths, diameters, thresholds, accuracy=relative_accuracy, linear=linear, progress=progress)
     if picture is not None:
-        plot(answer, read, picture)
-    present(answer, threshold_table, as_json, picture)
+        plot(result, parsed_scene, picture)
+    present(result, build_threshold_table, as_json, picture)

@@ -7,8 +7,16 @@ from typing import TYPE_CHECKING
 
 import click
 
-from probe_design.cli.arguments import FILE_NAME, completed, force_option, length, limiting, noise_of, noise_option
-from probe_design.cli.output import print_json, tell_assumed
+from probe_design.cli.arguments import (
+    FILE_NAME,
+    add_limit_options,
+    add_noise_option,
+    complete_words,
+    force_option,
+    read_length,
+    read_noise,
+)
+from probe_design.cli.output import print_json, report_assumed_sizes
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -16,7 +24,7 @@ if TYPE_CHECKING:
     from geometry.scenes.scene import Scene
     from probe_design.populations.design_file import Design
 
-STARTS = 8  # local searches for a scene
+DEFAULT_STARTS = 8  # local searches for a scene
 
 
 @click.command()
@@ -33,12 +41,12 @@ STARTS = 8  # local searches for a scene
 @click.option("--starts", type=click.IntRange(1, 100), help="Local searches for a SCENE.  [default: 8]")
 @click.option(
     "--evaluator",
-    shell_complete=completed("axisymmetric", "equivalent-inclusion"),
+    shell_complete=complete_words("axisymmetric", "equivalent-inclusion"),
     help="Verifies and refines: axisymmetric or equivalent-inclusion.  [default: chosen by the scene]",
 )
-@noise_option
+@add_noise_option
 @force_option
-@limiting
+@add_limit_options
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def optimize(
     scene: Path | None, output: Path | None, template: bool, pareto: tuple[str, ...], outer_radius: str | None,
@@ -72,85 +80,85 @@ def optimize(
     gap and up to half an outer radius deep. The table lists the active limits, the limit of the force, and the effect of more
     load.
     """  # noqa: D301
-    from probe_design.design_search.question import question
+    from probe_design.design_search.question import read_design_source
     from probe_design.populations.design_file import Design
 
     if template:
-        from probe_design.design_search.template import whole_template
+        from probe_design.design_search.template import build_design_template
 
-        click.echo(whole_template(), nl=False)
+        click.echo(build_design_template(), nl=False)
         return
     if output is None:
         raise click.UsageError("Missing option '-o' / '--output'.")
-    start = question(scene)
-    own = {"outer-radius": outer_radius, "starts": starts, "evaluator": evaluator, "noise": noise}
+    start = read_design_source(scene)
+    scene_options = {"outer-radius": outer_radius, "starts": starts, "evaluator": evaluator, "noise": noise}
     if isinstance(start, Design):
-        _refuse(own, "none for a design file, whose tables say it")
-        _check(output, _question(start), force)
-        _optimize_population(start, output, _question(start), force=force, pareto=pareto, as_json=as_json)
+        _refuse_options(scene_options, "none for a design file, whose tables say it")
+        _check_output(output, _compute_question_digest(start), force)
+        _optimize_population(start, output, _compute_question_digest(start), force=force, pareto=pareto, as_json=as_json)
         return
-    _refuse({"pareto": ", ".join(pareto) or None}, "none for a scene: fronts are a design file's")
-    limit = None if outer_radius is None else length("outer-radius", outer_radius)
+    _refuse_options({"pareto": ", ".join(pareto) or None}, "none for a scene: fronts are a design file's")
+    max_radius = None if outer_radius is None else read_length("outer-radius", outer_radius)
     _optimize_scene(
         start,
         output,
-        limit=limit,
-        starts=starts or STARTS,
+        max_radius=max_radius,
+        starts=starts or DEFAULT_STARTS,
         evaluator=evaluator,
-        noise=noise_of(noise),
+        noise=read_noise(noise),
         force=force,
         as_json=as_json,
     )
 
 
-def _refuse(given: Mapping[str, object], allowed: str) -> None:
+def _refuse_options(options: Mapping[str, object], allowed: str) -> None:
     """Refuse options that do not apply to this kind of file."""
     from geometry.common.errors import InputError
 
-    for key, value in given.items():
+    for key, value in options.items():
         if value is not None:
             raise InputError(key, value, allowed)
 
 
-def _check(output: Path, asked: str, force: bool) -> None:
+def _check_output(output: Path, question_digest: str, force: bool) -> None:
     """Check the output folder and CAD before the search rather than after it."""
-    from geometry.cad.record import check_asked
-    from geometry.cad.solids import cadquery
+    from geometry.cad.record import check_same_question
+    from geometry.cad.solids import load_cadquery
     from geometry.common.files import check_writable
 
     check_writable(output)
     if not force:
-        check_asked(output, asked)
-    cadquery()
+        check_same_question(output, question_digest)
+    load_cadquery()
 
 
 def _optimize_population(
-    design: Design, output: Path, asked: str, *, force: bool, pareto: tuple[str, ...], as_json: bool
+    design: Design, output: Path, question_digest: str, *, force: bool, pareto: tuple[str, ...], as_json: bool
 ) -> None:
     """Search, verify, write and report; exit code 1 where no gain counts."""
     from functools import partial
 
-    from probe_design.design_report.report import maps_of, write_all
-    from probe_design.design_report.table import table
+    from probe_design.design_report.report import compute_maps, write_all
+    from probe_design.design_report.table import build_table
     from probe_design.design_search.optimize import optimize
-    from probe_design.design_search.pareto import front
-    from probe_design.terminal.console import message, show, stages
+    from probe_design.design_search.pareto import compute_front
+    from probe_design.terminal.console import show_stages, show_table, write_message
 
-    with stages() as progress:
+    with show_stages() as progress:
         optimum = optimize(design, progress)
-        maps = maps_of(optimum)
-        fronts = tuple(front(design, one, partial(progress, f"front: {one}")) for one in pareto)
-        files = write_all(optimum, output, progress, maps, fronts, force=force, asking=asked)
+        maps = compute_maps(optimum)
+        fronts = tuple(compute_front(design, quantity, partial(progress, f"front: {quantity}")) for quantity in pareto)
+        files = write_all(optimum, output, progress, maps, fronts, force=force, asking=question_digest)
     if as_json:
         import json
 
-        told: Mapping[str, object] = json.loads((output / "optimize.json").read_text(encoding="utf-8"))
-        print_json(dict(told))
+        record: Mapping[str, object] = json.loads((output / "optimize.json").read_text(encoding="utf-8"))
+        print_json(dict(record))
     else:
-        show(table(optimum, maps))
-        message(f"search: {optimum.how}")
-        message(f"error of the detection: {optimum.best.judgement.error_note}")
-        _tell_files(output, files)
+        show_table(build_table(optimum, maps))
+        write_message(f"search: {optimum.how}")
+        write_message(f"error of the detection: {optimum.best.judgement.error_note}")
+        _report_files(output, files)
     _conclude(optimum.verdict, optimum.status, optimum.warnings)
 
 
@@ -158,61 +166,61 @@ def _optimize_scene(
     start: Scene,
     output: Path,
     *,
-    limit: float | None,
+    max_radius: float | None,
     starts: int,
     evaluator: str | None,
     noise: float,
     force: bool,
     as_json: bool,
 ) -> None:
-    from probe_design.optimisation.comparison import levels_table
+    from probe_design.optimisation.comparison import build_comparison_table
     from probe_design.optimisation.optimize import optimize as run
-    from probe_design.optimisation.report import summary, write_all
-    from probe_design.terminal.console import show, stages, warn
-    from probe_design.workshop.package import missing_films
+    from probe_design.optimisation.report import build_summary, write_all
+    from probe_design.terminal.console import show_stages, show_table, warn
+    from probe_design.workshop.package import list_missing_films
 
-    asked = _question(start)
-    _check(output, asked, force)
-    with stages() as progress:
-        optimum = run(start, progress, outer_radius=limit, starts=starts, judge=evaluator, noise=noise)
-        files = write_all(optimum, output, progress, force=force, question=asked)
+    question_digest = _compute_question_digest(start)
+    _check_output(output, question_digest, force)
+    with show_stages() as progress:
+        optimum = run(start, progress, outer_radius=max_radius, starts=starts, judge=evaluator, noise=noise)
+        files = write_all(optimum, output, progress, force=force, question=question_digest)
     if as_json:
-        print_json(summary(optimum, files))
+        print_json(build_summary(optimum, files))
     else:
-        show(levels_table(optimum))
-        tell_assumed(optimum.best.scene.probe)
-        warn(missing_films(optimum.best.scene.probe))
-        _tell_files(output, files)
+        show_table(build_comparison_table(optimum))
+        report_assumed_sizes(optimum.best.scene.probe)
+        warn(list_missing_films(optimum.best.scene.probe))
+        _report_files(output, files)
     _conclude(optimum.verdict, optimum.status, optimum.remarks)
 
 
-def _tell_files(output: Path, files: Sequence[Path]) -> None:
+def _report_files(output: Path, files: Sequence[Path]) -> None:
     """Report the files written, and the command that exports them for the workshop."""
-    from probe_design.reports.workshop import export_command
-    from probe_design.terminal.console import message
+    from probe_design.reports.workshop import build_export_command
+    from probe_design.terminal.console import write_message
 
-    message(f"wrote {len(files)} files to {output}; begin with {output / 'report.html'}")
-    message(f"for the workshop: {export_command(output)}")
+    write_message(f"wrote {len(files)} files to {output}; begin with {output / 'report.html'}")
+    write_message(f"for the workshop: {build_export_command(output)}")
 
 
 def _conclude(verdict: str, status: str, warnings: Iterable[str]) -> None:
     """Report warnings and verdict; exit code 1 where there is no gain."""
-    from probe_design.terminal.console import message, warn
+    from probe_design.terminal.console import warn, write_message
 
     warn(warnings)
-    message(verdict)
+    write_message(verdict)
     if status == "no-gain":
         raise SystemExit(1)
 
 
-def _question(start: Scene | Design) -> str:
+def _compute_question_digest(start: Scene | Design) -> str:
     """Return a digest of the scene or design, and of every option that the result depends on."""
     from importlib.metadata import version
 
-    from geometry.provenance.digest import digest
+    from geometry.provenance.digest import compute_digest
 
-    others = ("scene", "output", "force", "as_json", "template", "pareto")
-    given = click.get_current_context().params.items()
-    options = {key: str(value) for key, value in given if key not in others and value is not None}
+    ignored_names = ("scene", "output", "force", "as_json", "template", "pareto")
+    parameters = click.get_current_context().params.items()
+    options = {key: str(value) for key, value in parameters if key not in ignored_names and value is not None}
     tables = start.model_dump(mode="json", exclude_none=True)
-    return digest({"asked": tables, "version": version("probe-design"), **options})
+    return compute_digest({"asked": tables, "version": version("probe-design"), **options})

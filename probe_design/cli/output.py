@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from geometry.scenes.probe import Probe
 
-SETTINGS = ("evaluator", "accuracy", "seed")  # options with an entry of their own in a block of provenance
+RECORDED_SETTINGS = ("evaluator", "accuracy", "seed")  # options with an entry of their own in a block of provenance
 
 
 class Presentable(Protocol):
@@ -35,15 +35,15 @@ class Presentable(Protocol):
         ...
 
 
-R = TypeVar("R", bound=Presentable)
+ResultT = TypeVar("R", bound=Presentable)
 
 
 def present(
-    result: R,
-    table: Callable[[R], Table],
+    result: ResultT,
+    table: Callable[[ResultT], Table],
     as_json: bool,
     picture: Path | None = None,
-    lines: Callable[[R], Iterable[str]] = lambda result: (),
+    lines: Callable[[ResultT], Iterable[str]] = lambda result: (),
 ) -> None:
     """Print a result as one JSON object, or as a table with lines of text and warnings.
 
@@ -54,32 +54,32 @@ def present(
         picture: file of a picture that has been drawn already, to be named in a message.
         lines: make the lines below the table.
     """
-    from geometry.common.errors import one_line
-    from probe_design.terminal.console import message, show, warn
+    from geometry.common.errors import to_one_line
+    from probe_design.terminal.console import show_table, warn, write_message
 
     if as_json:
         print_json(result.as_dict())
         return
-    show(table(result))
+    show_table(table(result))
     for line in lines(result):
-        print(one_line(line))
+        print(to_one_line(line))
     warn(result.warnings)
     if picture is not None:
-        message(f"wrote {picture}")
+        write_message(f"wrote {picture}")
 
 
-def with_provenance(value: dict[str, Any]) -> dict[str, Any]:
+def add_provenance(value: dict[str, Any]) -> dict[str, Any]:
     """Return a JSON object with a block of provenance, which is added if there is none."""
-    from geometry.provenance.block import provenance
+    from geometry.provenance.block import build_provenance
 
     name = value.get("evaluator")
-    own = value.get("provenance") or provenance(evaluator=name if isinstance(name, str) else None)
-    return value | {"provenance": own}
+    block = value.get("provenance") or build_provenance(evaluator=name if isinstance(name, str) else None)
+    return value | {"provenance": block}
 
 
 def print_json(value: dict[str, Any]) -> None:
     """Print one JSON object; NaN and infinity raise ``ValueError``."""
-    print(json.dumps(with_provenance(value), allow_nan=False))
+    print(json.dumps(add_provenance(value), allow_nan=False))
 
 
 def check_picture(picture: Path | None) -> None:
@@ -96,32 +96,32 @@ def check_picture(picture: Path | None) -> None:
         check_writable_file(picture, "plot")
 
 
-def noted(verb: click.Command) -> click.Command:
+def record_command_line(command: click.Command) -> click.Command:
     """Make a command, or all commands of a group, record the command line in their results."""
-    if isinstance(verb, click.Group):
-        for one in verb.commands.values():
-            noted(one)
-    elif verb.callback is not None:
-        verb.callback = _telling(verb.callback)
-    return verb
+    if isinstance(command, click.Group):
+        for subcommand in command.commands.values():
+            record_command_line(subcommand)
+    elif command.callback is not None:
+        command.callback = _wrap_callback(command.callback)
+    return command
 
 
-def _telling(run: Any) -> Any:
+def _wrap_callback(run: Any) -> Any:
     """Return a callback that records the command line, the scene file and some options while it runs."""
 
     @functools.wraps(run)
-    def telling(*values: Any, **options: Any) -> Any:
-        from geometry.provenance.block import command
+    def run_recorded(*values: Any, **options: Any) -> Any:
+        from geometry.provenance.block import record_command
 
         scene = options.get("scene")
-        asked = {name: _plain(options[name]) for name in SETTINGS if options.get(name) is not None}
-        with command(sys.argv[1:], scene if isinstance(scene, Path) else None, **asked):
+        settings = {name: _parse_number(options[name]) for name in RECORDED_SETTINGS if options.get(name) is not None}
+        with record_command(sys.argv[1:], scene if isinstance(scene, Path) else None, **settings):
             return run(*values, **options)
 
-    return telling
+    return run_recorded
 
 
-def _plain(value: Any) -> Any:
+def _parse_number(value: Any) -> Any:
     """Return a text as a number if it is one, else unchanged."""
     try:
         return value if isinstance(value, int) else float(value)
@@ -129,11 +129,11 @@ def _plain(value: Any) -> Any:
         return value
 
 
-def tell_assumed(probe: Probe) -> None:
+def report_assumed_sizes(probe: Probe) -> None:
     """Report the sizes of a probe that are assumed because the scene does not give them."""
     from geometry.scenes.base_sizes import assumed_sizes
-    from geometry.scenes.probe import mm
-    from probe_design.terminal.console import message
+    from geometry.scenes.probe import format_mm
+    from probe_design.terminal.console import write_message
 
     for key, size in assumed_sizes(probe).items():
-        message(f"assumed: {key} = {mm(size)}, which the scene does not give")
+        write_message(f"assumed: {key} = {format_mm(size)}, which the scene does not give")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from probe_design.cli.arguments import fraction
+from probe_design.cli.arguments import read_fraction
 
 if TYPE_CHECKING:
     from hw.common.samples import Samples
@@ -27,87 +27,89 @@ class ReferenceReading:
     name: str
 
     @property
-    def board(self) -> str | None:
+    def serial(self) -> str | None:
         """The serial number of the board that was read, or None if unknown."""
-        from probe_design.built_probe.probe_identity import board_serial
+        from probe_design.built_probe.probe_identity import read_board_serial
 
-        return board_serial(self.samples.source)
+        return read_board_serial(self.samples.source)
 
 
-def readings(
-    setting: HardwareSetup, source: SampleSource, references: Sequence[Reference], run: int
+def read_references(
+    setup: HardwareSetup, source: SampleSource, references: Sequence[Reference], run: int
 ) -> tuple[ReferenceReading, ...]:
     """Return one reading on each reference; each is checked as soon as it is complete."""
     from hw.signal.fingerprint import Fingerprint
     from probe_design.built_probe.field_readings import check_different
 
     count = len(references)
-    recorded = source.recorded(count)
-    source.recordings(count)
-    openers = source.openers(lambda: on_references(setting, source, references, run), count, pace=False)
-    found = tuple(
-        _reading(setting, source, reference, which=(k, count), opener=opener, recorded=path)
+    recorded = source.list_recorded_files(count)
+    source.list_new_recordings(count)
+    openers = source.build_openers(lambda: simulate_on_references(setup, source, references, run), count, pace=False)
+    reference_readings = tuple(
+        _read_reference(setup, source, reference, index_and_count=(k, count), opener=opener, recorded=path)
         for k, (reference, opener, path) in enumerate(zip(references, openers, recorded, strict=True))
     )
-    replayed = [(str(path), one.samples) for path, one in zip(recorded, found, strict=True) if path is not None]
+    replayed = [
+        (str(path), reading.samples) for path, reading in zip(recorded, reference_readings, strict=True) if path is not None
+    ]
     check_different("replay", [(name, Fingerprint.from_samples(samples)) for name, samples in replayed])
-    return found
+    return reference_readings
 
 
-def _reading(
-    setting: HardwareSetup,
+def _read_reference(
+    setup: HardwareSetup,
     source: SampleSource,
     reference: Reference,
     *,
-    which: tuple[int, int],
+    index_and_count: tuple[int, int],
     opener: Opener,
     recorded: Path | None,
 ) -> ReferenceReading:
     """Return one valid reading on a reference. A flawed reading of a device is repeated, a flawed recording refused."""
     from hw.common.errors import HardwareError, InvalidSource
     from hw.signal.waveform import Flawed
-    from probe_design.built_probe.film_forces import strict_reading
-    from probe_design.built_probe.probe_identity import board_serial, check_serials
-    from probe_design.cli.hardware_sources import ATTEMPTS
-    from probe_design.terminal.console import message
+    from probe_design.built_probe.film_forces import measure_strict_reading
+    from probe_design.built_probe.probe_identity import check_serials, read_board_serial
+    from probe_design.cli.hardware_sources import MAX_ATTEMPTS
+    from probe_design.terminal.console import write_message
 
-    for attempt in range(1, ATTEMPTS + 1):
-        file = source.recording(*which, attempt) if recorded is None else recorded
+    for attempt in range(1, MAX_ATTEMPTS + 1):
+        file = source.name_recording(*index_and_count, attempt) if recorded is None else recorded
         if recorded is None:
             if file is not None and file.exists():  # an earlier attempt of a resumed calibration
                 continue
-            _ask_for(reference, f"{which[0] + 1} of {which[1]}", source)
+            _ask_for(reference, f"{index_and_count[0] + 1} of {index_and_count[1]}", source)
         try:
             with opener() as reader:
-                check_serials(setting.boards({reference.name: board_serial(reader.header.source)}), source.any_probe)
-                length = source.length if recorded is None or source.seconds is not None else None
-                written = file if recorded is None else source.copied(*which)
-                samples = setting.described_by(reader).collect(length, written).whole()
-            measurement = strict_reading(samples, setting.bench, setting.scene)
+                check_serials(setup.collect_serials({reference.name: read_board_serial(reader.header.source)}), source.any_probe)
+                length = source.duration if recorded is None or source.seconds is not None else None
+                copy_file = file if recorded is None else source.name_copy(*index_and_count)
+                samples = setup.describe_recording(reader).collect(length, copy_file).require_complete()
+            measurement = measure_strict_reading(samples, setup.bench, setup.scene)
         except InvalidSource:  # the source given by the user is wrong, not the reading
             raise
         except HardwareError as fault:
             flaw = Flawed(f"{reference.name}: {fault}")
-            if not source.live or recorded in source.replay or attempt == ATTEMPTS:
+            if not source.is_live or recorded in source.replay or attempt == MAX_ATTEMPTS:
                 raise flaw from fault
-            message(f"{flaw}; it is read again")
-            opener, recorded = source.device_opener(), None
+            write_message(f"{flaw}; it is read again")
+            opener, recorded = source.build_device_opener(), None
             continue
         return ReferenceReading(samples, measurement, file, reference.name)
-    raise Flawed(f"{reference.name}: {ATTEMPTS} attempts are recorded, none of which can be used: record under another name")
+    raise Flawed(f"{reference.name}: {MAX_ATTEMPTS} attempts are recorded, none of which can be used: record under another name")
 
 
-def _ask_for(reference: Reference, which: str, source: SampleSource) -> None:
+def _ask_for(reference: Reference, label: str, source: SampleSource) -> None:
     """Ask the user to press the probe on a reference, and wait; do nothing for recordings and the virtual probe."""
     from time import sleep
 
     from geometry.common.errors import InputError, Words
-    from probe_design.terminal.console import message
+    from probe_design.terminal.console import write_message
 
-    if not source.live:
+    if not source.is_live:
         return
     if source.pause is not None:
-        message(f"{which}: press on: {reference.name}; reading begins in {source.pause:g} s")
+        write_message(f"{label}: press on: {reference.name}; reading begins in {source.pause:g} s")
         sleep(source.pause)
         return
     if not sys.stdin.isatty():
@@ -116,32 +118,34 @@ def _ask_for(reference: Reference, which: str, source: SampleSource) -> None:
             Words("without a terminal"),
             "a terminal, to change references at, --wait SECONDS or --replay for each reading",
         )
-    message(f"{which}: press on: {reference.name}; start the load, then press Enter")
+    write_message(f"{label}: press on: {reference.name}; start the load, then press Enter")
     input()
 
 
-def on_scene(setting: HardwareSetup, source: SampleSource, accuracy: str) -> Any:
+def simulate_on_scene(setup: HardwareSetup, source: SampleSource, accuracy: str) -> Any:
     """Return the signals of a virtual probe that is pressed on the scene."""
-    bench = setting.virtual(source)
-    predicted = predicting(source.length)(bench.scene, fraction("accuracy", accuracy), True, setting.bench.load.frequency)
-    return bench.on_scene(predicted)
+    bench = setup.build_virtual_bench(source)
+    prediction = choose_prediction(source.duration)(
+        bench.scene, read_fraction("accuracy", accuracy), True, setup.bench.load.frequency
+    )
+    return bench.build_scene_signals(prediction)
 
 
-def predicting(length: float | None) -> Callable[..., Any]:
+def choose_prediction(length: float | None) -> Callable[..., Any]:
     """Return the function that predicts a scene: for a long reading one that runs in a child process, to free its memory."""
     from probe_design.built_probe import reading
     from probe_design.measuring import prediction_apart
 
-    apart = length is not None and length >= prediction_apart.LONG
-    return prediction_apart.prediction_apart if apart else reading.prediction
+    needs_child_process = length is not None and length >= prediction_apart.MIN_READING_S
+    return prediction_apart.predict_in_process if needs_child_process else reading.predict_scene
 
 
-def on_references(setting: HardwareSetup, source: SampleSource, references: Sequence[Reference], run: int) -> Any:
+def simulate_on_references(setup: HardwareSetup, source: SampleSource, references: Sequence[Reference], run: int) -> Any:
     """Return the signals of a virtual probe on given references, in their order."""
-    from probe_design.built_probe.reading import prediction
-    from probe_design.built_probe.virtual_probe import load_of
+    from probe_design.built_probe.reading import predict_scene
+    from probe_design.built_probe.virtual_probe import compute_load
 
-    bench = setting.virtual(source)
-    load = load_of(bench.scene, prediction(bench.scene, 0.01, linear=True).stiffness)
-    signals = zip(setting.bench.reference, bench.on_references(load, run), strict=True)
-    return tuple(one for reference, one in signals if any(reference is pressed for pressed in references))
+    bench = setup.build_virtual_bench(source)
+    load = compute_load(bench.scene, predict_scene(bench.scene, 0.01, linear=True).stiffness)
+    signals = zip(setup.bench.reference, bench.build_reference_signals(load, run), strict=True)
+    return tuple(signal for reference, signal in signals if any(reference is pressed for pressed in references))

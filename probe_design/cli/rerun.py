@@ -25,18 +25,18 @@ def rerun(file: Path, as_json: bool) -> None:
     The exit code is 0 where all agree, 1 where one differs, 2 where FILE has no block of provenance.
     """
     from probe_design.repetition.rerun import rerun as run
-    from probe_design.terminal.console import message, warn
+    from probe_design.terminal.console import warn, write_message
 
     root = click.get_current_context().find_root().command
     assert isinstance(root, click.Group)
-    found = run(file, root)
+    result = run(file, root)
     if as_json:
-        print_json(found.as_dict())
+        print_json(result.as_dict())
     else:
-        for one in found.differences:
-            print(one)
-        print(f"{found.numbers} values compared: {'all agree' if found.agrees else f'{len(found.differences)} differ'}")
-        warn(found.warnings)
-    message(f"made by: {shlex.join(['probe-design', *found.command])}")
-    if not found.agrees:
+        for difference in result.differences:
+            print(difference)
+        print(f"{result.numbers} values compared: {'all agree' if result.agrees else f'{len(result.differences)} differ'}")
+        warn(result.warnings)
+    write_message(f"made by: {shlex.join(['probe-design', *result.command])}")
+    if not result.agrees:
         raise SystemExit(1)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from probe_design.cli.arguments import FILE_NAME, with_limits
+from probe_design.cli.arguments import FILE_NAME, replace_limits
 from probe_design.cli.output import print_json
 
 
@@ -32,43 +32,44 @@ def sweep(
     from geometry.common.files import check_writable
     from probe_design.sweeps.file import read_sweep
     from probe_design.sweeps.run import sweep as run
-    from probe_design.terminal.console import message
-    from probe_design.terminal.sweep_bar import shown
+    from probe_design.terminal.console import write_message
+    from probe_design.terminal.sweep_bar import show_sweep
 
-    checked = read_sweep(sweep)
-    checked = replace(checked, limits=with_limits(checked.limits, time=time, memory=memory))
+    parsed_sweep = read_sweep(sweep)
+    parsed_sweep = replace(parsed_sweep, limits=replace_limits(parsed_sweep.limits, time=time, memory=memory))
     check_writable(output)
-    with shown() as progress:
-        swept = run(
-            checked,
+    with show_sweep() as progress:
+        result = run(
+            parsed_sweep,
             output,
             scheduler=scheduler,
             workers=workers,
             progress=progress,
             retry_failed=retry_failed,
-            notice=message,
+            notice=write_message,
         )
-    files = _files(output)
+    files = _write_files(output)
     if as_json:
-        print_json(swept.as_dict() | {"files": [str(file) for file in files]})
+        print_json(result.as_dict() | {"files": [str(file) for file in files]})
         return
     print(
-        f"{swept.designs} designs: {swept.ok} ok, {swept.refused} refused, {swept.failed} failed; {swept.answered} evaluated now"
+        f"{result.designs} designs: {result.ok} ok, {result.refused} refused, {result.failed} failed; {result.answered} "
+        "evaluated now"
     )
-    message(f"wrote {', '.join(file.name for file in files)} to {output}")
+    write_message(f"wrote {', '.join(file.name for file in files)} to {output}")
 
 
-def _files(folder: Path) -> list[Path]:
+def _write_files(folder: Path) -> list[Path]:
     """Write CSV, and Parquet and a summary page if the libraries for them are installed; return the files."""
     from geometry.common.errors import MissingLibrary
-    from probe_design.sweeps.results import to_csv, to_parquet
+    from probe_design.sweeps.results import write_csv, write_parquet
     from probe_design.sweeps.summary_page import write_page
-    from probe_design.terminal.console import message
+    from probe_design.terminal.console import write_message
 
-    files = [to_csv(folder, folder / "results.csv")]
-    for write, name in ((to_parquet, "results.parquet"), (write_page, "summary.html")):
+    files = [write_csv(folder, folder / "results.csv")]
+    for write, name in ((write_parquet, "results.parquet"), (write_page, "summary.html")):
         try:
             files.append(write(folder, folder / name))
         except MissingLibrary as missing:
-            message(f"without {name}: {missing}")
+            write_message(f"without {name}: {missing}")
     return files

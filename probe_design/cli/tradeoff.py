@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from probe_design.cli.arguments import FILE_NAME, limiting, linear_option
+from probe_design.cli.arguments import FILE_NAME, add_limit_options, linear_option
 from probe_design.cli.output import print_json
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 @click.option("-o", "--output", type=FILE_NAME, required=True, help="Folder for table, plot and JSON file.")
 @click.option("--solid", is_flag=True, help="Run the three-dimensional evaluator too: minutes for each scene.")
 @linear_option
-@limiting
+@add_limit_options
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def tradeoff(scenes: tuple[Path, ...], output: Path, solid: bool, linear: bool, as_json: bool) -> None:
     """Measure the cost of accuracy on your scenes: time, stated error and true error of every evaluator and setting.
@@ -35,41 +35,41 @@ def tradeoff(scenes: tuple[Path, ...], output: Path, solid: bool, linear: bool, 
     probe-design tradeoff mine.toml other.toml -o out --json
     """  # noqa: D301
     from geometry.common.files import check_writable
-    from probe_design.terminal.console import message, show, stages, warn
+    from probe_design.terminal.console import show_stages, show_table, warn, write_message
     from probe_design.tradeoffs.files import write_all
-    from probe_design.tradeoffs.study import tradeoff as run
-    from probe_design.tradeoffs.tables import choice_table, summary_table
+    from probe_design.tradeoffs.study import measure_tradeoff as run
+    from probe_design.tradeoffs.tables import build_choice_table, build_summary_table
 
-    named = _named(scenes)
+    named_scenes = _read_scenes(scenes)
     check_writable(output)  # checked before the computation rather than after it
-    with stages() as progress:
-        study = run(named, solid, progress, linear=linear)
+    with show_stages() as progress:
+        study = run(named_scenes, solid, progress, linear=linear)
     files = write_all(study, output)
     if as_json:
         print_json(study.as_dict() | {"files": [str(file) for file in files]})
     else:
-        show(summary_table(study))
-        show(choice_table(study))
-        message(f"wrote {', '.join(file.name for file in files)} to {output}")
-    for row in study.uncertain:
+        show_table(build_summary_table(study))
+        show_table(build_choice_table(study))
+        write_message(f"wrote {', '.join(file.name for file in files)} to {output}")
+    for row in study.uncertain_references:
         remedy = "" if solid else "; --solid runs the three-dimensional evaluator"
-        message(f"{row.scene}: even the most accurate result states an error of {row.stated_error:.2g}{remedy}")
-    warn((*study.warnings, *(_broken(row) for row in study.broken)))
+        write_message(f"{row.scene}: even the most accurate result states an error of {row.stated_error:.2g}{remedy}")
+    warn((*study.warnings, *(_describe_broken_row(row) for row in study.understated_rows)))
 
 
-def _broken(row: Row) -> str:
+def _describe_broken_row(row: Row) -> str:
     """Return a warning about an evaluator whose true error is above its stated error."""
     setting = row.evaluator if row.accuracy is None else f"{row.evaluator} at {row.accuracy:g}"
-    why = f"states an error of {row.stated_error:.2g}, which is {row.true_error_least:.2g} at least: a defect of the program"
-    return f"{row.scene}: {setting} {why}"
+    reason = f"states an error of {row.stated_error:.2g}, which is {row.true_error_least:.2g} at least: a defect of the program"
+    return f"{row.scene}: {setting} {reason}"
 
 
-def _named(paths: Sequence[Path]) -> dict[str, Scene]:
+def _read_scenes(paths: Sequence[Path]) -> dict[str, Scene]:
     """Read scenes; return them by the names of their files, or by their paths where two files have the same name."""
     from geometry.scenes.scene_file import read_scene
-    from probe_design.data.builtin import typical_scenes
+    from probe_design.data.builtin import read_typical_scenes
 
     if not paths:
-        return typical_scenes()
+        return read_typical_scenes()
     stems = [path.stem for path in paths]
     return {path.stem if stems.count(path.stem) == 1 else str(path): read_scene(path) for path in paths}

@@ -7,8 +7,10 @@ from importlib.resources import files
 from geometry.scenes.scene import Load, Scene
 from geometry.scenes.scene_file import scene_from_toml
 
-LINEAR = 0.2e-3  # N: linear elasticity holds for the paper's probe, whose outer film's pressures nearly cancel, up to 0.27 mN
-TYPICAL: dict[str, dict[str, float]] = {  # changes of the tumour of typical.toml
+LINEAR_LOAD_N = (
+    0.2e-3  # N: linear elasticity holds for the paper's probe, whose outer film's pressures nearly cancel, up to 0.27 mN
+)
+TYPICAL_CHANGES: dict[str, dict[str, float]] = {  # changes of the tumour of typical.toml
     "on-axis": {},
     "off-axis": {"x": 6e-3},  # half under the probe
     "shallow": {"depth": 5e-3},  # covered by an eighth of its diameter
@@ -16,29 +18,29 @@ TYPICAL: dict[str, dict[str, float]] = {  # changes of the tumour of typical.tom
 }
 
 
-def builtin_scene() -> Scene:
+def read_builtin_scene() -> Scene:
     """Return the built-in scene; its file gives the source of every number."""
-    return scene_from_toml(_text("builtin.toml"), "builtin.toml")
+    return scene_from_toml(_read_text("builtin.toml"), "builtin.toml")
 
 
-def builtin_reading() -> Scene:
+def read_loaded_builtin_scene() -> Scene:
     """Return the built-in scene under a load at which linear elasticity holds. `optimize` limits the loads itself."""
-    return builtin_scene().model_copy(update={"load": Load(force=LINEAR)})
+    return read_builtin_scene().model_copy(update={"load": Load(force=LINEAR_LOAD_N)})
 
 
 def builtin_bench_scene() -> Scene:
     """Return the probe of the bench without a scene: the outer film of the paper's gives no charge that could be read."""
-    return typical_scenes()["on-axis"]
+    return read_typical_scenes()["on-axis"]
 
 
-def typical_scenes() -> dict[str, Scene]:
+def read_typical_scenes() -> dict[str, Scene]:
     """Return by name the built-in scene without groove, and a probe over tumours on and off its axis, shallow and soft."""
-    paper, scene = builtin_reading(), scene_from_toml(_text("typical.toml"), "typical.toml")
+    paper, scene = read_loaded_builtin_scene(), scene_from_toml(_read_text("typical.toml"), "typical.toml")
     scenes = {"paper-without-groove": paper.model_copy(update={"probe": paper.probe.model_copy(update={"groove": None})})}
-    for name, update in TYPICAL.items():
+    for name, update in TYPICAL_CHANGES.items():
         scenes[name] = scene.model_copy(update={"inclusion": (scene.inclusion[0].model_copy(update=update),)})
     return scenes
 
 
-def _text(name: str) -> str:
+def _read_text(name: str) -> str:
     return files("probe_design.data").joinpath(name).read_text(encoding="utf-8")

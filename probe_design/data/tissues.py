@@ -8,8 +8,8 @@ from functools import cache
 from importlib.resources import files
 from typing import Any
 
-from geometry.common.errors import InputError, one_of
-from geometry.scenes.sourced_numbers import Number, toml_lines
+from geometry.common.errors import InputError, describe_choices
+from geometry.scenes.sourced_numbers import Number, format_toml
 
 
 @dataclass(frozen=True)
@@ -24,52 +24,55 @@ class BuiltinTissue:
 
     name: str
     about: str
-    own: dict[str, Number]
+    base: dict[str, Number]
     layers: tuple[dict[str, Number], ...]
 
     def as_dict(self) -> dict[str, Any]:
         """Return the JSON object of ``probe-design tissue show``: a scene's table, and the source of each number."""
-        parts = {"tissue": self.own} | {f"tissue.layer[{k}]": layer for k, layer in enumerate(self.layers)}
-        sources = {f"{part}.{key}": number.told for part, numbers in parts.items() for key, number in numbers.items()}
-        table = {"shape": "half-space"} | _values(self.own) | {"layer": [_values(layer) for layer in self.layers]}
+        parts = {"tissue": self.base} | {f"tissue.layer[{k}]": layer for k, layer in enumerate(self.layers)}
+        sources = {f"{part}.{key}": number.description for part, numbers in parts.items() for key, number in numbers.items()}
+        table = {"shape": "half-space"} | _list_values(self.base) | {"layer": [_list_values(layer) for layer in self.layers]}
         return {"name": self.name, "about": self.about, "tissue": table, "sources": sources}
 
     def toml(self) -> str:
         """Return the table ``[tissue]`` of a scene file, each number below a comment with its source."""
         shape = ["# no end is assumed; a patient's own: 'cylinder' with radius and depth, or 'block'", 'shape = "half-space"']
-        lines = [f"# {self.name}: {self.about}", "[tissue]", *shape, *toml_lines(self.own)]
+        lines = [f"# {self.name}: {self.about}", "[tissue]", *shape, *format_toml(self.base)]
         for layer in self.layers:
-            lines += ["", "[[tissue.layer]]", *toml_lines(layer)]
+            lines += ["", "[[tissue.layer]]", *format_toml(layer)]
         return "\n".join(lines) + "\n"
 
 
-def tissue(name: str) -> BuiltinTissue:
+def find_tissue(name: str) -> BuiltinTissue:
     """Return a built-in tissue.
 
     Raises:
         InputError: there is none of that name.
     """
-    found = tissues()
-    if name not in found:
-        raise InputError("tissue", name, one_of(name, found))
-    return found[name]
+    known_tissues = read_tissues()
+    if name not in known_tissues:
+        raise InputError("tissue", name, describe_choices(name, known_tissues))
+    return known_tissues[name]
 
 
 @cache
-def tissues() -> dict[str, BuiltinTissue]:
+def read_tissues() -> dict[str, BuiltinTissue]:
     """Return all built-in tissues by name."""
     entries = tomllib.loads(files("probe_design.data").joinpath("tissues.toml").read_text(encoding="utf-8"))
     return {
         name: BuiltinTissue(
-            name, entry["about"], _numbers(entry["tissue"]), tuple(_numbers(layer) for layer in entry.get("layer", ()))
+            name,
+            entry["about"],
+            _build_numbers(entry["tissue"]),
+            tuple(_build_numbers(layer) for layer in entry.get("layer", ())),
         )
         for name, entry in entries.items()
     }
 
 
-def _numbers(entry: dict[str, Any]) -> dict[str, Number]:
+def _build_numbers(entry: dict[str, Any]) -> dict[str, Number]:
     return {key: Number(**number) for key, number in entry.items()}
 
 
-def _values(numbers: dict[str, Number]) -> dict[str, str | float]:
+def _list_values(numbers: dict[str, Number]) -> dict[str, str | float]:
     return {key: number.value for key, number in numbers.items()}

@@ -11,13 +11,13 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 
 from geometry.common.arrays import Floats
-from probe_design.data.noise import RESOLVED
+from probe_design.data.noise import MAX_RESOLVED_LOG_SD
 from probe_design.design_report.levers import Lever
-from probe_design.pictures.formats import check_format, save
+from probe_design.pictures.formats import check_format, save_figure
 from probe_design.populations.judgement import Judgement
 
-LEAST_SD, MOST_SD = 0.05, 5.0  # of ln contrast: what the colours tell apart
-SIZE = 60.0  # of marks, points^2
+MIN_SHOWN_SD, MAX_SHOWN_SD = 0.05, 5.0  # of ln contrast: what the colours tell apart
+MARK_SIZE_POINTS2 = 60.0  # of marks, points^2
 
 
 def plot_judgements(judgements: Sequence[tuple[str, Judgement]], path: Path) -> Path:
@@ -25,7 +25,7 @@ def plot_judgements(judgements: Sequence[tuple[str, Judgement]], path: Path) -> 
 
     Args:
         judgements: one or more with their names, such as start and optimum, which share the colours.
-        path: of the picture, in one of ``probe_design.pictures.formats.FORMATS``.
+        path: of the picture, in one of ``probe_design.pictures.formats.PICTURE_SUFFIXES``.
 
     Raises:
         InputError: the format is not known.
@@ -33,29 +33,31 @@ def plot_judgements(judgements: Sequence[tuple[str, Judgement]], path: Path) -> 
     check_format(path)
     figure = Figure(figsize=(1.2 + 4.0 * len(judgements), 7.0), layout="constrained")
     axes = figure.subplots(2, len(judgements), squeeze=False, sharex=True, sharey=True)
-    scales: tuple[Any, Any] = (Normalize(0.0, 1.0), LogNorm(LEAST_SD, MOST_SD))
+    scales: tuple[Any, Any] = (Normalize(0.0, 1.0), LogNorm(MIN_SHOWN_SD, MAX_SHOWN_SD))
     marks: list[Any] = [None, None]
     for column, (name, judgement) in enumerate(judgements):
-        deviations = np.clip(judgement.contrast_sd, LEAST_SD, MOST_SD)
+        deviations = np.clip(judgement.contrast_sd, MIN_SHOWN_SD, MAX_SHOWN_SD)
         for row, (values, colours) in enumerate(((judgement.probability, "viridis"), (deviations, "viridis_r"))):
-            marks[row] = _tumours(axes[row, column], judgement, values, scales[row], colours)
-        told = f"{judgement.detection:.2f} ± {judgement.detection_error:.2f} detected, {judgement.resolved:.2f} resolved"
-        axes[0, column].set_title(f"{name}\n{told}", fontsize=10)
+            marks[row] = _draw_tumours(axes[row, column], judgement, values, scales[row], colours)
+        caption = f"{judgement.detection:.2f} ± {judgement.detection_error:.2f} detected, {judgement.resolved:.2f} resolved"
+        axes[0, column].set_title(f"{name}\n{caption}", fontsize=10)
         axes[1, column].set_xlabel("diameter, mm")
     for row, label in enumerate(("probability of detection", "sd of ln contrast")):
         axes[row, 0].set_ylabel("depth of the centre, mm")
         figure.colorbar(marks[row], ax=axes[row, :].tolist(), label=label, extend="both" if row else "neither")
     axes[0, 0].invert_yaxis()
-    figure.supxlabel(f"circled: ln contrast resolved to {RESOLVED:g}", fontsize=9)
-    return save(figure, path)
+    figure.supxlabel(f"circled: ln contrast resolved to {MAX_RESOLVED_LOG_SD:g}", fontsize=9)
+    return save_figure(figure, path)
 
 
-def _tumours(axes: Any, judgement: Judgement, values: Floats, scale: Any, colours: str) -> Any:
+def _draw_tumours(axes: Any, judgement: Judgement, values: Floats, scale: Any, colours: str) -> Any:
     """One mark for each tumour, with a ring round those that are told."""
-    told = judgement.contrast_sd <= RESOLVED
+    resolved = judgement.contrast_sd <= MAX_RESOLVED_LOG_SD
     mm = 1e3 * judgement.diameter, 1e3 * judgement.depth
-    axes.scatter(mm[0][told], mm[1][told], s=2.2 * SIZE, facecolors="none", edgecolors="black", linewidths=1.2)
-    return axes.scatter(*mm, c=values, s=SIZE, norm=scale, cmap=colours, edgecolors="0.4", linewidths=0.4)
+    axes.scatter(
+        mm[0][resolved], mm[1][resolved], s=2.2 * MARK_SIZE_POINTS2, facecolors="none", edgecolors="black", linewidths=1.2
+    )
+    return axes.scatter(*mm, c=values, s=MARK_SIZE_POINTS2, norm=scale, cmap=colours, edgecolors="0.4", linewidths=0.4)
 
 
 def plot_levers(levers: Sequence[Lever], label: str, path: Path) -> Path:
@@ -72,13 +74,18 @@ def plot_levers(levers: Sequence[Lever], label: str, path: Path) -> Path:
     check_format(path)
     figure = Figure(figsize=(6.5, 1.2 + 0.42 * len(levers)), layout="constrained")
     axes = figure.subplots()
-    names, places = [one.name for one in levers], np.arange(len(levers))
-    axes.barh(places, [one.value for one in levers], color=["0.6", *["tab:blue"] * (len(levers) - 1)])
+    names, places = [lever.name for lever in levers], np.arange(len(levers))
+    axes.barh(places, [lever.value for lever in levers], color=["0.6", *["tab:blue"] * (len(levers) - 1)])
     axes.errorbar(
-        [one.value for one in levers], places, xerr=[2 * one.error for one in levers], fmt="none", ecolor="black", capsize=3
+        [lever.value for lever in levers],
+        places,
+        xerr=[2 * lever.error for lever in levers],
+        fmt="none",
+        ecolor="black",
+        capsize=3,
     )
     axes.axvline(levers[0].value, color="0.3", linewidth=0.8, linestyle=":")
     axes.set_yticks(places, names)
     axes.invert_yaxis()
     axes.set_xlabel(f"{label} (bars: two standard errors of the gain)")
-    return save(figure, path)
+    return save_figure(figure, path)

@@ -11,11 +11,11 @@ import numpy as np
 from geometry.scenes.scene import Scene
 from probe_design.populations.design_file import Design
 from probe_design.populations.examination import Examination
-from probe_design.populations.judge import Progress, examined
+from probe_design.populations.judge import Progress, examine
 from probe_design.populations.judgement import Judgement
-from probe_design.populations.tables import MOST_POSITIONS
+from probe_design.populations.tables import MAX_POSITIONS
 
-NOISES = ("white", "gain", "stiffness_white", "stiffness_gain", "charge", "tilt")
+NOISE_KEYS = ("white", "gain", "stiffness_white", "stiffness_gain", "charge", "tilt")
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Lever:
     error: float
 
 
-def levers(scene: Scene, design: Design, *, unseen: bool = False, progress: Progress | None = None) -> tuple[Lever, ...]:
+def compute_levers(scene: Scene, design: Design, *, unseen: bool = False, progress: Progress | None = None) -> tuple[Lever, ...]:
     """Compute the gain of each single improvement of the readings for a scene's probe; the first entry changes nothing.
 
     Args:
@@ -47,53 +47,57 @@ def levers(scene: Scene, design: Design, *, unseen: bool = False, progress: Prog
         InputError: see ``judge.examine``.
         Refusal: likewise.
     """
-    asked = list(_changed(design))
-    whole = design if unseen else _widest(design, [other for _, other in asked])
-    scan = examined(scene, whole, unseen=unseen)
-    start = _under(scan, whole, design).judgement(design)
-    found = [Lever("as it is", _value(start, design), 0.0, 0.0)]
-    for number, (name, other) in enumerate(asked):
+    changes = list(_iterate_changes(design))
+    whole = design if unseen else _merge_positions(design, [changed for _, changed in changes])
+    scan = examine(scene, whole, unseen=unseen)
+    start = _select_positions(scan, whole, design).evaluate(design)
+    results = [Lever("as it is", _get_objective(start, design), 0.0, 0.0)]
+    for number, (name, changed) in enumerate(changes):
         if progress is not None:
-            progress(number, len(asked))
-        again = examined(scene, other, unseen=True) if unseen and other.protocol.positions != design.protocol.positions else scan
-        better = (again if unseen else _under(scan, whole, other)).judgement(other)
-        found.append(Lever(name, _value(better, design), *better.gain_over(start, design.objective)))
+            progress(number, len(changes))
+        changed_scan = (
+            examine(scene, changed, unseen=True) if unseen and changed.protocol.positions != design.protocol.positions else scan
+        )
+        better = (changed_scan if unseen else _select_positions(scan, whole, changed)).evaluate(changed)
+        results.append(Lever(name, _get_objective(better, design), *better.compute_gain(start, design.objective)))
     if progress is not None:
-        progress(len(asked), len(asked))
-    return tuple(found)
+        progress(len(changes), len(changes))
+    return tuple(results)
 
 
-def _widest(design: Design, asked: list[Design]) -> Design:
+def _merge_positions(design: Design, designs: list[Design]) -> Design:
     """The design file with every position that is asked for: the formulas compute all changes at once."""
-    return _with(design, "protocol", positions=max((one.protocol.positions for one in (design, *asked)), key=len))
+    return _replace_table(
+        design, "protocol", positions=max((candidate.protocol.positions for candidate in (design, *designs)), key=len)
+    )
 
 
-def _under(scan: Examination, whole: Design, design: Design) -> Examination:
+def _select_positions(scan: Examination, whole: Design, design: Design) -> Examination:
     """Return the part of a scan that is read at the positions of a design's protocol."""
-    apart = np.abs(design.protocol.places[:, None] - whole.protocol.places)
-    return scan.part(apart.argmin(axis=1), "both")
+    distances = np.abs(design.protocol.places[:, None] - whole.protocol.places)
+    return scan.select(distances.argmin(axis=1), "both")
 
 
-def _value(judgement: Judgement, design: Design) -> float:
+def _get_objective(judgement: Judgement, design: Design) -> float:
     return float(getattr(judgement, design.objective.maximise))
 
 
-def _changed(design: Design) -> Iterator[tuple[str, Design]]:
+def _iterate_changes(design: Design) -> Iterator[tuple[str, Design]]:
     """Name each lever and yield the design with it."""
     noise, protocol = design.noise, design.protocol
-    for key in NOISES:
+    for key in NOISE_KEYS:
         counts = not (protocol.blank and key.endswith("gain")) and (protocol.stiffness or not key.startswith("stiffness"))
         if getattr(noise, key) and counts and not (key == "gain" and noise.calibration):
-            yield f"{key} halved", _with(design, "noise", **{key: getattr(noise, key) / 2})
+            yield f"{key} halved", _replace_table(design, "noise", **{key: getattr(noise, key) / 2})
     if not protocol.stiffness:
-        yield "stiffness read", _with(design, "protocol", stiffness=True)
+        yield "stiffness read", _replace_table(design, "protocol", stiffness=True)
     if not protocol.blank:
-        yield "blank read", _with(design, "protocol", blank=True)
-    places, more = protocol.places, 2 * len(protocol.positions) - 1
-    if len(places) > 1 and more <= MOST_POSITIONS:
-        between = np.interp(np.arange(more) / 2, np.arange(len(places)), places)
-        yield f"{more} positions", _with(design, "protocol", positions=tuple(between.tolist()))
+        yield "blank read", _replace_table(design, "protocol", blank=True)
+    places, count = protocol.places, 2 * len(protocol.positions) - 1
+    if len(places) > 1 and count <= MAX_POSITIONS:
+        positions = np.interp(np.arange(count) / 2, np.arange(len(places)), places)
+        yield f"{count} positions", _replace_table(design, "protocol", positions=tuple(positions.tolist()))
 
 
-def _with(design: Design, table: str, **new: Any) -> Design:
+def _replace_table(design: Design, table: str, **new: Any) -> Design:
     return design.model_copy(update={table: getattr(design, table).model_copy(update=new)})

@@ -7,60 +7,67 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from probe_design.data.noise import RESOLVED
-from probe_design.design_report.depth_map import SURE, DepthMap
-from probe_design.pictures.formats import save
+from probe_design.data.noise import MAX_RESOLVED_LOG_SD
+from probe_design.design_report.depth_map import DETECTION_THRESHOLD, DepthMap
+from probe_design.pictures.formats import save_figure
 
 if TYPE_CHECKING:
-    from probe_design.design_search.judging import JudgedDesign
+    from probe_design.design_search.judging import VerifiedDesign
     from probe_design.design_search.pareto import Front
 
-MM = 1e3
-BLUE, GREY = "#2a6f97", "#9aa5b1"
-LEAST_SD, MOST_SD = 0.05, 5.0  # of ln contrast: what the colours tell apart
+MM_PER_M = 1e3
+VERIFIED_COLOUR, CLOSED_FORM_COLOUR = "#2a6f97", "#9aa5b1"
+MIN_SHOWN_SD, MAX_SHOWN_SD = 0.05, 5.0  # of ln contrast: what the colours tell apart
 
 
-def draw_maps(maps: dict[str, DepthMap], judged: dict[str, JudgedDesign], path: Path) -> Path:
+def draw_maps(maps: dict[str, DepthMap], judged: dict[str, VerifiedDesign], path: Path) -> Path:
     """Draw P and the standard deviation of ln contrast over diameter and depth, a column for each design; returns ``path``.
 
     Judged tumours are points: filled where they are found more often than not.
     """
-    figure, axes = _figure((5.4 * len(maps), 9.0), (2, len(maps)))
-    for column, (name, one) in enumerate(maps.items()):
+    figure, axes = _create_figure((5.4 * len(maps), 9.0), (2, len(maps)))
+    for column, (name, item) in enumerate(maps.items()):
         for row, (values, label, limit) in enumerate(
-            ((one.probability, "probability of detection", SURE), (one.contrast_sd, "sd of ln contrast", RESOLVED))
+            (
+                (item.probability, "probability of detection", DETECTION_THRESHOLD),
+                (item.contrast_sd, "sd of ln contrast", MAX_RESOLVED_LOG_SD),
+            )
         ):
-            _map(figure, axes[row][column], one, values, label=label, limit=limit)
+            _draw_map(figure, axes[row][column], item, values, label=label, limit=limit)
         axes[0][column].set_title(name, fontsize=11)
-        _tumours(axes[0][column], judged[name])
+        _draw_tumours(axes[0][column], judged[name])
     for row in axes:
         row[0].set_ylabel("depth of the centre, mm")
-    for one in axes[-1]:
-        one.set_xlabel("diameter, mm")
+    for item in axes[-1]:
+        item.set_xlabel("diameter, mm")
     figure.suptitle(
         "by the closed form, a known tumour in the middle of the population's ranges (an upper bound); points: those verified,\n"
         "full where detected more often than not; lines: 90 % detected, contrast resolved to 0.5",
         fontsize=9,
     )
-    return save(figure, path)
+    return save_figure(figure, path)
 
 
 def draw_front(fronts: tuple[Front, ...], name: str, path: Path) -> Path:
     """Draw Pareto fronts side by side; returns ``path``."""
-    figure, axes = _figure((5.0 * len(fronts), 4.0), (1, len(fronts)))
+    figure, axes = _create_figure((5.0 * len(fronts), 4.0), (1, len(fronts)))
     for plain, front in zip(axes[0], fronts, strict=True):
-        plain.plot(front.shown, [one.value for one in front.points], "-", color=GREY, label="by the closed form")
-        judged = [(at, one) for at, one in zip(front.shown, front.points, strict=True) if one.judged is not None]
+        plain.plot(
+            front.costs, [point.value for point in front.points], "-", color=CLOSED_FORM_COLOUR, label="by the closed form"
+        )
+        judged = [(cost, point) for cost, point in zip(front.costs, front.points, strict=True) if point.judged is not None]
         if judged:
-            values, errors = zip(*(one.judged for _, one in judged), strict=True)
-            plain.errorbar([at for at, _ in judged], values, errors, fmt="o", color=BLUE, capsize=3, label="judged, one error")
+            values, errors = zip(*(point.judged for _, point in judged), strict=True)
+            plain.errorbar(
+                [cost for cost, _ in judged], values, errors, fmt="o", color=VERIFIED_COLOUR, capsize=3, label="judged, one error"
+            )
         plain.set_xlabel(front.label)
         plain.set_ylabel(name)
         plain.legend(fontsize=8)
-    return save(figure, path)
+    return save_figure(figure, path)
 
 
-def _figure(size: tuple[float, float], shape: tuple[int, int]) -> tuple[Any, Any]:
+def _create_figure(size: tuple[float, float], shape: tuple[int, int]) -> tuple[Any, Any]:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -69,14 +76,14 @@ def _figure(size: tuple[float, float], shape: tuple[int, int]) -> tuple[Any, Any
     return figure, figure.subplots(*shape, squeeze=False, sharey="row")
 
 
-def _map(figure: Any, axes: Any, one: DepthMap, values: Any, *, label: str, limit: float) -> None:
+def _draw_map(figure: Any, axes: Any, depth_map: DepthMap, values: Any, *, label: str, limit: float) -> None:
     axes.set_facecolor("0.88")
     from matplotlib.colors import LogNorm, Normalize
 
-    probability = limit == SURE
-    norm = Normalize(0.0, 1.0) if probability else LogNorm(LEAST_SD, MOST_SD)
+    probability = limit == DETECTION_THRESHOLD
+    norm = Normalize(0.0, 1.0) if probability else LogNorm(MIN_SHOWN_SD, MAX_SHOWN_SD)
     colours = "viridis" if probability else "viridis_r"
-    x, y = one.diameter * MM, one.depth * MM
+    x, y = depth_map.diameter * MM_PER_M, depth_map.depth * MM_PER_M
     shown = axes.pcolormesh(x, y, values, cmap=colours, norm=norm, shading="nearest")
     figure.colorbar(shown, ax=axes, label=label, extend="neither" if probability else "both", format="%g")
     finite = values[np.isfinite(values)]
@@ -85,12 +92,12 @@ def _map(figure: Any, axes: Any, one: DepthMap, values: Any, *, label: str, limi
     axes.set_xscale("log")
     axes.set_yscale("log")
     for axis in (axes.xaxis, axes.yaxis):
-        _plain_numbers(axis)
+        _format_axis(axis)
     if axes.get_ylim()[0] < axes.get_ylim()[1]:
         axes.invert_yaxis()
 
 
-def _plain_numbers(axis: Any) -> None:
+def _format_axis(axis: Any) -> None:
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
@@ -98,7 +105,7 @@ def _plain_numbers(axis: Any) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def _tumours(axes: Any, judged: JudgedDesign) -> None:
-    found = judged.judgement.probability >= 0.5
-    x, y = judged.judgement.diameter * MM, judged.judgement.depth * MM
-    axes.scatter(x, y, s=16, facecolors=np.where(found, "white", "none"), edgecolors="white", linewidths=0.8)
+def _draw_tumours(axes: Any, judged: VerifiedDesign) -> None:
+    detected = judged.judgement.probability >= 0.5
+    x, y = judged.judgement.diameter * MM_PER_M, judged.judgement.depth * MM_PER_M
+    axes.scatter(x, y, s=16, facecolors=np.where(detected, "white", "none"), edgecolors="white", linewidths=0.8)

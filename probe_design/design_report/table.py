@@ -6,120 +6,126 @@ from collections.abc import Iterator
 from typing import Any
 
 from probe_design.design_report.depth_map import DepthMap
-from probe_design.design_search.judging import JudgedDesign
+from probe_design.design_search.judging import VerifiedDesign
 from probe_design.design_search.outcome import PopulationOptimum
 from probe_design.populations.tables import Observable
 
-LABELS: dict[Observable, str] = {"ratio": "ratio alone", "stiffness": "stiffness alone", "both": "both"}
-MILLI, KILO, PICO = 1e-3, 1e3, 1e-12
-BY = {
+OBSERVABLE_LABELS: dict[Observable, str] = {"ratio": "ratio alone", "stiffness": "stiffness alone", "both": "both"}
+M_PER_MM, PA_PER_KPA, C_PER_PC = 1e-3, 1e3, 1e-12
+LIMIT_LABELS = {
     "scene": "load", "force": "force limit", "linearity": "linearity", "indentation": "indentation",
     "tissue_strain": "tissue strain", "gap_closure": "gap closure", "charge": "charge",
 }  # fmt: skip
 
 
-def columns(optimum: PopulationOptimum) -> dict[str, JudgedDesign]:
+def list_columns(optimum: PopulationOptimum) -> dict[str, VerifiedDesign]:
     """Return the verified designs by their headings, the recommended one, of which everything else speaks, last."""
     single = {} if optimum.single is None else {"one tumour": optimum.single}
     if optimum.status == "improved":
         return {"start": optimum.start} | single | {"recommended": optimum.best}
-    tried = {"best tried, no gain": optimum.found} if optimum.finalists else {}
+    tried = {"best tried, no gain": optimum.best_tried} if optimum.finalists else {}
     return tried | single | {"start, recommended": optimum.best}
 
 
-def rows(optimum: PopulationOptimum, maps: dict[str, DepthMap]) -> Iterator[tuple[str, ...]]:
+def list_rows(optimum: PopulationOptimum, maps: dict[str, DepthMap]) -> Iterator[tuple[str, ...]]:
     """Yield quantity and value of each design."""
-    designs = columns(optimum)
+    designs = list_columns(optimum)
 
-    def row(name: str, of: Any) -> tuple[str, ...]:
-        return (name, *(of(one) for one in designs.values()))
+    def build_row(name: str, format_cell: Any) -> tuple[str, ...]:
+        return (name, *(format_cell(verified) for verified in designs.values()))
 
-    own = optimum.design.protocol.observable
-    for observable, label in LABELS.items():
-        name = f"detected of 100, {label}{' *' if observable == own else ''}"
-        yield row(name, lambda one, observable=observable: _detected(one, observable))
-    yield row("* sampling, model error", _split)
-    yield row("* resolved of 100", lambda one: _percent(one.judgement.resolved, one.judgement.resolved_error))
-    yield row("* information, nats", lambda one: f"{one.judgement.information:.3f} ± {one.judgement.information_error:.1g}")
-    largest = _largest_diameter(optimum)
-    told = {name: maps[name].deepest(largest) for name in designs}
+    protocol_observable = optimum.design.protocol.observable
+    for observable, label in OBSERVABLE_LABELS.items():
+        name = f"detected of 100, {label}{' *' if observable == protocol_observable else ''}"
+        yield build_row(name, lambda verified, observable=observable: _format_detected(verified, observable))
+    yield build_row("* sampling, model error", _format_error_split)
+    yield build_row(
+        "* resolved of 100", lambda verified: _format_percent(verified.judgement.resolved, verified.judgement.resolved_error)
+    )
+    yield build_row(
+        "* information, nats",
+        lambda verified: f"{verified.judgement.information:.3f} ± {verified.judgement.information_error:.1g}",
+    )
+    largest = _find_largest_diameter(optimum)
+    depths = {name: maps[name].find_deepest(largest) for name in designs}
     name = f"{1e3 * largest:.2g} mm detected (90 %) to, mm"
-    yield (name, *("nowhere" if told[one] is None else f"{told[one] / MILLI:.3g}" for one in designs))  # type: ignore[operator]
-    yield row("force, N", lambda one: f"{one.pressed.force:.3g}")
-    yield row("force limited by", lambda one: BY[one.pressed.by])
-    yield row("indentation, mm", lambda one: f"{one.pressed.indentation / MILLI:.2g}")
-    yield row("weaker charge, pC", lambda one: f"{one.pressed.charge[0] / PICO:.2g}")
-    yield row("inner radius, mm", lambda one: f"{one.scene.probe.inner_radius / MILLI:.4g}")
-    yield row("outer radius, mm", lambda one: f"{one.scene.probe.tube_radius / MILLI:.4g}")
-    yield row("gap, mm", lambda one: f"{one.scene.probe.gap / MILLI:.4g}")
-    yield row("height, mm", _heights)
-    yield row("moduli, kPa", _moduli)
-    if any(_materials(one) for one in designs.values()):
-        yield row("materials", lambda one: _materials(one) or "-")
+    yield (name, *("nowhere" if depths[verified] is None else f"{depths[verified] / M_PER_MM:.3g}" for verified in designs))  # type: ignore[operator]
+    yield build_row("force, N", lambda verified: f"{verified.pressed.force:.3g}")
+    yield build_row("force limited by", lambda verified: LIMIT_LABELS[verified.pressed.limited_by])
+    yield build_row("indentation, mm", lambda verified: f"{verified.pressed.indentation / M_PER_MM:.2g}")
+    yield build_row("weaker charge, pC", lambda verified: f"{verified.pressed.charge[0] / C_PER_PC:.2g}")
+    yield build_row("inner radius, mm", lambda verified: f"{verified.scene.probe.inner_radius / M_PER_MM:.4g}")
+    yield build_row("outer radius, mm", lambda verified: f"{verified.scene.probe.tube_radius / M_PER_MM:.4g}")
+    yield build_row("gap, mm", lambda verified: f"{verified.scene.probe.gap / M_PER_MM:.4g}")
+    yield build_row("height, mm", _format_heights)
+    yield build_row("moduli, kPa", _format_moduli)
+    if any(_format_materials(verified) for verified in designs.values()):
+        yield build_row("materials", lambda verified: _format_materials(verified) or "-")
 
 
-def table(optimum: PopulationOptimum, maps: dict[str, DepthMap]) -> Any:
+def build_table(optimum: PopulationOptimum, maps: dict[str, DepthMap]) -> Any:
     """Return the rows as a table for the terminal."""
     from rich.table import Table
 
-    shown = Table(title=heading(optimum), caption=caption(optimum))
-    for name in ("quantity", *columns(optimum)):
+    shown = Table(title=describe_outcome(optimum), caption=describe_conditions(optimum))
+    for name in ("quantity", *list_columns(optimum)):
         shown.add_column(name, justify="left" if name == "quantity" else "right")
-    for one in rows(optimum, maps):
-        shown.add_row(*one)
+    for cells in list_rows(optimum, maps):
+        shown.add_row(*cells)
     return shown
 
 
-def heading(optimum: PopulationOptimum) -> str:
+def describe_outcome(optimum: PopulationOptimum) -> str:
     """Say whether there is a gain, and which design is recommended."""
     return "optimize: improved" if optimum.status == "improved" else "optimize: no gain, the start is exported"
 
 
-def caption(optimum: PopulationOptimum) -> str:
+def describe_conditions(optimum: PopulationOptimum) -> str:
     """Say what the numbers hold for."""
     protocol, judgement = optimum.design.protocol, optimum.start.judgement
-    active = [one.name for one in optimum.limits if one.active]
+    active = [limit.name for limit in optimum.limits if limit.active]
     against = "a baseline reading" if protocol.blank else "a prediction"
     return (
         f"Verified with {judgement.evaluator} on {len(judgement.depth)} tumours that were not used in the search; "
         f"{len(protocol.positions)} positions against {against}, {100 * protocol.false_alarm:g} % false alarms; "
-        f"*: by what the probe is designed for, {LABELS[protocol.observable]} ([protocol] stiffness); ± sampling and model error "
+        f"*: by what the probe is designed for, {OBSERVABLE_LABELS[protocol.observable]} ([protocol] stiffness); ± "
+        "sampling and model error "
         "together; detected (90 %): 9 times in 10 if the tumour were known; resolved: ln contrast to 0.5; "
         f"active limits: {', '.join(active) or 'none'}"
     )
 
 
-def _detected(one: JudgedDesign, observable: Observable) -> str:
-    judged = one.judgement.by_observable[observable]
-    return "-" if judged is None else _percent(judged.detection, judged.detection_error)
+def _format_detected(verified: VerifiedDesign, observable: Observable) -> str:
+    judged = verified.judgement.by_observable[observable]
+    return "-" if judged is None else _format_percent(judged.detection, judged.detection_error)
 
 
-def _split(one: JudgedDesign) -> str:
-    error = one.judgement.errors["detection"]
+def _format_error_split(verified: VerifiedDesign) -> str:
+    error = verified.judgement.errors["detection"]
     return f"± {100 * error.sampling:.1f}, ± {100 * error.model:.1f}"
 
 
-def _percent(value: float, error: float) -> str:
+def _format_percent(value: float, error: float) -> str:
     return f"{100 * value:.1f} ± {100 * error:.1f}"
 
 
-def _heights(one: JudgedDesign) -> str:
-    probe = one.scene.probe
-    return " / ".join(f"{height / MILLI:.4g}" for height in dict.fromkeys((probe.core_height, probe.tube_height)))
+def _format_heights(verified: VerifiedDesign) -> str:
+    probe = verified.scene.probe
+    return " / ".join(f"{height / M_PER_MM:.4g}" for height in dict.fromkeys((probe.core_height, probe.tube_height)))
 
 
-def _moduli(one: JudgedDesign) -> str:
-    probe = one.scene.probe
-    return f"{probe.inner.youngs_modulus / KILO:.4g} / {probe.outer.youngs_modulus / KILO:.4g}"
+def _format_moduli(verified: VerifiedDesign) -> str:
+    probe = verified.scene.probe
+    return f"{probe.inner.youngs_modulus / PA_PER_KPA:.4g} / {probe.outer.youngs_modulus / PA_PER_KPA:.4g}"
 
 
-def _materials(one: JudgedDesign) -> str:
+def _format_materials(verified: VerifiedDesign) -> str:
     """The names of the blocks' materials, nothing where neither has one."""
-    names = one.scene.probe.inner.material, one.scene.probe.outer.material
+    names = verified.scene.probe.inner.material, verified.scene.probe.outer.material
     return " / ".join(name or "-" for name in names) if any(names) else ""
 
 
-def _largest_diameter(optimum: PopulationOptimum) -> float:
+def _find_largest_diameter(optimum: PopulationOptimum) -> float:
     from probe_design.populations.population import ScenePopulation
 
-    return max(ScenePopulation.of(optimum.design.scene, optimum.design.population).ranges["diameter"].values)
+    return max(ScenePopulation.from_scene(optimum.design.scene, optimum.design.population).ranges["diameter"].values)

@@ -9,15 +9,15 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Words
-from probe_design.design_search.closed_search import STARTS, FoundDesigns, search
-from probe_design.design_search.room import Combination, Room
-from probe_design.design_search.steered_population import SteeredDesigns
+from probe_design.design_search.closed_search import IPOPT_STARTS, FoundDesigns, search
+from probe_design.design_search.room import Combination, SearchSpace
+from probe_design.design_search.steered_population import DesignObjective
 
-MOST_ENUMERATED = 200
-FEW = 1  # combinations that are each searched from several starts at once
-BRANCHES = 3  # designs of the relaxed search that are rounded
-ROUNDS = 4  # of looking at neighbours
-AGAIN = 3  # of many combinations, so many of the best are searched once more from several starts
+MAX_ENUMERATED = 200
+MAX_THOROUGH_COMBINATIONS = 1  # combinations that are each searched from several starts at once
+ROUNDED_DESIGNS = 3  # designs of the relaxed search that are rounded
+NEIGHBOUR_ROUNDS = 4  # of looking at neighbours
+REPEATED_COMBINATIONS = 3  # of many combinations, so many of the best are searched once more from several starts
 
 Progress = Callable[[int, int], None]
 
@@ -32,7 +32,7 @@ class Choice:
 
 
 @dataclass(frozen=True)
-class Chosen:
+class ChoiceSearch:
     """The designs that a search over all combinations returns.
 
     Attributes:
@@ -48,109 +48,115 @@ class Chosen:
     best: dict[str, float]
 
 
-def choose(steered: SteeredDesigns, room: Room, progress: Progress) -> Chosen:
+def search_combinations(steered: DesignObjective, search_space: SearchSpace, progress: Progress) -> ChoiceSearch:
     """Search the combinations of discrete values and return the designs, best first.
 
     Raises:
         InputError: no combination gives a probe with a finite objective.
     """
-    if room.combinations <= MOST_ENUMERATED:
-        every = list(room.every())
-        choices = _enumerated(steered, room, every, progress)
-        how = f"all {len(every)} combinations of choices tried" if len(every) > 1 else "all variables continuous"
-        return _ordered(choices, how, True)
-    choices, count = _branched(steered, room, progress)
+    if search_space.combinations <= MAX_ENUMERATED:
+        combinations = list(search_space.iterate_combinations())
+        choices = _search_all(steered, search_space, combinations, progress)
+        how = f"all {len(combinations)} combinations of choices tried" if len(combinations) > 1 else "all variables continuous"
+        return _sort_choices(choices, how, True)
+    choices, count = _search_relaxed(steered, search_space, progress)
     how = (
-        f"{room.combinations} combinations of choices, more than {MOST_ENUMERATED}: not all tried but {count} near what a "
+        f"{search_space.combinations} combinations of choices, more than {MAX_ENUMERATED}: not all tried but {count} near what a "
         "search without steps found, until none beside the best was better"
     )
-    return _ordered(choices, how, False)
+    return _sort_choices(choices, how, False)
 
 
-def searched(steered: SteeredDesigns, room: Room, one: Combination, *, thorough: bool) -> list[Choice]:
+def search_combination(
+    steered: DesignObjective, search_space: SearchSpace, combination: Combination, *, thorough: bool
+) -> list[Choice]:
     """Return the designs of one combination, best first."""
     how = {} if thorough else {"starts": 1, "screened": 16, "steps": 12}
-    found = search(steered, room.pinned(one), one.poisson, **how)
-    return _choices(one, found)
+    designs = search(steered, search_space.pin_combination(combination), combination.poisson, **how)
+    return _list_choices(combination, designs)
 
 
-def _choices(one: Combination, found: FoundDesigns) -> list[Choice]:
-    pairs = zip(found.designs.T, found.values.tolist(), strict=True)
-    return [Choice(one, design, value) for design, value in pairs if np.isfinite(value)][:50]
+def _list_choices(combination: Combination, designs: FoundDesigns) -> list[Choice]:
+    pairs = zip(designs.designs.T, designs.values.tolist(), strict=True)
+    return [Choice(combination, design, value) for design, value in pairs if np.isfinite(value)][:50]
 
 
-def _enumerated(steered: SteeredDesigns, room: Room, every: list[Combination], progress: Progress) -> list[Choice]:
-    thorough = len(every) <= FEW or not room.free(every[0])
+def _search_all(
+    steered: DesignObjective, search_space: SearchSpace, combinations: list[Combination], progress: Progress
+) -> list[Choice]:
+    thorough = len(combinations) <= MAX_THOROUGH_COMBINATIONS or not search_space.list_free_variables(combinations[0])
     choices: list[Choice] = []
-    for k, one in enumerate(every):
-        progress(k, len(every))
-        choices += searched(steered, room, one, thorough=thorough)
-    progress(len(every), len(every))
-    return choices if thorough else choices + _again(steered, room, choices)
+    for k, combination in enumerate(combinations):
+        progress(k, len(combinations))
+        choices += search_combination(steered, search_space, combination, thorough=thorough)
+    progress(len(combinations), len(combinations))
+    return choices if thorough else choices + _repeat_search(steered, search_space, choices)
 
 
-def _again(steered: SteeredDesigns, room: Room, choices: list[Choice]) -> list[Choice]:
+def _repeat_search(steered: DesignObjective, search_space: SearchSpace, choices: list[Choice]) -> list[Choice]:
     """Search the best combinations once more, from several starts."""
-    order = sorted(choices, key=lambda one: -one.value)
-    best = list({one.combination.told: one.combination for one in order}.values())[:AGAIN]
-    return [found for one in best for found in searched(steered, room, one, thorough=True)]
+    order = sorted(choices, key=lambda choice: -choice.value)
+    best = list({choice.combination.description: choice.combination for choice in order}.values())[:REPEATED_COMBINATIONS]
+    return [repeated for choice in best for repeated in search_combination(steered, search_space, choice, thorough=True)]
 
 
-def _branched(steered: SteeredDesigns, room: Room, progress: Progress) -> tuple[list[Choice], int]:
+def _search_relaxed(steered: DesignObjective, search_space: SearchSpace, progress: Progress) -> tuple[list[Choice], int]:
     """Search with continuous variables, round the best designs, then move to the best neighbour until none is better."""
-    relaxed = search(steered, room.space, _middle_poisson(room), starts=STARTS)
-    progress(1, 2 + ROUNDS)
+    relaxed = search(steered, search_space.space, _average_poisson(search_space), starts=IPOPT_STARTS)
+    progress(1, 2 + NEIGHBOUR_ROUNDS)
     tried: dict[str, list[Choice]] = {}
-    for design in relaxed.designs.T[:BRANCHES]:
-        _try(steered, room, room.near(design), tried)
-    progress(2, 2 + ROUNDS)
-    for turn in range(ROUNDS):
-        found = [one for choices in tried.values() for one in choices]
-        if not found:
+    for design in relaxed.designs.T[:ROUNDED_DESIGNS]:
+        _search_untried(steered, search_space, search_space.iterate_nearest(design), tried)
+    progress(2, 2 + NEIGHBOUR_ROUNDS)
+    for turn in range(NEIGHBOUR_ROUNDS):
+        tried_choices = [choice for choices in tried.values() for choice in choices]
+        if not tried_choices:
             break
-        best = max(found, key=lambda one: one.value)
-        _try(steered, room, _beside(room, best), tried)
-        progress(3 + turn, 2 + ROUNDS)
-        if max(one.value for choices in tried.values() for one in choices) <= best.value:
+        best = max(tried_choices, key=lambda choice: choice.value)
+        _search_untried(steered, search_space, _list_neighbours(search_space, best), tried)
+        progress(3 + turn, 2 + NEIGHBOUR_ROUNDS)
+        if max(choice.value for choices in tried.values() for choice in choices) <= best.value:
             break
-    progress(2 + ROUNDS, 2 + ROUNDS)
-    choices = [one for found in tried.values() for one in found]
-    return choices + (_again(steered, room, choices) if choices else []), len(tried)
+    progress(2 + NEIGHBOUR_ROUNDS, 2 + NEIGHBOUR_ROUNDS)
+    choices = [choice for tried_choices in tried.values() for choice in tried_choices]
+    return choices + (_repeat_search(steered, search_space, choices) if choices else []), len(tried)
 
 
-def _try(steered: SteeredDesigns, room: Room, combinations: Iterable[Combination], tried: dict[str, list[Choice]]) -> None:
-    for one in combinations:
-        if one.told not in tried and len(tried) < MOST_ENUMERATED:
-            tried[one.told] = searched(steered, room, one, thorough=False)
+def _search_untried(
+    steered: DesignObjective, search_space: SearchSpace, combinations: Iterable[Combination], tried: dict[str, list[Choice]]
+) -> None:
+    for combination in combinations:
+        if combination.description not in tried and len(tried) < MAX_ENUMERATED:
+            tried[combination.description] = search_combination(steered, search_space, combination, thorough=False)
 
 
-def _beside(room: Room, best: Choice) -> Iterator[Combination]:
+def _list_neighbours(search_space: SearchSpace, best: Choice) -> Iterator[Combination]:
     """Yield the combinations that differ from the best by one step of one variable or by one block's material."""
-    held = {k: best.combination.pinned[k] for k in room.grids}
-    for k, values in room.grids.items():
-        at = values.index(held[k])
-        for other in values[max(0, at - 1) : at + 2]:
-            if other != held[k]:
-                yield replace(best.combination, pinned={**best.combination.pinned, k: other})
-    if room.shelf:
+    held = {k: best.combination.pinned[k] for k in search_space.grids}
+    for k, values in search_space.grids.items():
+        position = values.index(held[k])
+        for neighbour in values[max(0, position - 1) : position + 2]:
+            if neighbour != held[k]:
+                yield replace(best.combination, pinned={**best.combination.pinned, k: neighbour})
+    if search_space.shelf:
         names = best.combination.materials
-        for one in room.every_material(held):
-            if sum(name != mine for name, mine in zip(one.materials, names, strict=True)) == 1:
-                yield one
+        for combination in search_space.iterate_materials(held):
+            if sum(name != mine for name, mine in zip(combination.materials, names, strict=True)) == 1:
+                yield combination
 
 
-def _middle_poisson(room: Room) -> tuple[float, float]:
-    if not room.shelf:
-        return room.start_poisson
-    mean = float(np.mean(room.shelf_poisson))
+def _average_poisson(search_space: SearchSpace) -> tuple[float, float]:
+    if not search_space.shelf:
+        return search_space.start_poisson
+    mean = float(np.mean(search_space.shelf_poisson))
     return mean, mean
 
 
-def _ordered(choices: list[Choice], how: str, exhaustive: bool) -> Chosen:
+def _sort_choices(choices: list[Choice], how: str, exhaustive: bool) -> ChoiceSearch:
     if not choices:
         raise InputError("variables", Words("no design with a finite objective"), "a wider choice, or wider limits")
-    order = sorted(choices, key=lambda one: -one.value)
+    order = sorted(choices, key=lambda choice: -choice.value)
     best: dict[str, float] = {}
-    for one in order:
-        best.setdefault(one.combination.told, one.value)
-    return Chosen(tuple(order), how, exhaustive, best)
+    for choice in order:
+        best.setdefault(choice.combination.description, choice.value)
+    return ChoiceSearch(tuple(order), how, exhaustive, best)

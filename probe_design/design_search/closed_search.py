@@ -15,15 +15,15 @@ import numpy as np
 from scipy.stats import qmc
 
 from geometry.common.arrays import Floats, Ints
-from probe_design.design_search.steered_population import SteeredDesigns
+from probe_design.design_search.steered_population import DesignObjective
 from probe_design.optimisation.design_space import Space
-from probe_design.optimisation.global_search import QUIET, SHELLS, stopped_by_user
-from solver.casadi_functions.base import Differentiated
+from probe_design.optimisation.global_search import IPOPT_QUIET_OPTIONS, SHELLS_PER_OCTAVE, raise_user_interrupt
+from solver.casadi_functions.base import DifferentiableFunction
 
-SEED = 21
-SCREENED = 64  # designs in each shell, a power of two as Sobol's sequence likes it
-STARTS, STEPS = 4, 25  # of IPOPT
-TIGHT = 1e-9  # relative: bounds this near are one value
+SOBOL_SEED = 21
+SCREENED_PER_SHELL = 64  # designs in each shell, a power of two as Sobol's sequence likes it
+IPOPT_STARTS, MAX_IPOPT_STEPS = 4, 25  # of IPOPT
+BOUNDS_TOLERANCE_RELATIVE = 1e-9  # relative: bounds this near are one value
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class ExactGradients(Protocol):
         """See ``DesignObjective.gradient``."""
 
 
-class SteeredFunction(Differentiated):
+class ObjectiveFunction(DifferentiableFunction):
     """ln of some variables -> the objective, and the margin of the weaker channel's charge, with exact derivatives.
 
     Args:
@@ -57,7 +57,7 @@ class SteeredFunction(Differentiated):
         self.evaluations = 0
         self.begin("population", len(which), 2)
 
-    def values(self, x: Floats) -> tuple[Floats, Floats]:
+    def compute(self, x: Floats) -> tuple[Floats, Floats]:
         """Return both values and their derivatives; NaN where the formulas break down, from which IPOPT steps back."""
         design = self.start.copy()
         design[self.which] = np.exp(x)
@@ -66,8 +66,8 @@ class SteeredFunction(Differentiated):
 
 
 def search(
-    steered: SteeredDesigns, space: Space, poisson: tuple[float, float], *, starts: int = STARTS, screened: int = SCREENED,
-    steps: int = STEPS,
+    steered: DesignObjective, space: Space, poisson: tuple[float, float], *, starts: int = IPOPT_STARTS, screened: int = SCREENED_PER_SHELL,
+    steps: int = MAX_IPOPT_STEPS,
 ) -> FoundDesigns:  # fmt: skip
     """Search designs within bounds and return local optima and screened designs together, best first.
 
@@ -80,64 +80,66 @@ def search(
         steps: of IPOPT from each.
     """
     designs = screen(space, screened)
-    values = steered.real_values(designs, poisson)
-    free = [k for k in range(len(space.low)) if space.low[k] < space.high[k] * (1 - TIGHT)]
+    values = steered.evaluate_designs(designs, poisson)
+    free = [k for k in range(len(space.low)) if space.low[k] < space.high[k] * (1 - BOUNDS_TOLERANCE_RELATIVE)]
     if not free or not np.isfinite(values).any():
-        return _sorted(designs, values)
+        return _sort_designs(designs, values)
     optima = [
-        polished(steered, space, designs[:, k], poisson=poisson, free=free, steps=steps)
-        for k in _starts(space, designs, values)[:starts]
+        refine_by_ipopt(steered, space, designs[:, k], poisson=poisson, free=free, steps=steps)
+        for k in _order_starts(space, designs, values)[:starts]
     ]
-    every = np.concatenate([np.array(optima).T, designs], axis=1)
-    found = np.concatenate([steered.real_values(np.array(optima).T, poisson), values])
-    keeps = _nearly(space, every)
-    return _sorted(every[:, keeps], found[keeps])
+    all_designs = np.concatenate([np.array(optima).T, designs], axis=1)
+    all_values = np.concatenate([steered.evaluate_designs(np.array(optima).T, poisson), values])
+    keeps = _meets_constraints(space, all_designs)
+    return _sort_designs(all_designs[:, keeps], all_values[keeps])
 
 
-def screen(space: Space, count: int = SCREENED) -> Floats:
+def screen(space: Space, count: int = SCREENED_PER_SHELL) -> Floats:
     """Return the admissible designs of Sobol sequences, even in the logarithms, shell by shell of outer radii, shape (6, n)."""
     low, high = np.maximum(space.low, 1e-12), np.maximum(space.high, 1e-12)
-    if not np.any(low < high * (1 - TIGHT)):
+    if not np.any(low < high * (1 - BOUNDS_TOLERANCE_RELATIVE)):
         return low[:, None]
-    least = low[0] + low[2] + space.wall
-    first, last = (math.floor(SHELLS * math.log2(radius)) for radius in (least, max(space.outer_radius, least)))
-    sample = qmc.Sobol(len(low), seed=SEED).random(count)
-    designs = np.concatenate([_shell(space, low, high, sample, k) for k in range(first, last + 1)], axis=1)
+    min_radius = low[0] + low[2] + space.wall
+    first, last = (
+        math.floor(SHELLS_PER_OCTAVE * math.log2(radius)) for radius in (min_radius, max(space.outer_radius, min_radius))
+    )
+    sample = qmc.Sobol(len(low), seed=SOBOL_SEED).random(count)
+    designs = np.concatenate([_sample_shell(space, low, high, sample, k) for k in range(first, last + 1)], axis=1)
     inside = space.admits(designs) & np.all(
         (designs >= low[:, None] * (1 - 1e-9)) & (designs <= high[:, None] * (1 + 1e-9)), axis=0
     )
-    return np.concatenate([_corners(space, low, high), designs[:, inside]], axis=1)
+    return np.concatenate([_build_corners(space, low, high), designs[:, inside]], axis=1)
 
 
-def _corners(space: Space, low: Floats, high: Floats) -> Floats:
+def _build_corners(space: Space, low: Floats, high: Floats) -> Floats:
     """Return the design at the lower bounds and that in the middle of all bounds, those of them that are admissible."""
     middle = np.exp((np.log(low) + np.log(high)) / 2)
     candidates = np.array([low, middle]).T
     for column in candidates.T:
-        least = column[0] + column[2] + space.wall * (1 + 1e-9)
-        widest = min(max(float(space.derived_radius(column)), least), max(space.outer_radius * (1 - 1e-9), least))
+        min_radius = column[0] + column[2] + space.wall * (1 + 1e-9)
+        widest = min(max(float(space.compute_outer_radius(column)), min_radius), max(space.outer_radius * (1 - 1e-9), min_radius))
         ratio = column[0] ** 2 / (widest**2 - (column[0] + column[2]) ** 2)
         column[1] = np.clip(ratio, low[1], high[1])
     return np.asarray(candidates[:, space.admits(candidates)])
 
 
-def _shell(space: Space, low: Floats, high: Floats, sample: Floats, k: int) -> Floats:
+def _sample_shell(space: Space, low: Floats, high: Floats, sample: Floats, k: int) -> Floats:
     """Sample designs with outer radii between 2^(k / SHELLS) and 2^((k + 1) / SHELLS) m; fixed variables take precedence."""
-    radius = 2 ** ((k + sample[:, 0]) / SHELLS)
-    ratio, gap, *rest = np.exp(np.log(low[1:]) + sample[:, 1:] * (np.log(high[1:]) - np.log(low[1:]))).T
-    if low[0] < high[0] * (1 - TIGHT):
+    radius = 2 ** ((k + sample[:, 0]) / SHELLS_PER_OCTAVE)
+    ratio, gap, *other_variables = np.exp(np.log(low[1:]) + sample[:, 1:] * (np.log(high[1:]) - np.log(low[1:]))).T
+    if low[0] < high[0] * (1 - BOUNDS_TOLERANCE_RELATIVE):
         a, b, c = 1 + 1 / ratio, gap, gap**2 - radius**2  # a r^2 + 2 b r + c = 0 is r^2 / ratio = radius^2 - (r + gap)^2
         inner = (np.sqrt(np.maximum(b**2 - a * c, 0.0)) - b) / a
     else:
         inner = np.full_like(radius, low[0])
         ring = np.maximum(radius**2 - (inner + gap) ** 2, 1e-12)
-        ratio = inner**2 / ring if low[1] < high[1] * (1 - TIGHT) else ratio
-    return np.array([inner, ratio, gap, *rest])
+        ratio = inner**2 / ring if low[1] < high[1] * (1 - BOUNDS_TOLERANCE_RELATIVE) else ratio
+    return np.array([inner, ratio, gap, *other_variables])
 
 
-def _starts(space: Space, designs: Floats, values: Floats) -> Ints:
+def _order_starts(space: Space, designs: Floats, values: Floats) -> Ints:
     """Return the indices of designs in the order of IPOPT's starts: the best of each shell, then the second best, ..."""
-    shells = np.floor(SHELLS * np.log2(space.derived_radius(designs)))
+    shells = np.floor(SHELLS_PER_OCTAVE * np.log2(space.compute_outer_radius(designs)))
     best_first = np.argsort(-values, kind="stable")
     best_first = best_first[np.isfinite(values[best_first])]
     turn = np.full(len(values), len(values))
@@ -148,20 +150,20 @@ def _starts(space: Space, designs: Floats, values: Floats) -> Ints:
     return np.asarray([k for k in order if np.isfinite(values[k])], dtype=int)
 
 
-def polished(
+def refine_by_ipopt(
     steered: ExactGradients, space: Space, start: Floats, *, poisson: tuple[float, float], free: list[int], steps: int
 ) -> Floats:
     """Return the local optimum near a design (6,) by IPOPT; ``free`` are the variables that vary, ``steps`` its steps."""
-    formula = SteeredFunction(steered, start, free, poisson)
+    formula = ObjectiveFunction(steered, start, free, poisson)
     x = ca.MX.sym("x", len(free))
     v = [ca.MX(value) for value in start]
     for position, k in enumerate(free):
         v[k] = ca.exp(x[position])
     value, margin = ca.vertsplit(formula(x))
-    radius = space.derived_radius(v)
+    radius = space.compute_outer_radius(v)
     constraints = ca.vertcat(radius / space.outer_radius, (radius - v[0] - v[2]) / space.wall, margin)
     choices: dict[str, Any] = {"ipopt.hessian_approximation": "limited-memory", "ipopt.max_iter": steps, "ipopt.tol": 1e-5}
-    solver = ca.nlpsol("population", "ipopt", {"x": x, "f": -value, "g": constraints}, QUIET | choices)
+    solver = ca.nlpsol("population", "ipopt", {"x": x, "f": -value, "g": constraints}, IPOPT_QUIET_OPTIONS | choices)
     bounds = {
         "lbx": np.log(space.low[free]),
         "ubx": np.log(space.high[free]),
@@ -170,16 +172,16 @@ def polished(
     }
     optimum = start.copy()
     optimum[free] = np.exp(np.array(solver(x0=np.log(start[free]), **bounds)["x"]).ravel())
-    stopped_by_user(solver)
+    raise_user_interrupt(solver)
     return np.clip(optimum, space.low, space.high)
 
 
-def _nearly(space: Space, designs: Floats) -> Any:
+def _meets_constraints(space: Space, designs: Floats) -> Any:
     """Return which designs meet the constraints to 1e-6; IPOPT meets them to about 1e-8, and rounding removes the rest."""
-    radius = space.derived_radius(designs)
+    radius = space.compute_outer_radius(designs)
     return (radius <= space.outer_radius * (1 + 1e-6)) & (radius - designs[0] - designs[2] >= space.wall * (1 - 1e-6))
 
 
-def _sorted(designs: Floats, values: Floats) -> FoundDesigns:
+def _sort_designs(designs: Floats, values: Floats) -> FoundDesigns:
     order = np.argsort(-values, kind="stable")
     return FoundDesigns(designs[:, order], values[order])

@@ -10,10 +10,10 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
 from probe_design.design_search.loads import ProbeSizes
-from probe_design.design_search.steered_population import SteeredDesigns
+from probe_design.design_search.steered_population import DesignObjective
 from probe_design.populations.design_file import Design
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
-from solver.equivalent_inclusion.readings import readings
+from solver.equivalent_inclusion.readings import compute_readings
 from solver.inclusions.tumours import Tumours
 from solver.planning.coarse_model import CoarseModel
 from solver.tumour_waves.population import TumourDraws
@@ -36,26 +36,26 @@ class InclusionTumours:
     tissue: Any
     positions: tuple[Floats, float]
 
-    def films(self, probes: Any) -> Films:
+    def compute_films(self, probes: Any) -> Films:
         """Return the film forces of the one probe; ``probes`` is ignored."""
         m, places = len(self.tissue), len(self.positions[0])
-        without, change, by_log = np.zeros((1, m, 2)), np.zeros((1, m, places, 2)), np.zeros((1, m, places, 2))
+        baseline, change, by_log = np.zeros((1, m, 2)), np.zeros((1, m, places, 2)), np.zeros((1, m, places, 2))
         for number, base in enumerate(self.bases):
             which = np.flatnonzero(self.tissue == number)
             if not len(which):
                 continue
-            answers = readings(base, self._seen(which), 0, reflect=False)
+            answers = compute_readings(base, self._list_relative_tumours(which), 0, reflect=False)
             totals = base.films.forces.sum(axis=1)
-            without[0, which] = totals
+            baseline[0, which] = totals
             change[0, which] = answers.totals.reshape(len(which), places, 2) - totals
-            by_log[0, which] = answers.by["youngs_modulus"].sum(axis=2).reshape(len(which), places, 2)
-        return Films(without, change, by_log)
+            by_log[0, which] = answers.derivatives["youngs_modulus"].sum(axis=2).reshape(len(which), places, 2)
+        return Films(baseline, change, by_log)
 
-    def _seen(self, which: Any) -> Tumours:
+    def _list_relative_tumours(self, which: Any) -> Tumours:
         """Return the tumours relative to the probe's axis at each of P positions, shape (k P, 1)."""
-        draws, (along, across) = self.draws, self.positions
-        places = len(along)
-        columns = [(draws.x[which, None] - along).ravel(), np.repeat(draws.y[which] - across, places)]
+        draws, (x_positions, across) = self.draws, self.positions
+        places = len(x_positions)
+        columns = [(draws.x[which, None] - x_positions).ravel(), np.repeat(draws.y[which] - across, places)]
         columns += [
             np.repeat(values[which], places)
             for values in (draws.depth, 2 * draws.radius, draws.youngs_modulus, draws.poisson_ratio)
@@ -64,22 +64,28 @@ class InclusionTumours:
         return Tumours(x, y, depth, diameter, modulus, poisson)
 
 
-def inclusion_value(steered: SteeredDesigns, design: Design, scene: Scene) -> float:
+def compute_inclusion_objective(steered: DesignObjective, design: Design, scene: Scene) -> float:
     """Return the objective of a scene's probe, larger is better; ``-inf`` where it is not finite.
 
     Raises:
         Refusal: the evaluator does not support the scene.
     """
-    bases = tuple(CoarseModel.of(one, details=False).undisturbed for one in steered.draw.on(scene).tissues)
-    sizes = ProbeSizes.of(scene)
+    bases = tuple(
+        CoarseModel.from_scene(tissue, details=False).base_states for tissue in steered.draw.replace_probe(scene).tissues
+    )
+    sizes = ProbeSizes.from_scene(scene)
 
-    def seen(tumours: ManyTumours) -> Any:
+    def replace_tumours(tumours: ManyTumours) -> Any:
         draws = tumours.draws
         return InclusionTumours(bases, draws, steered.draw.tissue, (design.protocol.places, scene.placement.y))
 
     objective = steered.steered
-    moved = {key: (seen(less), seen(more)) for key, (less, more) in objective.moved.items()}
-    found = replace(objective, tumours=seen(objective.tumours), moved=moved)
+    moved = {key: (replace_tumours(smaller), replace_tumours(larger)) for key, (smaller, larger) in objective.moved.items()}
+    inclusion_objective = replace(objective, tumours=replace_tumours(objective.tumours), moved=moved)
     with np.errstate(all="ignore"):
-        value = float(found.values(np.zeros((9, 1)), lambda totals: steered.rule.forces(sizes, totals, steered.draw.tissue))[0])
+        value = float(
+            inclusion_objective.values(
+                np.zeros((9, 1)), lambda totals: steered.rule.compute_forces(sizes, totals, steered.draw.tissue)
+            )[0]
+        )
     return value if np.isfinite(value) else -np.inf

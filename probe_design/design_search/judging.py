@@ -8,12 +8,12 @@ from geometry.scenes.scene import Scene
 from probe_design.design_search.choices import Progress
 from probe_design.design_search.loads import PressedDesign, PressingRule
 from probe_design.populations.design_file import Design
-from probe_design.populations.judge import judged
+from probe_design.populations.judge import verify
 from probe_design.populations.judgement import Judgement
 
 
 @dataclass(frozen=True)
-class JudgedDesign:
+class VerifiedDesign:
     """A design with its force and its verification on tumours that the search did not use.
 
     Attributes:
@@ -30,19 +30,19 @@ class JudgedDesign:
     combination: str = ""
     materials: tuple[str, ...] = ()
 
-    def value(self, design: Design) -> tuple[float, float]:
+    def get_objective(self, design: Design) -> tuple[float, float]:
         """Return the quantity that the design file maximises, and its error."""
         kind = design.objective.maximise
         return getattr(self.judgement, kind), getattr(self.judgement, f"{kind}_error")
 
-    def gain_over(self, other: JudgedDesign, design: Design) -> tuple[float, float]:
+    def compute_gain(self, reference: VerifiedDesign, design: Design) -> tuple[float, float]:
         """Return the gain in the objective over another design for the same tumours, and the error of the gain."""
-        if self.scene == other.scene:
+        if self.scene == reference.scene:
             return 0.0, 0.0
-        return self.judgement.gain_over(other.judgement, design.objective)
+        return self.judgement.compute_gain(reference.judgement, design.objective)
 
 
-def judge(
+def verify_design(
     design: Design,
     rule: PressingRule,
     scene: Scene,
@@ -50,13 +50,13 @@ def judge(
     progress: Progress,
     combination: str = "",
     materials: tuple[str, ...] = (),
-) -> JudgedDesign:
+) -> VerifiedDesign:
     """Verify a scene's probe under its allowed force, on tumours that the search did not use.
 
     Raises:
         InputError: the population does not fit the tissue, or the probe would leave it.
         Refusal: the levels cannot take the scene.
     """
-    loaded, pressed = rule.under(scene)
-    found = judged(loaded, design, progress=progress)
-    return JudgedDesign(loaded, pressed, found, combination, materials)
+    loaded, pressed = rule.apply_force(scene)
+    verification = verify(loaded, design, progress=progress)
+    return VerifiedDesign(loaded, pressed, verification, combination, materials)

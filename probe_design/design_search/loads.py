@@ -15,21 +15,30 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Inclusion, Load, Scene
-from probe_design.optimisation.pressing import RATIO
+from probe_design.optimisation.pressing import MAX_RATIO_CHANGE_RELATIVE
 from probe_design.populations.design_file import Design
-from probe_design.populations.inclusion_scan import check_pressed
+from probe_design.populations.inclusion_scan import check_films_compressed
 from probe_design.populations.population import ScenePopulation, TumourDraw
 from solver.closed_form.bessel import Array
 from solver.planning.coarse_model import CoarseModel
-from solver.planning.loads import CLOSING, LARGEST_X, largest_x
-from solver.planning.strains import block_strain, both_strains, cover_factor, most_nearing, slimness, tissue_strain
+from solver.planning.loads import CLOSURE_FORCE_SHARE, MAX_X, find_largest_x
+from solver.planning.strains import (
+    bound_nearing,
+    compute_block_strain,
+    compute_both_strains,
+    compute_cover_factor,
+    compute_slimness,
+    compute_tissue_strain,
+)
 
-USUAL_CHARGE = 20e-12  # C/N, of films that a scene does not have
-DIGITS = 3  # of a force
+DEFAULT_CHARGE_PER_FORCE = 20e-12  # C/N, of films that a scene does not have
+FORCE_DIGITS = 3  # of a force
 COVER_SAMPLES = (
     1024  # tumours whose worst cover limits the force: of sixteen times as many it is 4 % worse on the built-in ranges
 )
-MARGIN = 0.9  # of what is known on a coarse mesh without tumours, which is off by 5 % and which tumours stiffen
+COARSE_MODEL_SAFETY_FACTOR = (
+    0.9  # of what is known on a coarse mesh without tumours, which is off by 5 % and which tumours stiffen
+)
 
 
 @dataclass(frozen=True)
@@ -49,7 +58,7 @@ class PressedDesign:
     indentation: float
     tissue_strain: float
     charge: tuple[float, float]
-    by: str
+    limited_by: str
     allowed: dict[str, float]
 
 
@@ -69,7 +78,7 @@ class ProbeSizes:
     moduli: tuple[Any, Any]
 
     @classmethod
-    def of(cls, scene: Scene) -> ProbeSizes:
+    def from_scene(cls, scene: Scene) -> ProbeSizes:
         """Return those of a scene's probe."""
         probe = scene.probe
         heights, moduli = (probe.core_height, probe.tube_height), (probe.inner.youngs_modulus, probe.outer.youngs_modulus)
@@ -95,62 +104,68 @@ class PressingRule:
 
     design: Design
     tissues: tuple[Scene, ...]
-    covered: float
-    nearing: float
+    worst_cover_factor: float
+    approach_ratio: float
 
     @classmethod
-    def of(cls, design: Design, draw: TumourDraw, unseen: TumourDraw) -> PressingRule:
+    def from_draws(cls, design: Design, draw: TumourDraw, unseen: TumourDraw) -> PressingRule:
         """Return the rule of a design file, its tumours that steer and those that judge.
 
         The worst cover is that of many tumours of the population, however few are drawn: forces must not depend on ``samples``.
         """
-        many = ScenePopulation.of(design.scene, design.population).drawn(COVER_SAMPLES)
+        many = ScenePopulation.from_scene(design.scene, design.population).draw_tumours(COVER_SAMPLES)
         bodies = [
             Inclusion(diameter=d, depth=z, youngs_modulus=1e4, poisson_ratio=0.45)
-            for one in (many, draw, unseen)
-            for d, z in zip(one.diameter.tolist(), one.depth.tolist(), strict=True)
+            for tumour_draw in (many, draw, unseen)
+            for d, z in zip(tumour_draw.diameter.tolist(), tumour_draw.depth.tolist(), strict=True)
         ]
-        coarse = CoarseModel.of(draw.tissues[0], details=False)
-        bound = _nearing(design.scene, ProbeSizes.of(design.scene), coarse.forces.sum(axis=1))
-        tissues = (*draw.tissues, *(one for one in unseen.tissues if one not in draw.tissues))
-        return cls(design, tissues, cover_factor(bodies), coarse.approach / bound)
+        coarse = CoarseModel.from_scene(draw.tissues[0], details=False)
+        bound = _compute_wall_approach(design.scene, ProbeSizes.from_scene(design.scene), coarse.forces.sum(axis=1))
+        tissues = (*draw.tissues, *(tumour_draw for tumour_draw in unseen.tissues if tumour_draw not in draw.tissues))
+        return cls(design, tissues, compute_cover_factor(bodies), coarse.wall_approach / bound)
 
     @property
     def charge_per_force(self) -> float:
         """|d33| of the films, C/N."""
         film = self.design.scene.probe.film
-        return abs(film.d33) or USUAL_CHARGE if film else USUAL_CHARGE
+        return abs(film.d33) or DEFAULT_CHARGE_PER_FORCE if film else DEFAULT_CHARGE_PER_FORCE
 
-    def pressed(self, scene: Scene) -> PressedDesign:
+    def compute_pressed_design(self, scene: Scene) -> PressedDesign:
         """Return the force on a scene's probe.
 
         Raises:
             Refusal: a tissue is so extreme that it cannot be solved, or a film is pulled on.
         """
-        found: list[tuple[dict[str, float], Floats]] = []
+        per_tissue: list[tuple[dict[str, float], Floats]] = []
         for tissue in self.tissues:
-            coarse = CoarseModel.of(tissue.model_copy(update={"probe": scene.probe}), details=False)
+            coarse = CoarseModel.from_scene(tissue.model_copy(update={"probe": scene.probe}), details=False)
             totals = coarse.forces.sum(axis=1)
-            check_pressed(totals, tissue)
-            found.append((self._allowed(scene, ProbeSizes.of(scene), totals, coarse.closure, tissue), totals))
-        allowed = {key: float(min(one[key] for one, _ in found)) for key in found[0][0]}
-        by = min(allowed, key=lambda key: allowed[key])
-        force = float(f"{allowed[by]:.{DIGITS}g}")
-        force = force if force <= allowed[by] else float(f"{allowed[by] * (1 - 10.0 ** (1 - DIGITS)):.{DIGITS}g}")
-        deepest = max(force / float(totals.sum()) for _, totals in found)
-        shares = np.array([totals / totals.sum() for _, totals in found]) * force * self.charge_per_force
-        strain = max(
-            float(tissue_strain(scene.probe.tube_radius, tissue.tissue)) * force / float(totals.sum())
-            for tissue, (_, totals) in zip(self.tissues, found, strict=True)
+            check_films_compressed(totals, tissue)
+            per_tissue.append(
+                (self._compute_allowed_forces(scene, ProbeSizes.from_scene(scene), totals, coarse.closure_force, tissue), totals)
+            )
+        allowed = {key: float(min(limits[key] for limits, _ in per_tissue)) for key in per_tissue[0][0]}
+        limited_by = min(allowed, key=lambda key: allowed[key])
+        force = float(f"{allowed[limited_by]:.{FORCE_DIGITS}g}")
+        force = (
+            force
+            if force <= allowed[limited_by]
+            else float(f"{allowed[limited_by] * (1 - 10.0 ** (1 - FORCE_DIGITS)):.{FORCE_DIGITS}g}")
         )
-        return PressedDesign(force, deepest, strain, (float(shares.min()), float(shares.max())), by, allowed)
+        deepest = max(force / float(totals.sum()) for _, totals in per_tissue)
+        shares = np.array([totals / totals.sum() for _, totals in per_tissue]) * force * self.charge_per_force
+        strain = max(
+            float(compute_tissue_strain(scene.probe.tube_radius, tissue.tissue)) * force / float(totals.sum())
+            for tissue, (_, totals) in zip(self.tissues, per_tissue, strict=True)
+        )
+        return PressedDesign(force, deepest, strain, (float(shares.min()), float(shares.max())), limited_by, allowed)
 
-    def under(self, scene: Scene) -> tuple[Scene, PressedDesign]:
+    def apply_force(self, scene: Scene) -> tuple[Scene, PressedDesign]:
         """Return a scene under its force."""
-        pressed = self.pressed(scene)
+        pressed = self.compute_pressed_design(scene)
         return scene.model_copy(update={"load": Load(force=pressed.force)}), pressed
 
-    def forces(self, sizes: ProbeSizes, totals: Array, which: Any) -> Array:
+    def compute_forces(self, sizes: ProbeSizes, totals: Array, which: Any) -> Array:
         """Return the force on n designs over m tumours in closed form, N, shape (n, m): each design's is one.
 
         Args:
@@ -158,48 +173,62 @@ class PressingRule:
             totals: force on both films per indentation without tumours, shape (n, m, 2).
             which: the tissue of each tumour, shape (m,).
         """
-        least: Any = None
+        min_force: Any = None
         for number, tissue in enumerate(self.tissues):  # draws number those that steer first
             column = np.flatnonzero(which == number)
             if not len(column):
                 continue
-            both = np.moveaxis(totals[:, column[0]], 1, 0)
-            closure = both.sum(axis=0) * sizes.gap / (self.nearing * _nearing(tissue, sizes, both))
-            for force in self._allowed(self.design.scene, sizes, both, closure, tissue).values():
-                least = force + 0 * both[0] if least is None else lesser(least, force + 0 * both[0])
-        return np.repeat(least[:, None], totals.shape[1], axis=1)
+            film_totals = np.moveaxis(totals[:, column[0]], 1, 0)
+            closure = (
+                film_totals.sum(axis=0) * sizes.gap / (self.approach_ratio * _compute_wall_approach(tissue, sizes, film_totals))
+            )
+            for force in self._compute_allowed_forces(self.design.scene, sizes, film_totals, closure, tissue).values():
+                min_force = (
+                    force + 0 * film_totals[0]
+                    if min_force is None
+                    else minimum_by_real_part(min_force, force + 0 * film_totals[0])
+                )
+        return np.repeat(min_force[:, None], totals.shape[1], axis=1)
 
-    def _allowed(self, scene: Scene, sizes: ProbeSizes, totals: Any, closure: Any, tissue: Scene) -> dict[str, Any]:
+    def _compute_allowed_forces(
+        self, scene: Scene, sizes: ProbeSizes, totals: Any, closure: Any, tissue: Scene
+    ) -> dict[str, Any]:
         """Return the force that each limit allows on one tissue, N, by the limit's name."""
         limits, load, stiffness = self.design.limits, self.design.scene.load, totals[0] + totals[1]
-        per_depth = tissue_strain(sizes.outer_radius, tissue.tissue)
+        per_depth = compute_tissue_strain(sizes.outer_radius, tissue.tissue)
         blocks = zip(sizes.heights, totals, sizes.areas, sizes.moduli, strict=True)
-        inner, outer = (block_strain(height, total / area / E) for height, total, area, E in blocks)
-        outer = outer * slimness(sizes.outer_radius, sizes.outer_radius - sizes.inner_radius - sizes.gap)
-        added = -lesser(-inner, -outer)
-        x, strain = both_strains(sizes.outer_radius, tissue.tissue, scene.contact.interface, added, self.covered)
-        asked = load.force if load.indentation is None else load.indentation * stiffness
-        allowed = {"scene" if limits.force is None else "force": asked if limits.force is None else limits.force}
-        allowed["linearity"] = MARGIN * largest_x(RATIO, promise=None)[0] / strain * stiffness
+        inner, outer = (compute_block_strain(height, total / area / E) for height, total, area, E in blocks)
+        outer = outer * compute_slimness(sizes.outer_radius, sizes.outer_radius - sizes.inner_radius - sizes.gap)
+        added = -minimum_by_real_part(-inner, -outer)
+        x, strain = compute_both_strains(
+            sizes.outer_radius, tissue.tissue, scene.contact.interface, added, self.worst_cover_factor
+        )
+        scene_force = load.force if load.indentation is None else load.indentation * stiffness
+        allowed = {"scene" if limits.force is None else "force": scene_force if limits.force is None else limits.force}
+        allowed["linearity"] = (
+            COARSE_MODEL_SAFETY_FACTOR * find_largest_x(MAX_RATIO_CHANGE_RELATIVE, promise=None)[0] / strain * stiffness
+        )
         if limits.indentation is not None:
             allowed["indentation"] = limits.indentation * stiffness
         if limits.tissue_strain is not None:
             allowed["tissue_strain"] = limits.tissue_strain / per_depth * stiffness
         if limits.gap_closure:
-            allowed["gap_closure"] = MARGIN * lesser(CLOSING * closure, LARGEST_X / x * stiffness)
+            allowed["gap_closure"] = COARSE_MODEL_SAFETY_FACTOR * minimum_by_real_part(
+                CLOSURE_FORCE_SHARE * closure, MAX_X / x * stiffness
+            )
         if limits.charge is not None:
-            larger = -lesser(-totals[0], -totals[1]) / stiffness
+            larger = -minimum_by_real_part(-totals[0], -totals[1]) / stiffness
             allowed["charge"] = limits.charge[1] / (self.charge_per_force * larger)
         return allowed
 
 
-def lesser(a: Any, b: Any) -> Any:
+def minimum_by_real_part(a: Any, b: Any) -> Any:
     """Return the element-wise minimum of two arrays, compared by their real parts so that complex steps pass through."""
     return np.where(np.real(a) <= np.real(b), a, b) if np.ndim(a) or np.ndim(b) else (a if np.real(a) <= np.real(b) else b)
 
 
-def _nearing(scene: Scene, sizes: ProbeSizes, totals: Any) -> Any:
+def _compute_wall_approach(scene: Scene, sizes: ProbeSizes, totals: Any) -> Any:
     """Return the approach of the gap's walls per unit indentation, an upper bound (eq. PL.4)."""
     inner, outer = (total / (area * E) for total, area, E in zip(totals, sizes.areas, sizes.moduli, strict=True))
     radii = (sizes.inner_radius, sizes.inner_radius + sizes.gap, sizes.outer_radius)
-    return most_nearing(scene.tissue, radii, (inner, outer), sizes.moduli[1])
+    return bound_nearing(scene.tissue, radii, (inner, outer), sizes.moduli[1])

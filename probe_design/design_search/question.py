@@ -7,43 +7,43 @@ from pathlib import Path
 from typing import Any
 
 from geometry.common.errors import InputError
-from geometry.common.text_files import read_text, tables
+from geometry.common.text_files import parse_tables, read_text
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import read_scene
-from probe_design.design_search.template import builtin_design_text
+from probe_design.design_search.template import read_builtin_design_text
 from probe_design.populations.design_file import Design, design_from_dict, design_from_tables, is_design
 
-Asked = Design | Scene | Path | str | Mapping[str, Any] | None
-ALLOWED = "a Design or Scene, the name of a design or scene file, or the tables of a design file"
+DesignSource = Design | Scene | Path | str | Mapping[str, Any] | None
+ALLOWED_SOURCES = "a Design or Scene, the name of a design or scene file, or the tables of a design file"
 
 
-def builtin_design() -> Design:
+def read_builtin_design() -> Design:
     """Return the built-in design; its file says where every number comes from."""
-    return design_from_dict(tables(builtin_design_text(), "built-in design", "a design file"), units_required=True)
+    return design_from_dict(parse_tables(read_builtin_design_text(), "built-in design", "a design file"), units_required=True)
 
 
-def question(asked: Asked) -> Design | Scene:
+def read_design_source(source: DesignSource) -> Design | Scene:
     """Return what is asked; in tables from Python numbers are in SI units.
 
     Raises:
         InputError: it is none of ``ALLOWED_SOURCES``, or says something that is not allowed.
     """
-    if asked is None:
-        return builtin_design()
-    if isinstance(asked, Design | Scene):
-        return asked
-    if isinstance(asked, Path | str):
-        return read_question(Path(asked))
-    if isinstance(asked, Mapping):
-        return design_from_dict(asked)
-    raise InputError("design", asked, ALLOWED)
+    if source is None:
+        return read_builtin_design()
+    if isinstance(source, Design | Scene):
+        return source
+    if isinstance(source, Path | str):
+        return read_design_or_scene(Path(source))
+    if isinstance(source, Mapping):
+        return design_from_dict(source)
+    raise InputError("design", source, ALLOWED_SOURCES)
 
 
-def read_question(path: Path) -> Design | Scene:
+def read_design_or_scene(path: Path) -> Design | Scene:
     """Read a file: a design file where it has one's tables, a scene otherwise.
 
     Raises:
         InputError: it is missing, no TOML, or says something that is not allowed.
     """
-    found = tables(read_text(path, "scene file"), str(path), "a TOML scene or design file")
-    return design_from_tables(found, path) if is_design(found) else read_scene(path)
+    file_tables = parse_tables(read_text(path, "scene file"), str(path), "a TOML scene or design file")
+    return design_from_tables(file_tables, path) if is_design(file_tables) else read_scene(path)

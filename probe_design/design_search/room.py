@@ -19,9 +19,22 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
 from geometry.scenes.catalogue import CatalogueMaterial, find_material, set_number
 from geometry.scenes.scene import Scene
-from geometry.scenes.variables import BLOCKS
-from probe_design.design_search.bounds import MODULI, ends, limit_height, limit_radius, shown, usual_space
-from probe_design.design_search.heights import INNER, OUTER, design_of, names, with_heights
+from geometry.scenes.variables import BLOCK_NAMES
+from probe_design.design_search.bounds import (
+    MODULUS_INDICES,
+    build_default_space,
+    find_bounds,
+    format_value,
+    limit_height,
+    limit_radius,
+)
+from probe_design.design_search.heights import (
+    INNER_HEIGHT_INDEX,
+    OUTER_HEIGHT_INDEX,
+    read_design_vector,
+    set_heights,
+    variable_names,
+)
 from probe_design.optimisation.design_space import VARIABLES, Space
 from probe_design.populations.design_file import Design
 from probe_design.populations.variables import DesignVariable
@@ -44,19 +57,23 @@ class Combination:
     names: tuple[str, ...] = VARIABLES
 
     @property
-    def told(self) -> str:
+    def description(self) -> str:
         """The chosen values and materials in words."""
-        values = [f"{self.names[k]} {shown(k, v)}" for k, v in self.pinned.items() if not (self.materials and k in MODULI)]
+        values = [
+            f"{self.names[k]} {format_value(k, v)}"
+            for k, v in self.pinned.items()
+            if not (self.materials and k in MODULUS_INDICES)
+        ]
         return ", ".join([*values, *(["materials " + " / ".join(self.materials)] if self.materials else [])])
 
     def name_blocks(self, probe: dict[str, Any]) -> None:
         """Write the materials' names into a probe's tables, which have their numbers."""
-        for block, name in zip(BLOCKS, self.materials, strict=False):
+        for block, name in zip(BLOCK_NAMES, self.materials, strict=False):
             probe[block]["material"] = name
 
 
 @dataclass(frozen=True)
-class Room:
+class SearchSpace:
     """The designs of a design file.
 
     Attributes:
@@ -74,54 +91,54 @@ class Room:
     @property
     def names(self) -> tuple[str, ...]:
         """Of the variables: six, or seven where blocks have heights of their own."""
-        return names(len(self.space.low) > len(VARIABLES))
+        return variable_names(len(self.space.low) > len(VARIABLES))
 
     @property
     def combinations(self) -> int:
         """The number of combinations."""
         return math.prod(len(values) for values in self.grids.values()) * max(1, len(self.shelf) ** 2)
 
-    def every(self) -> Iterator[Combination]:
+    def iterate_combinations(self) -> Iterator[Combination]:
         """Yield all combinations, in the order of the file."""
         for values in product(*self.grids.values()):
-            yield from self._with_materials(dict(zip(self.grids, values, strict=True)), self.shelf, self.shelf)
+            yield from self._iterate_materials(dict(zip(self.grids, values, strict=True)), self.shelf, self.shelf)
 
-    def every_material(self, held: Mapping[int, float]) -> Iterator[Combination]:
+    def iterate_materials(self, held: Mapping[int, float]) -> Iterator[Combination]:
         """Yield all pairs of materials beside held values of grids."""
-        yield from self._with_materials(dict(held), self.shelf, self.shelf)
+        yield from self._iterate_materials(dict(held), self.shelf, self.shelf)
 
     @property
     def shelf_poisson(self) -> list[float]:
         """Poisson's ratios of the materials."""
-        return [poisson_of(one) for one in self.shelf]
+        return [get_poisson_ratio(material) for material in self.shelf]
 
-    def near(self, design: Floats, least: int = 2) -> Iterator[Combination]:
+    def iterate_nearest(self, design: Floats, count: int = 2) -> Iterator[Combination]:
         """Yield the combinations nearest to a design: of each grid and of the materials of each block, the nearest values."""
-        grids = {k: _nearest(values, design[k], least) for k, values in self.grids.items()}
-        shelves = [self._nearest_materials(design[k], least) for k in MODULI]
+        grids = {k: _find_nearest_values(values, design[k], count) for k, values in self.grids.items()}
+        shelves = [self._find_nearest_materials(design[k], count) for k in MODULUS_INDICES]
         for values in product(*grids.values()):
-            yield from self._with_materials(dict(zip(grids, values, strict=True)), *shelves)
+            yield from self._iterate_materials(dict(zip(grids, values, strict=True)), *shelves)
 
-    def pinned(self, combination: Combination) -> Space:
+    def pin_combination(self, combination: Combination) -> Space:
         """Return the bounds with a combination's values as both ends."""
         low, high = self.space.low.copy(), self.space.high.copy()
         for k, value in combination.pinned.items():
             low[k] = high[k] = value
         return replace(self.space, low=low, high=high)
 
-    def free(self, combination: Combination | None = None) -> list[int]:
+    def list_free_variables(self, combination: Combination | None = None) -> list[int]:
         """Return indices of the variables that a combination (None: the relaxed problem) leaves open."""
         held = {} if combination is None else combination.pinned
         return [k for k in range(len(self.names)) if k not in held and self.space.low[k] < self.space.high[k]]
 
-    def scene_of(self, design: Floats, combination: Combination) -> Scene | None:
+    def build_scene(self, design: Floats, combination: Combination) -> Scene | None:
         """Return the scene with a design rounded as a workshop makes it; None where that breaks a rule."""
         space = self.space
-        made = _rounded(space, design, combination)
+        made = _build_rounded_scene(space, design, combination)
         if made is None:
             return None
         probe = made.probe.model_dump(exclude_unset=True)
-        for block, poisson in zip(BLOCKS, combination.poisson, strict=True):
+        for block, poisson in zip(BLOCK_NAMES, combination.poisson, strict=True):
             set_number(probe[block], "poisson_ratio", poisson)
         combination.name_blocks(probe)
         try:
@@ -129,97 +146,106 @@ class Room:
         except ValueError:
             return None
 
-    def exact_scene(self, design: Floats, combination: Combination) -> Scene | None:
+    def build_exact_scene(self, design: Floats, combination: Combination) -> Scene | None:
         """Return the scene with a design as it is, not rounded; None where that breaks a rule."""
         probe = self.space.scene.probe.model_dump(exclude={"outer_radius", "inner_height", "outer_height"}, exclude_unset=True)
         probe |= dict(zip(VARIABLES[:4], design[:4].tolist(), strict=True))
-        for block, modulus, poisson in zip(BLOCKS, design[list(MODULI)].tolist(), combination.poisson, strict=True):
+        for block, modulus, poisson in zip(BLOCK_NAMES, design[list(MODULUS_INDICES)].tolist(), combination.poisson, strict=True):
             set_number(probe[block], "youngs_modulus", modulus)
             set_number(probe[block], "poisson_ratio", poisson)
         combination.name_blocks(probe)
         try:
             made = Scene.model_validate(self.space.scene.model_dump(exclude_unset=True) | {"probe": probe})
-            return with_heights(made, *design[[INNER, OUTER]].tolist()) if len(design) > OUTER else made
+            return (
+                set_heights(made, *design[[INNER_HEIGHT_INDEX, OUTER_HEIGHT_INDEX]].tolist())
+                if len(design) > OUTER_HEIGHT_INDEX
+                else made
+            )
         except ValueError:
             return None
 
-    def _with_materials(
+    def _iterate_materials(
         self, held: dict[int, float], inner: tuple[CatalogueMaterial, ...], outer: tuple[CatalogueMaterial, ...]
     ) -> Iterator[Combination]:
         if not self.shelf:
             yield Combination(held, self.start_poisson, names=self.names)
             return
-        for one, other in product(inner, outer):
-            moduli = {4: one.youngs_modulus, 5: other.youngs_modulus}
-            yield Combination(held | moduli, (poisson_of(one), poisson_of(other)), (one.name, other.name), self.names)
+        for inner_material, outer_material in product(inner, outer):
+            moduli = {4: inner_material.youngs_modulus, 5: outer_material.youngs_modulus}
+            yield Combination(
+                held | moduli,
+                (get_poisson_ratio(inner_material), get_poisson_ratio(outer_material)),
+                (inner_material.name, outer_material.name),
+                self.names,
+            )
 
-    def _nearest_materials(self, modulus: float, least: int) -> tuple[CatalogueMaterial, ...]:
-        return tuple(sorted(self.shelf, key=lambda one: abs(math.log(one.youngs_modulus / modulus)))[:least])
+    def _find_nearest_materials(self, modulus: float, count: int) -> tuple[CatalogueMaterial, ...]:
+        return tuple(sorted(self.shelf, key=lambda material: abs(math.log(material.youngs_modulus / modulus)))[:count])
 
 
-def room(design: Design) -> Room:
+def build_search_space(design: Design) -> SearchSpace:
     """Build the search space of a design file.
 
     Raises:
         InputError: a variable has no value within the limits, a material is not one for blocks, or there is no room for a probe.
     """
     scene, given, limits = design.scene, design.variables, design.limits
-    base = usual_space(design)
-    apart, start = len(base.low) > len(VARIABLES), design_of(scene, len(base.low) > len(VARIABLES))
+    base = build_default_space(design)
+    separate_heights, start = len(base.low) > len(VARIABLES), read_design_vector(scene, len(base.low) > len(VARIABLES))
     low, high, grids = base.low.copy(), base.high.copy(), dict[int, tuple[float, ...]]()
-    shelf = tuple(_of_blocks(name, k) for k, name in enumerate(dict.fromkeys(given.materials)))
-    for k, name in enumerate(names(apart)):
+    shelf = tuple(_find_block_material(name, k) for k, name in enumerate(dict.fromkeys(given.materials)))
+    for k, name in enumerate(variable_names(separate_heights)):
         variable: DesignVariable = getattr(given, name)
-        if shelf and k in MODULI:
-            _check_alone(name, variable)
-            moduli = [one.youngs_modulus for one in shelf]
+        if shelf and k in MODULUS_INDICES:
+            _check_not_given(name, variable)
+            moduli = [material.youngs_modulus for material in shelf]
             low[k], high[k] = min(moduli), max(moduli)
             continue
-        low[k], high[k], values = ends(name, variable, low[k], high[k], start[k])
+        low[k], high[k], values = find_bounds(name, variable, low[k], high[k], start[k])
         if values:
             grids[k] = values
     wall = base.wall if limits.wall is None else limits.wall
-    for k in (INNER, OUTER)[: 1 + apart]:
+    for k in (INNER_HEIGHT_INDEX, OUTER_HEIGHT_INDEX)[: 1 + separate_heights]:
         limit_height(design, k, low, high, grids=grids)
     limit_radius(design, low, high, base.outer_radius, wall)
-    found = replace(base, low=low, high=high, wall=wall)
+    limited_space = replace(base, low=low, high=high, wall=wall)
     poisson = scene.probe.inner.poisson_ratio, scene.probe.outer.poisson_ratio
-    return Room(found, grids, shelf, poisson)
+    return SearchSpace(limited_space, grids, shelf, poisson)
 
 
-def poisson_of(one: CatalogueMaterial) -> float:
+def get_poisson_ratio(material: CatalogueMaterial) -> float:
     """Return a material's Poisson's ratio."""
-    return one.poisson_ratio
+    return material.poisson_ratio
 
 
-def _of_blocks(name: str, k: int) -> CatalogueMaterial:
+def _find_block_material(name: str, k: int) -> CatalogueMaterial:
     try:
-        found = find_material(name)
+        material = find_material(name)
     except InputError as fault:
         raise InputError(f"variables.materials[{k}]", name, fault.allowed) from None
-    if "poisson_ratio" not in found.numbers or found.kind != "elastomer":
-        raise InputError(f"variables.materials[{k}]", name, f"materials of blocks: elastomers; {name} is of kind {found.kind}")
-    return found
+    if "poisson_ratio" not in material.numbers or material.kind != "elastomer":
+        raise InputError(f"variables.materials[{k}]", name, f"materials of blocks: elastomers; {name} is of kind {material.kind}")
+    return material
 
 
-def _check_alone(name: str, variable: DesignVariable) -> None:
+def _check_not_given(name: str, variable: DesignVariable) -> None:
     if variable != DesignVariable():
         raise InputError(f"variables.{name}", "given", "nothing beside materials, which pick the moduli")
 
 
-def _nearest(values: tuple[float, ...], value: float, least: int) -> tuple[float, ...]:
-    return tuple(sorted(sorted(values, key=lambda one: abs(math.log(one / value)))[:least]))
+def _find_nearest_values(values: tuple[float, ...], value: float, count: int) -> tuple[float, ...]:
+    return tuple(sorted(sorted(values, key=lambda candidate: abs(math.log(candidate / value)))[:count]))
 
 
-def _rounded(space: Space, design: Floats, combination: Combination) -> Scene | None:
+def _build_rounded_scene(space: Space, design: Floats, combination: Combination) -> Scene | None:
     """Return the scene of a design with its discrete values exact and all others rounded, or None if it is not valid."""
-    made = space.scene_of(design)
+    made = space.build_scene(design)
     if made is None or not set(combination.pinned) - {1}:
         return made
     probe = made.probe.model_dump(exclude_unset=True)
     for k, value in combination.pinned.items():
-        if k in MODULI:
-            set_number(probe[BLOCKS[k == MODULI[1]]], "youngs_modulus", value)
+        if k in MODULUS_INDICES:
+            set_number(probe[BLOCK_NAMES[k == MODULUS_INDICES[1]]], "youngs_modulus", value)
         elif k != 1:
             probe[combination.names[k]] = value
     if 1 in combination.pinned:
@@ -231,11 +257,13 @@ def _rounded(space: Space, design: Floats, combination: Combination) -> Scene | 
         return None
 
 
-def admitted(found: Room, scene: Scene) -> bool:
+def is_admissible(search_space: SearchSpace, scene: Scene) -> bool:
     """Return whether a scene's probe is within the limits of outer radius and wall and the bounds, allowing for rounding."""
-    at = design_of(scene, len(found.space.low) > OUTER)
-    inside: NDArray[np.bool_] = (at >= 0.995 * found.space.low) & (at <= 1.005 * found.space.high)
+    vector = read_design_vector(scene, len(search_space.space.low) > OUTER_HEIGHT_INDEX)
+    inside: NDArray[np.bool_] = (vector >= 0.995 * search_space.space.low) & (vector <= 1.005 * search_space.space.high)
     probe = scene.probe
     wall = probe.tube_radius - probe.hole_radius
-    keeps = probe.tube_radius <= found.space.outer_radius * (1 + 1e-9) and wall >= found.space.wall * (1 - 1e-9) - 1e-9
+    keeps = (
+        probe.tube_radius <= search_space.space.outer_radius * (1 + 1e-9) and wall >= search_space.space.wall * (1 - 1e-9) - 1e-9
+    )
     return bool(inside.all() and keeps)

@@ -9,23 +9,25 @@ from typing import Any
 import numpy as np
 
 from geometry.common.arrays import Floats
-from probe_design.design_search.heights import outer_height
-from probe_design.design_search.loads import PressingRule, ProbeSizes, lesser
-from probe_design.design_search.steering import ScanErrors, Steered
+from probe_design.design_search.heights import get_outer_height
+from probe_design.design_search.loads import PressingRule, ProbeSizes, minimum_by_real_part
+from probe_design.design_search.steering import PopulationObjective, ScanErrors
 from probe_design.populations.design_file import Design
 from probe_design.populations.population import ScenePopulation, TumourDraw
-from probe_design.populations.resolved import E_FOLD
+from probe_design.populations.resolved import DEFAULT_PRIOR_LOG_SD
 from solver.closed_form.bessel import Array
-from solver.closed_form.designs import parameters
+from solver.closed_form.designs import build_parameters
 from solver.tumour_waves.population import TumourDraws
 from solver.tumour_waves.readings import ManyTumours
 
-MOST = 64  # tumours that steer
-STEP = 0.02  # of ln diameter, depth and modulus, for differences: less would show the steps of Bessel functions from tables
+MAX_SEARCH_TUMOURS = 64  # tumours that steer
+LOG_DIFFERENCE_STEP = (
+    0.02  # of ln diameter, depth and modulus, for differences: less would show the steps of Bessel functions from tables
+)
 
 
 @dataclass(frozen=True)
-class SteeredDesigns:
+class DesignObjective:
     """The objective of designs x (6, n), variables in the order of ``design_space.VARIABLES``; or (7, n), see ``heights``.
 
     Attributes:
@@ -35,13 +37,13 @@ class SteeredDesigns:
         least_charge: C that each channel has to give, or 0.
     """
 
-    steered: Steered
+    steered: PopulationObjective
     rule: PressingRule
     draw: TumourDraw
     least_charge: float
 
     @classmethod
-    def of(cls, design: Design, widest: float, most: int = MOST) -> SteeredDesigns:
+    def from_design(cls, design: Design, widest: float, max_tumours: int = MAX_SEARCH_TUMOURS) -> DesignObjective:
         """Draw the tumours and precompute what does not depend on the probe.
 
         Args:
@@ -49,21 +51,29 @@ class SteeredDesigns:
             widest: outer radius of the widest probe, m.
             max_tumours: tumours that steer.
         """
-        population = ScenePopulation.of(design.scene, design.population)
-        draw = population.drawn(min(most, population.samples))
-        return cls.over(design, population, draw, widest)
+        population = ScenePopulation.from_scene(design.scene, design.population)
+        draw = population.draw_tumours(min(max_tumours, population.samples))
+        return cls.from_draw(design, population, draw, widest)
 
     @classmethod
-    def over(cls, design: Design, population: ScenePopulation, draw: TumourDraw, widest: float) -> SteeredDesigns:
+    def from_draw(cls, design: Design, population: ScenePopulation, draw: TumourDraw, widest: float) -> DesignObjective:
         """Precompute the objective for tumours that are already drawn."""
-        tumours = draws_of(draw)
-        make = _maker(design, draw, widest)
-        moved = {key: (make(_moved(tumours, key, -STEP)), make(_moved(tumours, key, STEP))) for key in _moving(design)}
+        tumours = build_draw_arrays(draw)
+        make = _build_tumour_factory(design, draw, widest)
+        moved = {
+            key: (
+                make(_step_parameter(tumours, key, -LOG_DIFFERENCE_STEP)),
+                make(_step_parameter(tumours, key, LOG_DIFFERENCE_STEP)),
+            )
+            for key in _list_varied_parameters(design)
+        }
         priors = {key: population.ranges[key].deviation for key in ("diameter", "depth", "tissue")}
-        priors["object"] = population.ranges["object"].deviation or E_FOLD
+        priors["object"] = population.ranges["object"].deviation or DEFAULT_PRIOR_LOG_SD
         maximise, statistic = design.objective.maximise, design.objective.statistic
-        rule = PressingRule.of(design, draw, population.drawn(unseen=True))
-        steered = Steered(make(tumours), moved, STEP, channels_of(design, rule), priors, maximise, statistic)
+        rule = PressingRule.from_draws(design, draw, population.draw_tumours(unseen=True))
+        steered = PopulationObjective(
+            make(tumours), moved, LOG_DIFFERENCE_STEP, build_scan_errors(design, rule), priors, maximise, statistic
+        )
         return cls(steered, rule, draw, 0.0 if design.limits.charge is None else design.limits.charge[0])
 
     def values(self, x: Array, poisson: Any) -> tuple[Array, Array]:
@@ -73,15 +83,15 @@ class SteeredDesigns:
             x: floats or complex, shape (6, n).
             poisson: Poisson's ratios of both blocks, floats or shape (2, n).
         """
-        probes = _probes(x, poisson)
+        probes = _build_probe_parameters(x, poisson)
         r2, gap, ro, core, tube, inner, _, outer, _ = probes
         sizes = ProbeSizes(r2, ro, gap, (core, tube), (inner, outer))
         charges: list[Array] = []
 
         def force(totals: Array) -> Array:
-            forces = self.rule.forces(sizes, totals, self.draw.tissue)
+            forces = self.rule.compute_forces(sizes, totals, self.draw.tissue)
             share = totals / totals.sum(axis=2, keepdims=True)
-            weaker = lesser(share[..., 0], share[..., 1]) * forces * self.rule.charge_per_force
+            weaker = minimum_by_real_part(share[..., 0], share[..., 1]) * forces * self.rule.charge_per_force
             charges.append(np.take_along_axis(weaker, weaker.real.argmin(axis=1)[:, None], axis=1)[:, 0])
             return forces
 
@@ -89,52 +99,58 @@ class SteeredDesigns:
         margin = np.log(charges[0] / self.least_charge) if self.least_charge > 0 else 0 * values
         return values, margin
 
-    def real_values(self, x: Floats, poisson: Any) -> Floats:
+    def evaluate_designs(self, x: Floats, poisson: Any) -> Floats:
         """Return the objective of designs (6, n), ``-inf`` where it cannot be told or a channel's charge is too small."""
         with np.errstate(all="ignore"):
             values, margin = self.values(x, poisson)
         return np.where(np.isfinite(values) & (margin >= -1e-6), values, -np.inf)
 
-    def each(self, x: Floats, poisson: tuple[float, float], force: float) -> Floats:
+    def evaluate_tumours(self, x: Floats, poisson: tuple[float, float], force: float) -> Floats:
         """Return the objective of each tumour for one design (6,) under a force, N; shape (m,)."""
         with np.errstate(all="ignore"):
-            return np.asarray(self.steered.each(_probes(x[:, None], poisson), lambda totals: np.full(totals.shape[:2], force))[0])
+            return np.asarray(
+                self.steered.evaluate_tumours(
+                    _build_probe_parameters(x[:, None], poisson), lambda totals: np.full(totals.shape[:2], force)
+                )[0]
+            )
 
-    def contrast_sd(self, x: Floats, poisson: tuple[float, float], force: float) -> Floats:
+    def compute_contrast_sd(self, x: Floats, poisson: tuple[float, float], force: float) -> Floats:
         """Return the standard deviation of ln contrast of each tumour, likewise; of what steers for ``resolved``."""
         with np.errstate(all="ignore"):
-            found = self.steered.log_sd(_probes(x[:, None], poisson), lambda totals: np.full(totals.shape[:2], force))
-        return np.asarray(np.exp(found[0]))
+            log_sd = self.steered.compute_log_sd(
+                _build_probe_parameters(x[:, None], poisson), lambda totals: np.full(totals.shape[:2], force)
+            )
+        return np.asarray(np.exp(log_sd[0]))
 
     def gradient(self, x: Floats, poisson: Any, which: list[int]) -> tuple[Floats, Floats]:
         """Return both values of one design (6,), shape (2,), and their derivatives by ln of some variables, shape (2, k)."""
         steps = np.repeat(x[:, None].astype(complex), len(which), axis=1)
         steps[which, range(len(which))] += 1e-30j * x[which]
         with np.errstate(all="ignore"):
-            both = np.array(self.values(steps, poisson))
-        return both[:, 0].real, both.imag / 1e-30
+            both_values = np.array(self.values(steps, poisson))
+        return both_values[:, 0].real, both_values.imag / 1e-30
 
 
-def _probes(x: Array, poisson: Any) -> Array:
+def _build_probe_parameters(x: Array, poisson: Any) -> Array:
     """Return the closed form's probe parameters, in the order of ``closed_form.designs.PROBE``, for designs x (6, n)."""
     r2, ratio, gap, height, inner, outer = x[:6]
-    ro, one = ((r2 + gap) ** 2 + r2**2 / ratio) ** 0.5, np.ones(x.shape[1])
-    return np.array([r2, gap, ro, height, outer_height(x), inner, poisson[0] * one, outer, poisson[1] * one])
+    ro, ones = ((r2 + gap) ** 2 + r2**2 / ratio) ** 0.5, np.ones(x.shape[1])
+    return np.array([r2, gap, ro, height, get_outer_height(x), inner, poisson[0] * ones, outer, poisson[1] * ones])
 
 
-def draws_of(draw: TumourDraw) -> TumourDraws:
+def build_draw_arrays(draw: TumourDraw) -> TumourDraws:
     """Return a draw of tumours as arrays, in the scene's coordinates."""
-    own = draw.scene.inclusion[0].y if draw.scene.inclusion else draw.scene.placement.y
-    tissues = np.array([_layers(scene.tissue) for scene in draw.tissues])  # (t, layers + 1, 3)
+    y_position = draw.scene.inclusion[0].y if draw.scene.inclusion else draw.scene.placement.y
+    tissues = np.array([_list_layers(scene.tissue) for scene in draw.tissues])  # (t, layers + 1, 3)
     tissue = np.moveaxis(tissues[draw.tissue], 0, 2)
-    one = np.ones(len(draw))
+    ones = np.ones(len(draw))
     bounded = draw.scene.tissue.shape != "half-space"
     return TumourDraws(
-        draw.diameter / 2, draw.depth, draw.x, own * one, draw.youngs_modulus, draw.poisson_ratio * one, tissue, bounded
+        draw.diameter / 2, draw.depth, draw.x, y_position * ones, draw.youngs_modulus, draw.poisson_ratio * ones, tissue, bounded
     )
 
 
-def channels_of(design: Design, rule: PressingRule) -> ScanErrors:
+def build_scan_errors(design: Design, rule: PressingRule) -> ScanErrors:
     """Return the errors of a scan as a design file has them."""
     noise, protocol = design.noise, design.protocol
     return ScanErrors(
@@ -149,29 +165,29 @@ def channels_of(design: Design, rule: PressingRule) -> ScanErrors:
     )
 
 
-def _layers(tissue: Any) -> list[list[float]]:
+def _list_layers(tissue: Any) -> list[list[float]]:
     depth = getattr(tissue, "depth", 1.0)
     layers = [[layer.thickness, layer.youngs_modulus, layer.poisson_ratio] for layer in tissue.layer]
     return [*layers, [depth, tissue.youngs_modulus, tissue.poisson_ratio]]
 
 
-def _maker(design: Design, draw: TumourDraw, widest: float) -> Any:
+def _build_tumour_factory(design: Design, draw: TumourDraw, widest: float) -> Any:
     scene = draw.tissues[0]
-    shape, values = parameters(scene, merged=False)
+    shape, values = build_parameters(scene, merged=False)
     side = (float(values[10]), shape.side_nodes) if shape.bounded else (1.0, 0)
     y = scene.placement.y * np.ones(len(design.protocol.places))
     positions = np.stack([design.protocol.places, y], axis=1)
     bonded = scene.contact.interface == "bonded" or scene.contact.interface == "unilateral"
     settings: dict[str, Any] = {"bonded": bonded, "side": side, "layer_nodes": shape.layer_nodes}
-    return lambda tumours: ManyTumours.of(tumours, positions, widest, **settings)
+    return lambda tumours: ManyTumours.from_draws(tumours, positions, widest, **settings)
 
 
-def _moving(design: Design) -> list[str]:
+def _list_varied_parameters(design: Design) -> list[str]:
     moving = [] if design.objective.maximise == "detection" else ["diameter", "depth"]
     return moving if design.protocol.blank else [*moving, "tissue"]
 
 
-def _moved(tumours: TumourDraws, key: str, step: float) -> TumourDraws:
+def _step_parameter(tumours: TumourDraws, key: str, step: float) -> TumourDraws:
     factor = math.exp(step)
     if key == "diameter":
         return replace(tumours, radius=tumours.radius * factor)

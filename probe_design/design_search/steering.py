@@ -26,12 +26,12 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from probe_design.data.noise import RESOLVED
+from probe_design.data.noise import MAX_RESOLVED_LOG_SD
 from solver.closed_form.bessel import Array
 from solver.tumour_waves.readings import Films, ManyTumours
 
-STEP = 0.25  # of ln sd over which a tumour passes from not resolved to resolved
-SMALL = 1e-12  # least prior variance
+RESOLVED_STEP_LOG_SD = 0.25  # of ln sd over which a tumour passes from not resolved to resolved
+MIN_PRIOR_VARIANCE = 1e-12  # least prior variance
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class ScanErrors:
 
 
 @dataclass(frozen=True)
-class Steered:
+class PopulationObjective:
     """The population of an objective, ready for any design.
 
     Attributes:
@@ -88,96 +88,98 @@ class Steered:
             probes: see ``ManyTumours.films``; floats or complex.
             force: a function of films' totals without tumours (n, m, 2): N, shape (n, m).
         """
-        of_each = self.each(probes, force)
+        of_each = self.evaluate_tumours(probes, force)
         if self.statistic == "mean":
             return of_each.mean(axis=1)
-        return _quantile(of_each, float(self.statistic))
+        return _compute_quantile(of_each, float(self.statistic))
 
-    def each(self, probes: Array, force: Any) -> Array:
+    def evaluate_tumours(self, probes: Array, force: Any) -> Array:
         """Return the objective tumour by tumour, shape (n, m); see ``values``."""
         if self.maximise == "detection":
-            films, variance, nuisances, prior = self._errors(probes, force)
-            deflection = _weighed(self._signature(films)[..., None], variance, nuisances, prior)[..., 0, 0]
-            return ndtr(np.sqrt(deflection + SMALL) - ndtri(1 - self.channels.false_alarm))
-        log_sd = self.log_sd(probes, force)
+            films, variance, nuisances, prior = self._compute_errors(probes, force)
+            deflection = _weigh_columns(self._compute_signature(films)[..., None], variance, nuisances, prior)[..., 0, 0]
+            return ndtr(np.sqrt(deflection + MIN_PRIOR_VARIANCE) - ndtri(1 - self.channels.false_alarm))
+        log_sd = self.compute_log_sd(probes, force)
         if self.maximise == "information":
             return math.log(self.priors["object"]) - log_sd
-        return ndtr((math.log(RESOLVED) - log_sd) / STEP)
+        return ndtr((math.log(MAX_RESOLVED_LOG_SD) - log_sd) / RESOLVED_STEP_LOG_SD)
 
-    def log_sd(self, probes: Array, force: Any) -> Array:
+    def compute_log_sd(self, probes: Array, force: Any) -> Array:
         """Return ln of the posterior standard deviation of ln contrast, eq. DS.2, shape (n, m)."""
-        films, variance, nuisances, prior = self._errors(probes, force)
-        information = _weighed(self._slopes(probes, films), variance, nuisances, prior)
+        films, variance, nuisances, prior = self._compute_errors(probes, force)
+        information = _weigh_columns(self._compute_derivatives(probes, films), variance, nuisances, prior)
         precisions = [max(self.priors[key], 1e-6) ** -2 for key in ("object", "diameter", "depth")]
-        precisions[0] = precisions[0] if self.maximise == "information" else SMALL
+        precisions[0] = precisions[0] if self.maximise == "information" else MIN_PRIOR_VARIANCE
         return 0.5 * np.log(np.linalg.inv(information + np.diag(precisions))[..., 0, 0])
 
-    def _errors(self, probes: Array, force: Any) -> tuple[Films, Array, Array, Array]:
+    def _compute_errors(self, probes: Array, force: Any) -> tuple[Films, Array, Array, Array]:
         """Return films, white variances, nuisance columns and their priors; NaN where a film is in tension (no logarithm)."""
-        films = self.tumours.films(probes)
-        films = replace(films, without=_positive(films.without))
-        variance = self._variance(films, force(films.without))
-        return films, variance, *self._nuisances(probes, films, variance)
+        films = self.tumours.compute_films(probes)
+        films = replace(films, without=_mask_non_positive(films.without))
+        variance = self._compute_variance(films, force(films.without))
+        return films, variance, *self._build_nuisances(probes, films, variance)
 
-    def _kept(self, ratio: Array, stiffness: Array) -> Array:
+    def _stack_channels(self, ratio: Array, stiffness: Array) -> Array:
         """Readings of a scan in one axis: ratios, then stiffnesses where they are read."""
         return np.concatenate([ratio, stiffness], axis=2) if self.channels.stiffness else ratio
 
-    def _signature(self, films: Films) -> Array:
+    def _compute_signature(self, films: Films) -> Array:
         """Return the change of the log readings by each tumour, shape (n, m, readings)."""
         whole, alone = films.without[:, :, None] + films.change, films.without[:, :, None]
-        ratio = np.log(_positive(whole[..., 0] / alone[..., 0])) - np.log(_positive(whole[..., 1] / alone[..., 1]))
-        return self._kept(ratio, np.log(whole.sum(axis=3) / alone.sum(axis=3)))
+        ratio = np.log(_mask_non_positive(whole[..., 0] / alone[..., 0])) - np.log(
+            _mask_non_positive(whole[..., 1] / alone[..., 1])
+        )
+        return self._stack_channels(ratio, np.log(whole.sum(axis=3) / alone.sum(axis=3)))
 
-    def _variance(self, films: Films, force: Array) -> Array:
+    def _compute_variance(self, films: Films, force: Array) -> Array:
         """White variance of each reading, shape (n, m, readings)."""
         share = films.without / films.without.sum(axis=2, keepdims=True)
         charges = ((self.channels.charge / (share * force[..., None])) ** 2).sum(axis=2)
-        one = np.ones((1, 1, films.change.shape[2]))
-        ratio = (self.channels.white**2 + charges)[..., None] * one
-        return self._kept(ratio, self.channels.stiffness_white**2 + SMALL + 0 * ratio)
+        ones = np.ones((1, 1, films.change.shape[2]))
+        ratio = (self.channels.white**2 + charges)[..., None] * ones
+        return self._stack_channels(ratio, self.channels.stiffness_white**2 + MIN_PRIOR_VARIANCE + 0 * ratio)
 
-    def _nuisances(self, probes: Array, films: Films, variance: Array) -> tuple[Array, Array]:
+    def _build_nuisances(self, probes: Array, films: Films, variance: Array) -> tuple[Array, Array]:
         """Return the errors common to a scan: nuisance columns (n, m, readings, a) and prior variances (n, m, a)."""
         readings, channels = variance.shape[2], 2 if self.channels.stiffness else 1
         count = readings // channels
         columns = [np.repeat(np.arange(channels) == k, count).astype(float) for k in range(channels)]
         if self.channels.blank:
             return np.array(columns).T, variance[:, :, ::count] + 0.0
-        gains = [self.channels.gain**2 + SMALL, self.channels.stiffness_gain**2 + SMALL][:channels]
-        tissue = self._by("tissue", probes, lambda films: self._kept(*_alone(films)))[..., None]
+        gains = [self.channels.gain**2 + MIN_PRIOR_VARIANCE, self.channels.stiffness_gain**2 + MIN_PRIOR_VARIANCE][:channels]
+        tissue = self._difference("tissue", probes, lambda films: self._stack_channels(*_compute_baseline_logs(films)))[..., None]
         common = np.broadcast_to(np.array(columns).T, (*variance.shape, channels))
         prior = np.broadcast_to([*gains, max(self.priors["tissue"], 1e-6) ** 2], (*variance.shape[:2], channels + 1))
         return np.concatenate([common, tissue], axis=3), prior
 
-    def _slopes(self, probes: Array, films: Films) -> Array:
+    def _compute_derivatives(self, probes: Array, films: Films) -> Array:
         """Derivatives of the signature by ln contrast, ln diameter and ln depth, shape (n, m, readings, 3)."""
         whole = films.without[:, :, None] + films.change
         share = films.by_log / whole
         total = films.by_log.sum(axis=3) / whole.sum(axis=3)
-        slopes = [self._kept(share[..., 0] - share[..., 1], total)]
-        slopes += [self._by(key, probes, self._signature) for key in ("diameter", "depth")]
+        slopes = [self._stack_channels(share[..., 0] - share[..., 1], total)]
+        slopes += [self._difference(key, probes, self._compute_signature) for key in ("diameter", "depth")]
         return np.stack(slopes, axis=3)
 
-    def _by(self, key: str, probes: Array, of: Any) -> Array:
-        less, more = (of(tumours.films(probes)) for tumours in self.moved[key])
-        return (more - less) / (2 * self.step)
+    def _difference(self, key: str, probes: Array, evaluate: Any) -> Array:
+        lower, upper = (evaluate(tumours.compute_films(probes)) for tumours in self.moved[key])
+        return (upper - lower) / (2 * self.step)
 
 
-def _positive(values: Array) -> Array:
+def _mask_non_positive(values: Array) -> Array:
     """Values above 0, of complex numbers by their real parts, and NaN for others."""
     return np.where(values.real > 0, values, np.nan)
 
 
-def _alone(films: Films) -> tuple[Array, Array]:
+def _compute_baseline_logs(films: Films) -> tuple[Array, Array]:
     """Ln ratio and ln stiffness without the tumour at each position, shapes (n, m, P)."""
     ratio = np.log(films.without[..., 0] / films.without[..., 1])
     stiffness = np.log(films.without.sum(axis=2))
-    one = np.ones(films.change.shape[2])
-    return ratio[..., None] * one, stiffness[..., None] * one
+    ones = np.ones(films.change.shape[2])
+    return ratio[..., None] * ones, stiffness[..., None] * ones
 
 
-def _weighed(columns: Array, variance: Array, nuisances: Array, prior: Array) -> Array:
+def _weigh_columns(columns: Array, variance: Array, nuisances: Array, prior: Array) -> Array:
     """Return J^T W J for columns J (n, m, readings, c) and the weight W of eq. DS.1, shape (n, m, c, c)."""
     scaled = columns / variance[..., None]
     whole = np.swapaxes(columns, 2, 3) @ scaled
@@ -187,10 +189,10 @@ def _weighed(columns: Array, variance: Array, nuisances: Array, prior: Array) ->
     return whole - np.swapaxes(crossed, 2, 3) @ np.linalg.solve(common, crossed)
 
 
-def _quantile(values: Array, share: float) -> Array:
+def _compute_quantile(values: Array, share: float) -> Array:
     """Quantile over the last axis, of complex numbers by their real parts; shape (n,)."""
     order = np.argsort(values.real, axis=1)
-    at = share * (values.shape[1] - 1)
-    low = min(int(at), values.shape[1] - 1)
+    rank = share * (values.shape[1] - 1)
+    low = min(int(rank), values.shape[1] - 1)
     ends = np.take_along_axis(values, order[:, [low, min(low + 1, values.shape[1] - 1)]], axis=1)
-    return ends[:, 0] * (1 - (at - low)) + ends[:, 1] * (at - low)
+    return ends[:, 0] * (1 - (rank - low)) + ends[:, 1] * (rank - low)

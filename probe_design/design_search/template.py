@@ -4,28 +4,28 @@ from __future__ import annotations
 
 from importlib.resources import files
 
-from probe_design.populations.template import template
+from probe_design.populations.template import build_template
 
-SCENE = 'scene = "scene.toml"'
-OPENING = """\
+SCENE_LINE = 'scene = "scene.toml"'
+OPENING_COMMENT = """\
 # The scene that all starts from stands at the end of this file, [scene.probe] and so on. In its place there may be the name of a
 # scene file: scene = "scene.toml" before the first table.
 """
 
 
-def whole_template() -> str:
+def build_design_template() -> str:
     """Return a commented design file that reads as the defaults and runs as it is."""
-    text = template()
-    line = next(one for one in text.splitlines() if one.startswith(SCENE))
-    return text.replace(line, OPENING.rstrip()) + "\n" + _scene_tables()
+    text = build_template()
+    line = next(text_line for text_line in text.splitlines() if text_line.startswith(SCENE_LINE))
+    return text.replace(line, OPENING_COMMENT.rstrip()) + "\n" + _read_scene_tables()
 
 
-def builtin_design_text() -> str:
+def read_builtin_design_text() -> str:
     """Return the built-in design file."""
     return files("probe_design.data").joinpath("builtin_design.toml").read_text(encoding="utf-8")
 
 
-def _scene_tables() -> str:
+def _read_scene_tables() -> str:
     """The scene of the built-in design file."""
-    text = builtin_design_text()
+    text = read_builtin_design_text()
     return text[text.index("[scene.probe]") :]

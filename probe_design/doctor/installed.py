@@ -15,11 +15,11 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from geometry.common.errors import one_line
-from hw.common.errors import RULES, udev_rule
+from geometry.common.errors import to_one_line
+from hw.common.errors import UDEV_RULES_FILE, read_udev_rule
 from probe_design.doctor.finding import Finding
 
-PACKAGES = ("probe-design", "numpy", "scipy", "pyusb", "libusb-package", "pyserial", "h5py", "pyvisa", "pyvisa-py")
+PACKAGE_NAMES = ("probe-design", "numpy", "scipy", "pyusb", "libusb-package", "pyserial", "h5py", "pyvisa", "pyvisa-py")
 RULE_FOLDERS = (
     "/etc/udev/rules.d",
     "/run/udev/rules.d",
@@ -27,64 +27,64 @@ RULE_FOLDERS = (
     "/usr/lib/udev/rules.d",
     "/lib/udev/rules.d",
 )
-UDEV = Path("/run/udev")
-SCOPE = "for oscilloscopes: pip install 'probe-design[scope]'"
+UDEV_FOLDER = Path("/run/udev")
+SCOPE_REMEDY = "for oscilloscopes: pip install 'probe-design[scope]'"
 
 
 class _Version(Structure):
     _fields_ = [(name, c_uint16) for name in ("major", "minor", "micro", "nano")] + [("rc", c_char_p), ("describe", c_char_p)]
 
 
-def versions() -> dict[str, str | None]:
+def list_versions() -> dict[str, str | None]:
     """List the versions of Python, system and packages; None for packages that are not installed."""
-    found: dict[str, str | None] = {"python": platform.python_version(), "system": platform.platform()}
-    for name in PACKAGES:
+    installed_versions: dict[str, str | None] = {"python": platform.python_version(), "system": platform.platform()}
+    for name in PACKAGE_NAMES:
         try:
-            found[name] = version(name)
+            installed_versions[name] = version(name)
         except PackageNotFoundError:
-            found[name] = None
-    return found
+            installed_versions[name] = None
+    return installed_versions
 
 
-def installed() -> list[Finding]:
+def check_installation() -> list[Finding]:
     """Run all checks of what reading needs, devices included."""
-    looks: tuple[tuple[str, Callable[[], list[Finding]]], ...] = (
-        ("libusb", _libusb), ("permissions", _udev), ("probes on USB", _probes), ("serial ports", _serial_ports),
-        ("VISA", _visa), ("HDF5", _hdf5),
+    checks: tuple[tuple[str, Callable[[], list[Finding]]], ...] = (
+        ("libusb", _check_libusb), ("permissions", _check_permissions), ("probes on USB", _check_probes), ("serial ports", _check_serial_ports),
+        ("VISA", _check_visa), ("HDF5", _check_hdf5),
     )  # fmt: skip
-    return [one for name, look in looks for one in _safely(name, look)]
+    return [finding for name, check in checks for finding in _run_safely(name, check)]
 
 
-def probes() -> list[Any]:
+def find_usb_probes() -> list[Any]:
     """Find the probes on USB, including those that this user may not open. Raises libusb's exceptions."""
-    from hw.usb.find import connected, libusb, release
+    from hw.usb.find import list_connected, open_libusb, release
 
-    found = connected(libusb())
-    release([one.device for one in found])
-    return found
+    devices = list_connected(open_libusb())
+    release([device.device for device in devices])
+    return devices
 
 
-def _safely(name: str, look: Callable[[], list[Finding]]) -> list[Finding]:
+def _run_safely(name: str, check: Callable[[], list[Finding]]) -> list[Finding]:
     try:
-        return look()
+        return check()
     except Exception as fault:  # any library on any machine: reported, and the next check runs
-        return [Finding(name, "missing", f"{type(fault).__name__}: {one_line(str(fault))}", "")]
+        return [Finding(name, "missing", f"{type(fault).__name__}: {to_one_line(str(fault))}", "")]
 
 
-def _libusb() -> list[Finding]:
+def _check_libusb() -> list[Finding]:
     remedy = "reinstall libusb-package, or install libusb-1.0 (apt install libusb-1.0-0, brew install libusb)"
     try:
-        from hw.usb.find import libusb
+        from hw.usb.find import open_libusb
 
-        library = libusb().lib
+        library = open_libusb().lib
         library.libusb_get_version.restype = POINTER(_Version)
-        told = library.libusb_get_version().contents
+        numbers = library.libusb_get_version().contents
     except Exception as fault:
-        return [Finding("libusb", "missing", f"cannot be used ({one_line(str(fault)) or type(fault).__name__})", remedy)]
-    return [Finding("libusb", "good", f"{told.major}.{told.minor}.{told.micro}.{told.nano}")]
+        return [Finding("libusb", "missing", f"cannot be used ({to_one_line(str(fault)) or type(fault).__name__})", remedy)]
+    return [Finding("libusb", "good", f"{numbers.major}.{numbers.minor}.{numbers.micro}.{numbers.nano}")]
 
 
-def _udev() -> list[Finding]:
+def _check_permissions() -> list[Finding]:
     if not sys.platform.startswith("linux"):
         return [
             Finding(
@@ -93,32 +93,33 @@ def _udev() -> list[Finding]:
         ]
     if hasattr(os, "geteuid") and os.geteuid() == 0:
         return [Finding("permissions", "good", "this user is root, who may open every device")]
-    folder = next((folder for folder in RULE_FOLDERS if (Path(folder) / RULES).is_file()), None)
+    folder = next((folder for folder in RULE_FOLDERS if (Path(folder) / UDEV_RULES_FILE).is_file()), None)
     if folder is not None:
         return [Finding("permissions", "good", f"the udev rule is in {folder}")]
     remedy = (
-        f"as root write to /etc/udev/rules.d/{RULES}: {udev_rule()} ; then udevadm control --reload, and plug the probe in again"
+        f"as root write to /etc/udev/rules.d/{UDEV_RULES_FILE}: {read_udev_rule()} ; then udevadm control "
+        "--reload, and plug the probe in again"
     )
-    if not UDEV.is_dir():
+    if not UDEV_FOLDER.is_dir():
         return [Finding("permissions", "missing", "udev does not run here (a container?)", f"where it runs, {remedy}")]
     return [Finding("permissions", "missing", "the udev rule for probes is not installed", remedy)]
 
 
-def _probes() -> list[Finding]:
-    from hw.usb.faults import named
-    from hw.usb.find import where
+def _check_probes() -> list[Finding]:
+    from hw.usb.faults import translate_fault
+    from hw.usb.find import describe_address
 
     findings = []
-    for one in probes():
-        if one.fault is None:
-            findings.append(Finding("probe on USB", "good", f"{one.serial} at {where(one.device)}"))
+    for probe in find_usb_probes():
+        if probe.fault is None:
+            findings.append(Finding("probe on USB", "good", f"{probe.serial} at {describe_address(probe.device)}"))
         else:
-            text = f"a probe at {where(one.device)} that cannot be opened"
-            findings.append(Finding("probe on USB", "fault", text, str(named(one.fault, "probe"))))
+            text = f"a probe at {describe_address(probe.device)} that cannot be opened"
+            findings.append(Finding("probe on USB", "fault", text, str(translate_fault(probe.fault, "probe"))))
     return findings or [Finding("probes on USB", "missing", "none", "plug one in; or --virtual, --replay, another --device")]
 
 
-def _serial_ports() -> list[Finding]:
+def _check_serial_ports() -> list[Finding]:
     try:
         ports = import_module("serial.tools.list_ports").comports()
     except ImportError:
@@ -134,19 +135,19 @@ def _serial_ports() -> list[Finding]:
     return findings or [Finding("serial ports", "missing", "none")]
 
 
-def _visa() -> list[Finding]:
+def _check_visa() -> list[Finding]:
     try:
         visa = import_module("pyvisa")
         import_module("pyvisa_py")
         visa.ResourceManager("@py").close()
     except ImportError as missing:
-        return [Finding("VISA", "missing", f"{missing.name or 'pyvisa'} is not installed", SCOPE)]
+        return [Finding("VISA", "missing", f"{missing.name or 'pyvisa'} is not installed", SCOPE_REMEDY)]
     except Exception as fault:
-        return [Finding("VISA", "missing", f"cannot be used ({one_line(str(fault))})", SCOPE)]
+        return [Finding("VISA", "missing", f"cannot be used ({to_one_line(str(fault))})", SCOPE_REMEDY)]
     return [Finding("VISA", "good", "pyvisa with pyvisa-py; resources are not listed, which would broadcast on the network")]
 
 
-def _hdf5() -> list[Finding]:
+def _check_hdf5() -> list[Finding]:
     try:
         library = import_module("h5py")
     except ImportError:

@@ -12,40 +12,43 @@ from hw.common.samples import Floats, Samples
 from hw.signal.amplifier import TooSlow
 from hw.signal.sine_fit import NoSine, check_rate
 from probe_design.built_probe.bench import Bench
-from probe_design.built_probe.reading import prediction
-from probe_design.built_probe.virtual_probe import charge_per_force
+from probe_design.built_probe.reading import predict_scene
+from probe_design.built_probe.virtual_probe import compute_charge_per_force
 from probe_design.doctor.finding import Finding
-from probe_design.doctor.lock_in import LockIn, lock_in
+from probe_design.doctor.lock_in import LockIn, fit_lock_in
 
-BOLTZMANN, ROOM = 1.380649e-23, 295.0  # J/K, K
-QUIET, LOUD = 0.5, 20.0  # times the expected noise
-ALONE, CLEAR = 6.0, 20.0  # amplitude of the load over its standard deviation: limit of noise; enough for a calibration
-HUM = 10.0  # times the load's amplitude from which the mains are reported
-BESIDE = 0.8  # rad: largest phase between films and force, except for the sign
-PREDICTED = 0.1  # relative accuracy: enough to decide whether a film must show the load
-LEAST_ROWS = 200
-FLAT = 3.0  # times the fraction of samples that a sine has at its extremes
+BOLTZMANN_CONSTANT, ROOM_TEMPERATURE_K = 1.380649e-23, 295.0  # J/K, K
+MIN_NOISE_RATIO, MAX_NOISE_RATIO = 0.5, 20.0  # times the expected noise
+NOISE_STRENGTH, CLEAR_STRENGTH = (
+    6.0,
+    20.0,
+)  # amplitude of the load over its standard deviation: limit of noise; enough for a calibration
+MAX_HUM_RATIO = 10.0  # times the load's amplitude from which the mains are reported
+PHASE_TOLERANCE_RAD = 0.8  # rad: largest phase between films and force, except for the sign
+PREDICTION_ACCURACY = 0.1  # relative accuracy: enough to decide whether a film must show the load
+MIN_ROWS = 200
+FLAT_FACTOR = 3.0  # times the fraction of samples that a sine has at its extremes
 
 
-def self_test(samples: Samples, scene: Scene, bench: Bench) -> list[Finding]:
+def run_self_test(samples: Samples, scene: Scene, bench: Bench) -> list[Finding]:
     """Test each channel on samples under the bench's load."""
-    findings = [_lost(samples)]
+    findings = [_check_losses(samples)]
     dead = [name for name, swing in zip(samples.channels, np.ptp(samples.volts, axis=0), strict=True) if not swing > 0]
     findings += [Finding(f"{name} channel", "fault", "shows no change", "connect it; is its amplifier on?") for name in dead]
-    clipped = _clipping(samples)
+    clipped = _check_clipping(samples)
     findings += clipped
     usable = int(np.count_nonzero(~samples.saturated.any(axis=1)))
     span = float(samples.times[-1] - samples.times[0]) * bench.load.frequency
-    if dead or usable < LEAST_ROWS or span < 3:
+    if dead or usable < MIN_ROWS or span < 3:
         text = f"{usable} samples that are not saturated, {span:.3g} cycles of {bench.load.frequency:g} Hz"
-        remedy = f"at least {LEAST_ROWS} samples and 3 cycles, of channels that all change"
+        remedy = f"at least {MIN_ROWS} samples and 3 cycles, of channels that all change"
         return findings if dead else [*findings, Finding("load", "fault", text, remedy)]
-    found = lock_in(samples, bench.load.frequency)
-    findings += [*_noise(samples, found, bench), *_load(samples, found, scene, bench)]
-    return [*findings, *_polarity(samples, found, scene, bench), _mains(samples, found)]
+    fit = fit_lock_in(samples, bench.load.frequency)
+    findings += [*_check_noise(samples, fit, bench), *_check_load(samples, fit, scene, bench)]
+    return [*findings, *_check_polarity(samples, fit, scene, bench), _check_mains(samples, fit)]
 
 
-def _lost(samples: Samples) -> Finding:
+def _check_losses(samples: Samples) -> Finding:
     if samples.overruns or samples.gaps:
         text = f"{len(samples.gaps)} gaps, {samples.overruns} overruns of the device"
         return Finding("samples", "doubtful", text, "a lower rate, another port or cable, no hub")
@@ -54,118 +57,126 @@ def _lost(samples: Samples) -> Finding:
     return Finding("samples", "good", f"{len(samples)} of {samples.rate:g} a second, none lost")
 
 
-def _clipping(samples: Samples) -> list[Finding]:
+def _check_clipping(samples: Samples) -> list[Finding]:
     remedy = "press less, take a larger feedback capacitance or a larger range"
     findings = []
     for name, volts, saturated in zip(samples.channels, samples.volts.T, samples.saturated.T, strict=True):
         count = int(saturated.sum())
         if count:
             findings.append(Finding(f"clipping, {name}", "fault", f"{count} samples at the end of the range", remedy))
-        elif (share := _flat(volts)) > 0:
+        elif (share := _measure_flat_share(volts)) > 0:
             text = f"{100 * share:.2g} % of the samples at its highest or lowest value: the wave is cut"
             findings.append(Finding(f"clipping, {name}", "fault", text, remedy))
     return findings or [Finding("clipping", "good", f"none; the largest voltage is {np.abs(samples.volts).max():.3g} V")]
 
 
-def _flat(volts: Floats) -> float:
+def _measure_flat_share(volts: Floats) -> float:
     """Return the fraction of samples at an extreme value if it is well above that of a quantised sine; otherwise 0."""
     swing = float(np.ptp(volts))
     if swing == 0:
         return 0.0
-    expected = np.arccos(max(-1.0, 1 - 2 * max(_step(volts), 1e-12 * swing) / swing)) / np.pi
+    expected = np.arccos(max(-1.0, 1 - 2 * max(_estimate_step(volts), 1e-12 * swing) / swing)) / np.pi
     share = max(np.mean(volts >= volts.max() - 1e-9 * swing), np.mean(volts <= volts.min() + 1e-9 * swing))
-    return float(share) if share > FLAT * expected + 0.01 else 0.0
+    return float(share) if share > FLAT_FACTOR * expected + 0.01 else 0.0
 
 
-def _step(volts: Floats) -> float:
+def _estimate_step(volts: Floats) -> float:
     """Return the converter's step: the smallest difference of two values."""
     values = np.unique(volts[:20_000])
     return float(np.diff(values).min()) if len(values) > 1 else 0.0
 
 
-def _noise(samples: Samples, found: LockIn, bench: Bench) -> list[Finding]:
+def _check_noise(samples: Samples, fit: LockIn, bench: Bench) -> list[Finding]:
     """Compare the noise with its minimum: kT/C noise of the feedback, and the converter's step over the root of 12."""
     findings = []
     for k, name in enumerate(samples.channels[:2]):
         expected = float(
-            np.hypot(np.sqrt(BOLTZMANN * ROOM / bench.amplifier.of_films()[k].capacitance), _step(samples.volts[:, k]) / 12**0.5)
+            np.hypot(
+                np.sqrt(BOLTZMANN_CONSTANT * ROOM_TEMPERATURE_K / bench.amplifier.build_films()[k].capacitance),
+                _estimate_step(samples.volts[:, k]) / 12**0.5,
+            )
         )
-        times = found.noise[k] / expected
-        text = f"{found.noise[k]:.2g} V rms, {times:.2g} times the minimum of resistor and converter, {expected:.2g} V"
-        if times < QUIET:
+        times = fit.noise[k] / expected
+        text = f"{fit.noise[k]:.2g} V rms, {times:.2g} times the minimum of resistor and converter, {expected:.2g} V"
+        if times < MIN_NOISE_RATIO:
             findings.append(Finding(f"noise, {name}", "fault", text, "too quiet: is the film connected, is anything averaged?"))
-        elif times > LOUD:
+        elif times > MAX_NOISE_RATIO:
             findings.append(Finding(f"noise, {name}", "doubtful", text, "shield film and cable, look for loose plugs"))
         else:
             findings.append(Finding(f"noise, {name}", "good", text))
     return findings
 
 
-def _load(samples: Samples, found: LockIn, scene: Scene, bench: Bench) -> list[Finding]:
+def _check_load(samples: Samples, fit: LockIn, scene: Scene, bench: Bench) -> list[Finding]:
     findings = []
-    on = bool((found.strength > CLEAR).any())
-    for name, strength, amplitude in zip(samples.channels, found.strength, np.abs(found.load), strict=True):
-        text = f"{amplitude:.3g} V at {found.frequency:.4g} Hz, {strength:.3g} times its standard deviation"
+    load_on = bool((fit.strength > CLEAR_STRENGTH).any())
+    for name, strength, amplitude in zip(samples.channels, fit.strength, np.abs(fit.load), strict=True):
+        text = f"{amplitude:.3g} V at {fit.frequency:.4g} Hz, {strength:.3g} times its standard deviation"
         if name == "force" and bench.force is not None:
             text += f": {amplitude / bench.force.sensitivity:.3g} N"
-        if strength < ALONE and on and name in samples.channels[:2] and not _expected(samples.channels.index(name), found, scene):
+        if (
+            strength < NOISE_STRENGTH
+            and load_on
+            and name in samples.channels[:2]
+            and not _is_load_expected(samples.channels.index(name), fit, scene)
+        ):
             findings.append(Finding(f"load, {name}", "doubtful", f"{text}: none, and hardly any is predicted", "press harder"))
-        elif strength < ALONE:
-            remedy = "is the film connected?" if on else "is the load on, is the bench's frequency right?"
+        elif strength < NOISE_STRENGTH:
+            remedy = "is the film connected?" if load_on else "is the load on, is the bench's frequency right?"
             findings.append(Finding(f"load, {name}", "fault", text, remedy))
         else:
-            state: Any = "good" if strength > CLEAR else "doubtful"
+            state: Any = "good" if strength > CLEAR_STRENGTH else "doubtful"
             findings.append(Finding(f"load, {name}", state, text, "" if state == "good" else "press harder, or read longer"))
     return findings
 
 
-def _expected(film: int, found: LockIn, scene: Scene) -> bool:
+def _is_load_expected(film: int, fit: LockIn, scene: Scene) -> bool:
     """Whether one film, 0 inner or 1 outer, must show the load clearly, given the other film's amplitude."""
     try:
-        result = prediction(scene, PREDICTED, linear=True)
+        result = predict_scene(scene, PREDICTION_ACCURACY, linear=True)
     except ProbeError:
         return True
     if result.stress_inner is None or result.stress_outer is None:
         return True
     forces = np.abs([result.stress_inner * scene.probe.inner_area, result.stress_outer * scene.probe.outer_area])
-    amplitude = np.abs(found.load[1 - film]) * forces[film] / max(forces[1 - film], np.finfo(float).tiny)
-    return bool(amplitude > CLEAR * found.noise[film] * np.sqrt(2 / found.rows))
+    amplitude = np.abs(fit.load[1 - film]) * forces[film] / max(forces[1 - film], np.finfo(float).tiny)
+    return bool(amplitude > CLEAR_STRENGTH * fit.noise[film] * np.sqrt(2 / fit.rows))
 
 
-def _polarity(samples: Samples, found: LockIn, scene: Scene, bench: Bench) -> list[Finding]:
+def _check_polarity(samples: Samples, fit: LockIn, scene: Scene, bench: Bench) -> list[Finding]:
     """Compare signs and phases of the films with the force channel, or with each other without one."""
-    if (found.strength[:2] < ALONE).any():
+    if (fit.strength[:2] < NOISE_STRENGTH).any():
         return [Finding("polarity", "doubtful", "cannot be determined without a load on both films")]
-    known = "force" in samples.channels and bench.force is not None and found.strength[2] > CLEAR
+    known = "force" in samples.channels and bench.force is not None and fit.strength[2] > CLEAR_STRENGTH
     try:
-        charges = found.load[:2] / [one.response(found.frequency) for one in bench.amplifier.of_films()]
+        charges = fit.load[:2] / [amplifier.response(fit.frequency) for amplifier in bench.amplifier.build_films()]
     except TooSlow as fault:
         return [Finding("polarity", "fault", str(fault))]
-    films = charges / (found.load[2] if known else charges[1]) * (np.sign(charge_per_force(scene)) if known else 1.0)
-    beside = "the force" if known else "the outer film"
+    films = charges / (fit.load[2] if known else charges[1]) * (np.sign(compute_charge_per_force(scene)) if known else 1.0)
+    reference = "the force" if known else "the outer film"
     findings = []
     for name, film in zip(samples.channels[: 2 if known else 1], films, strict=False):
         angle = float(np.angle(film))
-        if abs(angle) < BESIDE:
-            findings.append(Finding(f"polarity, {name}", "good", f"{angle:.2g} rad from {beside}"))
-        elif np.pi - abs(angle) < BESIDE:
+        if abs(angle) < PHASE_TOLERANCE_RAD:
+            findings.append(Finding(f"polarity, {name}", "good", f"{angle:.2g} rad from {reference}"))
+        elif np.pi - abs(angle) < PHASE_TOLERANCE_RAD:
             remedy = f"exchange the leads of the {name} film" if known else "exchange the leads of one film"
-            findings.append(Finding(f"polarity, {name}", "fault", f"opposite to {beside}", remedy))
+            findings.append(Finding(f"polarity, {name}", "fault", f"opposite to {reference}", remedy))
         else:
-            text = f"{angle:.2g} rad from {beside}: neither with nor against it"
+            text = f"{angle:.2g} rad from {reference}: neither with nor against it"
             findings.append(Finding(f"polarity, {name}", "doubtful", text, "are channels delayed, is the tissue viscous?"))
     return findings
 
 
-def _mains(samples: Samples, found: LockIn) -> Finding:
-    worst = int(np.argmax(found.hum[:2]))
-    text = f"{found.hum[worst]:.2g} V at {found.mains:.4g} Hz on the {samples.channels[worst]} film"
+def _check_mains(samples: Samples, fit: LockIn) -> Finding:
+    worst = int(np.argmax(fit.hum[:2]))
+    text = f"{fit.hum[worst]:.2g} V at {fit.mains:.4g} Hz on the {samples.channels[worst]} film"
     try:
-        check_rate(found.frequency, samples.rate)
+        check_rate(fit.frequency, samples.rate)
     except NoSine as fault:
         return Finding("mains", "fault", str(fault), "another rate, or another frequency of the load")
     if samples.rate < 110:
         return Finding("mains", "doubtful", f"not detectable at {samples.rate:g} samples a second", "more than 120 Hz")
-    if found.hum[worst] > HUM * np.abs(found.load[:2]).max():
+    if fit.hum[worst] > MAX_HUM_RATIO * np.abs(fit.load[:2]).max():
         return Finding("mains", "doubtful", text, "shield film and cable, keep them off mains leads")
     return Finding("mains", "good", text)

@@ -13,8 +13,8 @@ from solver.results.result import Decision
 if TYPE_CHECKING:
     from probe_design.estimation.next_reading import NextReading
 
-WIDEST = {"youngs_modulus": 100.0, "diameter": 4.0, "depth": 4.0, "thickness": 4.0}
-OPEN: Interval = (None, None)
+MAX_END_RATIOS = {"youngs_modulus": 100.0, "diameter": 4.0, "depth": 4.0, "thickness": 4.0}
+OPEN_INTERVAL: Interval = (None, None)
 
 
 @dataclass(frozen=True)
@@ -70,24 +70,24 @@ class Estimate(Notebook):
         return {self.unknown: fields.pop("value")} | fields
 
 
-def identifiable(interval: Interval, unknown: str) -> bool:
+def is_identifiable(interval: Interval, unknown: str) -> bool:
     """Return whether an interval is bounded and narrow enough to call the unknown identifiable."""
     low, high = interval
-    return low is not None and high is not None and high <= widest(unknown) * low
+    return low is not None and high is not None and high <= get_max_end_ratio(unknown) * low
 
 
-def widest(unknown: str) -> float:
+def get_max_end_ratio(unknown: str) -> float:
     """Return the largest ratio of the ends of an interval for which the unknown counts as identifiable."""
-    return WIDEST[unknown.rpartition(".")[2]]
+    return MAX_END_RATIOS[unknown.rpartition(".")[2]]
 
 
-def hull(pieces: tuple[Piece, ...]) -> Interval:
+def compute_hull(pieces: tuple[Piece, ...]) -> Interval:
     """Return lower and upper end of the union of pieces; None for an open end, and if there are no pieces."""
     if not pieces:
-        return OPEN
+        return OPEN_INTERVAL
     return None if pieces[0].low_open else pieces[0].low, None if pieces[-1].high_open else pieces[-1].high
 
 
-def several(pieces: tuple[Piece, ...]) -> tuple[tuple[float, float], ...]:
+def list_separate_pieces(pieces: tuple[Piece, ...]) -> tuple[tuple[float, float], ...]:
     """Return the ends of each piece if there are several pieces, else nothing."""
     return tuple((piece.low, piece.high) for piece in pieces) if len(pieces) > 1 else ()

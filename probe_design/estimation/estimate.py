@@ -25,25 +25,32 @@ from typing import Any
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.common.errors import InputError, Refusal, Words, one_of
+from geometry.common.errors import InputError, Refusal, Words, describe_choices
 from geometry.scenes.scene import Scene
-from geometry.scenes.variables import values
-from probe_design.estimation.answer import OPEN, Estimate, hull, identifiable, several, widest
+from geometry.scenes.variables import list_values
+from probe_design.estimation.answer import (
+    OPEN_INTERVAL,
+    Estimate,
+    compute_hull,
+    get_max_end_ratio,
+    is_identifiable,
+    list_separate_pieces,
+)
 from probe_design.estimation.depth_and_strength import Plane
-from probe_design.estimation.intervals import Likelihood, p_value
-from probe_design.estimation.loaded_model import LoadedModel, refusal
-from probe_design.estimation.model import OF_TARGET, TargetModel, check_kind
-from probe_design.estimation.nuisances import checked
-from probe_design.estimation.phases import usable
+from probe_design.estimation.intervals import Likelihood, compute_p_value
+from probe_design.estimation.loaded_model import LoadedModel, explain_refusal
+from probe_design.estimation.model import TARGET_UNKNOWNS, TargetModel, check_kind
+from probe_design.estimation.nuisances import check_nuisances
+from probe_design.estimation.phases import select_usable
 from probe_design.estimation.profile import Track
 from probe_design.estimation.readings import Measurements, Reading
-from probe_design.estimation.reasons import Findings, reason, warnings
-from probe_design.estimation.strength import DepthAndStrength, Interval, strength
-from probe_design.estimation.under_load import under_load
+from probe_design.estimation.reasons import Findings, explain_unidentifiable, list_warnings
+from probe_design.estimation.strength import DepthAndStrength, Interval, compute_strength
+from probe_design.estimation.under_load import add_load
 from solver.planning.load_check import check_load
 
-OF_TISSUE = re.compile(r"tissue\.(layer\[\d\]\.(thickness|youngs_modulus)|youngs_modulus)")
-FINEST, COARSEST = 5e-4, 0.01  # default accuracies, between which the noise chooses
+TISSUE_KEY = re.compile(r"tissue\.(layer\[\d\]\.(thickness|youngs_modulus)|youngs_modulus)")
+FINEST_ACCURACY, COARSEST_ACCURACY = 5e-4, 0.01  # default accuracies, between which the noise chooses
 
 
 def estimate(
@@ -60,7 +67,7 @@ def estimate(
         accuracy: of the evaluator, relative; default: a quarter of the smallest noise of the ratios, within 5e-4 and 0.01.
         linear: whether to use linear elasticity at any load. The intervals then count the possible effect of finite strain. By
             default that effect is below the smallest noise of the ratios, and ``contact`` predicts the readings at larger loads:
-            see ``under_load.py``.
+            see ``loaded_track.py``.
         nuisances: relative standard deviations, 0.2 or "20 %", of uncertain numbers, by their keys in the scene file; see
             ``probe_design.estimation.nuisances``.
         advise: whether ``next`` states what to measure next.
@@ -71,50 +78,52 @@ def estimate(
             ``contact``.
     """
     start = perf_counter()
-    check_kind(scene, _of_target(scene, unknown))
-    known = checked(scene, nuisances, unknown)
-    data, notes = usable(scene, Measurements.of(readings))
-    if unknown in OF_TARGET and data.is_blank.all():
+    check_kind(scene, _is_of_target(scene, unknown))
+    nuisance_sds = check_nuisances(scene, nuisances, unknown)
+    data, notes = select_usable(scene, Measurements.from_readings(readings))
+    if unknown in TARGET_UNKNOWNS and data.is_blank.all():
         raise InputError("reading.blank", Words("true in every reading"), f"one over the inclusion of unknown {unknown}")
-    model = TargetModel(scene, data, accuracy_for(accuracy, data))
-    useless = data.is_stiffness & (model.stiffness_error > data.noise)
-    if useless.any():
+    model = TargetModel(scene, data, choose_accuracy(accuracy, data))
+    is_useless = data.is_stiffness & (model.stiffness_error > data.noise)
+    if is_useless.any():
         limit = f"the model's stiffness is good to {model.stiffness_error:.2g} only"
         notes = (
             *notes,
-            f"{useless.sum()} stiffnesses left out: {limit}, which is more than their noise",
+            f"{is_useless.sum()} stiffnesses left out: {limit}, which is more than their noise",
         )
-        model = replace(model, data=data.some(~useless))
-    loaded = None if linear else _loaded(model, unknown, accuracy, known)
-    if loaded is not None:
-        phases, model = model.data.is_phase.sum(), loaded.at_rest
+        model = replace(model, data=data.select(~is_useless))
+    loaded_model = None if linear else _build_loaded_model(model, unknown, accuracy, nuisance_sds)
+    if loaded_model is not None:
+        phases, model = model.data.is_phase.sum(), loaded_model.unloaded_model
         notes = (*notes, f"{phases} phases left out: nothing is known of them at this load") if phases else notes
-    findings = searched(model, unknown, known, loaded)
-    found = _estimate(findings, _together(findings), known, notes, start)
-    return _advised(found, model, known, at_rest=loaded is None) if advise else found
+    findings = search_unknown(model, unknown, nuisance_sds, loaded_model)
+    result = _build_estimate(findings, _fit_depth_and_strength(findings), nuisance_sds, notes, start)
+    return _add_advice(result, model, nuisance_sds, is_linear=loaded_model is None) if advise else result
 
 
-def _advised(found: Estimate, model: TargetModel, nuisances: Mapping[str, float], at_rest: bool) -> Estimate:
+def _add_advice(result: Estimate, model: TargetModel, nuisances: Mapping[str, float], is_linear: bool) -> Estimate:
     """Return an estimate with advice what to measure next; at loads beyond linear elasticity with a warning instead."""
-    from probe_design.estimation.next_reading import next_reading
+    from probe_design.estimation.next_reading import choose_next_reading
 
     start = perf_counter()
-    if not at_rest:
-        return replace(found, warnings=(*found.warnings, "next is null: there is no advice at loads beyond linear elasticity"))
-    advice = next_reading(model, found.unknown, nuisances, found.identifiable)
-    return replace(found, next=advice, seconds=found.seconds + perf_counter() - start)
+    if not is_linear:
+        return replace(result, warnings=(*result.warnings, "next is null: there is no advice at loads beyond linear elasticity"))
+    advice = choose_next_reading(model, result.unknown, nuisances, result.identifiable)
+    return replace(result, next=advice, seconds=result.seconds + perf_counter() - start)
 
 
-def accuracy_for(asked: float | None, data: Measurements) -> float:
+def choose_accuracy(requested: float | None, data: Measurements) -> float:
     """Return the accuracy of the evaluator: the requested one, else a quarter of the smallest noise of ratios, within limits."""
-    least = float(data.noise[data.is_ratio].min())
-    accuracy = float(np.clip(least / 4, FINEST, COARSEST)) if asked is None else asked
+    min_noise = float(data.noise[data.is_ratio].min())
+    accuracy = float(np.clip(min_noise / 4, FINEST_ACCURACY, COARSEST_ACCURACY)) if requested is None else requested
     if not 0 < accuracy < 1:
         raise InputError("accuracy", accuracy, "a number above 0 and below 1, such as 0.01")
     return accuracy
 
 
-def _loaded(model: TargetModel, unknown: str, accuracy: float | None, nuisances: Mapping[str, float]) -> LoadedModel | None:
+def _build_loaded_model(
+    model: TargetModel, unknown: str, accuracy: float | None, nuisances: Mapping[str, float]
+) -> LoadedModel | None:
     """Return the model under load where the effect of finite strain is above the noise of the ratio, else None.
 
     Raises:
@@ -123,30 +132,33 @@ def _loaded(model: TargetModel, unknown: str, accuracy: float | None, nuisances:
     try:
         check_load(model.scene, model.rule, model.tolerance, promise=False)
     except Refusal as fault:
-        why = refusal(model, bool(nuisances))
-        if why is None:
-            model = replace(model, data=model.data.some(~model.data.is_phase))
-            return LoadedModel(model, unknown, min(model.tolerance, COARSEST) if accuracy is None else accuracy)
-        raise Refusal(fault.key, fault.value, f"{fault.allowed}; contact, for larger loads, takes {why}") from None
+        reason = explain_refusal(model, bool(nuisances))
+        if reason is None:
+            model = replace(model, data=model.data.select(~model.data.is_phase))
+            return LoadedModel(model, unknown, min(model.tolerance, COARSEST_ACCURACY) if accuracy is None else accuracy)
+        raise Refusal(fault.key, fault.value, f"{fault.allowed}; contact, for larger loads, takes {reason}") from None
     return None
 
 
-def _of_target(scene: Scene, unknown: str) -> bool:
+def _is_of_target(scene: Scene, unknown: str) -> bool:
     """Return whether an unknown is the target's; otherwise it is the tissue's.
 
     Raises:
         InputError: it is neither.
     """
-    if unknown in OF_TARGET:
+    if unknown in TARGET_UNKNOWNS:
         return True
-    numbers = [name for name in values(scene) if OF_TISSUE.fullmatch(name)]
+    numbers = [name for name in list_values(scene) if TISSUE_KEY.fullmatch(name)]
     if unknown not in numbers:
-        raise InputError("unknown", unknown, one_of(unknown, [*OF_TARGET, *numbers]))
+        raise InputError("unknown", unknown, describe_choices(unknown, [*TARGET_UNKNOWNS, *numbers]))
     return False
 
 
-def searched(
-    model: TargetModel, unknown: str, nuisances: Mapping[str, float] = MappingProxyType({}), loaded: LoadedModel | None = None
+def search_unknown(
+    model: TargetModel,
+    unknown: str,
+    nuisances: Mapping[str, float] = MappingProxyType({}),
+    loaded_model: LoadedModel | None = None,
 ) -> Findings:
     """Return the values of the unknown that agree with the readings, best fit and intervals included.
 
@@ -156,51 +168,51 @@ def searched(
         nuisances: likewise, relative standard deviations by key.
         loaded_model: the model under the load, where that is beyond linear elasticity.
     """
-    certain, noise, y = Track.of(model, unknown), model.data.noise, model.data.value
-    if loaded is not None:
-        certain = under_load(certain, loaded)
-    track = certain.with_spread(nuisances)
+    track_if_known, noise, y = Track.from_model(model, unknown), model.data.noise, model.data.value
+    if loaded_model is not None:
+        track_if_known = add_load(track_if_known, loaded_model)
+    track = track_if_known.add_nuisances(nuisances)
     if not track.runs:
-        return Findings(track, pieces=(), of_noise=(), best=None, p_value=1.0, shift=np.inf)
-    along = Likelihood(track, noise)
-    best, least = (float(part[0]) for part in along.best(y[None]))
+        return Findings(track, pieces=(), noise_pieces=(), best=None, p_value=1.0, shift=np.inf)
+    likelihood = Likelihood(track, noise)
+    best, min_chi2 = (float(part[0]) for part in likelihood.find_best(y[None]))
     return Findings(
         track,
-        pieces=tuple(along.pieces(y)),
-        of_noise=tuple(Likelihood(certain.exact(), noise).pieces(y)),
-        if_known=tuple(Likelihood(certain, noise).pieces(y)) if nuisances else None,
+        pieces=tuple(likelihood.find_pieces(y)),
+        noise_pieces=tuple(Likelihood(track_if_known.remove_model_error(), noise).find_pieces(y)),
+        pieces_if_known=tuple(Likelihood(track_if_known, noise).find_pieces(y)) if nuisances else None,
         best=best,
-        p_value=p_value(least, len(y), along.spoiled(best)),
-        shift=float(along.shift(np.array([best]))[0]),
+        p_value=compute_p_value(min_chi2, len(y), likelihood.compute_noncentrality_root(best)),
+        shift=float(likelihood.compute_shift(np.array([best]))[0]),
     )
 
 
-def _together(findings: Findings) -> DepthAndStrength | None:
+def _fit_depth_and_strength(findings: Findings) -> DepthAndStrength | None:
     """Fit depth and strength of the target together if there are readings over it from several places, else return None."""
     model, unknown = findings.model, findings.unknown
-    if unknown not in OF_TARGET or len(set(model.data.place[~model.data.is_blank])) < 2:
+    if unknown not in TARGET_UNKNOWNS or len(set(model.data.place[~model.data.is_blank])) < 2:
         return None
     try:
-        plane = Plane.of(model, "diameter" if unknown == "diameter" else "youngs_modulus", findings.shared)
+        plane = Plane.from_model(model, "diameter" if unknown == "diameter" else "youngs_modulus", findings.shared_errors)
     except Refusal:  # the target fits at one depth only
         return None
-    return plane.with_reflections(model.data.value).fit(model.data.value)
+    return plane.add_reflections(model.data.value).fit(model.data.value)
 
 
-def _estimate(
+def _build_estimate(
     findings: Findings, fitted: DepthAndStrength | None, nuisances: dict[str, float], notes: tuple[str, ...], start: float
 ) -> Estimate:
     """Return the result from findings, and from the fit of depth and strength if there is one."""
     unknown, best, data = findings.unknown, findings.best_value, findings.model.data
-    interval, of_noise = hull(findings.pieces), hull(findings.of_noise)
-    good = identifiable(interval, unknown)
-    value = best if good else None
-    depth = findings.model.target.depth if unknown in OF_TARGET else None
+    interval, noise_interval = compute_hull(findings.pieces), compute_hull(findings.noise_pieces)
+    is_good = is_identifiable(interval, unknown)
+    value = best if is_good else None
+    depth = findings.model.target.depth if unknown in TARGET_UNKNOWNS else None
     depth_interval: Interval | None = None
     if fitted is None:
-        strong, strong_interval = _strength(findings, best, interval)
+        strength_value, strength_interval = _find_strength(findings, best, interval)
     else:
-        strong, strong_interval = fitted.strength, fitted.strength_interval
+        strength_value, strength_interval = fitted.strength, fitted.strength_interval
         depth, depth_interval = fitted.depth, fitted.depth_interval
     if unknown == "depth":
         depth, depth_interval = value, interval
@@ -209,55 +221,57 @@ def _estimate(
         noise=tuple(data.noise[data.is_ratio].tolist()),
         value=value,
         interval=interval,
-        interval_of_noise=of_noise,
+        interval_of_noise=noise_interval,
         nuisances=nuisances,
-        interval_if_known=None if findings.if_known is None else hull(findings.if_known),
-        pieces=several(findings.pieces),
-        identifiable=good,
-        reason=None if good else reason(findings, interval, widest(unknown), identifiable(of_noise, unknown)),
+        interval_if_known=None if findings.pieces_if_known is None else compute_hull(findings.pieces_if_known),
+        pieces=list_separate_pieces(findings.pieces),
+        identifiable=is_good,
+        reason=None
+        if is_good
+        else explain_unidentifiable(findings, interval, get_max_end_ratio(unknown), is_identifiable(noise_interval, unknown)),
         depth=depth,
         depth_interval=depth_interval,
-        strength=strong,
-        strength_interval=strong_interval,
+        strength=strength_value,
+        strength_interval=strength_interval,
         p_value=None if best is None else findings.p_value,
-        error_estimate=_error(findings),
-        evaluator=findings.track.level,
+        error_estimate=_find_error(findings),
+        evaluator=findings.track.evaluator,
         seconds=perf_counter() - start,
         plan=(*findings.model.base.plan, *findings.track.plan),
-        warnings=(*notes, *warnings(findings, fitted)),
+        warnings=(*notes, *list_warnings(findings, fitted)),
     )
 
 
-def _strength(findings: Findings, best: float | None, interval: Interval) -> tuple[float | None, Interval | None]:
+def _find_strength(findings: Findings, best: float | None, interval: Interval) -> tuple[float | None, Interval | None]:
     """Return the strength, eq. ES.1, at the best fit and its interval, the depth being known.
 
     The strength grows with the modulus and, for stiff bodies, with the diameter. Where the modulus is open, the strength still
     ends at that of a rigid body or of a hole; where the diameter is open below, it ends at zero.
     """
-    if findings.unknown not in OF_TARGET:
+    if findings.unknown not in TARGET_UNKNOWNS:
         return None, None
-    around, body = findings.model.host, findings.model.target
+    host, body = findings.model.host, findings.model.target
     if findings.unknown == "depth":
-        return float(strength(around, body)), None
+        return float(compute_strength(host, body)), None
     if best is None:
-        return None, OPEN
+        return None, OPEN_INTERVAL
     key = "modulus" if findings.unknown == "youngs_modulus" else "diameter"
 
-    def at(value: Floats | float) -> float:
-        return float(strength(around, body, **{key: np.asarray(value)}))
+    def compute(value: Floats | float) -> float:
+        return float(compute_strength(host, body, **{key: np.asarray(value)}))
 
     if not findings.pieces:
-        return at(best), OPEN
+        return compute(best), OPEN_INTERVAL
     low, high = interval
-    beyond = np.inf if key == "modulus" else None
+    stiff_limit = np.inf if key == "modulus" else None
     ends = [
-        at(low) if low is not None else at(0.0) if findings.searched_all(0) else None,
-        at(high) if high is not None else at(beyond) if beyond and findings.searched_all(-1) else None,
+        compute(low) if low is not None else compute(0.0) if findings.is_searched_to_end(0) else None,
+        compute(high) if high is not None else compute(stiff_limit) if stiff_limit and findings.is_searched_to_end(-1) else None,
     ]
-    return at(best), (ends[0], ends[1]) if at(best) >= 0 or key == "modulus" else (ends[1], ends[0])
+    return compute(best), (ends[0], ends[1]) if compute(best) >= 0 or key == "modulus" else (ends[1], ends[0])
 
 
-def _error(findings: Findings) -> float | None:
+def _find_error(findings: Findings) -> float | None:
     """Return a bound on the relative error of the ratios at the best fit; None without a fit."""
     if findings.best is None:
         return None

@@ -45,14 +45,14 @@ from geometry.common.arrays import Bools, Floats
 from probe_design.estimation.profile import Track
 from probe_design.estimation.shared_errors import SharedErrors
 
-LEVEL = 0.95
-UNEXPLAINED = float(chi2.ppf(0.99, 1))  # 99 % quantile: larger excess of chi2 over the prolonged curve's: no fit
-HALVINGS = 50  # bisections of the search for a quantile
-EVERY = 10  # q of eq. ES.4 is computed at every tenth point of the runs, and interpolated
-QUANTILE = float(chi2.ppf(LEVEL, 1))
-TOLERATED = 1 / 3  # t of eq. ES.5 up to which the interval neglects the model's error: coverage is still 93.7 %
-STEPS = 6  # Gauss-Newton steps
-ENDING = 6  # steps of the Illinois method for an interval's end
+CONFIDENCE = 0.95
+UNEXPLAINED_CHI2 = float(chi2.ppf(0.99, 1))  # 99 % quantile: larger excess of chi2 over the prolonged curve's: no fit
+QUANTILE_BISECTIONS = 50  # bisections of the search for a quantile
+LIMIT_STRIDE = 10  # q of eq. ES.4 is computed at every tenth point of the runs, and interpolated
+CHI2_QUANTILE = float(chi2.ppf(CONFIDENCE, 1))
+TOLERATED_SHIFT = 1 / 3  # t of eq. ES.5 up to which the interval neglects the model's error: coverage is still 93.7 %
+GAUSS_NEWTON_STEPS = 6  # Gauss-Newton steps
+ILLINOIS_STEPS = 6  # steps of the Illinois method for an interval's end
 
 
 @dataclass(frozen=True)
@@ -77,213 +77,218 @@ class Likelihood:
     track: Track
     noise: Floats
 
-    def _shared(self, u: Floats) -> SharedErrors:
-        return self.track.shared(u).over(self.noise)
+    def _compute_shared_errors(self, u: Floats) -> SharedErrors:
+        return self.track.compute_shared_errors(u).divide_by_noise(self.noise)
 
-    def at(self, u: Floats) -> tuple[Floats, Floats]:
+    def predict(self, u: Floats) -> tuple[Floats, Floats]:
         """Return predictions and their derivatives by u, over the noise, at u of shape (s,): two of shape (s, k)."""
-        value, slope = self.track.at(u)
+        value, slope = self.track.interpolate(u)
         return value / self.noise, slope / self.noise
 
     @cached_property
     def _grid(self) -> tuple[Floats, Floats, Floats, Floats]:
         """The points of all runs, their lower and upper neighbours in the same run, and the predictions at the points."""
         runs = self.track.runs
-        below = np.concatenate([run[np.maximum(np.arange(len(run)) - 1, 0)] for run in runs])
-        above = np.concatenate([run[np.minimum(np.arange(len(run)) + 1, len(run) - 1)] for run in runs])
+        lower = np.concatenate([run[np.maximum(np.arange(len(run)) - 1, 0)] for run in runs])
+        upper = np.concatenate([run[np.minimum(np.arange(len(run)) + 1, len(run) - 1)] for run in runs])
         points = np.concatenate(runs)
-        return points, below, above, self.at(points)[0]
+        return points, lower, upper, self.predict(points)[0]
 
-    def chi_square(self, u: Floats, y: Floats) -> Floats:
+    def compute_chi_square(self, u: Floats, y: Floats) -> Floats:
         """Return chi2 of eq. ES.3 at u of shape (s,) for measured values of shape (k,) or (s, k)."""
-        return self._shared(u).misfit(y / self.noise - self.at(u)[0])
+        return self._compute_shared_errors(u).compute_misfit(y / self.noise - self.predict(u)[0])
 
-    def best(self, y: Floats) -> tuple[Floats, Floats]:
+    def find_best(self, y: Floats) -> tuple[Floats, Floats]:
         """Return the best-fitting u and its chi-square, both (s,), for s sets of measured values, (s, k)."""
-        points, below, above, values = self._grid
+        points, lower, upper, values = self._grid
         w = y / self.noise
-        errors = self._shared(points)
-        start = np.array([np.argmin(errors.misfit(one - values)) for one in w])
+        errors = self._compute_shared_errors(points)
+        start = np.array([np.argmin(errors.compute_misfit(row - values)) for row in w])
         u = best = points[start]
-        least = self.chi_square(u, y)
-        for _ in range(STEPS):
-            value, slope = self.at(u)
-            along = self._shared(u).decorrelated(slope)
-            size = (slope * along).sum(axis=1)
-            u = np.clip(u + ((w - value) * along).sum(axis=1) / np.where(size > 0, size, 1.0), below[start], above[start])
-            now = self.chi_square(u, y)
-            best, least = np.where(now < least, u, best), np.minimum(now, least)
-        return best, least
+        min_chi2 = self.compute_chi_square(u, y)
+        for _ in range(GAUSS_NEWTON_STEPS):
+            value, slope = self.predict(u)
+            decorrelated = self._compute_shared_errors(u).decorrelate(slope)
+            size = (slope * decorrelated).sum(axis=1)
+            u = np.clip(u + ((w - value) * decorrelated).sum(axis=1) / np.where(size > 0, size, 1.0), lower[start], upper[start])
+            new_chi2 = self.compute_chi_square(u, y)
+            best, min_chi2 = np.where(new_chi2 < min_chi2, u, best), np.minimum(new_chi2, min_chi2)
+        return best, min_chi2
 
-    def floor(self, y: Floats) -> Floats:
+    def compute_floor(self, y: Floats) -> Floats:
         """Return the smallest chi-square, (s,), of the curve prolonged along its end tangents, for s sets of values, (s, k)."""
         if y.shape[1] == 1:
             return np.zeros(len(y))
-        least = self.best(y)[1]
+        min_chi2 = self.find_best(y)[1]
         for run in self.track.runs:
-            for end, outwards in ((run[0], -1.0), (run[-1], 1.0)):
-                at = np.array([end])
-                value, slope = self.at(at)
-                tangent = self._shared(at).decorrelated(slope)[0]
+            for end, direction in ((run[0], -1.0), (run[-1], 1.0)):
+                end_point = np.array([end])
+                value, slope = self.predict(end_point)
+                tangent = self._compute_shared_errors(end_point).decorrelate(slope)[0]
                 size = float(np.sqrt(slope[0] @ tangent))
                 if size > 0:
-                    off = y / self.noise - value
-                    along = np.maximum(off @ tangent * (outwards / size), 0.0)
-                    least = np.minimum(least, self.chi_square(np.full(len(y), end), y) - along**2)
-        return least
+                    residual = y / self.noise - value
+                    projection = np.maximum(residual @ tangent * (direction / size), 0.0)
+                    min_chi2 = np.minimum(min_chi2, self.compute_chi_square(np.full(len(y), end), y) - projection**2)
+        return min_chi2
 
-    def shift(self, u: Floats) -> Floats:
+    def compute_shift(self, u: Floats) -> Floats:
         """Return the bound t of eq. ES.5 on the shift by the model's error, at u of shape (s,)."""
         relative = self.track.predicted.bound / self.noise
         slope = self.track.slope / self.noise
-        tangent = self._shared(self.track.x).decorrelated(slope)
+        tangent = self._compute_shared_errors(self.track.x).decorrelate(slope)
         size = np.sqrt((slope * tangent).sum(axis=1))
         t = (np.abs(tangent) * relative).sum(axis=1) / np.where(size > 0, size, 1.0)
         return np.asarray(np.interp(u, self.track.x, np.where(size > 0, t, np.linalg.norm(relative, axis=1))))
 
-    def limit(self, u: Floats) -> Floats:
+    def interpolate_limit(self, u: Floats) -> Floats:
         """Return q of eq. ES.4 at u of shape (s,)."""
         return np.asarray(np.interp(u, *self._limits))
 
     @cached_property
     def _limits(self) -> tuple[Floats, Floats]:
         """Some points of the runs, and the threshold q of eq. ES.4 at these points."""
-        points = np.concatenate([np.append(run[:-1:EVERY], run[-1]) for run in self.track.runs])
-        value, slope = self.at(points)
-        tangent = self._shared(points).decorrelated(slope)
+        points = np.concatenate([np.append(run[:-1:LIMIT_STRIDE], run[-1]) for run in self.track.runs])
+        value, slope = self.predict(points)
+        tangent = self._compute_shared_errors(points).decorrelate(slope)
         size = np.sqrt((slope * tangent).sum(axis=1))
-        along = np.einsum("uk,vuk->vu", tangent, value[:, None] - value) / np.where(size > 0, size, 1.0)
-        below, above = (np.where(size > 0, one, np.inf) for one in (-along.min(axis=0), along.max(axis=0)))
-        return points, threshold_near_ends(self.shift(points), below, above)
+        projection = np.einsum("uk,vuk->vu", tangent, value[:, None] - value) / np.where(size > 0, size, 1.0)
+        lower, upper = (np.where(size > 0, distance, np.inf) for distance in (-projection.min(axis=0), projection.max(axis=0)))
+        return points, compute_threshold_near_ends(self.compute_shift(points), lower, upper)
 
-    def unexplained(self, y: Floats) -> Bools:
+    def find_unexplained(self, y: Floats) -> Bools:
         """Return whether no value of the unknown explains the measured values, shape (s,), for s sets of shape (s, k)."""
-        return np.asarray(self.best(y)[1] - self.floor(y) > UNEXPLAINED)
+        return np.asarray(self.find_best(y)[1] - self.compute_floor(y) > UNEXPLAINED_CHI2)
 
-    def spoiled(self, u: float) -> float:
+    def compute_noncentrality_root(self, u: float) -> float:
         """Return the root of the largest noncentrality of chi2 at u that the model's error may cause."""
         return float(np.interp(u, self.track.x, np.linalg.norm(self.track.predicted.bound / self.noise, axis=1)))
 
-    def pieces(self, y: Floats) -> list[Piece]:
+    def find_pieces(self, y: Floats) -> list[Piece]:
         """Return the set of eq. ES.4, as separate intervals, for measured values of shape (k,)."""
-        if self.unexplained(y[None])[0]:
+        if self.find_unexplained(y[None])[0]:
             return []
-        best, least = (float(part[0]) for part in self.best(y[None]))
+        best, min_chi2 = (float(part[0]) for part in self.find_best(y[None]))
 
-        def beyond(u: Floats) -> Floats:
-            return self.chi_square(u, y) - least - self.limit(u)
+        def compute_excess(u: Floats) -> Floats:
+            return self.compute_chi_square(u, y) - min_chi2 - self.interpolate_limit(u)
 
         pieces = []
         for run in self.track.runs:
-            points = _with_valleys(run, best, beyond)
-            inside = beyond(points) <= 0
+            points = _add_valleys(run, best, compute_excess)
+            inside = compute_excess(points) <= 0
             edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(int)))
             last = len(points) - 1
             for first, end in zip(edges[::2], edges[1::2] - 1, strict=True):
-                low = _crossing(beyond, points[first - 1], points[first]) if first > 0 else points[0]
-                high = _crossing(beyond, points[end + 1], points[end]) if end < last else points[-1]
-                ends = self.track.values(np.array([low, high]))
+                low = _find_crossing(compute_excess, points[first - 1], points[first]) if first > 0 else points[0]
+                high = _find_crossing(compute_excess, points[end + 1], points[end]) if end < last else points[-1]
+                ends = self.track.compute_values(np.array([low, high]))
                 pieces.append(Piece(float(ends[0]), float(ends[1]), bool(first == 0), bool(end == last)))
         return pieces
 
 
-def threshold(shift: Floats) -> Floats:
+def compute_threshold(shift: Floats) -> Floats:
     """Return q of eq. ES.4 far from the curve's ends, for a bound t on the shift by the model's error, eq. ES.5."""
     t = np.asarray(shift, dtype=float)
-    out, far = np.full(t.shape, QUANTILE), t > 4
-    between = (t > TOLERATED) & ~far
-    out[far], out[between] = (t[far] + norm.ppf(LEVEL)) ** 2, ncx2.ppf(LEVEL, 1, t[between] ** 2)
-    return out
+    quantile, is_far = np.full(t.shape, CHI2_QUANTILE), t > 4
+    is_between = (t > TOLERATED_SHIFT) & ~is_far
+    quantile[is_far], quantile[is_between] = (t[is_far] + norm.ppf(CONFIDENCE)) ** 2, ncx2.ppf(CONFIDENCE, 1, t[is_between] ** 2)
+    return quantile
 
 
-def threshold_near_ends(shift: Floats, below: Floats, above: Floats) -> Floats:
+def compute_threshold_near_ends(shift: Floats, distance_below: Floats, distance_above: Floats) -> Floats:
     """Return q of eq. ES.4 where the curve ends A = ``distance_below`` and B = ``distance_above`` sd away, eq. ES.4a."""
-    t = np.where(shift > TOLERATED, shift, 0.0)
-    low, high = np.zeros(t.shape), threshold(shift)
-    for _ in range(HALVINGS):
+    t = np.where(shift > TOLERATED_SHIFT, shift, 0.0)
+    low, high = np.zeros(t.shape), compute_threshold(shift)
+    for _ in range(QUANTILE_BISECTIONS):
         q = (low + high) / 2
-        down, up = _reach(q, below), _reach(q, above)
-        covered = np.minimum(norm.cdf(up - t) - norm.cdf(-down - t), norm.cdf(up + t) - norm.cdf(-down + t))
-        low, high = np.where(covered < LEVEL, q, low), np.where(covered < LEVEL, high, q)
+        reach_below, reach_above = _compute_reach(q, distance_below), _compute_reach(q, distance_above)
+        covered = np.minimum(
+            norm.cdf(reach_above - t) - norm.cdf(-reach_below - t), norm.cdf(reach_above + t) - norm.cdf(-reach_below + t)
+        )
+        low, high = np.where(covered < CONFIDENCE, q, low), np.where(covered < CONFIDENCE, high, q)
     return np.asarray(high)
 
 
-def _reach(q: Floats, end: Floats) -> Floats:
+def _compute_reach(q: Floats, end: Floats) -> Floats:
     """Return |z| at which eq. ES.4a equals q, where the curve ends ``end`` standard deviations away."""
     root = np.sqrt(q)
     safe = np.clip(end, 1e-9, 1e9)
     return np.where(root <= end, root, (q / safe + safe) / 2)
 
 
-def p_value(least: float, data: int, shift: float) -> float:
+def compute_p_value(chi_square: float, data_count: int, shift: float) -> float:
     """Return the probability that chi-square of the best fit is above a value; ``shift`` is the root of the noncentrality."""
-    degrees = max(data - 1, 1)
+    degrees = max(data_count - 1, 1)
     if shift > 30:  # such a large model error explains any readings
         return 1.0
-    return float(ncx2.sf(least, degrees, shift**2) if shift > 1e-6 else chi2.sf(least, degrees))
+    return float(ncx2.sf(chi_square, degrees, shift**2) if shift > 1e-6 else chi2.sf(chi_square, degrees))
 
 
-def _with_valleys(run: Floats, best: float, beyond: Callable[[Floats], Floats]) -> Floats:
+def _add_valleys(run: Floats, best: float, compute_excess: Callable[[Floats], Floats]) -> Floats:
     """Add the best fit and the minima of other valleys to the points of a run, as valleys may be narrower than its steps."""
-    values = beyond(run)
+    values = compute_excess(run)
     middle = np.flatnonzero((values[1:-1] <= values[:-2]) & (values[1:-1] <= values[2:]) & (values[1:-1] > 0)) + 1
     bottoms = [best] if run[0] <= best <= run[-1] else []
     for index in middle:
         fine = np.linspace(run[index - 1], run[index + 1], 401)
-        bottoms.append(float(fine[np.argmin(beyond(fine))]))
+        bottoms.append(float(fine[np.argmin(compute_excess(fine))]))
     return np.unique(np.concatenate([run, bottoms]))
 
 
-def _crossing(beyond: Callable[[Floats], Floats], outside: float, inside: float) -> float:
+def _find_crossing(compute_excess: Callable[[Floats], Floats], outside: float, inside: float) -> float:
     """Return the point between a rejected and an accepted point at which the excess of chi2 is zero."""
 
-    def scalar(u: float) -> float:
-        return float(beyond(np.array([u]))[0])
+    def compute_scalar_excess(u: float) -> float:
+        return float(compute_excess(np.array([u]))[0])
 
-    return float(brentq(scalar, outside, inside, xtol=1e-12)) if scalar(inside) < 0 else inside
+    return float(brentq(compute_scalar_excess, outside, inside, xtol=1e-12)) if compute_scalar_excess(inside) < 0 else inside
 
 
-def hulls(fit: Likelihood, y: Floats) -> list[tuple[float | None, float | None]]:
+def compute_hulls(fit: Likelihood, y: Floats) -> list[tuple[float | None, float | None]]:
     """Return the outer ends of eq. ES.4, SI, for s sets of data, shape (s, k); None for an open end or an empty set.
 
     The points of the runs and the best fit bracket each end; the ends of all sets are then computed together. Between points q is
     interpolated linearly.
     """
-    best, least = fit.best(y)
+    best, min_chi2 = fit.find_best(y)
     points, ends = np.concatenate(fit.track.runs), np.full((2, len(y), 2), np.nan)
-    q, open_ends = fit.limit(points), fit.unexplained(y)
-    for k, (one, at) in enumerate(zip(y, best, strict=True)):
+    q, open_ends = fit.interpolate_limit(points), fit.find_unexplained(y)
+    for k, (row, best_u) in enumerate(zip(y, best, strict=True)):
         if open_ends[k]:
             continue
-        u = np.insert(points, np.searchsorted(points, at), at)
-        inside = np.flatnonzero(fit.chi_square(u, one) - least[k] - np.interp(u, points, q) <= 0)
+        u = np.insert(points, np.searchsorted(points, best_u), best_u)
+        inside = np.flatnonzero(fit.compute_chi_square(u, row) - min_chi2[k] - np.interp(u, points, q) <= 0)
         if len(inside) and inside[0] > 0:
             ends[0, k] = u[inside[0]], u[inside[0] - 1]
         if len(inside) and inside[-1] < len(u) - 1:
             ends[1, k] = u[inside[-1]], u[inside[-1] + 1]
-    found = [_crossings(fit, y, least, of) for of in ends]
-    return [tuple(None if np.isnan(end) else float(end) for end in pair) for pair in zip(*found, strict=True)]  # type: ignore[misc]
+    crossings = [_find_crossings(fit, y, min_chi2, brackets) for brackets in ends]
+    return [tuple(None if np.isnan(end) else float(end) for end in pair) for pair in zip(*crossings, strict=True)]  # type: ignore[misc]
 
 
-def _crossings(fit: Likelihood, y: Floats, least: Floats, between: Floats) -> Floats:
+def _find_crossings(fit: Likelihood, y: Floats, min_chi2: Floats, brackets: Floats) -> Floats:
     """Return the ends of the sets, SI, by the Illinois method between an inner and an outer point, (s, 2); data y (s, k)."""
-    found = np.full(len(y), np.nan)
-    some = np.flatnonzero(np.isfinite(between[:, 0]))
-    if not len(some):
-        return found
+    crossings = np.full(len(y), np.nan)
+    is_bracketed = np.flatnonzero(np.isfinite(brackets[:, 0]))
+    if not len(is_bracketed):
+        return crossings
 
-    def beyond(u: Floats) -> Floats:  # difference of roots: closer to a straight line than the difference of squares
-        return np.asarray(np.sqrt(np.maximum(fit.chi_square(u, y[some]) - least[some], 0.0)) - np.sqrt(fit.limit(u)))
+    def compute_excess(u: Floats) -> Floats:  # difference of roots: closer to a straight line than the difference of squares
+        return np.asarray(
+            np.sqrt(np.maximum(fit.compute_chi_square(u, y[is_bracketed]) - min_chi2[is_bracketed], 0.0))
+            - np.sqrt(fit.interpolate_limit(u))
+        )
 
-    a, b = between[some].T
-    at, low, high, side = a, np.minimum(beyond(a), -1e-300), np.maximum(beyond(b), 1e-300), np.zeros(len(a))
-    for _ in range(ENDING):
-        at = a + low / (low - high) * (b - a)
-        value = beyond(at)
-        now = np.where(value <= 0, -1, 1)
-        kept, side = np.where(now == side, 0.5, 1.0), now
-        low, high = np.where(now < 0, value, kept * low), np.where(now > 0, value, kept * high)
+    a, b = brackets[is_bracketed].T
+    trial, low, high, side = a, np.minimum(compute_excess(a), -1e-300), np.maximum(compute_excess(b), 1e-300), np.zeros(len(a))
+    for _ in range(ILLINOIS_STEPS):
+        trial = a + low / (low - high) * (b - a)
+        value = compute_excess(trial)
+        new_side = np.where(value <= 0, -1, 1)
+        weight, side = np.where(new_side == side, 0.5, 1.0), new_side
+        low, high = np.where(new_side < 0, value, weight * low), np.where(new_side > 0, value, weight * high)
         low, high = np.minimum(low, -1e-300), np.maximum(high, 1e-300)
-        a, b = np.where(now < 0, at, a), np.where(now > 0, at, b)
-    found[some] = fit.track.values(at)
-    return found
+        a, b = np.where(new_side < 0, trial, a), np.where(new_side > 0, trial, b)
+    crossings[is_bracketed] = fit.track.compute_values(trial)
+    return crossings

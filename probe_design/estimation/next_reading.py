@@ -23,20 +23,20 @@ import numpy as np
 from scipy.stats import norm, qmc
 
 from geometry.common.arrays import Floats, Ints
-from probe_design.estimation.answer import identifiable, widest
-from probe_design.estimation.candidates import ULTRASOUND, NextCandidate, candidates, joined
-from probe_design.estimation.intervals import Likelihood, hulls
+from probe_design.estimation.answer import get_max_end_ratio, is_identifiable
+from probe_design.estimation.candidates import ULTRASOUND_RELATIVE_SD, NextCandidate, join_measurements, list_candidates
+from probe_design.estimation.intervals import Likelihood, compute_hulls
 from probe_design.estimation.model import TargetModel
-from probe_design.estimation.nuisances import Spread
-from probe_design.estimation.predicted import Predicted
-from probe_design.estimation.profile import FINER, Track
+from probe_design.estimation.nuisances import NuisanceErrors
+from probe_design.estimation.predicted import Predictions
+from probe_design.estimation.profile import POINTS_PER_NODE, Track
 from probe_design.estimation.readings import Measurements
 from probe_design.estimation.shared_errors import SharedErrors
 from probe_design.estimation.strength import Interval
 
-DRAWS = 64
-COARSE = 10  # points from node to node that bracket the ends of intervals
-LIKELY = 0.5  # probability of being identifiable from which a reading is recommended
+DRAW_COUNT = 64
+COARSE_POINTS = 10  # points from node to node that bracket the ends of intervals
+LIKELY_PROBABILITY = 0.5  # probability of being identifiable from which a reading is recommended
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,9 @@ class NextReading:
     draws: int
 
 
-def next_reading(model: TargetModel, unknown: str, nuisances: Mapping[str, float], told: bool, seed: int = 0) -> NextReading:
+def choose_next_reading(
+    model: TargetModel, unknown: str, nuisances: Mapping[str, float], already_identifiable: bool, seed: int = 0
+) -> NextReading:
     """Rank the candidates for the next reading.
 
     Args:
@@ -92,90 +94,106 @@ def next_reading(model: TargetModel, unknown: str, nuisances: Mapping[str, float
         already_identifiable: whether the unknown is identifiable from the present readings.
         seed: of the draws.
     """
-    allowed = candidates(model, unknown, nuisances)
-    track, columns = _track(model, unknown, nuisances, allowed)
+    allowed = list_candidates(model, unknown, nuisances)
+    track, columns = _build_track(model, unknown, nuisances, allowed)
     present = np.arange(len(model.data.value))
     if not track.runs:
         return NextReading(None, None, "no reading of this probe can: the model cannot predict the readings", (), 0)
-    draws = _Draws.of(track, present, columns, seed)
-    found = [draws.expected(one, np.append(present, own)) for one, own in zip(allowed, columns, strict=True)]
-    ranked = sorted(found, key=lambda one: one.score)
-    together = min((draws.expected(*one, together=True) for one in _all(allowed, columns, present)), key=lambda one: one.score)
-    now = draws.expected(NextCandidate("nothing more"), present, together=True).score
-    best = ranked[0] if ranked and ranked[0].score < now else None
-    return NextReading(best, together, _verdict(best, together, told), tuple(ranked[best is not None :]), DRAWS)
+    draws = _Draws.from_track(track, present, columns, seed)
+    expected = [
+        draws.summarise(candidate, np.append(present, own_columns))
+        for candidate, own_columns in zip(allowed, columns, strict=True)
+    ]
+    ranked = sorted(expected, key=lambda candidate: candidate.score)
+    together = min(
+        (draws.summarise(*candidate, together=True) for candidate in _combine_candidates(allowed, columns, present)),
+        key=lambda candidate: candidate.score,
+    )
+    present_score = draws.summarise(NextCandidate("nothing more"), present, together=True).score
+    best = ranked[0] if ranked and ranked[0].score < present_score else None
+    return NextReading(
+        best, together, _write_verdict(best, together, already_identifiable), tuple(ranked[best is not None :]), DRAW_COUNT
+    )
 
 
-def _all(allowed: Sequence[NextCandidate], columns: Sequence[Ints], present: Ints) -> list[tuple[NextCandidate, Ints]]:
+def _combine_candidates(
+    allowed: Sequence[NextCandidate], columns: Sequence[Ints], present: Ints
+) -> list[tuple[NextCandidate, Ints]]:
     """Return all ratios together, and all ratios with stiffness, which the model's error may make worse; both with sizes."""
-    found = []
-    for width in sorted({len(own) for one, own in zip(allowed, columns, strict=True) if one.reading}):
-        every = [own for one, own in zip(allowed, columns, strict=True) if one.reading is None or len(own) == width]
+    combinations = []
+    for width in sorted({len(own_columns) for candidate, own_columns in zip(allowed, columns, strict=True) if candidate.reading}):
+        all_columns = [
+            own_columns
+            for candidate, own_columns in zip(allowed, columns, strict=True)
+            if candidate.reading is None or len(own_columns) == width
+        ]
         kind = "ratios with stiffness" if width > 1 else "ratios"
-        found.append((NextCandidate(f"all {len(every)} together, {kind}"), np.concatenate([present, *every])))
-    return found
+        combinations.append((NextCandidate(f"all {len(all_columns)} together, {kind}"), np.concatenate([present, *all_columns])))
+    return combinations
 
 
-def _verdict(best: ExpectedInterval | None, together: ExpectedInterval, told: bool) -> str:
+def _write_verdict(best: ExpectedInterval | None, together: ExpectedInterval, already_identifiable: bool) -> str:
     """Return the advice in one sentence."""
-    if best is not None and (told or best.identifiable >= LIKELY):
+    if best is not None and (already_identifiable or best.identifiable >= LIKELY_PROBABILITY):
         return f"measure this: {best.told}"
-    if best is not None and together.identifiable >= LIKELY:
+    if best is not None and together.identifiable >= LIKELY_PROBABILITY:
         return f"measure this: {best.told}; then the others: no single reading is expected to suffice, all together are"
     chance = f"all that may be read together would with a probability of {together.identifiable:.2g}"
     return f"no reading of this probe can, at this noise: {chance}"
 
 
-def _track(
+def _build_track(
     model: TargetModel, unknown: str, nuisances: Mapping[str, float], allowed: Sequence[NextCandidate]
 ) -> tuple[Track, list[Ints]]:
     """Return predictions of the present data and of all candidates, and the columns of each candidate."""
     data, columns = model.data, []
-    for one in allowed:
-        more = Measurements.of((one.reading,)) if one.reading is not None else None
-        begin = len(data.value)
-        data = data if more is None else joined(data, more)
-        columns.append(np.arange(begin, len(data.value)))
-    track = Track.of(replace(model, data=data), unknown).with_spread(nuisances)
-    for k, one in enumerate(allowed):
-        if one.learned and track.spread is not None:
-            begin = track.predicted.value.shape[1]
-            track = _with_sizes(
-                track, [list(nuisances).index(name) for name in one.learned], [nuisances[name] for name in one.learned]
+    for candidate in allowed:
+        new_data = Measurements.from_readings((candidate.reading,)) if candidate.reading is not None else None
+        start = len(data.value)
+        data = data if new_data is None else join_measurements(data, new_data)
+        columns.append(np.arange(start, len(data.value)))
+    track = Track.from_model(replace(model, data=data), unknown).add_nuisances(nuisances)
+    for k, candidate in enumerate(allowed):
+        if candidate.learned and track.spread is not None:
+            start = track.predicted.value.shape[1]
+            track = _add_size_columns(
+                track,
+                [list(nuisances).index(name) for name in candidate.learned],
+                [nuisances[name] for name in candidate.learned],
             )
-            columns[k] = np.arange(begin, track.predicted.value.shape[1])
+            columns[k] = np.arange(start, track.predicted.value.shape[1])
     return track, columns
 
 
-def _with_sizes(track: Track, which: Sequence[int], sds: Sequence[float]) -> Track:
+def _add_size_columns(track: Track, indices: Sequence[int], sds: Sequence[float]) -> Track:
     """Add a column for each nuisance that ultrasound measures: its prediction is sd times eta at all values of the unknown."""
     assert track.spread is not None
-    more, errors, data = len(which), track.spread.errors, track.model.data
-    wider = errors.mapped(lambda part: np.concatenate([part, np.zeros((len(part), more, part.shape[2]))], axis=1))
-    wider.line[:, np.arange(-more, 0), which] = sds
-    spread = Spread(track.spread.x, wider)
-    none = np.zeros((len(track.x), more))
-    parts = {key: np.hstack([getattr(track.predicted, key), none]) for key in ("value", "by_modulus", "by_diameter", "bound")}
-    none_of = np.zeros(more, dtype=bool)
-    own = {key: np.append(getattr(data, key), none_of) for key in ("is_stiffness", "is_blank")}
-    own |= {key: np.append(getattr(data, key), np.zeros(more)) for key in ("value", "sign")}
-    own |= {"place": np.append(data.place, np.zeros(more, dtype=int)), "is_phase": np.append(data.is_phase, ~none_of)}
-    own |= {"noise": np.append(data.noise, np.full(more, ULTRASOUND))}
-    model = replace(track.model, data=replace(data, **own))
+    count, errors, data = len(indices), track.spread.errors, track.model.data
+    wider = errors.transform(lambda part: np.concatenate([part, np.zeros((len(part), count, part.shape[2]))], axis=1))
+    wider.linear[:, np.arange(-count, 0), indices] = sds
+    spread = NuisanceErrors(track.spread.x, wider)
+    zeros = np.zeros((len(track.x), count))
+    parts = {key: np.hstack([getattr(track.predicted, key), zeros]) for key in ("value", "by_modulus", "by_diameter", "bound")}
+    no_flags = np.zeros(count, dtype=bool)
+    arrays = {key: np.append(getattr(data, key), no_flags) for key in ("is_stiffness", "is_blank")}
+    arrays |= {key: np.append(getattr(data, key), np.zeros(count)) for key in ("value", "sign")}
+    arrays |= {"place": np.append(data.place, np.zeros(count, dtype=int)), "is_phase": np.append(data.is_phase, ~no_flags)}
+    arrays |= {"noise": np.append(data.noise, np.full(count, ULTRASOUND_RELATIVE_SD))}
+    model = replace(track.model, data=replace(data, **arrays))
     return replace(
-        track, model=model, predicted=replace(track.predicted, **parts), slope=np.hstack([track.slope, none]), spread=spread
+        track, model=model, predicted=replace(track.predicted, **parts), slope=np.hstack([track.slope, zeros]), spread=spread
     )
 
 
-def _some(track: Track, which: Ints, finer: int = FINER) -> Likelihood:
+def _select_data(track: Track, columns: Ints, finer: int = POINTS_PER_NODE) -> Likelihood:
     """Return the likelihood of some columns of the data, with ``finer`` points from node to node."""
-    told: Predicted = track.predicted
-    parts = {key: getattr(told, key)[:, which] for key in ("value", "by_modulus", "by_diameter", "bound")}
+    predicted: Predictions = track.predicted
+    parts = {key: getattr(predicted, key)[:, columns] for key in ("value", "by_modulus", "by_diameter", "bound")}
     spread = track.spread
     if spread is not None:
-        spread = Spread(spread.x, spread.errors.mapped(lambda part: part[:, which]))
-    narrowed = replace(track, predicted=replace(told, **parts), slope=track.slope[:, which], spread=spread, finer=finer)
-    return Likelihood(narrowed, track.model.data.noise[which])
+        spread = NuisanceErrors(spread.x, spread.errors.transform(lambda part: part[:, columns]))
+    narrowed = replace(track, predicted=replace(predicted, **parts), slope=track.slope[:, columns], spread=spread, finer=finer)
+    return Likelihood(narrowed, track.model.data.noise[columns])
 
 
 @dataclass(frozen=True)
@@ -193,60 +211,69 @@ class _Draws:
 
     track: Track
     truth: Floats
-    alike: Floats
-    apart: Floats
+    common_noise_data: Floats
+    separate_noise_data: Floats
 
     @classmethod
-    def of(cls, track: Track, present: Ints, columns: Sequence[Ints], seed: int) -> _Draws:
+    def from_track(cls, track: Track, present: Ints, columns: Sequence[Ints], seed: int) -> _Draws:
         """Draw truths and nuisances from eq. ES.11, and simulate the data."""
-        data, k, nuisances = track.model.data, len(track.model.data.noise), track.shared(track.x[:1]).line.shape[-1]
-        fit, here = _some(track, present), data.value[present]
-        widths = max((len(own) for own in columns), default=0)
-        chance = qmc.Sobol(1 + nuisances + widths, rng=seed).random(DRAWS)
+        data, k, nuisances = (
+            track.model.data,
+            len(track.model.data.noise),
+            track.compute_shared_errors(track.x[:1]).linear.shape[-1],
+        )
+        fit, present_values = _select_data(track, present), data.value[present]
+        widths = max((len(selected) for selected in columns), default=0)
+        chance = qmc.Sobol(1 + nuisances + widths, rng=seed).random(DRAW_COUNT)
         normal = norm.ppf(np.clip(chance[:, 1:], 1e-9, 1 - 1e-9))
-        truth = _truths(fit, here, chance[:, 0])
-        shared, value = track.shared(truth), track.at(truth)[0]
-        shared = shared.mapped(lambda part: np.broadcast_to(part, (DRAWS, k, part.shape[-1])))
-        own = shared.mapped(lambda part: part[:, present]).over(data.noise[present])
-        eta = _nuisances(own, (here - value[:, present]) / data.noise[present], normal[:, :nuisances])
-        middle = value + shared.at(eta)
-        alike, apart = middle.copy(), middle + data.noise * np.random.default_rng(seed).normal(size=middle.shape)
-        for columns_of_one in columns:
-            noise = normal[:, nuisances : nuisances + len(columns_of_one)]
-            alike[:, columns_of_one] += data.noise[columns_of_one] * noise
-        alike[:, present] = apart[:, present] = here
-        return cls(track, truth, alike, apart)
+        truth = _draw_truths(fit, present_values, chance[:, 0])
+        shared, value = track.compute_shared_errors(truth), track.interpolate(truth)[0]
+        shared = shared.transform(lambda part: np.broadcast_to(part, (DRAW_COUNT, k, part.shape[-1])))
+        selected = shared.transform(lambda part: part[:, present]).divide_by_noise(data.noise[present])
+        eta = _draw_nuisances(selected, (present_values - value[:, present]) / data.noise[present], normal[:, :nuisances])
+        middle = value + shared.evaluate(eta)
+        common_noise_data, separate_noise_data = (
+            middle.copy(),
+            middle + data.noise * np.random.default_rng(seed).normal(size=middle.shape),
+        )
+        for own_columns in columns:
+            noise = normal[:, nuisances : nuisances + len(own_columns)]
+            common_noise_data[:, own_columns] += data.noise[own_columns] * noise
+        common_noise_data[:, present] = separate_noise_data[:, present] = present_values
+        return cls(track, truth, common_noise_data, separate_noise_data)
 
-    def expected(self, one: NextCandidate, which: Ints, together: bool = False) -> ExpectedInterval:
+    def summarise(self, candidate: NextCandidate, columns: Ints, together: bool = False) -> ExpectedInterval:
         """Return the expected interval from some columns of the data, over all draws."""
-        fit, unknown = _some(self.track, which, COARSE), self.track.unknown
-        intervals = hulls(fit, (self.apart if together else self.alike)[:, which])
-        truth, most = self.track.values(self.truth), widest(unknown)
-        low, high = (np.array([interval[end] or none for interval in intervals]) for end, none in ((0, 0.0), (1, np.inf)))
-        length = np.log(np.minimum(high, truth * most)) - np.log(np.maximum(low, truth / most))
+        fit, unknown = _select_data(self.track, columns, COARSE_POINTS), self.track.unknown
+        intervals = compute_hulls(fit, (self.separate_noise_data if together else self.common_noise_data)[:, columns])
+        truth, max_ratio = self.track.compute_values(self.truth), get_max_end_ratio(unknown)
+        low, high = (
+            np.array([interval[end] or open_value for interval in intervals]) for end, open_value in ((0, 0.0), (1, np.inf))
+        )
+        length = np.log(np.minimum(high, truth * max_ratio)) - np.log(np.maximum(low, truth / max_ratio))
         with np.errstate(divide="ignore"):
             ends, width = (float(np.median(low)), float(np.median(high))), float(np.median(high / low))
-        spot = one.reading
+        reading = candidate.reading
         return ExpectedInterval(
-            one.kind, one.kind if together else one.told, None if spot is None else spot.x, None if spot is None else spot.y,
+            candidate.kind, candidate.kind if together else candidate.description, None if reading is None else reading.x, None if reading is None else reading.y,
             interval=(ends[0] or None, ends[1] if np.isfinite(ends[1]) else None), width=width if np.isfinite(width) else None,
-            identifiable=float(np.mean([identifiable(interval, unknown) for interval in intervals])),
+            identifiable=float(np.mean([is_identifiable(interval, unknown) for interval in intervals])),
             score=float(np.mean(np.maximum(length, 0.0))),
         )  # fmt: skip
 
 
-def _truths(fit: Likelihood, y: Floats, level: Floats) -> Floats:
+def _draw_truths(fit: Likelihood, y: Floats, probability: Floats) -> Floats:
     """Return coordinates of the unknown at cumulative probabilities of p of eq. ES.11, shape (s,)."""
     points = np.concatenate(fit.track.runs)
-    room = np.concatenate([np.gradient(run) for run in fit.track.runs])
-    chi2 = fit.chi_square(points, y)
-    weight = room * np.exp(-(chi2 - chi2.min()) / 2)
-    return np.asarray(points[np.minimum(np.searchsorted(np.cumsum(weight) / weight.sum(), level), len(points) - 1)])
+    spacing = np.concatenate([np.gradient(run) for run in fit.track.runs])
+    chi2 = fit.compute_chi_square(points, y)
+    weight = spacing * np.exp(-(chi2 - chi2.min()) / 2)
+    return np.asarray(points[np.minimum(np.searchsorted(np.cumsum(weight) / weight.sum(), probability), len(points) - 1)])
 
 
-def _nuisances(errors: SharedErrors, off: Floats, normal: Floats) -> Floats:
+def _draw_nuisances(errors: SharedErrors, residual: Floats, normal: Floats) -> Floats:
     """Return eta of eq. ES.11, shape (s, q), for A of shape (s, k, q), r of shape (s, k) and standard normal numbers, (s, q)."""
-    A = errors.line
+    A = errors.linear
     M = np.linalg.inv(np.eye(A.shape[-1]) + A.swapaxes(1, 2) @ A)
-    middle = (M @ (A.swapaxes(1, 2) @ off[..., None]))[..., 0]
+    middle = (M @ (A.swapaxes(1, 2) @ residual[..., None]))[..., 0]
     return np.asarray(middle + (np.linalg.cholesky(M) @ normal[..., None])[..., 0])

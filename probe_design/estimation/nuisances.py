@@ -26,21 +26,21 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from geometry.common.arrays import Floats
-from geometry.common.errors import InputError, ProbeError, Words, one_of
+from geometry.common.errors import InputError, ProbeError, Words, describe_choices
 from geometry.scenes.scene import Scene
-from geometry.scenes.units import fraction
-from geometry.scenes.variables import loss_factors, values
-from probe_design.estimation.model import OF_TARGET, TargetModel
-from probe_design.estimation.predicted import Predicted
+from geometry.scenes.units import read_fraction
+from geometry.scenes.variables import list_loss_factors, list_values
+from probe_design.estimation.model import TARGET_UNKNOWNS, TargetModel
+from probe_design.estimation.predicted import Predictions
 from probe_design.estimation.shared_errors import SharedErrors
 
-LARGEST = 1.0  # standard deviation of a logarithm; the polynomial is not valid beyond
-FAR, CORNER = 2.0, 1.5  # standard deviations at which eq. ES.7 interpolates the model, besides 1
-ALLOWED = f"a relative standard deviation above 0 and up to {LARGEST:g}, such as 0.2 or 20 %"
+MAX_LOG_SD = 1.0  # standard deviation of a logarithm; the polynomial is not valid beyond
+FAR_SDS, CORNER_SDS = 2.0, 1.5  # standard deviations at which eq. ES.7 interpolates the model, besides 1
+ALLOWED_SD = f"a relative standard deviation above 0 and up to {MAX_LOG_SD:g}, such as 0.2 or 20 %"
 
 
 @dataclass(frozen=True)
-class Spread:
+class NuisanceErrors:
     """Errors by nuisances along an unknown.
 
     Attributes:
@@ -51,7 +51,7 @@ class Spread:
     x: Floats
     errors: SharedErrors
 
-    def at(self, x: Floats) -> SharedErrors:
+    def interpolate(self, x: Floats) -> SharedErrors:
         """Return the coefficients of eq. ES.7 at points x of shape (s,): shapes (s, k, q)."""
         inside = np.clip(x, self.x[0], self.x[-1])
         unit = np.eye(len(self.x))
@@ -59,39 +59,47 @@ class Spread:
             weights = CubicSpline(self.x, unit)(inside)
         else:
             weights = np.stack([np.interp(inside, self.x, row) for row in unit], axis=1)
-        return self.errors.mapped(lambda part: np.tensordot(weights, part, axes=1))
+        return self.errors.transform(lambda part: np.tensordot(weights, part, axes=1))
 
 
-def deviation(key: str, value: Any) -> float:
+def read_sd(key: str, value: Any) -> float:
     """Return a relative standard deviation, given as 0.2 or "20 %".
 
     Raises:
         InputError: the value is not allowed.
     """
-    deviation = fraction(key, value, ALLOWED)
-    if not 0 < deviation <= LARGEST:
-        raise InputError(key, value, ALLOWED)
-    return deviation
+    sd = read_fraction(key, value, ALLOWED_SD)
+    if not 0 < sd <= MAX_LOG_SD:
+        raise InputError(key, value, ALLOWED_SD)
+    return sd
 
 
-def checked(scene: Scene, given: Mapping[str, Any], unknown: str) -> dict[str, float]:
+def check_nuisances(scene: Scene, stated: Mapping[str, Any], unknown: str) -> dict[str, float]:
     """Return relative standard deviations as numbers, by the keys of the scene's numbers.
 
     Raises:
         InputError: the scene has no such number, or it is the unknown, or its standard deviation is not allowed.
     """
-    asked = f"inclusion.{unknown}" if len(scene.inclusion) == 1 else unknown
-    lossy = [name for name, loss in loss_factors(scene).items() if loss]
-    allowed = [name for name in (*values(scene), *lossy) if name not in (asked, unknown) and not name.endswith("poisson_ratio")]
-    for name in given:
+    unknown_key = f"inclusion.{unknown}" if len(scene.inclusion) == 1 else unknown
+    lossy = [name for name, loss in list_loss_factors(scene).items() if loss]
+    allowed = [
+        name
+        for name in (*list_values(scene), *lossy)
+        if name not in (unknown_key, unknown) and not name.endswith("poisson_ratio")
+    ]
+    for name in stated:
         if name not in allowed:
-            raise InputError("nuisance", name, one_of(name, allowed))
-    return {name: deviation(f"nuisance.{name}", value) for name, value in given.items()}
+            raise InputError("nuisance", name, describe_choices(name, allowed))
+    return {name: read_sd(f"nuisance.{name}", value) for name, value in stated.items()}
 
 
-def spread(
-    model: TargetModel, nuisances: Mapping[str, float], x: Floats, at: dict[str, Floats], middle: Predicted | None = None
-) -> Spread:
+def compute_nuisance_errors(
+    model: TargetModel,
+    nuisances: Mapping[str, float],
+    x: Floats,
+    unknown_values: dict[str, Floats],
+    centre: Predictions | None = None,
+) -> NuisanceErrors:
     """Return the errors that nuisances cause along an unknown.
 
     Args:
@@ -104,80 +112,88 @@ def spread(
     Raises:
         InputError: one standard deviation off, the scene is not valid, or the model cannot predict the data.
     """
-    middle = _predict(model, at) if middle is None else middle
-    moved = partial(_moved, model, nuisances, at, middle)
+    centre = _predict(model, unknown_values) if centre is None else centre
+    compute_shift = partial(_compute_shift, model, nuisances, unknown_values, centre)
     units = np.eye(len(nuisances))
-    axes = [_axis(moved, unit) for unit in units]
-    terms = {_powers(power * unit): axis[power - 1] for unit, axis in zip(units, axes, strict=True) for power in (3, 4)}
+    axes = [_fit_axis(compute_shift, unit) for unit in units]
+    terms = {_list_powers(power * unit): axis[power - 1] for unit, axis in zip(units, axes, strict=True) for power in (3, 4)}
     for i, j in combinations(range(len(nuisances)), 2):
-        terms |= _products(moved, (units[i], units[j]), (axes[i], axes[j]))
+        terms |= _fit_products(compute_shift, (units[i], units[j]), (axes[i], axes[j]))
     line, bend = (np.stack([axis[k] for axis in axes], axis=-1) for k in (0, 1))
-    return Spread(x, SharedErrors(line, bend, np.stack(list(terms.values()), axis=-1), tuple(terms)))
+    return NuisanceErrors(x, SharedErrors(line, bend, np.stack(list(terms.values()), axis=-1), tuple(terms)))
 
 
-def _axis(moved: Callable[[Floats], Floats], unit: Floats) -> list[Floats]:
+def _fit_axis(compute_shift: Callable[[Floats], Floats], unit: Floats) -> list[Floats]:
     """Return the coefficients of the first four powers of one number."""
-    above, below = moved(unit), moved(-unit)
-    odd, even = (above - below) / 2, (above + below) / 2
+    plus, minus = compute_shift(unit), compute_shift(-unit)
+    odd_part, even_part = (plus - minus) / 2, (plus + minus) / 2
     try:
-        above, below = moved(FAR * unit), moved(-FAR * unit)
+        plus, minus = compute_shift(FAR_SDS * unit), compute_shift(-FAR_SDS * unit)
     except InputError:
-        return [odd, even, np.zeros_like(odd), np.zeros_like(odd)]
-    cube = ((above - below) / 2 - FAR * odd) / (FAR**3 - FAR)
-    fourth = ((above + below) / 2 - FAR**2 * even) / (FAR**4 - FAR**2)
-    return [odd - cube, even - fourth, cube, fourth]
+        return [odd_part, even_part, np.zeros_like(odd_part), np.zeros_like(odd_part)]
+    cube = ((plus - minus) / 2 - FAR_SDS * odd_part) / (FAR_SDS**3 - FAR_SDS)
+    fourth = ((plus + minus) / 2 - FAR_SDS**2 * even_part) / (FAR_SDS**4 - FAR_SDS**2)
+    return [odd_part - cube, even_part - fourth, cube, fourth]
 
 
-def _products(
-    moved: Callable[[Floats], Floats], units: tuple[Floats, Floats], axes: tuple[list[Floats], list[Floats]]
+def _fit_products(
+    compute_shift: Callable[[Floats], Floats], units: tuple[Floats, Floats], axes: tuple[list[Floats], list[Floats]]
 ) -> dict[tuple[int, ...], Floats]:
     """Return the coefficients of products of powers of two numbers; none where both cannot deviate at once."""
-    for corner in (CORNER, 1.0):
-        rest = {}
+    for corner in (CORNER_SDS, 1.0):
+        remainders = {}
         try:
             for signs in product((1, -1), repeat=2):
-                rest[signs] = moved(corner * (signs[0] * units[0] + signs[1] * units[1]))
+                remainders[signs] = compute_shift(corner * (signs[0] * units[0] + signs[1] * units[1]))
         except InputError:
             continue
-        for signs in rest:
+        for signs in remainders:
             for sign, axis in zip(signs, axes, strict=True):
-                rest[signs] = rest[signs] - sum(part * (sign * corner) ** (k + 1) for k, part in enumerate(axis))
+                remainders[signs] = remainders[signs] - sum(part * (sign * corner) ** (k + 1) for k, part in enumerate(axis))
         return {
-            _powers(i * units[0] + j * units[1]): np.asarray(sum(a**i * b**j * one for (a, b), one in rest.items()))
+            _list_powers(i * units[0] + j * units[1]): np.asarray(
+                sum(a**i * b**j * remainder for (a, b), remainder in remainders.items())
+            )
             / (4 * corner ** (i + j))
             for i, j in product((1, 2), repeat=2)
         }
     return {}
 
 
-def _powers(of: Floats) -> tuple[int, ...]:
+def _list_powers(exponents: Floats) -> tuple[int, ...]:
     """Return exponents as integers."""
-    return tuple(int(power) for power in of)
+    return tuple(int(power) for power in exponents)
 
 
-def _moved(model: TargetModel, nuisances: Mapping[str, float], at: dict[str, Floats], middle: Predicted, eta: Floats) -> Floats:
+def _compute_shift(
+    model: TargetModel, nuisances: Mapping[str, float], unknown_values: dict[str, Floats], centre: Predictions, eta: Floats
+) -> Floats:
     """Return the change of predictions where numbers deviate by eta standard deviations, shape (n, k).
 
     Raises:
         InputError: the scene is not valid, or the model cannot predict the data.
     """
-    told = values(model.scene) | loss_factors(model.scene)
-    off = {name: (sd, step) for (name, sd), step in zip(nuisances.items(), eta, strict=True) if step}
-    new = {name: told[name] * math.exp(sd * step) for name, (sd, step) in off.items()}
-    name, (sd, _) = next(iter(off.items()))
+    numbers = list_values(model.scene) | list_loss_factors(model.scene)
+    shifted = {name: (sd, step) for (name, sd), step in zip(nuisances.items(), eta, strict=True) if step}
+    new_values = {name: numbers[name] * math.exp(sd * step) for name, (sd, step) in shifted.items()}
+    name, (sd, _) = next(iter(shifted.items()))
     try:
-        found = _predict(model, at, new)
+        predicted = _predict(model, unknown_values, new_values)
     except (ProbeError, ValueError) as fault:
-        why = f"one that leaves {name} = {new[name]:.4g} possible ({fault})"
-        raise InputError(f"nuisance.{name}", Words(f"{sd:g}"), why) from None
-    if not (found.resolved & (found.agrees == middle.agrees)).all():  # a change of sign would make logarithms incomparable
+        reason = f"one that leaves {name} = {new_values[name]:.4g} possible ({fault})"
+        raise InputError(f"nuisance.{name}", Words(f"{sd:g}"), reason) from None
+    if not (
+        predicted.resolved & (predicted.agrees == centre.agrees)
+    ).all():  # a change of sign would make logarithms incomparable
         raise InputError(f"nuisance.{name}", sd, "a smaller one: the model cannot predict readings at so large a deviation")
-    return np.asarray(found.value - middle.value)
+    return np.asarray(predicted.value - centre.value)
 
 
-def _predict(model: TargetModel, at: dict[str, Floats], new: Mapping[str, float] = MappingProxyType({})) -> Predicted:
+def _predict(
+    model: TargetModel, unknown_values: dict[str, Floats], new_values: Mapping[str, float] = MappingProxyType({})
+) -> Predictions:
     """Predict along an unknown of the target, or of the tissue, in a scene with other numbers."""
-    ((unknown, along),) = at.items()
-    if unknown in OF_TARGET:
-        return (model.changed(new) if new else model).predict(at)
-    return Predicted.joined([model.changed({unknown: float(value)} | dict(new)).predict({}) for value in along])
+    ((unknown, points),) = unknown_values.items()
+    if unknown in TARGET_UNKNOWNS:
+        return (model.replace_values(new_values) if new_values else model).predict(unknown_values)
+    return Predictions.join([model.replace_values({unknown: float(value)} | dict(new_values)).predict({}) for value in points])

@@ -20,48 +20,50 @@ import numpy as np
 
 from geometry.common.arrays import Bools, Floats
 from geometry.scenes.scene import Scene
-from geometry.scenes.variables import loss_factors
-from probe_design.estimation.predicted import Predicted
+from geometry.scenes.variables import list_loss_factors
+from probe_design.estimation.predicted import Predictions
 from probe_design.estimation.readings import Measurements
-from solver.phase.losses import angles, spread, stiffened, stretches
+from solver.phase.losses import compute_angle_spread, compute_log_growths, compute_loss_angles, scale_moduli
 
-THIRD = 0.25  # of the cube of the spread, rad: the largest in tests was 0.16, under a skin
-UNUSED = "left out: every loss factor of the scene is 0, so that nothing can be concluded from a phase"
+THIRD_ORDER_FACTOR = 0.25  # of the cube of the spread, rad: the largest in tests was 0.16, under a skin
+UNUSED_REASON = "left out: every loss factor of the scene is 0, so that nothing can be concluded from a phase"
 
 
-def usable(scene: Scene, data: Measurements) -> tuple[Measurements, tuple[str, ...]]:
+def select_usable(scene: Scene, data: Measurements) -> tuple[Measurements, tuple[str, ...]]:
     """Return the data without phases that the model cannot use, with notes: no losses, or too large loss angles."""
     if not data.is_phase.any():
         return data, ()
-    if not any(loss_factors(scene).values()):
-        return data.some(~data.is_phase), (f"{data.is_phase.sum()} phases {UNUSED}",)
-    known = THIRD * spread(scene) ** 3
-    useless = data.is_phase & (data.noise < known)
-    if not useless.any():
+    if not any(list_loss_factors(scene).values()):
+        return data.select(~data.is_phase), (f"{data.is_phase.sum()} phases {UNUSED_REASON}",)
+    third_order_bound = THIRD_ORDER_FACTOR * compute_angle_spread(scene) ** 3
+    is_useless = data.is_phase & (data.noise < third_order_bound)
+    if not is_useless.any():
         return data, ()
-    why = f"at these loss factors the model's is good to {known:.2g} rad only, which is more than their sd"
-    return data.some(~useless), (f"{useless.sum()} phases left out: {why}",)
+    reason = f"at these loss factors the model's is good to {third_order_bound:.2g} rad only, which is more than their sd"
+    return data.select(~is_useless), (f"{is_useless.sum()} phases left out: {reason}",)
 
 
-def turned(scene: Scene) -> tuple[Scene, Scene]:
+def build_turned_scenes(scene: Scene) -> tuple[Scene, Scene]:
     """Return the stiffer and the softer scene of eq. ES.9."""
-    grown = stiffened(scene, stretches(scene), 1.0)
-    return stiffened(grown, angles(scene), 1.0), stiffened(grown, angles(scene), -1.0)
+    grown_scene = scale_moduli(scene, compute_log_growths(scene), 1.0)
+    return scale_moduli(grown_scene, compute_loss_angles(scene), 1.0), scale_moduli(grown_scene, compute_loss_angles(scene), -1.0)
 
 
-def turned_bodies(scene: Scene, target: Mapping[str, Floats]) -> tuple[dict[str, Floats], dict[str, Floats]]:
+def build_turned_bodies(scene: Scene, target: Mapping[str, Floats]) -> tuple[dict[str, Floats], dict[str, Floats]]:
     """Return the bodies in the target's place for the stiffer and the softer scene of eq. ES.9."""
     number = scene.target
     if number is None or "youngs_modulus" not in target:
         return dict(target), dict(target)
     name = "inclusion" if len(scene.inclusion) == 1 else f"inclusion[{number}]"
-    growth, turn = stretches(scene)[name], angles(scene)[name]
+    growth, turn = compute_log_growths(scene)[name], compute_loss_angles(scene)[name]
     moduli = target["youngs_modulus"] * np.exp(growth)
-    above, below = (dict(target) | {"youngs_modulus": moduli * np.exp(sign * turn)} for sign in (1, -1))
-    return above, below
+    stiffer, softer = (dict(target) | {"youngs_modulus": moduli * np.exp(sign * turn)} for sign in (1, -1))
+    return stiffer, softer
 
 
-def with_phases(found: Predicted, above: Predicted, below: Predicted, is_phase: Bools, spreading: float) -> Predicted:
+def insert_phases(
+    predicted: Predictions, stiffer: Predictions, softer: Predictions, is_phase: Bools, angle_spread: float
+) -> Predictions:
     """Return predictions in which phases, eq. ES.9, replace the ratios that were predicted in their place.
 
     Args:
@@ -71,19 +73,23 @@ def with_phases(found: Predicted, above: Predicted, below: Predicted, is_phase: 
         is_phase: which of the data are phases, shape (k,).
         angle_spread: spread of the loss angles, rad.
     """
-    known = above.resolved & below.resolved
-    chosen = known[:, None] & is_phase
+    is_known = stiffer.resolved & softer.resolved
+    is_known_phase = is_known[:, None] & is_phase
 
-    def of(key: str) -> Floats:
-        rest = np.where(is_phase, 0.0, getattr(found, key))
-        return np.where(chosen, (getattr(above, key) - getattr(below, key)) / 2, rest)
+    def combine(key: str) -> Floats:
+        values = np.where(is_phase, 0.0, getattr(predicted, key))
+        return np.where(is_known_phase, (getattr(stiffer, key) - getattr(softer, key)) / 2, values)
 
-    bound = np.where(chosen, (above.bound + below.bound) / 2 + THIRD * spreading**3, np.where(is_phase, 0.0, found.bound))
+    bound = np.where(
+        is_known_phase,
+        (stiffer.bound + softer.bound) / 2 + THIRD_ORDER_FACTOR * angle_spread**3,
+        np.where(is_phase, 0.0, predicted.bound),
+    )
     return replace(
-        found,
-        value=of("value"),
-        by_modulus=of("by_modulus"),
-        by_diameter=of("by_diameter"),
+        predicted,
+        value=combine("value"),
+        by_modulus=combine("by_modulus"),
+        by_diameter=combine("by_diameter"),
         bound=bound,
-        resolved=found.resolved & known,
+        resolved=predicted.resolved & is_known,
     )

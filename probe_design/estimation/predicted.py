@@ -11,11 +11,11 @@ from geometry.common.arrays import Bools, Floats, Ints
 from probe_design.estimation.readings import Measurements
 from solver.equivalent_inclusion.readings import Readings
 
-WORST = 0.3  # bodies with a larger error bound of ln ratio are not searched
+MAX_LOG_RATIO_ERROR = 0.3  # bodies with a larger error bound of ln ratio are not searched
 
 
 @dataclass(frozen=True)
-class Predicted:
+class Predictions:
     """Predictions for n bodies.
 
     Attributes:
@@ -40,33 +40,35 @@ class Predicted:
         return self.resolved & self.agrees
 
     @classmethod
-    def empty(cls, n: int, k: int, resolved: bool = True) -> Predicted:
+    def empty(cls, n: int, k: int, resolved: bool = True) -> Predictions:
         """Return predictions of zeros, to be filled in, or for bodies that cannot be predicted."""
-        none = [np.zeros((n, k)) for _ in range(4)]
-        return cls(none[0], none[1], none[2], none[3], resolved=np.full(n, resolved), agrees=np.ones(n, dtype=bool))
+        zeros = [np.zeros((n, k)) for _ in range(4)]
+        return cls(zeros[0], zeros[1], zeros[2], zeros[3], resolved=np.full(n, resolved), agrees=np.ones(n, dtype=bool))
 
-    def rows(self, which: Ints) -> Predicted:
+    def select_rows(self, which: Ints) -> Predictions:
         """Return the predictions for some of the bodies."""
-        return Predicted(*(getattr(self, field.name)[which] for field in fields(self)))
+        return Predictions(*(getattr(self, field.name)[which] for field in fields(self)))
 
     @classmethod
-    def joined(cls, parts: Sequence[Predicted]) -> Predicted:
+    def join(cls, parts: Sequence[Predictions]) -> Predictions:
         """Return the predictions for all bodies of all parts."""
         return cls(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)))
 
-    def fill(self, k: int, answers: Readings, rows: slice, data: Measurements) -> None:
+    def fill(self, k: int, film_readings: Readings, rows: slice, data: Measurements) -> None:
         """Set datum k of all bodies from some rows of computed readings."""
         stiffness = bool(data.is_stiffness[k])
-        slopes = answers.log_stiffness_by if stiffness else answers.log_ratio_by
-        for key, out in (("youngs_modulus", self.by_modulus), ("diameter", self.by_diameter)):
-            if key in answers.by:
-                out[:, k] = slopes(key)[rows]
+        differentiate = (
+            film_readings.compute_log_stiffness_derivative if stiffness else film_readings.compute_log_ratio_derivative
+        )
+        for key, derivatives in (("youngs_modulus", self.by_modulus), ("diameter", self.by_diameter)):
+            if key in film_readings.derivatives:
+                derivatives[:, k] = differentiate(key)[rows]
         if stiffness:
-            self.value[:, k] = np.log(answers.stiffness)[rows]
-            self.bound[:, k] = (answers.bound.sum(axis=1) / answers.stiffness)[rows]
+            self.value[:, k] = np.log(film_readings.stiffness)[rows]
+            self.bound[:, k] = (film_readings.bound.sum(axis=1) / film_readings.stiffness)[rows]
             return
-        resolved, ratio = (answers.log_ratio_bound <= WORST)[rows], answers.ratio[rows]
+        resolved, ratio = (film_readings.log_ratio_bound <= MAX_LOG_RATIO_ERROR)[rows], film_readings.ratio[rows]
         self.value[:, k] = np.log(np.abs(np.where(resolved, ratio, 1.0)))
-        self.bound[:, k] = np.where(resolved, answers.log_ratio_bound[rows], 0.0)
+        self.bound[:, k] = np.where(resolved, film_readings.log_ratio_bound[rows], 0.0)
         self.resolved[:] &= resolved
         self.agrees[:] &= np.where(resolved & (data.sign[k] != 0), np.sign(ratio) == data.sign[k], True)

@@ -22,21 +22,30 @@ from scipy.interpolate import CubicSpline
 
 from geometry.common.arrays import Bools, Floats, Ints
 from geometry.common.errors import InputError, ProbeError
-from probe_design.estimation.model import OF_TARGET, TargetModel
-from probe_design.estimation.nuisances import Spread, spread
-from probe_design.estimation.predicted import Predicted
+from probe_design.estimation.model import TARGET_UNKNOWNS, TargetModel
+from probe_design.estimation.nuisances import NuisanceErrors, compute_nuisance_errors
+from probe_design.estimation.predicted import Predictions
 from probe_design.estimation.shared_errors import SharedErrors
-from probe_design.estimation.strength import share_of_shear
+from probe_design.estimation.strength import eshelby_beta
 from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.results.result import Decision
 
-SOFT = (0.01, 0.04, 0.1, 0.22, 0.45)  # contrasts E_object / E_tissue of the nodes below 1, where predictions change fast
-STIFF = 5  # nodes from contrast 1 to the largest
-SIZES = (0.01, 0.14, 0.26, 0.36, 0.45, 0.53, 0.6, 0.67, 0.74, 0.8, 0.86, 0.91, 0.96, 1.0)
-DEPTHS = 20
-TISSUES = 17  # nodes along a number of the tissue
-SPREADS, ROUGH = 6, 5  # nodes at which nuisances are varied: for unknowns of the target, and of the tissue
-FINER = 100  # points of a run from node to node
+SOFT_CONTRASTS = (
+    0.01,
+    0.04,
+    0.1,
+    0.22,
+    0.45,
+)  # contrasts E_object / E_tissue of the nodes below 1, where predictions change fast
+STIFF_NODES = 5  # nodes from contrast 1 to the largest
+RELATIVE_DIAMETERS = (0.01, 0.14, 0.26, 0.36, 0.45, 0.53, 0.6, 0.67, 0.74, 0.8, 0.86, 0.91, 0.96, 1.0)
+DEPTH_NODES = 20
+TISSUE_NODES = 17  # nodes along a number of the tissue
+TARGET_SPREAD_NODES, TISSUE_SPREAD_NODES = (
+    6,
+    5,
+)  # nodes at which nuisances are varied: for unknowns of the target, and of the tissue
+POINTS_PER_NODE = 100  # points of a run from node to node
 
 
 @dataclass(frozen=True)
@@ -58,34 +67,34 @@ class Track:
     model: TargetModel
     unknown: str
     x: Floats
-    predicted: Predicted
+    predicted: Predictions
     slope: Floats
-    spread: Spread | None = None
-    level: str = EquivalentInclusion.name
+    spread: NuisanceErrors | None = None
+    evaluator: str = EquivalentInclusion.name
     plan: tuple[Decision, ...] = ()
-    finer: int = FINER
+    finer: int = POINTS_PER_NODE
 
     @classmethod
-    def of(cls, model: TargetModel, unknown: str) -> Track:
+    def from_model(cls, model: TargetModel, unknown: str) -> Track:
         """Predict the data at all nodes of the unknown."""
-        if unknown not in OF_TARGET:
-            return cls._of_tissue(model, unknown)
-        low, high = model.span(unknown)
-        x = _nodes(model, unknown, low, high)
-        values = _value_at(model, unknown, x)
+        if unknown not in TARGET_UNKNOWNS:
+            return cls._from_tissue(model, unknown)
+        low, high = model.find_search_range(unknown)
+        x = _choose_nodes(model, unknown, low, high)
+        values = _invert_coordinate(model, unknown, x)
         predicted = model.predict({unknown: values})
         if unknown == "youngs_modulus":
-            return cls(model, unknown, x, predicted, predicted.by_modulus / _by_log_modulus(model, values)[:, None])
-        return cls(model, unknown, x, predicted, _splined(x, predicted))
+            return cls(model, unknown, x, predicted, predicted.by_modulus / _differentiate_coordinate(model, values)[:, None])
+        return cls(model, unknown, x, predicted, _differentiate_by_spline(x, predicted))
 
     @classmethod
-    def _of_tissue(cls, model: TargetModel, unknown: str) -> Track:
+    def _from_tissue(cls, model: TargetModel, unknown: str) -> Track:
         """Predict along a number of the tissue; each value needs a new solution of the probe on the tissue."""
-        x = np.log(np.geomspace(*model.span(unknown), TISSUES))
-        predicted = Predicted.joined([_with(model, unknown, value) for value in np.exp(x)])
-        return cls(model, unknown, x, predicted, _splined(x, predicted))
+        x = np.log(np.geomspace(*model.find_search_range(unknown), TISSUE_NODES))
+        predicted = Predictions.join([_predict_tissue(model, unknown, value) for value in np.exp(x)])
+        return cls(model, unknown, x, predicted, _differentiate_by_spline(x, predicted))
 
-    def with_spread(self, nuisances: Mapping[str, float]) -> Track:
+    def add_nuisances(self, nuisances: Mapping[str, float]) -> Track:
         """Return the track with the errors by nuisances, given as relative standard deviations by name.
 
         They are computed at some of the nodes, as they change slowly. For a number of the tissue they are computed at the scene's
@@ -93,35 +102,43 @@ class Track:
         """
         if not nuisances or not self.runs:
             return self
-        usable = np.flatnonzero(self.predicted.usable)
+        usable_nodes = np.flatnonzero(self.predicted.usable)
         nodes = np.unique(
-            usable[np.linspace(0, len(usable) - 1, SPREADS if self.unknown in OF_TARGET else ROUGH).round().astype(int)]
+            usable_nodes[
+                np.linspace(
+                    0, len(usable_nodes) - 1, TARGET_SPREAD_NODES if self.unknown in TARGET_UNKNOWNS else TISSUE_SPREAD_NODES
+                )
+                .round()
+                .astype(int)
+            ]
         )
         try:
-            return replace(self, spread=self._spread(nuisances, nodes))
+            return replace(self, spread=self._compute_nuisance_errors(nuisances, nodes))
         except InputError:
-            own = len(self.x) // 2  # the range is about the scene's own value
-            if self.unknown in OF_TARGET or own not in usable:
+            middle = len(self.x) // 2  # the range is about the scene's own value
+            if self.unknown in TARGET_UNKNOWNS or middle not in usable_nodes:
                 raise
-            return replace(self, spread=self._spread(nuisances, np.array([own])))
+            return replace(self, spread=self._compute_nuisance_errors(nuisances, np.array([middle])))
 
-    def _spread(self, nuisances: Mapping[str, float], nodes: Ints) -> Spread:
+    def _compute_nuisance_errors(self, nuisances: Mapping[str, float], nodes: Ints) -> NuisanceErrors:
         x = self.x[nodes]
-        return spread(self.model, nuisances, x, {self.unknown: self.values(x)}, self.predicted.rows(nodes))
+        return compute_nuisance_errors(
+            self.model, nuisances, x, {self.unknown: self.compute_values(x)}, self.predicted.select_rows(nodes)
+        )
 
-    def exact(self) -> Track:
+    def remove_model_error(self) -> Track:
         """Return the track with error bounds of zero."""
         return replace(self, predicted=replace(self.predicted, bound=np.zeros_like(self.predicted.bound)))
 
-    def shared(self, x: Floats) -> SharedErrors:
+    def compute_shared_errors(self, x: Floats) -> SharedErrors:
         """Return the errors that the data share at points of shape (s,), eq. ES.7."""
-        return SharedErrors.none(self.predicted.value.shape[1]) if self.spread is None else self.spread.at(x)
+        return SharedErrors.empty(self.predicted.value.shape[1]) if self.spread is None else self.spread.interpolate(x)
 
-    def values(self, x: Floats) -> Floats:
+    def compute_values(self, x: Floats) -> Floats:
         """Return values of the unknown, SI, at coordinates x."""
-        return _value_at(self.model, self.unknown, np.asarray(x, dtype=float))
+        return _invert_coordinate(self.model, self.unknown, np.asarray(x, dtype=float))
 
-    def at(self, x: Floats) -> tuple[Floats, Floats]:
+    def interpolate(self, x: Floats) -> tuple[Floats, Floats]:
         """Return predictions and their derivatives by x at points of shape (s,): two of shape (s, k)."""
         cell = np.clip(np.searchsorted(self.x, x, side="right") - 1, 0, len(self.x) - 2)
         step = (self.x[cell + 1] - self.x[cell])[:, None]
@@ -134,66 +151,66 @@ class Track:
     @cached_property
     def runs(self) -> list[Floats]:
         """Points along the unknown, as one array for each run of neighbouring usable nodes."""
-        share = np.arange(self.finer) / self.finer
-        cells = self.x[:-1, None] + np.diff(self.x)[:, None] * share
-        return [np.append(cells[run[:-1]].ravel(), self.x[run[-1]]) for run in _runs(self.predicted.usable) if len(run) > 1]
+        fractions = np.arange(self.finer) / self.finer
+        cells = self.x[:-1, None] + np.diff(self.x)[:, None] * fractions
+        return [np.append(cells[run[:-1]].ravel(), self.x[run[-1]]) for run in _split_runs(self.predicted.usable) if len(run) > 1]
 
 
-def _splined(x: Floats, predicted: Predicted) -> Floats:
+def _differentiate_by_spline(x: Floats, predicted: Predictions) -> Floats:
     """Return derivatives by x at the nodes, of a cubic spline through each run of usable values; 0 elsewhere."""
     slope = np.zeros_like(predicted.value)
-    for run in _runs(predicted.usable):
+    for run in _split_runs(predicted.usable):
         if len(run) > 1:
             slope[run] = CubicSpline(x[run], predicted.value[run])(x[run], 1)
     return slope
 
 
-def _with(model: TargetModel, unknown: str, value: float) -> Predicted:
+def _predict_tissue(model: TargetModel, unknown: str, value: float) -> Predictions:
     """Predict with another number of the tissue; not resolved where the scene is not valid or cannot be modelled."""
     try:
-        return model.changed({unknown: float(value)}).predict({})
+        return model.replace_values({unknown: float(value)}).predict({})
     except (ProbeError, ValueError):
-        return Predicted.empty(1, len(model.data.value), resolved=False)
+        return Predictions.empty(1, len(model.data.value), resolved=False)
 
 
-def _runs(good: Bools) -> list[Ints]:
+def _split_runs(is_good: Bools) -> list[Ints]:
     """Return the indices of each run of neighbouring true elements."""
-    indices = np.flatnonzero(good)
+    indices = np.flatnonzero(is_good)
     return [run for run in np.split(indices, np.flatnonzero(np.diff(indices) > 1) + 1) if len(run)]
 
 
-def _nodes(model: TargetModel, unknown: str, low: float, high: float) -> Floats:
+def _choose_nodes(model: TargetModel, unknown: str, low: float, high: float) -> Floats:
     """Return the coordinates x of the nodes between two values of the unknown, SI."""
     if unknown == "diameter":
-        return np.array(SIZES)
-    ends = coordinate(model, unknown, np.array([low, high]))
+        return np.array(RELATIVE_DIAMETERS)
+    ends = compute_coordinate(model, unknown, np.array([low, high]))
     if unknown == "depth":
-        return np.linspace(ends[0], ends[1], DEPTHS)
-    soft = coordinate(model, unknown, np.array([c * model.host.youngs_modulus for c in SOFT]))
-    stiff = np.linspace(-1.0, ends[1], STIFF)
+        return np.linspace(ends[0], ends[1], DEPTH_NODES)
+    soft = compute_coordinate(model, unknown, np.array([c * model.host.youngs_modulus for c in SOFT_CONTRASTS]))
+    stiff = np.linspace(-1.0, ends[1], STIFF_NODES)
     return np.concatenate([ends[:1], soft[soft > ends[0]], stiff])
 
 
-def _beta(model: TargetModel) -> float:
+def _compute_beta(model: TargetModel) -> float:
     """Return beta of eq. ES.1 for the tissue around the target."""
-    return share_of_shear(model.host)
+    return eshelby_beta(model.host)
 
 
-def coordinate(model: TargetModel, unknown: str, values: Floats) -> Floats:
+def compute_coordinate(model: TargetModel, unknown: str, values: Floats) -> Floats:
     """Return x of eq. ES.2 for values of the unknown, SI, shape (n,)."""
     if unknown == "youngs_modulus":
-        return np.asarray(-1 / (1 + _beta(model) * (values / model.host.youngs_modulus - 1)))
-    return np.asarray(values / model.span("diameter")[1]) if unknown == "diameter" else np.log(values)
+        return np.asarray(-1 / (1 + _compute_beta(model) * (values / model.host.youngs_modulus - 1)))
+    return np.asarray(values / model.find_search_range("diameter")[1]) if unknown == "diameter" else np.log(values)
 
 
-def _value_at(model: TargetModel, unknown: str, x: Floats) -> Floats:
+def _invert_coordinate(model: TargetModel, unknown: str, x: Floats) -> Floats:
     """Return values of the unknown, SI, at coordinates x: the inverse of eq. ES.2."""
     if unknown == "youngs_modulus":
-        return np.asarray(model.host.youngs_modulus * (1 + (-1 / x - 1) / _beta(model)))
-    return np.asarray(x * model.span("diameter")[1]) if unknown == "diameter" else np.exp(x)
+        return np.asarray(model.host.youngs_modulus * (1 + (-1 / x - 1) / _compute_beta(model)))
+    return np.asarray(x * model.find_search_range("diameter")[1]) if unknown == "diameter" else np.exp(x)
 
 
-def _by_log_modulus(model: TargetModel, moduli: Floats) -> Floats:
+def _differentiate_coordinate(model: TargetModel, moduli: Floats) -> Floats:
     """Return the derivative of x, eq. ES.2, by ln E_object at moduli, Pa: d x / d ln E = beta c x^2, c = E / E_tissue."""
-    x = coordinate(model, "youngs_modulus", moduli)
-    return np.asarray(_beta(model) * moduli / model.host.youngs_modulus * x**2)
+    x = compute_coordinate(model, "youngs_modulus", moduli)
+    return np.asarray(_compute_beta(model) * moduli / model.host.youngs_modulus * x**2)

@@ -28,22 +28,22 @@ from typing import Any
 import numpy as np
 
 from geometry.common.arrays import Bools, Floats, Ints
-from geometry.common.errors import InputError, Words, one_of
-from geometry.common.text_files import read_text, tables
+from geometry.common.errors import InputError, Words, describe_choices
+from geometry.common.text_files import parse_tables, read_text
 from geometry.scenes import fit as placement
-from geometry.scenes.probe import mm
+from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Placement, Scene
-from geometry.scenes.units import Quantity, fraction, number
-from probe_design.data.noise import ALLOWED, checked_noise
+from geometry.scenes.units import Quantity, read_fraction, read_number
+from probe_design.data.noise import ALLOWED_NOISE, check_noise
 
-KEYS = ("x", "y", "ratio", "noise", "stiffness", "stiffness_noise", "ratio_phase", "ratio_phase_sd", "blank")
-MOST_READINGS = 1000
-LARGEST_FILE = 200_000  # bytes
-POSITION = Quantity("position", "m", "mm", -10.0, 10.0)
-RATIO = "a number other than 0, stress_inner over stress_outer"
-PHASE = Quantity("phase", "rad", "deg", -1.5, 1.5)
-PHASE_SD = Quantity("phase", "rad", "deg", 1e-7, 1.5)
-STIFFNESS = Quantity("stiffness", "N/m", "N/m", 1e-9, 1e15)
+READING_KEYS = ("x", "y", "ratio", "noise", "stiffness", "stiffness_noise", "ratio_phase", "ratio_phase_sd", "blank")
+MAX_READINGS = 1000
+MAX_FILE_BYTES = 200_000  # bytes
+POSITION_QUANTITY = Quantity("position", "m", "mm", -10.0, 10.0)
+ALLOWED_RATIO = "a number other than 0, stress_inner over stress_outer"
+PHASE_QUANTITY = Quantity("phase", "rad", "deg", -1.5, 1.5)
+PHASE_SD_QUANTITY = Quantity("phase", "rad", "deg", 1e-7, 1.5)
+STIFFNESS_QUANTITY = Quantity("stiffness", "N/m", "N/m", 1e-9, 1e15)
 
 
 @dataclass(frozen=True)
@@ -102,13 +102,18 @@ class Measurements:
     noise: Floats
 
     @classmethod
-    def of(cls, readings: tuple[Reading, ...]) -> Measurements:
+    def from_readings(cls, readings: tuple[Reading, ...]) -> Measurements:
         """Return the data of readings: all ratios, then stiffnesses, then phases."""
-        places = list(dict.fromkeys(one.place for one in readings))
-        rows = [(one, "ratio", one.ratio, one.noise) for one in readings]
-        stiff, turned = ([one for one in readings if getattr(one, key) is not None] for key in ("stiffness", "ratio_phase"))
-        rows += [(one, "stiffness", one.stiffness or 0.0, one.stiffness_noise or one.noise) for one in stiff]
-        rows += [(one, "phase", one.ratio_phase or 0.0, one.ratio_phase_sd or 0.0) for one in turned]
+        places = list(dict.fromkeys(reading.place for reading in readings))
+        rows = [(reading, "ratio", reading.ratio, reading.noise) for reading in readings]
+        stiffness_readings, phase_readings = (
+            [reading for reading in readings if getattr(reading, key) is not None] for key in ("stiffness", "ratio_phase")
+        )
+        rows += [
+            (reading, "stiffness", reading.stiffness or 0.0, reading.stiffness_noise or reading.noise)
+            for reading in stiffness_readings
+        ]
+        rows += [(reading, "phase", reading.ratio_phase or 0.0, reading.ratio_phase_sd or 0.0) for reading in phase_readings]
         measured, kinds = np.array([row[2] for row in rows], dtype=float), np.array([row[1] for row in rows])
         is_phase = kinds == "phase"
         return cls(
@@ -122,10 +127,10 @@ class Measurements:
             noise=np.array([row[3] for row in rows], dtype=float),
         )
 
-    def some(self, which: Bools) -> Measurements:
+    def select(self, mask: Bools) -> Measurements:
         """Return the data that a mask of shape (k,) selects."""
         keys = ("place", "is_stiffness", "is_phase", "is_blank", "value", "sign", "noise")
-        return replace(self, **{key: getattr(self, key)[which] for key in keys})
+        return replace(self, **{key: getattr(self, key)[mask] for key in keys})
 
     @property
     def is_ratio(self) -> Bools:
@@ -133,19 +138,21 @@ class Measurements:
         return np.asarray(~self.is_stiffness & ~self.is_phase)
 
     @property
-    def first(self) -> int:
+    def first_ratio(self) -> int:
         """Index of the first ratio that is not of a baseline reading."""
         return int(np.argmax(self.is_ratio & ~self.is_blank))
 
 
-def one_reading(scene: Scene, ratio: Any, noise: Any, stiffness: Any = None, stiffness_noise: Any = None) -> tuple[Reading, ...]:
+def build_single_reading(
+    scene: Scene, ratio: Any, noise: Any, stiffness: Any = None, stiffness_noise: Any = None
+) -> tuple[Reading, ...]:
     """Return the one reading at the scene's placement; values may be numbers or texts.
 
     Raises:
         InputError: a value is not allowed.
     """
     row = {"ratio": ratio, "noise": noise, "stiffness": stiffness, "stiffness_noise": stiffness_noise}
-    return (_reading("", row, scene, None, None),)
+    return (_check_reading("", row, scene, None, None),)
 
 
 def read_readings(path: Path, scene: Scene, noise: Any = None, stiffness_noise: Any = None) -> tuple[Reading, ...]:
@@ -163,14 +170,14 @@ def read_readings(path: Path, scene: Scene, noise: Any = None, stiffness_noise: 
     kinds = {".toml": _toml_rows, ".csv": _csv_rows}
     if path.suffix.lower() not in kinds:
         raise InputError("readings", str(path), "a file that ends in .toml or .csv")
-    rows = kinds[path.suffix.lower()](read_text(path, "readings", "a file", LARGEST_FILE), str(path))
-    if not 0 < len(rows) <= MOST_READINGS:
-        raise InputError(str(path), Words(f"{len(rows)} readings"), f"1 to {MOST_READINGS} readings")
-    return tuple(_reading(f"reading[{index}].", row, scene, noise, stiffness_noise) for index, row in enumerate(rows))
+    rows = kinds[path.suffix.lower()](read_text(path, "readings", "a file", MAX_FILE_BYTES), str(path))
+    if not 0 < len(rows) <= MAX_READINGS:
+        raise InputError(str(path), Words(f"{len(rows)} readings"), f"1 to {MAX_READINGS} readings")
+    return tuple(_check_reading(f"reading[{index}].", row, scene, noise, stiffness_noise) for index, row in enumerate(rows))
 
 
 def _toml_rows(text: str, name: str) -> list[Mapping[str, Any]]:
-    data = tables(text, name, "tables headed [[reading]]")
+    data = parse_tables(text, name, "tables headed [[reading]]")
     rows = data.get("reading")
     if set(data) != {"reading"} or not isinstance(rows, list) or not all(isinstance(row, Mapping) for row in rows):
         raise InputError(name, Words(f"keys {', '.join(data) or 'missing'}"), "tables headed [[reading]] and nothing else")
@@ -181,80 +188,86 @@ def _csv_rows(text: str, name: str) -> list[Mapping[str, Any]]:
     try:
         lines = [[cell.strip() for cell in row] for row in csv.reader(text.splitlines()) if any(cell.strip() for cell in row)]
     except csv.Error as fault:
-        raise InputError(name, Words(f"not CSV: {fault}"), f"columns {', '.join(KEYS)}") from None
+        raise InputError(name, Words(f"not CSV: {fault}"), f"columns {', '.join(READING_KEYS)}") from None
     if not lines or len(set(lines[0])) < len(lines[0]):
-        raise InputError(name, Words("no row of names, each once"), f"a first row with names among {', '.join(KEYS)}")
+        raise InputError(name, Words("no row of names, each once"), f"a first row with names among {', '.join(READING_KEYS)}")
     for index, row in enumerate(lines[1:]):
         if len(row) != len(lines[0]):
             raise InputError(f"reading[{index}]", Words(f"{len(row)} cells"), f"{len(lines[0])} cells as in the first row")
     return [{key: cell for key, cell in zip(lines[0], row, strict=True) if cell} for row in lines[1:]]
 
 
-def _reading(where: str, row: Mapping[str, Any], scene: Scene, noise: Any, stiffness_noise: Any) -> Reading:
+def _check_reading(key_prefix: str, row: Mapping[str, Any], scene: Scene, noise: Any, stiffness_noise: Any) -> Reading:
     """Return a reading from its entries, checked; ``key_prefix`` precedes its keys in messages."""
     for key in row:
-        if key not in KEYS:
-            raise InputError(f"{where}{key}", row[key], one_of(key, KEYS))
+        if key not in READING_KEYS:
+            raise InputError(f"{key_prefix}{key}", row[key], describe_choices(key, READING_KEYS))
     defaults = {"noise": noise, "stiffness_noise": stiffness_noise}
     entries = defaults | {key: value for key, value in row.items() if value is not None}
-    ratio = number(f"{where}ratio", entries.get("ratio"), RATIO)
+    ratio = read_number(f"{key_prefix}ratio", entries.get("ratio"), ALLOWED_RATIO)
     if ratio == 0 or not math.isfinite(ratio):
-        raise InputError(f"{where}ratio", entries["ratio"], RATIO)
-    own = _noise(f"{where}noise", entries.get("noise"))
-    other = entries.get("stiffness_noise")
-    x, y = (POSITION.read(f"{where}{key}", entries[key]) if key in entries else getattr(scene.placement, key) for key in "xy")
-    _check_place(where, scene, x, y)
+        raise InputError(f"{key_prefix}ratio", entries["ratio"], ALLOWED_RATIO)
+    ratio_noise = _read_noise(f"{key_prefix}noise", entries.get("noise"))
+    stated_noise = entries.get("stiffness_noise")
+    x, y = (
+        POSITION_QUANTITY.read(f"{key_prefix}{key}", entries[key]) if key in entries else getattr(scene.placement, key)
+        for key in "xy"
+    )
+    _check_place(key_prefix, scene, x, y)
     return Reading(
         x=x,
         y=y,
         ratio=ratio,
-        noise=own,
-        stiffness=_bare(f"{where}stiffness", entries["stiffness"], STIFFNESS, "N/m") if "stiffness" in entries else None,
-        stiffness_noise=own if other is None else _noise(f"{where}stiffness_noise", other),
-        blank=_blank(f"{where}blank", entries.get("blank", False)),
-        **_phase(where, entries),
+        noise=ratio_noise,
+        stiffness=_read_with_si_unit(f"{key_prefix}stiffness", entries["stiffness"], STIFFNESS_QUANTITY, "N/m")
+        if "stiffness" in entries
+        else None,
+        stiffness_noise=ratio_noise if stated_noise is None else _read_noise(f"{key_prefix}stiffness_noise", stated_noise),
+        blank=_read_blank(f"{key_prefix}blank", entries.get("blank", False)),
+        **_read_phase(key_prefix, entries),
     )
 
 
-def _phase(where: str, entries: Mapping[str, Any]) -> dict[str, float]:
+def _read_phase(key_prefix: str, entries: Mapping[str, Any]) -> dict[str, float]:
     """Return phase and standard deviation by their keys, or nothing if both are missing."""
-    given = {key: entries[key] for key in ("ratio_phase", "ratio_phase_sd") if key in entries}
-    if len(given) == 1:
-        (key,) = {"ratio_phase", "ratio_phase_sd"} - given.keys()
-        raise InputError(f"{where}{key}", Words("missing"), "ratio_phase and ratio_phase_sd, or neither")
+    phase_entries = {key: entries[key] for key in ("ratio_phase", "ratio_phase_sd") if key in entries}
+    if len(phase_entries) == 1:
+        (key,) = {"ratio_phase", "ratio_phase_sd"} - phase_entries.keys()
+        raise InputError(f"{key_prefix}{key}", Words("missing"), "ratio_phase and ratio_phase_sd, or neither")
     return {
-        key: _bare(f"{where}{key}", value, PHASE if key == "ratio_phase" else PHASE_SD, "rad") for key, value in given.items()
+        key: _read_with_si_unit(f"{key_prefix}{key}", value, PHASE_QUANTITY if key == "ratio_phase" else PHASE_SD_QUANTITY, "rad")
+        for key, value in phase_entries.items()
     }
 
 
-def _check_place(where: str, scene: Scene, x: float, y: float) -> None:
+def _check_place(key_prefix: str, scene: Scene, x: float, y: float) -> None:
     """Refuse a place at which the probe does not stand on the tissue."""
     try:
-        placement.check(scene.model_copy(update={"placement": Placement(x=x, y=y)}))
+        placement.check_bodies_fit(scene.model_copy(update={"placement": Placement(x=x, y=y)}))
     except InputError as fault:
         key = fault.key.removeprefix("placement.")
-        raise InputError(f"{where}{key}", mm(x if key == "x" else y), fault.allowed) from None
+        raise InputError(f"{key_prefix}{key}", format_mm(x if key == "x" else y), fault.allowed) from None
 
 
-def _noise(key: str, value: Any) -> float:
-    return checked_noise(fraction(key, value, ALLOWED), key)
+def _read_noise(key: str, value: Any) -> float:
+    return check_noise(read_fraction(key, value, ALLOWED_NOISE), key)
 
 
-def _blank(key: str, value: Any) -> bool:
+def _read_blank(key: str, value: Any) -> bool:
     """Return true or false, which CSV files contain as texts."""
-    found = {"true": True, "false": False}.get(value.lower()) if isinstance(value, str) else value
-    if not isinstance(found, bool):
+    flag = {"true": True, "false": False}.get(value.lower()) if isinstance(value, str) else value
+    if not isinstance(flag, bool):
         raise InputError(key, value, "true or false")
-    return found
+    return flag
 
 
-def _bare(key: str, value: Any, quantity: Quantity, unit: str) -> float:
+def _read_with_si_unit(key: str, value: Any, quantity: Quantity, unit: str) -> float:
     """Return a quantity; a number without unit is in the SI ``unit``."""
     try:
-        found = math.nan if isinstance(value, bool) else float(value)
+        si_value = math.nan if isinstance(value, bool) else float(value)
     except (TypeError, ValueError, OverflowError):
         return quantity.read(key, value)
     try:
-        return quantity.checked(found)
+        return quantity.check(si_value)
     except ValueError:
         raise InputError(key, value, f"{quantity.allowed}; a bare number is in {unit}") from None

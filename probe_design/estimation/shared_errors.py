@@ -17,8 +17,8 @@ import numpy as np
 
 from geometry.common.arrays import Floats, Ints
 
-STEPS = 8  # Gauss-Newton steps for eta
-LONGEST = 1.0  # standard deviations: largest change of eta in one step
+GAUSS_NEWTON_STEPS = 8  # Gauss-Newton steps for eta
+MAX_STEP_SDS = 1.0  # standard deviations: largest change of eta in one step
 
 
 @dataclass(frozen=True)
@@ -32,80 +32,80 @@ class SharedErrors:
         powers: exponent of each eta in these products, shape (n, q).
     """
 
-    line: Floats
-    bend: Floats
-    more: Floats | None = None
+    linear: Floats
+    quadratic: Floats
+    products: Floats | None = None
     powers: tuple[tuple[int, ...], ...] = ()
 
     @classmethod
-    def none(cls, k: int) -> SharedErrors:
+    def empty(cls, k: int) -> SharedErrors:
         """Return the coefficients for k data that share no errors."""
         return cls(np.zeros((k, 0)), np.zeros((k, 0)))
 
-    def over(self, noise: Floats) -> SharedErrors:
+    def divide_by_noise(self, noise: Floats) -> SharedErrors:
         """Return the coefficients divided by the noise of shape (k,)."""
-        return self.mapped(lambda part: part / noise[:, None])
+        return self.transform(lambda part: part / noise[:, None])
 
-    def mapped(self, change: Callable[[Floats], Floats]) -> SharedErrors:
+    def transform(self, function: Callable[[Floats], Floats]) -> SharedErrors:
         """Return the errors with a function applied to each array of coefficients."""
-        more = None if self.more is None else change(self.more)
-        return SharedErrors(change(self.line), change(self.bend), more, self.powers)
+        products = None if self.products is None else function(self.products)
+        return SharedErrors(function(self.linear), function(self.quadratic), products, self.powers)
 
-    def at(self, eta: Floats) -> Floats:
+    def evaluate(self, eta: Floats) -> Floats:
         """Return the change d of the data, eq. ES.7, shape (..., k), at eta of shape (..., q)."""
-        found = _times(self.line, eta) + _times(self.bend, eta**2)
-        return found if self.more is None else found + _times(self.more, _products(eta, self._powers))
+        shift = _multiply(self.linear, eta) + _multiply(self.quadratic, eta**2)
+        return shift if self.products is None else shift + _multiply(self.products, _compute_products(eta, self._power_array))
 
-    def slope(self, eta: Floats) -> Floats:
+    def differentiate(self, eta: Floats) -> Floats:
         """Return the derivatives of d by eta, shape (..., k, q)."""
-        found = self.line + 2 * self.bend * eta[..., None, :]
-        if self.more is None:
-            return np.asarray(found)
+        derivative = self.linear + 2 * self.quadratic * eta[..., None, :]
+        if self.products is None:
+            return np.asarray(derivative)
         parts = []
-        for j, power in enumerate(self._powers.T):
-            lower = np.maximum(self._powers - np.eye(self.line.shape[-1], dtype=int)[j], 0)
-            parts.append(_times(self.more, power * _products(eta, lower)))
-        return np.asarray(found + np.stack(parts, axis=-1))
+        for j, power in enumerate(self._power_array.T):
+            lower = np.maximum(self._power_array - np.eye(self.linear.shape[-1], dtype=int)[j], 0)
+            parts.append(_multiply(self.products, power * _compute_products(eta, lower)))
+        return np.asarray(derivative + np.stack(parts, axis=-1))
 
     @property
-    def _powers(self) -> Ints:
+    def _power_array(self) -> Ints:
         return np.array(self.powers, dtype=int)
 
-    def decorrelated(self, values: Floats) -> Floats:
+    def decorrelate(self, values: Floats) -> Floats:
         """Return W v, with W of eq. ES.8, for values v divided by the noise, shape (..., k)."""
-        return values - _times(self.line, self._solved(self.line, _times(_turned(self.line), values)))
+        return values - _multiply(self.linear, self._solve(self.linear, _multiply(_transpose(self.linear), values)))
 
-    def misfit(self, off: Floats) -> Floats:
+    def compute_misfit(self, residual: Floats) -> Floats:
         """Return chi2 of eq. ES.8 for differences y - m divided by the noise, shape (..., k)."""
-        if not self.line.shape[-1]:
-            return np.asarray((off**2).sum(axis=-1))
-        eta = self._solved(self.line, _times(_turned(self.line), off))
-        least = self._at(off, eta)
-        for _ in range(STEPS):
-            tangent = self.slope(eta)
-            step = self._solved(tangent, _times(_turned(tangent), off - self.at(eta)) - eta)
-            eta = eta + step / np.maximum(1.0, np.abs(step).max(axis=-1, keepdims=True) / LONGEST)
-            least = np.minimum(least, self._at(off, eta))
-        return least
+        if not self.linear.shape[-1]:
+            return np.asarray((residual**2).sum(axis=-1))
+        eta = self._solve(self.linear, _multiply(_transpose(self.linear), residual))
+        min_chi2 = self._evaluate_misfit(residual, eta)
+        for _ in range(GAUSS_NEWTON_STEPS):
+            tangent = self.differentiate(eta)
+            step = self._solve(tangent, _multiply(_transpose(tangent), residual - self.evaluate(eta)) - eta)
+            eta = eta + step / np.maximum(1.0, np.abs(step).max(axis=-1, keepdims=True) / MAX_STEP_SDS)
+            min_chi2 = np.minimum(min_chi2, self._evaluate_misfit(residual, eta))
+        return min_chi2
 
-    def _at(self, off: Floats, eta: Floats) -> Floats:
+    def _evaluate_misfit(self, residual: Floats, eta: Floats) -> Floats:
         """Return the sum of eq. ES.8 at given eta, which the misfit minimises."""
-        return np.asarray(((off - self.at(eta)) ** 2).sum(axis=-1) + (eta**2).sum(axis=-1))
+        return np.asarray(((residual - self.evaluate(eta)) ** 2).sum(axis=-1) + (eta**2).sum(axis=-1))
 
-    def _solved(self, line: Floats, right: Floats) -> Floats:
+    def _solve(self, linear: Floats, right: Floats) -> Floats:
         """Solve (I + A^T A) x = right, with A the linear coefficients, shape (..., k, q)."""
-        square = np.eye(line.shape[-1]) + _turned(line) @ line
+        square = np.eye(linear.shape[-1]) + _transpose(linear) @ linear
         return np.asarray(np.linalg.solve(square, right[..., None])[..., 0])
 
 
-def _times(matrix: Floats, vector: Floats) -> Floats:
+def _multiply(matrix: Floats, vector: Floats) -> Floats:
     return np.asarray((matrix @ vector[..., None])[..., 0])
 
 
-def _products(eta: Floats, powers: Ints) -> Floats:
+def _compute_products(eta: Floats, powers: Ints) -> Floats:
     """Return products of powers of eta, shape (..., n)."""
     return np.asarray(np.prod(eta[..., None, :] ** powers, axis=-1))
 
 
-def _turned(matrix: Floats) -> Floats:
+def _transpose(matrix: Floats) -> Floats:
     return np.swapaxes(matrix, -1, -2)

@@ -39,17 +39,17 @@ class DepthAndStrength:
     diameter: float
 
 
-def strength(tissue: Material, body: Inclusion, modulus: Floats | None = None, diameter: Floats | None = None) -> Floats:
+def compute_strength(tissue: Material, body: Inclusion, modulus: Floats | None = None, diameter: Floats | None = None) -> Floats:
     """Return the strength, eq. ES.1, of a body, or of bodies with other moduli (Pa) or diameters (m), in m^3."""
-    beta = share_of_shear(tissue)
-    more = np.asarray(body.youngs_modulus if modulus is None else modulus, dtype=float) / tissue.youngs_modulus - 1
+    beta = eshelby_beta(tissue)
+    contrast_minus_one = np.asarray(body.youngs_modulus if modulus is None else modulus, dtype=float) / tissue.youngs_modulus - 1
     size = np.asarray(body.diameter if diameter is None else diameter, dtype=float)
     with np.errstate(invalid="ignore"):
-        share = np.where(np.isinf(more), 1 / beta, more / (1 + beta * more))
-    return np.asarray(size**3 * share)
+        relative_strength = np.where(np.isinf(contrast_minus_one), 1 / beta, contrast_minus_one / (1 + beta * contrast_minus_one))
+    return np.asarray(size**3 * relative_strength)
 
 
-def share_of_shear(tissue: Material) -> float:
+def eshelby_beta(tissue: Material) -> float:
     """Return beta of eq. ES.1, the shear part of Eshelby's tensor of a sphere in a tissue."""
     nu = tissue.poisson_ratio
     return 2 * (4 - 5 * nu) / (15 * (1 - nu))

@@ -20,12 +20,12 @@ from scipy.interpolate import CubicSpline
 
 from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import ProbeError, Refusal
-from probe_design.estimation.loaded_model import LoadedModel, Told
+from probe_design.estimation.loaded_model import LoadedModel, LogPrediction
 from probe_design.estimation.profile import Track
-from solver.planning.load_check import REMEDY
+from solver.planning.load_check import LINEAR_REMEDY
 
-MISSES = 0.1  # of the noise, or of the misfit of a datum: allowed miss of the spline
-BETTER = 4.0  # factor by which a new node reduces the miss, at least
+MAX_MISS_FRACTION = 0.1  # of the noise, or of the misfit of a datum: allowed miss of the spline
+MIN_IMPROVEMENT_FACTOR = 4.0  # factor by which a new node reduces the miss, at least
 
 
 @dataclass(frozen=True)
@@ -40,8 +40,8 @@ class Span:
 
     first: int
     last: int
-    missed: Floats
-    left: float
+    miss: Floats
+    remaining_miss: float
 
     @property
     def middle(self) -> int:
@@ -61,78 +61,78 @@ class LoadedTrack:
 
     track: Track
     loaded: LoadedModel
-    changes: dict[int, Told] = field(default_factory=dict)
+    changes: dict[int, LogPrediction] = field(default_factory=dict)
 
-    def first(self, node: int) -> None:
+    def solve_first(self, node: int) -> None:
         """Solve the first node.
 
         Raises:
             Refusal: ``contact`` does not reach the scene's load.
         """
         try:
-            self._ask(node)
+            self._solve(node)
         except Refusal as fault:
-            raise Refusal(fault.key, fault.value, f"{fault.allowed}, {REMEDY}") from None
+            raise Refusal(fault.key, fault.value, f"{fault.allowed}, {LINEAR_REMEDY}") from None
 
-    def told(self, node: int) -> bool:
+    def try_node(self, node: int) -> bool:
         """Solve a node, and return whether that succeeded."""
         if node not in self.changes:
             try:
-                self._ask(node)
+                self._solve(node)
             except (ProbeError, ValueError):
                 return False
         return node in self.changes
 
-    def _ask(self, node: int) -> None:
-        answer = self.loaded.told(float(self.track.values(self.track.x[node])))
-        if answer is not None:
-            self.changes[node] = answer[0] - self.track.predicted.value[node], answer[1]
+    def _solve(self, node: int) -> None:
+        prediction = self.loaded.predict(float(self.track.compute_values(self.track.x[node])))
+        if prediction is not None:
+            self.changes[node] = prediction[0] - self.track.predicted.value[node], prediction[1]
 
-    def farthest(self, good: int, end: int) -> int:
+    def find_farthest(self, solved: int, end: int) -> int:
         """Return the node nearest to an end of the track that can be solved, by bisection from a solved node."""
-        if self.told(end):
+        if self.try_node(end):
             return end
-        while abs(end - good) > 1:
-            middle = (good + end) // 2
-            good, end = (middle, end) if self.told(middle) else (good, middle)
-        return good
+        while abs(end - solved) > 1:
+            middle = (solved + end) // 2
+            solved, end = (middle, end) if self.try_node(middle) else (solved, middle)
+        return solved
 
-    def _between(self, first: int, last: int) -> Floats:
+    def _compute_change(self, first: int, last: int) -> Floats:
         return np.asarray(np.abs(self.changes[last][0] - self.changes[first][0]))
 
-    def spline(self) -> CubicSpline:
+    def build_spline(self) -> CubicSpline:
         """Return the effect of the load on the data, shape (k,), as a spline along the track."""
         nodes = sorted(self.changes)
         return CubicSpline(self.track.x[nodes], [self.changes[node][0] for node in nodes])
 
-    def spans(self) -> tuple[list[Span], Bools]:
+    def refine_spans(self) -> tuple[list[Span], Bools]:
         """Solve nodes until the spline is accurate; return its spans, and which nodes of the track have no prediction."""
         nodes = sorted(self.changes)
-        spans = [Span(a, b, self._between(a, b), np.inf) for a, b in pairwise(nodes)]
-        dark = np.ones(len(self.track.x), dtype=bool)
-        dark[nodes[0] : nodes[-1] + 1] = False
-        while open_spans := [span for span in spans if span.left > 1 and span.middle > span.first]:
-            span = max(open_spans, key=lambda span: span.left)
+        spans = [Span(a, b, self._compute_change(a, b), np.inf) for a, b in pairwise(nodes)]
+        is_unsolved = np.ones(len(self.track.x), dtype=bool)
+        is_unsolved[nodes[0] : nodes[-1] + 1] = False
+        while open_spans := [span for span in spans if span.remaining_miss > 1 and span.middle > span.first]:
+            span = max(open_spans, key=lambda span: span.remaining_miss)
             spans.remove(span)
-            before = self.spline()(self.track.x[span.middle])
-            if not self.told(span.middle):
-                dark[span.first + 1 : span.last] = True
+            expected_change = self.build_spline()(self.track.x[span.middle])
+            if not self.try_node(span.middle):
+                is_unsolved[span.first + 1 : span.last] = True
                 continue
-            missed = np.abs(before - self.changes[span.middle][0])
+            miss = np.abs(expected_change - self.changes[span.middle][0])
             halves = ((span.first, span.middle), (span.middle, span.last))
-            spans += [Span(a, b, missed, self._left(a, b, missed)) for a, b in halves]
-        return spans, dark
+            spans += [Span(a, b, miss, self._estimate_remaining_miss(a, b, miss)) for a, b in halves]
+        return spans, is_unsolved
 
-    def _left(self, first: int, last: int, missed: Floats) -> float:
+    def _estimate_remaining_miss(self, first: int, last: int, miss: Floats) -> float:
         """Return the expected miss of the spline between two neighbouring nodes over the allowed one."""
         data = self.loaded.model.data
-        off = np.array([self.track.predicted.value[node] + self.changes[node][0] - data.value for node in (first, last)])
-        beside = np.where(off[0] * off[1] > 0, np.abs(off).min(axis=0), 0.0)
-        share = missed / BETTER / (MISSES * data.noise)
-        return float(share.max() / max(1.0, (beside / data.noise).max()))
+        residual = np.array([self.track.predicted.value[node] + self.changes[node][0] - data.value for node in (first, last)])
+        close_residual = np.where(residual[0] * residual[1] > 0, np.abs(residual).min(axis=0), 0.0)
+        relative_miss = miss / MIN_IMPROVEMENT_FACTOR / (MAX_MISS_FRACTION * data.noise)
+        return float(relative_miss.max() / max(1.0, (close_residual / data.noise).max()))
 
 
-def under_load(track: Track, loaded: LoadedModel) -> Track:
+def add_load(track: Track, loaded_model: LoadedModel) -> Track:
     """Return a track with the effect of the load, eq. ES.10.
 
     Args:
@@ -145,30 +145,32 @@ def under_load(track: Track, loaded: LoadedModel) -> Track:
     usable = np.flatnonzero(track.predicted.usable)
     if len(usable) < 2:
         return track
-    pressing = LoadedTrack(track, loaded)
+    loaded_track = LoadedTrack(track, loaded_model)
     middle = int(usable[len(usable) // 2])
-    pressing.first(middle)
-    ends = {pressing.farthest(middle, int(end)) for end in usable[[0, -1]]} & pressing.changes.keys()
+    loaded_track.solve_first(middle)
+    ends = {loaded_track.find_farthest(middle, int(end)) for end in usable[[0, -1]]} & loaded_track.changes.keys()
     if len(ends) < 2:
-        nothing = replace(track.predicted, resolved=np.zeros(len(track.x), dtype=bool))
-        return replace(track, predicted=nothing, level=loaded.name)
-    spans, dark = pressing.spans()
-    return _moved(pressing, spans, dark)
+        unresolved = replace(track.predicted, resolved=np.zeros(len(track.x), dtype=bool))
+        return replace(track, predicted=unresolved, level=loaded_model.name)
+    spans, is_unsolved = loaded_track.refine_spans()
+    return _combine(loaded_track, spans, is_unsolved)
 
 
-def _moved(pressing: LoadedTrack, spans: list[Span], dark: Bools) -> Track:
+def _combine(loaded_track: LoadedTrack, spans: list[Span], is_unsolved: Bools) -> Track:
     """Return the track with the effect of the load; the error at a node is at least that of its neighbouring spans."""
-    track, spline, nodes = pressing.track, pressing.spline(), sorted(pressing.changes)
-    own = np.array([pressing.changes[node][1] for node in nodes])
-    bound = np.stack([np.interp(track.x, track.x[nodes], one) for one in own.T], axis=1)
-    missed = np.zeros_like(bound)
+    track, spline, nodes = loaded_track.track, loaded_track.build_spline(), sorted(loaded_track.changes)
+    contact_bounds = np.array([loaded_track.changes[node][1] for node in nodes])
+    bound = np.stack([np.interp(track.x, track.x[nodes], column) for column in contact_bounds.T], axis=1)
+    miss = np.zeros_like(bound)
     for span in spans:
-        within = slice(span.first, span.last + 1)
-        missed[within] = np.maximum(missed[within], span.missed)
-    ratios = ~pressing.loaded.model.data.is_stiffness
-    change = max(float(np.abs(pressing.changes[node][0][ratios]).max()) for node in nodes)
-    before = track.predicted
-    value = np.where(dark[:, None], 0.0, before.value + spline(track.x))
-    predicted = replace(before, value=value, bound=bound + missed, resolved=before.resolved & ~dark)
-    plan = (pressing.loaded.decision(float(np.expm1(change))),)
-    return replace(track, predicted=predicted, slope=track.slope + spline(track.x, 1), level=pressing.loaded.name, plan=plan)
+        indices = slice(span.first, span.last + 1)
+        miss[indices] = np.maximum(miss[indices], span.miss)
+    ratios = ~loaded_track.loaded.model.data.is_stiffness
+    change = max(float(np.abs(loaded_track.changes[node][0][ratios]).max()) for node in nodes)
+    predictions_at_rest = track.predicted
+    value = np.where(is_unsolved[:, None], 0.0, predictions_at_rest.value + spline(track.x))
+    predicted = replace(
+        predictions_at_rest, value=value, bound=bound + miss, resolved=predictions_at_rest.resolved & ~is_unsolved
+    )
+    plan = (loaded_track.loaded.build_decision(float(np.expm1(change))),)
+    return replace(track, predicted=predicted, slope=track.slope + spline(track.x, 1), level=loaded_track.loaded.name, plan=plan)

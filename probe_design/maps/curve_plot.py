@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from probe_design.pictures.formats import check_format, save
-from solver.results.figures import curve_figure
+from probe_design.pictures.formats import check_format, save_figure
+from solver.results.figures import draw_curve
 from solver.results.result import Curve
 
 
@@ -17,4 +17,4 @@ def plot(curve: Curve, path: Path, scene_modulus: float | None = None, tissue_mo
         OSError: the file cannot be written.
     """
     check_format(path)
-    return save(curve_figure(curve, scene_modulus, tissue_modulus), path)
+    return save_figure(draw_curve(curve, scene_modulus, tissue_modulus), path)

@@ -14,24 +14,24 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from geometry.common.arrays import Bools, Floats
-from geometry.provenance.block import Provenance, provenance
+from geometry.provenance.block import Provenance, build_provenance
 from geometry.scenes.scene import Scene
-from probe_design.maps.scan import Progress, check_accuracy, drawn, without_scene
-from probe_design.maps.sphere_effects import SphereEffects, Thresholds, effects_of
-from probe_design.maps.target_grid import Spheres, check_spheres, target_of
+from probe_design.maps.scan import Progress, check_accuracy, drop_scene, require_scene
+from probe_design.maps.sphere_effects import SphereEffects, Thresholds, compute_effects
+from probe_design.maps.target_grid import Spheres, check_spheres, find_target
 from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
-from solver.equivalent_inclusion.readings import readings
-from solver.planning.load_check import LoadChanges, budget, check_known, check_load, load_notes
-from solver.planning.load_limits import limits_of, load_rule
-from solver.results.load_limits import LoadLimits, limits_dict
+from solver.equivalent_inclusion.readings import compute_readings
+from solver.planning.load_check import LoadChanges, build_load_notes, check_known_load, check_load, compute_budget
+from solver.planning.load_limits import build_limits, build_load_rule
+from solver.results.load_limits import LoadLimits, build_limits_dict
 from solver.results.notebook import Notebook
 from solver.results.result import Decision
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-FINEST, COARSEST = 5e-4, 0.01  # default accuracies, between which the noise chooses
+FINEST_ACCURACY, COARSEST_ACCURACY = 5e-4, 0.01  # default accuracies, between which the noise chooses
 
 Map = tuple[tuple[float | None, ...], ...]
 Verdicts = tuple[tuple[bool | None, ...], ...]
@@ -78,7 +78,7 @@ class Detectability(Notebook):
 
     def as_dict(self) -> dict[str, Any]:
         """Return the JSON object of ``probe-design detectability``."""
-        return asdict(replace(self, scene=None), dict_factory=without_scene) | limits_dict(self.load_limits)
+        return asdict(replace(self, scene=None), dict_factory=drop_scene) | build_limits_dict(self.load_limits)
 
     def plot(self) -> Figure:
         """Draw the picture of ``probe-design detectability --plot``; return the figure, whose ``savefig`` writes it.
@@ -86,13 +86,13 @@ class Detectability(Notebook):
         Raises:
             InputError: the result has no scene.
         """
-        from probe_design.maps.detectability_plot import figure_of
+        from probe_design.maps.detectability_plot import draw_figure
 
-        return figure_of(self, drawn(self.scene))
+        return draw_figure(self, require_scene(self.scene))
 
 
 def detectability(
-    scene: Scene, depths: Floats, diameters: Floats, limits: Thresholds | None = None, *,
+    scene: Scene, depths: Floats, diameters: Floats, thresholds: Thresholds | None = None, *,
     accuracy: float | None = None, linear: bool = False, progress: Progress | None = None,
 ) -> Detectability:  # fmt: skip
     """Replace the scene's target by spheres of other sizes at other depths, and return the maps.
@@ -111,77 +111,79 @@ def detectability(
         Refusal: the evaluator cannot model the scene, or its load is beyond the range of linear elasticity.
     """
     start = perf_counter()
-    limits = limits or Thresholds()
-    accuracy = float(np.clip(limits.noise, FINEST, COARSEST)) if accuracy is None else accuracy
+    thresholds = thresholds or Thresholds()
+    accuracy = float(np.clip(thresholds.noise, FINEST_ACCURACY, COARSEST_ACCURACY)) if accuracy is None else accuracy
     check_accuracy(accuracy)
-    target_of(scene)
+    find_target(scene)
     check_spheres(scene, "detectability")
-    rule = load_rule(scene)
+    rule = build_load_rule(scene)
     if not linear:
         check_load(scene, rule, accuracy, True)
-    check_known(scene, rule)
-    base = EquivalentInclusion().prepared(scene, budget(rule, rule.force(scene), accuracy, True))
+    check_known_load(scene, rule)
+    base = EquivalentInclusion().prepare(scene, compute_budget(rule, rule.compute_force(scene), accuracy, True))
     spheres = Spheres(scene, depths, diameters, base.field.states.model.section.tissue_radius)
-    tumours, index, alone = spheres.tumours, scene.target or 0, readings(base, spheres.without)
-    effects = effects_of(base, readings(base, tumours, index, reflect=False), alone)
-    unsure = np.flatnonzero(effects.open(limits))
-    if len(unsure):
-        again = readings(base, tumours.of_index(unsure), index, progress=progress, reflect=True)
-        effects = effects.replaced(unsure, effects_of(base, again, alone))
-    load = LoadChanges.of(scene, rule, np.append(effects.stiffness, alone.stiffness))
+    tumours, index, readings_without = spheres.tumours, scene.target or 0, compute_readings(base, spheres.other_tumours)
+    effects = compute_effects(base, compute_readings(base, tumours, index, reflect=False), readings_without)
+    open_spheres = np.flatnonzero(effects.find_open(thresholds))
+    if len(open_spheres):
+        reflected_readings = compute_readings(base, tumours.select(open_spheres), index, progress=progress, reflect=True)
+        effects = effects.replace_rows(open_spheres, compute_effects(base, reflected_readings, readings_without))
+    load = LoadChanges.from_stiffness(scene, rule, np.append(effects.stiffness, readings_without.stiffness))
     if not linear:
         check_load(scene, load.weakest, accuracy, True)
-    effects = effects.loaded(load)
-    maps = _maps(spheres.fits, effects, limits)
+    effects = effects.add_load_changes(load)
+    maps = _build_maps(spheres.fits, effects, thresholds)
     return Detectability(
         depth=tuple(depths.tolist()),
         diameter=tuple(diameters.tolist()),
         **maps,
-        noise=limits.noise,
-        seen_threshold=limits.change,
-        resolved_threshold=limits.resolved,
-        ratio_without=float(alone.ratio[0]) if alone.resolved[0] else None,
+        noise=thresholds.noise,
+        seen_threshold=thresholds.min_change,
+        resolved_threshold=thresholds.resolved,
+        ratio_without=float(readings_without.ratio[0]) if readings_without.resolved[0] else None,
         evaluator=EquivalentInclusion().name,
         seconds=perf_counter() - start,
-        load_limits=limits_of(rule, accuracy, promise=True),
-        plan=(*base.plan, _reflections(base, len(unsure), len(effects.change))),
-        warnings=(*base.notes, *_warnings(effects, limits), *load_notes(scene, load.weakest, accuracy, True)),
+        load_limits=build_limits(rule, accuracy, promise=True),
+        plan=(*base.plan, _build_reflection_decision(base, len(open_spheres), len(effects.change))),
+        warnings=(*base.notes, *_iterate_warnings(effects, thresholds), *build_load_notes(scene, load.weakest, accuracy, True)),
         scene=scene,
-        provenance=provenance(scene, evaluator=EquivalentInclusion().name, accuracy=accuracy),
+        provenance=build_provenance(scene, evaluator=EquivalentInclusion().name, accuracy=accuracy),
     )
 
 
-def _maps(fits: Bools, effects: SphereEffects, limits: Thresholds) -> dict[str, Any]:
+def _build_maps(fits: Bools, effects: SphereEffects, thresholds: Thresholds) -> dict[str, Any]:
     """Return the rows of each map, with None where there is no value."""
 
-    def rows(values: Floats, good: Bools) -> Map:
+    def build_rows(values: Floats, is_known: Bools) -> Map:
         table = np.full(fits.shape, np.nan)
-        table[fits] = np.where(good & np.isfinite(values), values, np.nan)
+        table[fits] = np.where(is_known & np.isfinite(values), values, np.nan)
         return tuple(tuple(None if np.isnan(value) else float(value) for value in row) for row in table)
 
-    def verdicts(values: Floats) -> Verdicts:
-        return tuple(tuple(None if value is None else value > 0 for value in row) for row in rows(values, effects.has_ratio))
+    def build_verdicts(values: Floats) -> Verdicts:
+        return tuple(
+            tuple(None if value is None else value > 0 for value in row) for row in build_rows(values, effects.has_ratio)
+        )
 
-    strong = effects.has_ratio & (effects.sensitivity != 0)
-    deviation = limits.noise / np.where(strong, np.abs(effects.sensitivity), 1.0)
+    has_sensitivity = effects.has_ratio & (effects.sensitivity != 0)
+    deviation = thresholds.noise / np.where(has_sensitivity, np.abs(effects.sensitivity), 1.0)
     return {
-        "change": rows(effects.change, effects.has_ratio),
-        "standard_deviation": rows(deviation, strong),
-        "error": rows(effects.error, effects.has_ratio),
-        "seen": verdicts(effects.seen(limits)),
-        "resolved": verdicts(effects.resolved(limits)),
-        "above_error": verdicts(effects.above_error.astype(float)),
+        "change": build_rows(effects.change, effects.has_ratio),
+        "standard_deviation": build_rows(deviation, has_sensitivity),
+        "error": build_rows(effects.error, effects.has_ratio),
+        "seen": build_verdicts(effects.decide_detection(thresholds)),
+        "resolved": build_verdicts(effects.decide_resolution(thresholds)),
+        "above_error": build_verdicts(effects.above_error.astype(float)),
     }
 
 
-def _reflections(base: Undisturbed, count: int, n: int) -> Decision:
+def _build_reflection_decision(base: Undisturbed, count: int, n: int) -> Decision:
     """Return the line of the plan about reflections, modelled for ``count`` of n spheres."""
     feature = "what surface, blocks and floor send back of the tumours' fields"
     reason = f"modelled for {count} of {n} spheres, whose verdicts need it; elsewhere counted in error"
     return Decision(feature, count > 0, 0.0, base.accuracy, reason)
 
 
-def _warnings(effects: SphereEffects, limits: Thresholds) -> Iterator[str]:
+def _iterate_warnings(effects: SphereEffects, thresholds: Thresholds) -> Iterator[str]:
     """Yield warnings about spheres without a ratio, with a change below its error, or with an open verdict."""
     n = len(effects.change)
     if not n:
@@ -193,7 +195,7 @@ def _warnings(effects: SphereEffects, limits: Thresholds) -> Iterator[str]:
     if hidden:
         yield f"{hidden} of {n} tumours change the ratio by less than the model's own error: how much is not known"
     words = ("detected", "resolved in stiffness")
-    for name, verdict in zip(words, (effects.seen(limits), effects.resolved(limits)), strict=True):
+    for name, verdict in zip(words, (effects.decide_detection(thresholds), effects.decide_resolution(thresholds)), strict=True):
         count = int((effects.has_ratio & np.isnan(verdict)).sum())
         if count:
             yield f"whether {count} of {n} tumours are {name} stays open: the model's error is larger than what decides it"

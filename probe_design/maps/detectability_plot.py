@@ -10,14 +10,14 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
 from probe_design.maps.detectability import Detectability
-from probe_design.maps.target_grid import target_of
-from probe_design.pictures.formats import check_format, save
+from probe_design.maps.target_grid import find_target
+from probe_design.pictures.formats import check_format, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-MM = 1e3
-DECADES = 100.0  # ratio of either end of the colour scale to the threshold
+MM_PER_M = 1e3
+COLOUR_RANGE_FACTOR = 100.0  # ratio of either end of the colour scale to the threshold
 
 
 def plot(maps: Detectability, scene: Scene, path: Path) -> Path:
@@ -28,10 +28,10 @@ def plot(maps: Detectability, scene: Scene, path: Path) -> Path:
         OSError: the file cannot be written.
     """
     check_format(path)
-    return save(figure_of(maps, scene), path)
+    return save_figure(draw_figure(maps, scene), path)
 
 
-def figure_of(maps: Detectability, scene: Scene) -> Figure:
+def draw_figure(maps: Detectability, scene: Scene) -> Figure:
     """Draw both maps; return the figure."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.colors import LogNorm, SymLogNorm
@@ -40,62 +40,67 @@ def figure_of(maps: Detectability, scene: Scene) -> Figure:
     figure = Figure(figsize=(11.0, 5.6), dpi=130, facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
     left, right = figure.subplots(1, 2, sharex=True, sharey=True)
-    change, deviation = _numbers(maps.change) * 100, _numbers(maps.standard_deviation)
-    threshold, most_deviation = maps.seen_threshold * 100, maps.resolved_threshold
-    most = max(float(np.nanmax(np.abs(change), initial=0.0)), 3 * threshold)
-    norms = SymLogNorm(threshold / 3, vmin=-most, vmax=most), LogNorm(most_deviation / DECADES, most_deviation * DECADES)
-    _map(figure, left, maps, change, norm=norms[0], colours="RdBu_r", label="change of the ratio, %")
+    change, deviation = _replace_none(maps.change) * 100, _replace_none(maps.standard_deviation)
+    threshold, max_deviation = maps.seen_threshold * 100, maps.resolved_threshold
+    max_change = max(float(np.nanmax(np.abs(change), initial=0.0)), 3 * threshold)
+    norms = (
+        SymLogNorm(threshold / 3, vmin=-max_change, vmax=max_change),
+        LogNorm(max_deviation / COLOUR_RANGE_FACTOR, max_deviation * COLOUR_RANGE_FACTOR),
+    )
+    _draw_map(figure, left, maps, change, norm=norms[0], colours="RdBu_r", label="change of the ratio, %")
     label = "standard deviation of ln E_object, one reading"
-    _map(figure, right, maps, deviation, norm=norms[1], colours="viridis_r", label=label)
+    _draw_map(figure, right, maps, deviation, norm=norms[1], colours="viridis_r", label=label)
     for axes, verdicts, values, limit, text in (
         (left, maps.seen, np.abs(change), threshold, f"detected: |change| \u2265 {threshold:.3g} %"),
-        (right, maps.resolved, deviation, most_deviation, f"resolved: standard deviation \u2264 {most_deviation:.3g}"),
+        (right, maps.resolved, deviation, max_deviation, f"resolved: standard deviation \u2264 {max_deviation:.3g}"),
     ):
-        _contour(axes, maps, values, limit)
-        _hatched(axes, maps, verdicts)
+        _draw_contour(axes, maps, values, limit)
+        _hatch_open_verdicts(axes, maps, verdicts)
         axes.set_title(text, fontsize=10)
         axes.set_xlabel("diameter, mm")
-        _mark(axes, maps, scene)
+        _mark_target(axes, maps, scene)
     left.set_ylabel("depth of the centre, mm")
     left.invert_yaxis()
-    body, offset = target_of(scene), _offset(scene)
-    where = "on the probe's axis" if offset == 0 else f"{offset * MM:.3g} mm off the probe's axis"
+    body, offset = find_target(scene), _compute_offset(scene)
+    place_text = "on the probe's axis" if offset == 0 else f"{offset * MM_PER_M:.3g} mm off the probe's axis"
     figure.suptitle(
-        f"spheres of {body.youngs_modulus / 1e3:.4g} kPa in tissue of {_tissue(scene)} kPa {where}, "
+        f"spheres of {body.youngs_modulus / 1e3:.4g} kPa in tissue of {_describe_moduli(scene)} kPa {place_text}, "
         f"noise {maps.noise * 100:.3g} % on the ratio",
         fontsize=11,
     )
-    _legend(figure)
+    _draw_legend(figure)
     return figure
 
 
-def _tissue(scene: Scene) -> str:
+def _describe_moduli(scene: Scene) -> str:
     """Return the moduli of the tissue's materials from the surface downwards, kPa, as text."""
-    return " on ".join(f"{one.youngs_modulus / 1e3:.4g}" for one in (*scene.tissue.layer, scene.tissue))
+    return " on ".join(f"{material.youngs_modulus / 1e3:.4g}" for material in (*scene.tissue.layer, scene.tissue))
 
 
-def _offset(scene: Scene) -> float:
-    body, at = target_of(scene), scene.placement
-    return float(np.hypot(body.x - at.x, body.y - at.y))
+def _compute_offset(scene: Scene) -> float:
+    body, placement = find_target(scene), scene.placement
+    return float(np.hypot(body.x - placement.x, body.y - placement.y))
 
 
-def _map(figure: Any, axes: Any, maps: Detectability, values: Floats, *, norm: Any, colours: str, label: str) -> None:
+def _draw_map(figure: Any, axes: Any, maps: Detectability, values: Floats, *, norm: Any, colours: str, label: str) -> None:
     from matplotlib import colormaps
 
     axes.set_facecolor("0.85")
     palette = colormaps[colours].copy()
-    shown = axes.pcolormesh(_places(maps.diameter), _places(maps.depth), values, norm=norm, cmap=palette, shading="nearest")
-    bar = figure.colorbar(shown, ax=axes, label=label, extend="both" if norm.vmin > 0 else "neither", format="%g")
+    image = axes.pcolormesh(
+        _convert_to_mm(maps.diameter), _convert_to_mm(maps.depth), values, norm=norm, cmap=palette, shading="nearest"
+    )
+    bar = figure.colorbar(image, ax=axes, label=label, extend="both" if norm.vmin > 0 else "neither", format="%g")
     bar.ax.minorticks_off()
 
 
-def _contour(axes: Any, maps: Detectability, values: Floats, limit: float) -> None:
+def _draw_contour(axes: Any, maps: Detectability, values: Floats, limit: float) -> None:
     """Draw the line on which values equal the limit."""
     inside = np.log(np.maximum(values, 1e-300) / limit)
     if np.any(inside < 0) and np.any(inside > 0):
         axes.contour(
-            _places(maps.diameter),
-            _places(maps.depth),
+            _convert_to_mm(maps.diameter),
+            _convert_to_mm(maps.depth),
             np.ma.masked_invalid(inside),
             levels=[0.0],
             colors="black",
@@ -103,33 +108,36 @@ def _contour(axes: Any, maps: Detectability, values: Floats, limit: float) -> No
         )
 
 
-def _hatched(axes: Any, maps: Detectability, verdicts: Any) -> None:
+def _hatch_open_verdicts(axes: Any, maps: Detectability, verdicts: Any) -> None:
     """Hatch the cells where the error bound leaves the verdict open, or is above the change."""
     from matplotlib.collections import PolyCollection
 
-    fits = np.isfinite(_numbers(maps.change))
-    hidden = fits & (np.isnan(_numbers(verdicts)) | (_numbers(maps.above_error) == 0))
-    x, y = (_edges(_places(values)) for values in (maps.diameter, maps.depth))
+    fits = np.isfinite(_replace_none(maps.change))
+    hidden = fits & (np.isnan(_replace_none(verdicts)) | (_replace_none(maps.above_error) == 0))
+    x, y = (_compute_edges(_convert_to_mm(values)) for values in (maps.diameter, maps.depth))
     cells = [
         [(x[m], y[k]), (x[m + 1], y[k]), (x[m + 1], y[k + 1]), (x[m], y[k + 1])] for k, m in zip(*np.nonzero(hidden), strict=True)
     ]
     axes.add_collection(PolyCollection(cells, facecolor="none", edgecolor="0.15", linewidth=0, hatch="xxxx"), autolim=False)
 
 
-def _edges(centres: Floats) -> Floats:
+def _compute_edges(centres: Floats) -> Floats:
     """Return the edges of cells around evenly spaced centres."""
     middles = (centres[1:] + centres[:-1]) / 2
     return np.concatenate([[2 * centres[0] - middles[0]], middles, [2 * centres[-1] - middles[-1]]])
 
 
-def _mark(axes: Any, maps: Detectability, scene: Scene) -> None:
-    body = target_of(scene)
-    x, y = (body.diameter or 0.0) * MM, body.depth * MM
-    if maps.diameter[0] * MM <= x <= maps.diameter[-1] * MM and maps.depth[0] * MM <= y <= maps.depth[-1] * MM:
+def _mark_target(axes: Any, maps: Detectability, scene: Scene) -> None:
+    body = find_target(scene)
+    x, y = (body.diameter or 0.0) * MM_PER_M, body.depth * MM_PER_M
+    if (
+        maps.diameter[0] * MM_PER_M <= x <= maps.diameter[-1] * MM_PER_M
+        and maps.depth[0] * MM_PER_M <= y <= maps.depth[-1] * MM_PER_M
+    ):
         axes.plot(x, y, marker="*", markersize=15, markerfacecolor="gold", markeredgecolor="black", linestyle="none")
 
 
-def _legend(figure: Any) -> None:
+def _draw_legend(figure: Any) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -143,9 +151,9 @@ def _legend(figure: Any) -> None:
     figure.legend(*zip(*handles, strict=True), loc="outside lower center", ncols=4, fontsize=9)
 
 
-def _places(values: tuple[float, ...]) -> Floats:
-    return np.array(values) * MM
+def _convert_to_mm(values: tuple[float, ...]) -> Floats:
+    return np.array(values) * MM_PER_M
 
 
-def _numbers(rows: Any) -> Floats:
+def _replace_none(rows: Any) -> Floats:
     return np.array([[np.nan if value is None else float(value) for value in row] for row in rows])

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from probe_design.pictures.formats import check_format, save
-from solver.results.figures import load_figure
+from probe_design.pictures.formats import check_format, save_figure
+from solver.results.figures import draw_load_curve
 from solver.results.load_curve import LoadCurve
 
 
@@ -17,4 +17,4 @@ def plot(curve: LoadCurve, path: Path) -> Path:
         OSError: the file cannot be written.
     """
     check_format(path)
-    return save(load_figure(curve), path)
+    return save_figure(draw_load_curve(curve), path)

@@ -11,17 +11,17 @@ import numpy as np
 
 from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import InputError, Words
-from geometry.provenance.block import Provenance, provenance
+from geometry.provenance.block import Provenance, build_provenance
 from geometry.scenes.scene import Scene
 from probe_design.maps.scan_line import ScanLine
 from probe_design.maps.target_grid import check_spheres
 from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed
-from solver.equivalent_inclusion.readings import Readings, readings
-from solver.planning.load_check import LoadChanges, budget, check_load, load_notes
-from solver.planning.load_limits import limits_of, load_rule
-from solver.results.film_forces import ratio
-from solver.results.load_limits import LoadLimits, limits_dict
+from solver.equivalent_inclusion.readings import Readings, compute_readings
+from solver.planning.load_check import LoadChanges, build_load_notes, check_load, compute_budget
+from solver.planning.load_limits import build_limits, build_load_rule
+from solver.results.film_forces import compute_ratio_fields
+from solver.results.load_limits import LoadLimits, build_limits_dict
 from solver.results.notebook import Notebook
 from solver.results.result import Decision
 
@@ -68,7 +68,7 @@ class Scan(Notebook):
 
     def as_dict(self) -> dict[str, Any]:
         """Return the JSON object of ``probe-design scan``."""
-        return asdict(replace(self, scene=None), dict_factory=without_scene) | limits_dict(self.load_limits)
+        return asdict(replace(self, scene=None), dict_factory=drop_scene) | build_limits_dict(self.load_limits)
 
     def plot(self) -> Figure:
         """Draw the picture of ``probe-design scan --plot``; return the figure, whose ``savefig`` writes it.
@@ -76,13 +76,13 @@ class Scan(Notebook):
         Raises:
             InputError: the result has no scene.
         """
-        from probe_design.maps.scan_plot import figure_of
+        from probe_design.maps.scan_plot import draw_figure
 
-        return figure_of(self, drawn(self.scene))
+        return draw_figure(self, require_scene(self.scene))
 
 
 def scan(
-    scene: Scene, along: str, positions: Floats, at: float | None = None, *, accuracy: float = 0.01,
+    scene: Scene, along: str, positions: Floats, offset: float | None = None, *, accuracy: float = 0.01,
     linear: bool = False, progress: Progress | None = None,
 ) -> Scan:  # fmt: skip
     """Compute readings of the scene's probe along a line over its tissue; the tumours stay in place.
@@ -104,55 +104,57 @@ def scan(
     start = perf_counter()
     check_accuracy(accuracy)
     check_spheres(scene, "scan")
-    across = "y" if along == "x" else "x"
-    rule, promise = load_rule(scene), scene.target is not None
-    asked = budget(rule, rule.force(scene), accuracy, promise)
-    line = ScanLine(scene, along, float(getattr(scene.placement, across) if at is None else at), asked)
+    cross_axis = "y" if along == "x" else "x"
+    rule, promise = build_load_rule(scene), scene.target is not None
+    model_accuracy = compute_budget(rule, rule.compute_force(scene), accuracy, promise)
+    line = ScanLine(scene, along, float(getattr(scene.placement, cross_axis) if offset is None else offset), model_accuracy)
     positions = np.asarray(positions, dtype=float)
-    line.check(positions)
+    line.check_positions(positions)
     if not linear:
         check_load(scene, rule, accuracy, promise)
-    base = line.prepared(float(np.abs(positions).min()))  # used for all positions: only the bounds differ elsewhere
-    tumours = line.tumours(positions)
-    plain = readings(base, tumours, scene.target or 0, progress=progress, sensitive=scene.target is not None)
-    answers = line.bounded(base, plain, positions)
-    far = line.alone(float(np.abs(positions).max()))
-    outside = base.inside(tumours)[1]
-    targeted = ~outside[:, scene.target] if scene.target is not None else np.zeros(len(positions), dtype=bool)
-    load = LoadChanges.of(scene, rule, answers.stiffness)
+    base = line.prepare(float(np.abs(positions).min()))  # used for all positions: only the bounds differ elsewhere
+    tumours = line.build_tumours(positions)
+    plain_readings = compute_readings(base, tumours, scene.target or 0, progress=progress, sensitive=scene.target is not None)
+    film_readings = line.add_bounds(base, plain_readings, positions)
+    farthest = line.solve_alone(float(np.abs(positions).max()))
+    is_outside = base.move_inside(tumours)[1]
+    has_target = ~is_outside[:, scene.target] if scene.target is not None else np.zeros(len(positions), dtype=bool)
+    load = LoadChanges.from_stiffness(scene, rule, film_readings.stiffness)
     if not linear:
         check_load(scene, load.weakest, accuracy, promise)
-    stress = answers.totals * indentation(scene, answers)[:, None] / answers.areas
+    stress = film_readings.totals * compute_indentation(scene, film_readings)[:, None] / film_readings.areas
     return Scan(
         along=along,
-        at=line.at,
+        at=line.offset,
         position=tuple(positions.tolist()),
-        ratio=column(answers.ratio, answers.resolved),
-        stiffness=tuple(answers.stiffness.tolist()),
+        ratio=build_column(film_readings.ratio, film_readings.resolved),
+        stiffness=tuple(film_readings.stiffness.tolist()),
         stress_inner=tuple(stress[:, 0].tolist()),
         stress_outer=tuple(stress[:, 1].tolist()),
-        log_sensitivity=column(answers.log_sensitivity, answers.resolved & targeted) if answers.by else (None,) * len(positions),
-        error_estimate=column(load.with_errors(answers.error_estimate), answers.resolved & load.known),
-        ratio_without=ratio(scene, base.films)["ratio"],
+        log_sensitivity=build_column(film_readings.log_sensitivity, film_readings.resolved & has_target)
+        if film_readings.derivatives
+        else (None,) * len(positions),
+        error_estimate=build_column(load.add_to_errors(film_readings.error_estimate), film_readings.resolved & load.is_known),
+        ratio_without=compute_ratio_fields(scene, base.films)["ratio"],
         evaluator=EquivalentInclusion().name,
         seconds=perf_counter() - start,
-        load_limits=limits_of(rule, accuracy, promise),
-        plan=(*far.plan, *reflections(base, answers)),
+        load_limits=build_limits(rule, accuracy, promise),
+        plan=(*farthest.plan, *list_reflection_decisions(base, film_readings)),
         warnings=(
-            *dict.fromkeys(_warnings(scene, far, answers, outside)),
-            *load_notes(scene, load.weakest, accuracy, promise),
+            *dict.fromkeys(_iterate_warnings(scene, farthest, film_readings, is_outside)),
+            *build_load_notes(scene, load.weakest, accuracy, promise),
         ),
         scene=scene,
-        provenance=provenance(scene, evaluator=EquivalentInclusion().name, accuracy=accuracy),
+        provenance=build_provenance(scene, evaluator=EquivalentInclusion().name, accuracy=accuracy),
     )
 
 
-def without_scene(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def drop_scene(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     """Return the fields of a result without its scene, for a JSON object."""
     return {key: value for key, value in pairs if key != "scene"}
 
 
-def drawn(scene: Scene | None) -> Scene:
+def require_scene(scene: Scene | None) -> Scene:
     """Return the scene of a result that is to be drawn; raise ``InputError`` if it has none."""
     if scene is None:
         raise InputError("scene", Words("missing"), "a result that the toolkit made, which carries its scene")
@@ -165,66 +167,68 @@ def check_accuracy(accuracy: float) -> None:
         raise InputError("accuracy", accuracy, "a number above 0 and below 1, such as 0.01")
 
 
-def indentation(scene: Scene, answers: Readings) -> Floats:
+def compute_indentation(scene: Scene, film_readings: Readings) -> Floats:
     """Return the indentation at the scene's load, m, shape (n,)."""
     imposed = scene.load.indentation
-    return (scene.load.force or 0.0) / answers.stiffness if imposed is None else np.full(len(answers.forces), imposed)
+    return (scene.load.force or 0.0) / film_readings.stiffness if imposed is None else np.full(len(film_readings.forces), imposed)
 
 
-def column(values: Floats, valid: Bools) -> Column:
+def build_column(values: Floats, valid: Bools) -> Column:
     """Return values as a tuple for JSON, with None where they are not valid."""
-    return tuple(value if good else None for value, good in zip(values.tolist(), valid.tolist(), strict=True))
+    return tuple(value if is_valid else None for value, is_valid in zip(values.tolist(), valid.tolist(), strict=True))
 
 
-def reflections(base: Undisturbed, answers: Readings) -> Iterator[Decision]:
+def list_reflection_decisions(base: Undisturbed, film_readings: Readings) -> Iterator[Decision]:
     """Yield the line of the plan about reflections of the tumours' fields, if there are tumours."""
-    if not answers.by:
+    if not film_readings.derivatives:
         return
-    count, n = int(answers.reflected.sum()), len(answers.reflected)
-    effect = float(min(answers.first_share.max(), 1e9))
+    count, n = int(film_readings.reflected.sum()), len(film_readings.reflected)
+    effect = float(min(film_readings.first_share.max(), 1e9))
     size = f"changes the ratio by at most about {effect:.2g}"
     reason = f"modelled for {count} of {n}, elsewhere counted in error_estimate: {size}"
     yield Decision("what surface, blocks and floor send back of the tumours' fields", count > 0, effect, base.accuracy, reason)
 
 
-def _warnings(scene: Scene, far: ProbeAlone, answers: Readings, outside: Bools) -> Iterator[str]:
+def _iterate_warnings(scene: Scene, farthest: ProbeAlone, film_readings: Readings, is_outside: Bools) -> Iterator[str]:
     """Yield warnings about missing log-sensitivities and ratios, tumours left out, and errors above the accuracy."""
-    n = len(answers.forces)
-    yield from far.notes
+    n = len(film_readings.forces)
+    yield from farthest.notes
     if scene.target is None:
-        how = "several inclusions and none marked target = true" if scene.inclusion else "the scene has no inclusion"
-        yield f"no log-sensitivity is given: {how}"
-    elif outside[:, scene.target].any():
-        count = int(outside[:, scene.target].sum())
+        cause = "several inclusions and none marked target = true" if scene.inclusion else "the scene has no inclusion"
+        yield f"no log-sensitivity is given: {cause}"
+    elif is_outside[:, scene.target].any():
+        count = int(is_outside[:, scene.target].sum())
         yield f"no log-sensitivity is given at {count} of {n} positions: the target lies outside the modelled round tissue"
-    if outside.any():
-        count = int(outside.any(axis=1).sum())
-        left = f"left out at {count} of {n} positions, which the error counts"
-        yield f"tumours outside the round tissue that is modelled are {left}"
-    if not answers.resolved.all():
-        where = f"{int((~answers.resolved).sum())} of {n} positions"
-        yield f"no ratio is given at {where}: under one of the blocks the stress is smaller than its own error"
-    for what, reached in errors(scene, answers).items():
-        many = int((reached > far.accuracy).sum())
-        if many:
-            bound = f"{reached.max():.2g}" if reached.max() < 1 else "1 and more"
-            yield f"the error of {what} is up to {bound} at {many} of {n} positions, more than the accuracy {far.accuracy:g}"
-    if answers.by and scene.target is not None:
-        sensitivity = np.abs(answers.log_sensitivity)
-        worse = answers.resolved & (answers.sensitivity_error > np.maximum(5 * far.accuracy * sensitivity, 1e-5))
-        if worse.any():
-            most = f"{answers.sensitivity_error[worse].max():.1g} (absolute)"
-            where = f"{int(worse.sum())} of {n} positions"
-            yield f"the error of the log-sensitivity is up to {most} at {where}, more than 5 times the accuracy"
+    if is_outside.any():
+        count = int(is_outside.any(axis=1).sum())
+        left_out = f"left out at {count} of {n} positions, which the error counts"
+        yield f"tumours outside the round tissue that is modelled are {left_out}"
+    if not film_readings.resolved.all():
+        positions_text = f"{int((~film_readings.resolved).sum())} of {n} positions"
+        yield f"no ratio is given at {positions_text}: under one of the blocks the stress is smaller than its own error"
+    for quantity, bounds in compute_errors(scene, film_readings).items():
+        exceeding = int((bounds > farthest.accuracy).sum())
+        if exceeding:
+            bound = f"{bounds.max():.2g}" if bounds.max() < 1 else "1 and more"
+            yield f"the error of {quantity} is up to {bound} at {exceeding} of {n} positions, more than the accuracy {farthest.accuracy:g}"
+    if film_readings.derivatives and scene.target is not None:
+        sensitivity = np.abs(film_readings.log_sensitivity)
+        is_worse = film_readings.resolved & (
+            film_readings.sensitivity_error > np.maximum(5 * farthest.accuracy * sensitivity, 1e-5)
+        )
+        if is_worse.any():
+            max_error = f"{film_readings.sensitivity_error[is_worse].max():.1g} (absolute)"
+            positions_text = f"{int(is_worse.sum())} of {n} positions"
+            yield f"the error of the log-sensitivity is up to {max_error} at {positions_text}, more than 5 times the accuracy"
 
 
-def errors(scene: Scene, answers: Readings) -> dict[str, Floats]:
+def compute_errors(scene: Scene, film_readings: Readings) -> dict[str, Floats]:
     """Return the relative error bounds of ratio, stiffness and, at a given indentation, stresses, shape (n,) each."""
     bounds = {
-        "the ratio": answers.error_estimate[answers.resolved],
-        "the stiffness": answers.bound.sum(axis=1) / np.abs(answers.stiffness),
+        "the ratio": film_readings.error_estimate[film_readings.resolved],
+        "the stiffness": film_readings.bound.sum(axis=1) / np.abs(film_readings.stiffness),
     }
     if scene.load.force is not None:  # the stresses add up to the force, so that the ratio's error bounds theirs
         return bounds
     with np.errstate(divide="ignore"):
-        return bounds | {"the stresses": (answers.bound / np.abs(answers.totals)).max(axis=1)}
+        return bounds | {"the stresses": (film_readings.bound / np.abs(film_readings.totals)).max(axis=1)}

@@ -14,18 +14,20 @@ import numpy as np
 
 from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import InputError
-from geometry.common.limits import most_mm
-from geometry.scenes.probe import mm
+from geometry.common.limits import format_maximum_mm
+from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Placement, Scene
-from geometry.scenes.units import SI
+from geometry.scenes.units import SI_CONTEXT
 from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed
 from solver.equivalent_inclusion.readings import Readings
 from solver.inclusions.tumours import Tumours
 
-NOT_SQUARE = 0.3  # of the effect of the sides between two positions: error of its interpolation with the square of the distance
-SPLITS = 3  # halvings of the positions for closer bounds: up to 8 solutions
-ENOUGH = 0.5  # of the accuracy: error bounds that need no further halving
+SQUARE_LAW_ERROR = (
+    0.3  # of the effect of the sides between two positions: error of its interpolation with the square of the distance
+)
+MAX_SPLITS = 3  # halvings of the positions for closer bounds: up to 8 solutions
+CLOSE_BOUND_FRACTION = 0.5  # of the accuracy: error bounds that need no further halving
 
 
 @dataclass(frozen=True)
@@ -40,95 +42,104 @@ class ScanLine:
     """
 
     scene: Scene
-    along: str
-    at: float
+    axis: str
+    offset: float
     accuracy: float
 
     @property
-    def across(self) -> str:
+    def cross_axis(self) -> str:
         """The other axis."""
-        return "y" if self.along == "x" else "x"
+        return "y" if self.axis == "x" else "x"
 
     @property
-    def limit(self) -> float:
+    def max_position(self) -> float:
         """Largest distance of the probe's axis from the tissue's middle along the line, m; 0 or less where none is allowed."""
         tissue, reach = self.scene.tissue, self.scene.probe.tube_radius
         if tissue.shape == "half-space":
             return math.inf
         if tissue.shape == "cylinder":
-            room = tissue.radius - reach
-            return math.sqrt(room**2 - self.at**2) if room > abs(self.at) else 0.0
-        length, breadth = (tissue.length, tissue.breadth) if self.along == "x" else (tissue.breadth, tissue.length)
-        return length / 2 - reach if abs(self.at) < breadth / 2 - reach else 0.0
+            max_distance = tissue.radius - reach
+            return math.sqrt(max_distance**2 - self.offset**2) if max_distance > abs(self.offset) else 0.0
+        length, breadth = (tissue.length, tissue.breadth) if self.axis == "x" else (tissue.breadth, tissue.length)
+        return length / 2 - reach if abs(self.offset) < breadth / 2 - reach else 0.0
 
-    def check(self, positions: Floats) -> None:
+    def check_positions(self, positions: Floats) -> None:
         """Raise ``InputError`` where the probe would leave the tissue."""
         if positions.ndim != 1 or not positions.size or not np.all(np.isfinite(positions)):
             raise InputError("position", "not all finite", "one or more finite positions, m")
-        most = self.limit * (1 - 1e-9)
-        why = f"the whole probe, of radius {mm(self.scene.probe.tube_radius)}, has to stand on the tissue"
-        if most <= 0:
-            widest = replace(self, along=self.across, at=0.0).limit
-            raise InputError("at", mm(self.at), f"less than {most_mm(widest)} from the tissue's middle ({why})")
+        max_position = self.max_position * (1 - 1e-9)
+        reason = f"the whole probe, of radius {format_mm(self.scene.probe.tube_radius)}, has to stand on the tissue"
+        if max_position <= 0:
+            max_offset = replace(self, axis=self.cross_axis, offset=0.0).max_position
+            raise InputError(
+                "at", format_mm(self.offset), f"less than {format_maximum_mm(max_offset)} from the tissue's middle ({reason})"
+            )
         for key, end in (("from", positions.min()), ("to", positions.max())):
-            if abs(end) >= most:
-                beside = f" at {self.across} = {mm(self.at)}" if self.at else ""
-                raise InputError(key, mm(end), f"positions between -{most_mm(most)} and {most_mm(most)}{beside} ({why})")
+            if abs(end) >= max_position:
+                offset_text = f" at {self.cross_axis} = {format_mm(self.offset)}" if self.offset else ""
+                raise InputError(
+                    key,
+                    format_mm(end),
+                    f"positions between -{format_maximum_mm(max_position)} and "
+                    f"{format_maximum_mm(max_position)}{offset_text} ({reason})",
+                )
 
-    def tumours(self, positions: Floats) -> Tumours:
+    def build_tumours(self, positions: Floats) -> Tumours:
         """Return the inclusions relative to each position of the probe, shape (n, inclusions)."""
-        keys = (self.along, self.across, "depth", "diameter", "youngs_modulus", "poisson_ratio")
+        keys = (self.axis, self.cross_axis, "depth", "diameter", "youngs_modulus", "poisson_ratio")
         table = {key: np.array([[getattr(body, key) for body in self.scene.inclusion]], dtype=float) for key in keys}
-        table[self.along] = table[self.along] - positions[:, None]
-        table[self.across] = table[self.across] - self.at
+        table[self.axis] = table[self.axis] - positions[:, None]
+        table[self.cross_axis] = table[self.cross_axis] - self.offset
         return Tumours(**table)
 
-    def prepared(self, position: float) -> Undisturbed:
+    def prepare(self, position: float) -> Undisturbed:
         """Solve the probe at a position on the tissue without tumours.
 
         Raises:
             Refusal: the evaluator cannot model the scene, or it is too extreme for double precision.
         """
-        return EquivalentInclusion().prepared(self._at(position), self.accuracy)
+        return EquivalentInclusion().prepare(self._build_scene(position), self.accuracy)
 
-    def alone(self, position: float) -> ProbeAlone:
+    def solve_alone(self, position: float) -> ProbeAlone:
         """Return only the film forces at a position without tumours.
 
         Raises:
             Refusal: see ``prepare``.
         """
-        return EquivalentInclusion().alone(self._at(position), self.accuracy)
+        return EquivalentInclusion().solve_alone(self._build_scene(position), self.accuracy)
 
-    def _at(self, position: float) -> Scene:
-        at = {self.along: abs(position), self.across: abs(self.at), "tilt": self.scene.placement.tilt}
-        placement = Placement.model_validate({key: float(value) for key, value in at.items()}, context=SI)
+    def _build_scene(self, position: float) -> Scene:
+        coordinates = {self.axis: abs(position), self.cross_axis: abs(self.offset), "tilt": self.scene.placement.tilt}
+        placement = Placement.model_validate({key: float(value) for key, value in coordinates.items()}, context=SI_CONTEXT)
         return self.scene.model_copy(update={"placement": placement})
 
-    def bounded(self, base: Undisturbed, answers: Readings, positions: Floats) -> Readings:
+    def add_bounds(self, base: Undisturbed, film_readings: Readings, positions: Floats) -> Readings:
         """Return readings that were computed with one ``base``, corrected for the tissue's sides at each position.
 
         The film forces without tumours are interpolated with the square of the distance from the tissue's middle, between that of
         ``base`` and the farthest position of each part; the error bounds are those of the farthest position.
         """
-        own, forces = answers.bound - base.films.bound.totals, answers.forces.copy()
-        bound, log_ratio = np.empty_like(answers.bound), np.empty_like(answers.log_ratio_bound)
+        tumour_bound, forces = film_readings.bound - base.films.bound.totals, film_readings.forces.copy()
+        bound, log_ratio = np.empty_like(film_readings.bound), np.empty_like(film_readings.log_ratio_bound)
         order = np.argsort(np.abs(positions))
-        near, away = positions[order[0]] ** 2, positions**2
-        for part, there in self._parts(positions, order, self.alone(positions[order[-1]]), SPLITS):
-            change, span = there.films.forces - base.films.forces, away[part].max() - near
-            share = (away[part] - near) / span if span > 0 else np.zeros(len(part))
-            forces[part] += share[:, None, None] * change
-            apart = NOT_SQUARE * np.abs(change.sum(axis=1))
-            bound[part], log_ratio[part] = there.with_bounds(own[part] + apart, forces[part])
-        return replace(answers, forces=forces, bound=bound, log_ratio_bound=log_ratio)
+        min_square, squares = positions[order[0]] ** 2, positions**2
+        for part, probe_alone in self._split_positions(positions, order, self.solve_alone(positions[order[-1]]), MAX_SPLITS):
+            change, span = probe_alone.films.forces - base.films.forces, squares[part].max() - min_square
+            fraction = (squares[part] - min_square) / span if span > 0 else np.zeros(len(part))
+            forces[part] += fraction[:, None, None] * change
+            law_error = SQUARE_LAW_ERROR * np.abs(change.sum(axis=1))
+            bound[part], log_ratio[part] = probe_alone.compute_bounds(tumour_bound[part] + law_error, forces[part])
+        return replace(film_readings, forces=forces, bound=bound, log_ratio_bound=log_ratio)
 
-    def _parts(self, positions: Floats, order: Ints, far: ProbeAlone, splits: int) -> list[tuple[Ints, ProbeAlone]]:
+    def _split_positions(
+        self, positions: Floats, order: Ints, farthest: ProbeAlone, splits: int
+    ) -> list[tuple[Ints, ProbeAlone]]:
         """Halve the positions, sorted by distance, until the error bounds at the farthest of each part are small enough."""
-        worst = max(far.films.ratio_error, far.films.relative_errors.max())
-        if worst <= ENOUGH * self.accuracy or splits == 0 or len(order) < 2:
-            return [(order, far)]
-        near, rest = order[: len(order) // 2], order[len(order) // 2 :]
+        worst = max(farthest.films.ratio_error, farthest.films.relative_errors.max())
+        if worst <= CLOSE_BOUND_FRACTION * self.accuracy or splits == 0 or len(order) < 2:
+            return [(order, farthest)]
+        inner, outer = order[: len(order) // 2], order[len(order) // 2 :]
         return [
-            *self._parts(positions, near, self.alone(positions[near[-1]]), splits - 1),
-            *self._parts(positions, rest, far, splits - 1),
+            *self._split_positions(positions, inner, self.solve_alone(positions[inner[-1]]), splits - 1),
+            *self._split_positions(positions, outer, farthest, splits - 1),
         ]

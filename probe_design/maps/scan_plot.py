@@ -11,16 +11,16 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Inclusion, Scene
 from probe_design.maps.scan import Column, Scan
-from probe_design.pictures.formats import check_format, save
+from probe_design.pictures.formats import check_format, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-MM = 1e3
-WIDTH, LEFT, RIGHT = 9.0, 0.95, 0.25  # of the figure and its margins, inches
-CURVE, SPACE, TOP, BOTTOM = 2.2, 0.22, 0.2, 0.6  # heights, inches
-TALLEST = 5.5  # section, inches
-TISSUE, STIFF, SOFT, INNER, OUTER = "#f6d9c4", "#a33b2e", "#3f7fb5", "#4d6f9a", "#8fb0d3"
+MM_PER_M = 1e3
+FIGURE_WIDTH_IN, LEFT_MARGIN_IN, RIGHT_MARGIN_IN = 9.0, 0.95, 0.25  # of the figure and its margins, inches
+CURVE_HEIGHT_IN, GAP_HEIGHT_IN, TOP_MARGIN_IN, BOTTOM_MARGIN_IN = 2.2, 0.22, 0.2, 0.6  # heights, inches
+MAX_SECTION_HEIGHT_IN = 5.5  # section, inches
+TISSUE_COLOUR, STIFF_COLOUR, SOFT_COLOUR, INNER_COLOUR, OUTER_COLOUR = "#f6d9c4", "#a33b2e", "#3f7fb5", "#4d6f9a", "#8fb0d3"
 
 
 def plot(scan: Scan, scene: Scene, path: Path) -> Path:
@@ -31,80 +31,90 @@ def plot(scan: Scan, scene: Scene, path: Path) -> Path:
         OSError: the file cannot be written.
     """
     check_format(path)
-    return save(figure_of(scan, scene), path)
+    return save_figure(draw_figure(scan, scene), path)
 
 
-def figure_of(scan: Scan, scene: Scene) -> Figure:
+def draw_figure(scan: Scan, scene: Scene) -> Figure:
     """Draw a scan of a scene; return the figure."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    low, high, deep = _window(scan, scene)
-    room = WIDTH - LEFT - RIGHT
-    above = max(scene.probe.core_height, scene.probe.tube_height) * MM * 1.25
-    section = (deep + above) * room / (high - low)
-    heights = [CURVE, CURVE, section]
-    tall = BOTTOM + TOP + sum(heights) + 2 * SPACE
-    figure = Figure(figsize=(WIDTH, tall), dpi=130, facecolor="white")
+    low, high, depth = _choose_window(scan, scene)
+    axes_width = FIGURE_WIDTH_IN - LEFT_MARGIN_IN - RIGHT_MARGIN_IN
+    height_above = max(scene.probe.core_height, scene.probe.tube_height) * MM_PER_M * 1.25
+    section_height = (depth + height_above) * axes_width / (high - low)
+    heights = [CURVE_HEIGHT_IN, CURVE_HEIGHT_IN, section_height]
+    figure_height = BOTTOM_MARGIN_IN + TOP_MARGIN_IN + sum(heights) + 2 * GAP_HEIGHT_IN
+    figure = Figure(figsize=(FIGURE_WIDTH_IN, figure_height), dpi=130, facecolor="white")
     FigureCanvasAgg(figure)
-    base, axes = BOTTOM, []
+    base, axes = BOTTOM_MARGIN_IN, []
     for height in reversed(heights):
-        axes.append(figure.add_axes((LEFT / WIDTH, base / tall, room / WIDTH, height / tall)))
-        base += height + SPACE
-    below, middle, top = axes
-    _ratio(top, scan)
-    _second(middle, scan)
-    _section(below, scan, scene, deep)
-    below.set(xlim=(low, high), ylim=(-deep, above))
-    shown = _shown(scan) * MM
-    for one in (top, middle):
-        one.set(xlim=(low, high))
-        one.tick_params(labelbottom=False)
-        one.grid(alpha=0.3)
-        one.axvline(shown, color="0.5", linestyle="--", linewidth=0.8)
-    across = "y" if scan.along == "x" else "x"
-    top.set_title(
-        f"{scan.evaluator}: {len(scan.position)} positions along {scan.along} at {across} = {scan.at * MM:.4g} mm "
+        axes.append(
+            figure.add_axes(
+                (LEFT_MARGIN_IN / FIGURE_WIDTH_IN, base / figure_height, axes_width / FIGURE_WIDTH_IN, height / figure_height)
+            )
+        )
+        base += height + GAP_HEIGHT_IN
+    section_axes, middle_axes, ratio_axes = axes
+    _plot_ratio(ratio_axes, scan)
+    _plot_second_curve(middle_axes, scan)
+    _draw_section(section_axes, scan, scene, depth)
+    section_axes.set(xlim=(low, high), ylim=(-depth, height_above))
+    probe_position = _choose_probe_position(scan) * MM_PER_M
+    for curve_axes in (ratio_axes, middle_axes):
+        curve_axes.set(xlim=(low, high))
+        curve_axes.tick_params(labelbottom=False)
+        curve_axes.grid(alpha=0.3)
+        curve_axes.axvline(probe_position, color="0.5", linestyle="--", linewidth=0.8)
+    cross_axis = "y" if scan.along == "x" else "x"
+    ratio_axes.set_title(
+        f"{scan.evaluator}: {len(scan.position)} positions along {scan.along} at {cross_axis} = {scan.at * MM_PER_M:.4g} mm "
         f"in {scan.seconds:.2g} s",
         fontsize=10,
     )
-    top.legend(loc="best", fontsize=8)
+    ratio_axes.legend(loc="best", fontsize=8)
     return figure
 
 
-def _window(scan: Scan, scene: Scene) -> tuple[float, float, float]:
+def _choose_window(scan: Scan, scene: Scene) -> tuple[float, float, float]:
     """Return lower and upper end of the picture along the line, and its depth, mm."""
     reach = scene.probe.tube_radius
     low, high = min(scan.position) - 1.15 * reach, max(scan.position) + 1.15 * reach
-    bodies = [body for body in scene.inclusion if low < getattr(body, scan.along) + _radius(body) and _left(body, scan) < high]
-    deep = max([2 * reach, *(1.15 * (body.depth + _radius(body)) for body in bodies)])
+    bodies = [
+        body
+        for body in scene.inclusion
+        if low < getattr(body, scan.along) + _get_radius(body) and _get_left_end(body, scan) < high
+    ]
+    depth = max([2 * reach, *(1.15 * (body.depth + _get_radius(body)) for body in bodies)])
     if scene.tissue.shape != "half-space":
-        deep = min(deep, 1.03 * scene.tissue.depth)
-    least = deep * (WIDTH - LEFT - RIGHT) / TALLEST  # a wider window where the section would become too tall
-    extra = max(0.0, least - (high - low)) / 2
-    return (low - extra) * MM, (high + extra) * MM, deep * MM
+        depth = min(depth, 1.03 * scene.tissue.depth)
+    min_width = (
+        depth * (FIGURE_WIDTH_IN - LEFT_MARGIN_IN - RIGHT_MARGIN_IN) / MAX_SECTION_HEIGHT_IN
+    )  # a wider window where the section would become too tall
+    extra = max(0.0, min_width - (high - low)) / 2
+    return (low - extra) * MM_PER_M, (high + extra) * MM_PER_M, depth * MM_PER_M
 
 
-def _radius(body: Inclusion) -> float:
+def _get_radius(body: Inclusion) -> float:
     return (body.diameter or 0.0) / 2
 
 
-def _left(body: Inclusion, scan: Scan) -> float:
-    return float(getattr(body, scan.along)) - _radius(body)
+def _get_left_end(body: Inclusion, scan: Scan) -> float:
+    return float(getattr(body, scan.along)) - _get_radius(body)
 
 
-def _shown(scan: Scan) -> float:
+def _choose_probe_position(scan: Scan) -> float:
     """Return the position at which the probe is drawn: where inclusions change the ratio most."""
-    ratio = _numbers(scan.ratio)
-    usual = np.nan if scan.ratio_without is None else scan.ratio_without
-    change = np.abs(ratio - usual)
-    if not np.any(change > 1e-9 * np.abs(usual)):
+    ratio = _replace_none(scan.ratio)
+    ratio_without = np.nan if scan.ratio_without is None else scan.ratio_without
+    change = np.abs(ratio - ratio_without)
+    if not np.any(change > 1e-9 * np.abs(ratio_without)):
         return scan.position[len(scan.position) // 2]
     return scan.position[int(np.nanargmax(change))]
 
 
-def _ratio(axes: Any, scan: Scan) -> None:
-    x, ratio, error = np.array(scan.position) * MM, _numbers(scan.ratio), _numbers(scan.error_estimate)
+def _plot_ratio(axes: Any, scan: Scan) -> None:
+    x, ratio, error = np.array(scan.position) * MM_PER_M, _replace_none(scan.ratio), _replace_none(scan.error_estimate)
     axes.plot(x, ratio, color="tab:blue", marker="." if len(x) < 60 else None, label="with inclusions")
     band = np.abs(ratio) * np.minimum(error, 1.0)
     axes.fill_between(x, ratio - band, ratio + band, color="tab:blue", alpha=0.2, linewidth=0, label="bound on the error")
@@ -120,10 +130,10 @@ def _ratio(axes: Any, scan: Scan) -> None:
     axes.set_ylabel("ratio of inner to\nouter film stress")
 
 
-def _second(axes: Any, scan: Scan) -> None:
+def _plot_second_curve(axes: Any, scan: Scan) -> None:
     """Plot the log-sensitivity if there is a target, else the stiffness."""
-    x = np.array(scan.position) * MM
-    sensitivity = _numbers(scan.log_sensitivity)
+    x = np.array(scan.position) * MM_PER_M
+    sensitivity = _replace_none(scan.log_sensitivity)
     if np.any(np.isfinite(sensitivity)):
         axes.plot(x, sensitivity, color="tab:orange", marker="." if len(x) < 60 else None)
         axes.axhline(0.0, color="0.7", linewidth=0.8)
@@ -137,35 +147,40 @@ def _second(axes: Any, scan: Scan) -> None:
     axes.set_ylabel("stiffness, N/m\n(force per indentation)")
 
 
-def _section(axes: Any, scan: Scan, scene: Scene, deep: float) -> None:
+def _draw_section(axes: Any, scan: Scan, scene: Scene, depth: float) -> None:
     from matplotlib.patches import Circle, Rectangle
 
-    left, right = _sides(scan, scene, 10 * deep + 1e3)
-    floor = min(deep, math.inf if scene.tissue.shape == "half-space" else scene.tissue.depth * MM)
-    axes.add_patch(Rectangle((left, -floor), right - left, floor, facecolor=TISSUE, edgecolor="none"))
+    left, right = _find_sides(scan, scene, 10 * depth + 1e3)
+    floor = min(depth, math.inf if scene.tissue.shape == "half-space" else scene.tissue.depth * MM_PER_M)
+    axes.add_patch(Rectangle((left, -floor), right - left, floor, facecolor=TISSUE_COLOUR, edgecolor="none"))
     axes.plot([left, left, right, right], [-floor, 0, 0, -floor], color="0.35", linewidth=1.0)
-    if floor < deep:
-        axes.axhspan(-deep, -floor, facecolor="0.75", hatch="///", edgecolor="0.5", linewidth=0)
-    across = "y" if scan.along == "x" else "x"
-    nearest = sorted(scene.inclusion, key=lambda body: -abs(getattr(body, across) - scan.at))
-    for body in nearest:
-        colour = STIFF if body.youngs_modulus >= scene.tissue.material_at(body.depth).youngs_modulus else SOFT
-        centre, beside = (getattr(body, scan.along) * MM, -body.depth * MM), abs(getattr(body, across) - scan.at)
-        radius = _radius(body)
+    if floor < depth:
+        axes.axhspan(-depth, -floor, facecolor="0.75", hatch="///", edgecolor="0.5", linewidth=0)
+    cross_axis = "y" if scan.along == "x" else "x"
+    sorted_bodies = sorted(scene.inclusion, key=lambda body: -abs(getattr(body, cross_axis) - scan.at))
+    for body in sorted_bodies:
+        colour = STIFF_COLOUR if body.youngs_modulus >= scene.tissue.find_material(body.depth).youngs_modulus else SOFT_COLOUR
+        centre, lateral_offset = (
+            (getattr(body, scan.along) * MM_PER_M, -body.depth * MM_PER_M),
+            abs(getattr(body, cross_axis) - scan.at),
+        )
+        radius = _get_radius(body)
         is_target = scene.target is not None and body is scene.inclusion[scene.target]
         edge = {"edgecolor": colour, "linewidth": 1.6 if is_target else 0.9}
-        axes.add_patch(Circle(centre, radius * MM, facecolor="none", linestyle="-" if beside == 0 else "--", **edge))
-        if beside < radius:
-            cut = math.sqrt(radius**2 - beside**2) * MM
+        axes.add_patch(
+            Circle(centre, radius * MM_PER_M, facecolor="none", linestyle="-" if lateral_offset == 0 else "--", **edge)
+        )
+        if lateral_offset < radius:
+            cut = math.sqrt(radius**2 - lateral_offset**2) * MM_PER_M
             axes.add_patch(Circle(centre, cut, facecolor=colour, alpha=0.55, edgecolor="none"))
-        _name(axes, centre, radius * MM, _label(body, beside, is_target), colour)
-    _probe(axes, scene, _shown(scan) * MM)
+        _write_label(axes, centre, radius * MM_PER_M, _describe_body(body, lateral_offset, is_target), colour)
+    _draw_probe(axes, scene, _choose_probe_position(scan) * MM_PER_M)
     axes.set_xlabel(f"position along {scan.along}, mm")
     axes.set_ylabel("depth, mm (true to scale)")
     axes.yaxis.set_major_formatter(lambda height, _: f"{abs(height):g}" if height < 1e-9 else "")
 
 
-def _name(axes: Any, centre: tuple[float, float], radius: float, text: str, colour: str) -> None:
+def _write_label(axes: Any, centre: tuple[float, float], radius: float, text: str, colour: str) -> None:
     white = {"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.8}
     axes.annotate(
         text, (centre[0], centre[1] - radius), xytext=(0, -3), textcoords="offset points", ha="center", va="top", fontsize=8,
@@ -173,37 +188,37 @@ def _name(axes: Any, centre: tuple[float, float], radius: float, text: str, colo
     )  # fmt: skip
 
 
-def _label(body: Inclusion, beside: float, is_target: bool) -> str:
+def _describe_body(body: Inclusion, lateral_offset: float, is_target: bool) -> str:
     modulus, unit = (body.youngs_modulus / 1e3, "kPa") if body.youngs_modulus < 1e6 else (body.youngs_modulus / 1e6, "MPa")
     text = f"{modulus:.3g} {unit}"
     if is_target:
         text += ", target"
-    return text if beside == 0 else f"{text}, {beside * MM:.3g} mm off the line"
+    return text if lateral_offset == 0 else f"{text}, {lateral_offset * MM_PER_M:.3g} mm off the line"
 
 
-def _sides(scan: Scan, scene: Scene, far: float) -> tuple[float, float]:
+def _find_sides(scan: Scan, scene: Scene, far_side: float) -> tuple[float, float]:
     """Return the coordinates along the line at which it leaves the tissue, mm."""
     tissue = scene.tissue
     if tissue.shape == "cylinder":
-        half = math.sqrt(tissue.radius**2 - scan.at**2) * MM
+        half = math.sqrt(tissue.radius**2 - scan.at**2) * MM_PER_M
     elif tissue.shape == "block":
-        half = (tissue.length if scan.along == "x" else tissue.breadth) / 2 * MM
+        half = (tissue.length if scan.along == "x" else tissue.breadth) / 2 * MM_PER_M
     else:
-        half = far
+        half = far_side
     return -half, half
 
 
-def _probe(axes: Any, scene: Scene, at: float) -> None:
+def _draw_probe(axes: Any, scene: Scene, position: float) -> None:
     from matplotlib.patches import Rectangle
 
     probe = scene.probe
-    inner, hole, outer = (radius * MM for radius in (probe.inner_radius, probe.hole_radius, probe.tube_radius))
+    inner, hole, outer = (radius * MM_PER_M for radius in (probe.inner_radius, probe.hole_radius, probe.tube_radius))
     edge = {"edgecolor": "0.2", "linewidth": 0.6, "zorder": 6}
-    for start in (at - outer, at + hole):
-        axes.add_patch(Rectangle((start, 0), outer - hole, probe.tube_height * MM, facecolor=OUTER, **edge))
-    axes.add_patch(Rectangle((at - inner, 0), 2 * inner, probe.core_height * MM, facecolor=INNER, **edge))
-    axes.axvline(at, color="0.5", linestyle="--", linewidth=0.8)
+    for start in (position - outer, position + hole):
+        axes.add_patch(Rectangle((start, 0), outer - hole, probe.tube_height * MM_PER_M, facecolor=OUTER_COLOUR, **edge))
+    axes.add_patch(Rectangle((position - inner, 0), 2 * inner, probe.core_height * MM_PER_M, facecolor=INNER_COLOUR, **edge))
+    axes.axvline(position, color="0.5", linestyle="--", linewidth=0.8)
 
 
-def _numbers(values: Column) -> Floats:
+def _replace_none(values: Column) -> Floats:
     return np.array([np.nan if value is None else value for value in values])

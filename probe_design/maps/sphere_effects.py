@@ -20,13 +20,15 @@ import numpy as np
 
 from geometry.common.arrays import Bools, Floats, Ints
 from geometry.common.errors import InputError
-from probe_design.data.noise import NOISE, RESOLVED, checked_noise
+from probe_design.data.noise import DEFAULT_NOISE, MAX_RESOLVED_LOG_SD, check_noise
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.equivalent_inclusion.readings import Readings
 from solver.planning.load_check import LoadChanges
 
-MOST = 1e6  # upper limit of thresholds
-CHANGES = 2.0  # error of a tumour's effect dF over that of the base states: dF is quadratic in their strains, F_0 linear
+MAX_THRESHOLD = 1e6  # upper limit of thresholds
+BASE_ERROR_FACTOR = (
+    2.0  # error of a tumour's effect dF over that of the base states: dF is quadratic in their strains, F_0 linear
+)
 
 
 @dataclass(frozen=True)
@@ -39,22 +41,22 @@ class Thresholds:
         resolved: standard deviation of ln E_object up to which its stiffness is resolved.
     """
 
-    noise: float = NOISE
+    noise: float = DEFAULT_NOISE
     seen: float = 3.0
-    resolved: float = RESOLVED
+    resolved: float = MAX_RESOLVED_LOG_SD
 
     @property
-    def change(self) -> float:
+    def min_change(self) -> float:
         """Smallest detected change of the ratio, relative."""
         return self.seen * self.noise
 
     def __post_init__(self) -> None:
         """Raise ``InputError`` for thresholds that are not allowed."""
-        checked_noise(self.noise)
+        check_noise(self.noise)
         for name in ("seen", "resolved"):
             value = getattr(self, name)
-            if not 0 < value < MOST:
-                raise InputError(name, value, f"a number above 0 and below {MOST:g}")
+            if not 0 < value < MAX_THRESHOLD:
+                raise InputError(name, value, f"a number above 0 and below {MAX_THRESHOLD:g}")
 
 
 @dataclass(frozen=True)
@@ -75,7 +77,7 @@ class SphereEffects:
     sensitivity_error: Floats
     stiffness: Floats
 
-    def loaded(self, load: LoadChanges) -> SphereEffects:
+    def add_load_changes(self, load: LoadChanges) -> SphereEffects:
         """Return the effects with error bounds that count the load's effect on R, R_0 and S."""
         ratio, slope = load.ratio[:-1], load.log_sensitivity[:-1]
         factor = (1 + ratio) * (1 + load.ratio[-1])
@@ -83,11 +85,11 @@ class SphereEffects:
         sensitivity_error = self.sensitivity_error * (1 + slope) + np.abs(self.sensitivity) * slope
         return replace(self, error=error, sensitivity_error=sensitivity_error)
 
-    def replaced(self, which: Ints, others: SphereEffects) -> SphereEffects:
+    def replace_rows(self, rows: Ints, replacements: SphereEffects) -> SphereEffects:
         """Return the effects with some rows replaced."""
         table = {field.name: getattr(self, field.name).copy() for field in fields(self)}
         for key, values in table.items():
-            values[which] = getattr(others, key)
+            values[rows] = getattr(replacements, key)
         return SphereEffects(**table)
 
     @property
@@ -95,47 +97,54 @@ class SphereEffects:
         """Whether the change is above its error bound."""
         return np.asarray(self.error < np.abs(self.change))
 
-    def seen(self, limits: Thresholds) -> Floats:
+    def decide_detection(self, thresholds: Thresholds) -> Floats:
         """Return whether each sphere is detected: 1, 0, or NaN where the error leaves it open."""
-        return _verdict(np.abs(self.change), self.error, limits.change)
+        return _decide(np.abs(self.change), self.error, thresholds.min_change)
 
-    def resolved(self, limits: Thresholds) -> Floats:
+    def decide_resolution(self, thresholds: Thresholds) -> Floats:
         """Return whether each sphere is resolved, likewise; sd <= resolved is equivalent to |S| >= noise / resolved."""
-        return _verdict(np.abs(self.sensitivity), self.sensitivity_error, limits.noise / limits.resolved)
+        return _decide(np.abs(self.sensitivity), self.sensitivity_error, thresholds.noise / thresholds.resolved)
 
-    def open(self, limits: Thresholds) -> Bools:
+    def find_open(self, thresholds: Thresholds) -> Bools:
         """Return whether one of both verdicts is open."""
-        return np.asarray(np.isnan(self.seen(limits)) | np.isnan(self.resolved(limits)))
+        return np.asarray(np.isnan(self.decide_detection(thresholds)) | np.isnan(self.decide_resolution(thresholds)))
 
 
-def _verdict(value: Floats, error: Floats, threshold: float) -> Floats:
+def _decide(value: Floats, error: Floats, threshold: float) -> Floats:
     """Return 1 where values reach the threshold for every error within the bound, 0 where for none, else NaN."""
     return np.where(value - error >= threshold, 1.0, np.where(value + error < threshold, 0.0, np.nan))
 
 
-def effects_of(base: Undisturbed, together: Readings, alone: Readings) -> SphereEffects:
+def compute_effects(base: Undisturbed, readings_with: Readings, readings_without: Readings) -> SphereEffects:
     """Return the effects of spheres from the readings with and without them."""
-    has_ratio = np.asarray(together.resolved & alone.resolved)
-    change = np.where(has_ratio, together.ratio / np.where(alone.resolved, alone.ratio, 1.0) - 1, 0.0)
-    error = np.where(has_ratio, np.abs(1 + change) * np.expm1(np.minimum(_log_error(base, together, alone), 700.0)), np.inf)
+    has_ratio = np.asarray(readings_with.resolved & readings_without.resolved)
+    change = np.where(has_ratio, readings_with.ratio / np.where(readings_without.resolved, readings_without.ratio, 1.0) - 1, 0.0)
+    error = np.where(
+        has_ratio,
+        np.abs(1 + change) * np.expm1(np.minimum(_bound_log_error(base, readings_with, readings_without), 700.0)),
+        np.inf,
+    )
     return SphereEffects(
         has_ratio,
         change,
         error,
-        together.log_sensitivity,
-        np.where(has_ratio, together.sensitivity_error, np.inf),
-        together.stiffness,
+        readings_with.log_sensitivity,
+        np.where(has_ratio, readings_with.sensitivity_error, np.inf),
+        readings_with.stiffness,
     )
 
 
-def _log_error(base: Undisturbed, together: Readings, alone: Readings) -> Floats:
+def _bound_log_error(base: Undisturbed, readings_with: Readings, readings_without: Readings) -> Floats:
     """Return a bound on the error of ln(R / R_0), shape (n,).
 
     It counts the error of the tumours' fields, and that of the base states in dF / F_0, with F_0 the film forces without the
     target and dF their change; otherwise the errors of the base states cancel in R / R_0.
     """
     films = base.films
-    own = sum(np.abs((one.bound - films.bound.totals) / one.totals) for one in (together, alone))
-    effect = np.abs((together.totals - alone.totals) / together.totals)
-    share = np.minimum(own + CHANGES * films.relative_errors * effect, 0.999999)
-    return np.asarray(-np.log1p(-share).sum(axis=1))
+    tumour_error = sum(
+        np.abs((film_readings.bound - films.bound.totals) / film_readings.totals)
+        for film_readings in (readings_with, readings_without)
+    )
+    effect = np.abs((readings_with.totals - readings_without.totals) / readings_with.totals)
+    relative_error = np.minimum(tumour_error + BASE_ERROR_FACTOR * films.relative_errors * effect, 0.999999)
+    return np.asarray(-np.log1p(-relative_error).sum(axis=1))

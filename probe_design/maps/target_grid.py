@@ -9,16 +9,19 @@ import numpy as np
 
 from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import InputError, Refusal, Words
-from geometry.common.limits import least_mm
-from geometry.scenes.probe import LENGTH, mm
+from geometry.common.limits import format_minimum_mm
+from geometry.scenes.probe import LENGTH_QUANTITY, format_mm
 from geometry.scenes.scene import Inclusion, Scene
 from solver.inclusions.tumours import Tumours
 
-COVER = 0.025  # of the diameter: thinnest tissue between a sphere and a face for which the evaluator is accurate
-CLEAR = 1 - 1e-9  # of the free distance: largest radius of a sphere
-DEEP, WIDE = 4.0, 2.5  # outer radii: ranges of depth and diameter unless the scene's tumour needs more
-OWN = 1.5  # times the scene's depth and diameter: smallest ranges
-LINES = 50  # largest over smallest depth and diameter
+MIN_COVER_FRACTION = 0.025  # of the diameter: thinnest tissue between a sphere and a face for which the evaluator is accurate
+MAX_FILL_FRACTION = 1 - 1e-9  # of the free distance: largest radius of a sphere
+DEPTH_RANGE_RADII, DIAMETER_RANGE_RADII = (
+    4.0,
+    2.5,
+)  # outer radii: ranges of depth and diameter unless the scene's tumour needs more
+SCENE_SIZE_FACTOR = 1.5  # times the scene's depth and diameter: smallest ranges
+RANGE_DIVISOR = 50  # largest over smallest depth and diameter
 
 
 @dataclass(frozen=True)
@@ -49,54 +52,54 @@ class Spheres:
     @cached_property
     def fits(self) -> Bools:
         """Whether each sphere lies within one layer, below enough tissue, and apart from other inclusions; shape (k, m)."""
-        body, tissue, at, depth = target_of(self.scene), self.scene.tissue, self.scene.placement, self.depth
-        beside = self.radius - np.hypot(body.x - at.x, body.y - at.y)
+        body, tissue, placement, depth = find_target(self.scene), self.scene.tissue, self.scene.placement, self.depth
+        side_distance = self.radius - np.hypot(body.x - placement.x, body.y - placement.y)
         if tissue.shape == "cylinder":
-            beside = min(beside, tissue.radius - np.hypot(body.x, body.y))
+            side_distance = min(side_distance, tissue.radius - np.hypot(body.x, body.y))
         elif tissue.shape == "block":
-            beside = min(beside, tissue.length / 2 - abs(body.x), tissue.breadth / 2 - abs(body.y))
-        free = np.minimum(depth, beside)
+            side_distance = min(side_distance, tissue.length / 2 - abs(body.x), tissue.breadth / 2 - abs(body.y))
+        free_radius = np.minimum(depth, side_distance)
         if tissue.shape != "half-space":
-            free = np.minimum(free, tissue.depth - depth)
-        for other in others(self.scene):
-            apart = np.sqrt((other.x - body.x) ** 2 + (other.y - body.y) ** 2 + (other.depth - depth) ** 2)
-            free = np.minimum(free, apart - (other.diameter or 0.0) / 2)
-        radius, covered = self.diameter / 2, [np.abs(depth - interface) for interface in (0.0, *tissue.interfaces)]
-        cover = np.min(covered, axis=0)[:, None] - radius
-        return np.asarray((radius < free[:, None] * CLEAR) & (cover >= COVER * self.diameter))
+            free_radius = np.minimum(free_radius, tissue.depth - depth)
+        for neighbour in list_other_inclusions(self.scene):
+            distance = np.sqrt((neighbour.x - body.x) ** 2 + (neighbour.y - body.y) ** 2 + (neighbour.depth - depth) ** 2)
+            free_radius = np.minimum(free_radius, distance - (neighbour.diameter or 0.0) / 2)
+        radius, face_distances = self.diameter / 2, [np.abs(depth - interface) for interface in (0.0, *tissue.interfaces)]
+        cover = np.min(face_distances, axis=0)[:, None] - radius
+        return np.asarray((radius < free_radius[:, None] * MAX_FILL_FRACTION) & (cover >= MIN_COVER_FRACTION * self.diameter))
 
     @property
     def tumours(self) -> Tumours:
         """The inclusions of the scene with those that fit in the target's place, shape (fits.sum(), inclusions)."""
         row, column = np.nonzero(self.fits)
-        now, target = Tumours.of(self.scene), self.scene.target
-        table = {field.name: np.repeat(getattr(now, field.name), len(row), axis=0) for field in fields(now)}
+        scene_tumours, target = Tumours.from_scene(self.scene), self.scene.target
+        table = {field.name: np.repeat(getattr(scene_tumours, field.name), len(row), axis=0) for field in fields(scene_tumours)}
         table["depth"][:, target], table["diameter"][:, target] = self.depth[row], self.diameter[column]
         return Tumours(**table)
 
     @property
-    def without(self) -> Tumours:
+    def other_tumours(self) -> Tumours:
         """The inclusions of the scene without the target, shape (1, inclusions - 1)."""
         keep = [index for index in range(len(self.scene.inclusion)) if index != self.scene.target]
-        return Tumours.of(self.scene).of_index((slice(None), keep))
+        return Tumours.from_scene(self.scene).select((slice(None), keep))
 
 
-def check_spheres(scene: Scene, verb: str) -> None:
+def check_spheres(scene: Scene, command: str) -> None:
     """Raise ``Refusal`` where an inclusion is no sphere; ``command`` is named in the message."""
     for index, body in enumerate(scene.inclusion):
         if body.diameter is None:
             shape = Words("diameters" if body.diameters is not None else "surface")
             raise Refusal(
-                f"inclusion[{index}]", shape, f"a diameter, as {verb} is built for spheres so far (evaluate takes ellipsoids)"
+                f"inclusion[{index}]", shape, f"a diameter, as {command} is built for spheres so far (evaluate takes ellipsoids)"
             )
 
 
-def others(scene: Scene) -> list[Inclusion]:
+def list_other_inclusions(scene: Scene) -> list[Inclusion]:
     """Return all inclusions but the target."""
     return [body for index, body in enumerate(scene.inclusion) if index != scene.target]
 
 
-def target_of(scene: Scene) -> Inclusion:
+def find_target(scene: Scene) -> Inclusion:
     """Return the target inclusion.
 
     Raises:
@@ -109,7 +112,7 @@ def target_of(scene: Scene) -> Inclusion:
     return scene.inclusion[scene.target]
 
 
-def chosen_sizes(
+def choose_sizes(
     scene: Scene, points: int, *, depth_from: float | None = None, depth_to: float | None = None,
     diameter_from: float | None = None, diameter_to: float | None = None,
 ) -> tuple[Floats, Floats]:  # fmt: skip
@@ -118,18 +121,18 @@ def chosen_sizes(
     Raises:
         InputError: an end is not above the other; no target.
     """
-    body, reach = target_of(scene), scene.probe.tube_radius
-    floor = LENGTH.high if scene.tissue.shape == "half-space" else scene.tissue.depth
-    deepest = min(floor, max(DEEP * reach, OWN * body.depth))
-    widest = min(floor, max(WIDE * reach, OWN * (body.diameter or 0.0)))
-    depths = _between("depth", depth_from, depth_to, deepest, points)
-    return depths, _between("diameter", diameter_from, diameter_to, widest, points)
+    body, reach = find_target(scene), scene.probe.tube_radius
+    max_length = LENGTH_QUANTITY.high if scene.tissue.shape == "half-space" else scene.tissue.depth
+    max_depth = min(max_length, max(DEPTH_RANGE_RADII * reach, SCENE_SIZE_FACTOR * body.depth))
+    max_diameter = min(max_length, max(DIAMETER_RANGE_RADII * reach, SCENE_SIZE_FACTOR * (body.diameter or 0.0)))
+    depths = _space_sizes("depth", depth_from, depth_to, max_depth, points)
+    return depths, _space_sizes("diameter", diameter_from, diameter_to, max_diameter, points)
 
 
-def _between(key: str, low: float | None, high: float | None, usual: float, points: int) -> Floats:
+def _space_sizes(key: str, low: float | None, high: float | None, default_last: float, points: int) -> Floats:
     """Return evenly spaced sizes, m; missing ends are chosen from the default of the upper one."""
-    last = max(usual, 2 * (low or 0.0)) if high is None else high
-    first = last / LINES if low is None else low
+    last = max(default_last, 2 * (low or 0.0)) if high is None else high
+    first = last / RANGE_DIVISOR if low is None else low
     if not first < last:
-        raise InputError(f"{key}-to", mm(last), f"above {key}-from = {least_mm(first)}")
+        raise InputError(f"{key}-to", format_mm(last), f"above {key}-from = {format_minimum_mm(first)}")
     return np.linspace(first, last, points)

@@ -8,17 +8,17 @@ from dataclasses import replace
 from pathlib import Path
 
 from hw.common.errors import HardwareError, InvalidSource
-from hw.common.samples import Samples, joined
+from hw.common.samples import Samples, join_samples
 from hw.reader import Reader
 from hw.signal.measure import Losses
 from hw.signal.running import RunningFit
 
-EVERY = 0.5  # s of samples between two displays, at least
-SELDOM = 5.0  # s added while samples wait, so that a display does not delay the fit
-SHARE = 0.05  # of the elapsed time between two displays: about a hundred in an hour
+SHOW_INTERVAL_S = 0.5  # s of samples between two displays, at least
+BEHIND_INTERVAL_S = 5.0  # s added while samples wait, so that a display does not delay the fit
+SHOW_INTERVAL_SHARE = 0.05  # of the elapsed time between two displays: about a hundred in an hour
 
 
-def collected(
+def fit_reading(
     reader: Reader,
     seconds: float | None,
     record: Path | None,
@@ -43,7 +43,7 @@ def collected(
         OSError: of the recording.
     """
     recent: list[Samples] = []
-    shown = 0.0
+    last_shown = 0.0
     with closing(reader.blocks(seconds, record)) as blocks:  # type: ignore[type-var]
         for block in blocks:
             running.add(block)
@@ -53,22 +53,22 @@ def collected(
             while recent[0].index[-1] < block.index[-1] - last * block.rate:
                 recent.pop(0)
             now = (int(block.index[-1]) + 1) / block.rate
-            due = shown + max(EVERY, SHARE * now)
-            if now >= due + (SELDOM if reader.behind else 0.0):
-                shown = now
-                _shown(show, window(joined(recent), last))
+            due = last_shown + max(SHOW_INTERVAL_S, SHOW_INTERVAL_SHARE * now)
+            if now >= due + (BEHIND_INTERVAL_S if reader.is_behind else 0.0):
+                last_shown = now
+                _try_show(show, select_last(join_samples(recent), last))
     if not recent:
         raise InvalidSource("no samples: is the recording empty?")
     running.losses += Losses(notes=recent[-1].notes)  # closing may add a note on the recording
 
 
-def window(samples: Samples, seconds: float) -> Samples:
+def select_last(samples: Samples, seconds: float) -> Samples:
     """Return the samples of the last ``seconds``."""
     rows = samples.index > samples.index[-1] - seconds * samples.rate
     return replace(samples, index=samples.index[rows], volts=samples.volts[rows], saturated=samples.saturated[rows])
 
 
-def _shown(show: Callable[[Samples], None], samples: Samples) -> None:
+def _try_show(show: Callable[[Samples], None], samples: Samples) -> None:
     try:
         show(samples)
     except HardwareError:  # too few periods of the load yet; faults are raised at the end

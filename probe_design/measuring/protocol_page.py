@@ -12,20 +12,20 @@ from pathlib import Path
 from typing import Any
 
 from geometry.cad import fixture
-from geometry.cad.drawing import outlines
-from geometry.cad.solids import COLOURS
-from geometry.provenance.texts import picture_metadata
-from geometry.scenes.probe import Probe, mm
+from geometry.cad.drawing import section_outlines
+from geometry.cad.solids import PART_COLOURS
+from geometry.provenance.texts import build_picture_metadata
+from geometry.scenes.probe import Probe, format_mm
 from geometry.scenes.scene import Scene
 from probe_design.built_probe.bench import Bench
-from probe_design.built_probe.block_predictions import LINEAR, inner_shares, predicted
+from probe_design.built_probe.block_predictions import LINEARITY_ACCURACY, compute_inner_shares, predict_blocks
 from probe_design.built_probe.load_checks import SAFE_SHARE
-from probe_design.built_probe.virtual_probe import charge_per_force
-from solver.planning.load_limits import largest
+from probe_design.built_probe.virtual_probe import compute_charge_per_force
+from solver.planning.load_limits import find_largest_load
 
-NAME = "calibration.pdf"
-SHEET = (8.27, 11.69)  # inches: A4
-MOST_ROWS = 20  # references that fit on the page
+PAGE_NAME = "calibration.pdf"
+SHEET_SIZE_INCHES = (8.27, 11.69)  # inches: A4
+MAX_ROWS = 20  # references that fit on the page
 
 
 @dataclass(frozen=True)
@@ -38,50 +38,52 @@ class ExpectedSignal:
     volts: tuple[float, float]
 
 
-def expectations(scene: Scene, bench: Bench) -> tuple[ExpectedSignal, ...]:
+def compute_expected_signals(scene: Scene, bench: Bench) -> tuple[ExpectedSignal, ...]:
     """Compute the expected signals on the bench's references at the scene's force, or less where a block allows less.
 
     Raises:
         Refusal: the axisymmetric evaluator cannot compute the probe.
     """
-    shares = predicted(scene, bench.reference)
-    limits = [largest(one.rule, LINEAR, promise=False).force for one in shares.blocks if one.rule is not None]
-    load = min([SAFE_SHARE * one for one in limits] + ([] if scene.load.force is None else [scene.load.force]), default=0.01)
-    volts = abs(charge_per_force(scene) * bench.amplifier.built().response(bench.load.frequency))
-    parts = inner_shares(shares.log_ratios, bench.reference).tolist()
-    loads = [one.known_force or load for one in bench.reference]
+    shares = predict_blocks(scene, bench.reference)
+    limits = [
+        find_largest_load(item.rule, LINEARITY_ACCURACY, promise=False).force for item in shares.blocks if item.rule is not None
+    ]
+    load = min([SAFE_SHARE * item for item in limits] + ([] if scene.load.force is None else [scene.load.force]), default=0.01)
+    volts = abs(compute_charge_per_force(scene) * bench.amplifier.build_common().response(bench.load.frequency))
+    parts = compute_inner_shares(shares.log_ratios, bench.reference).tolist()
+    loads = [item.known_force or load for item in bench.reference]
     return tuple(
-        ExpectedSignal(one.name, force, part, (force * volts * part, force * volts * (1 - part)))
-        for one, force, part in zip(bench.reference, loads, parts, strict=True)
+        ExpectedSignal(item.name, force, part, (force * volts * part, force * volts * (1 - part)))
+        for item, force, part in zip(bench.reference, loads, parts, strict=True)
     )
 
 
-def writers(scene: Scene, bench: Bench, name: str) -> dict[str, Callable[[Path], object]]:
+def build_writers(scene: Scene, bench: Bench, name: str) -> dict[str, Callable[[Path], object]]:
     """Return, by file name, the functions that write the fixture's parts and the page; ``name`` is the scene's file.
 
     Raises:
         InputError: a block is too narrow for the fixture.
-        MissingLibrary: see ``geometry.cad.solids.cadquery``.
+        MissingLibrary: see ``geometry.cad.solids.load_cadquery``.
         Refusal: the axisymmetric evaluator cannot compute the probe.
     """
-    page = partial(draw, scene.probe, bench, expectations(scene, bench), name)
-    return {**fixture.writers(scene.probe), NAME: page}
+    page = partial(draw_page, scene.probe, bench, compute_expected_signals(scene, bench), name)
+    return {**fixture.build_writers(scene.probe), PAGE_NAME: page}
 
 
-def draw(probe: Probe, bench: Bench, expected: Sequence[ExpectedSignal], name: str, path: Path) -> Path:
+def draw_page(probe: Probe, bench: Bench, expected: Sequence[ExpectedSignal], name: str, path: Path) -> Path:
     """Write the page as a PDF, or as a picture by the path's suffix; return ``path``."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=SHEET, facecolor="white")
+    figure = Figure(figsize=SHEET_SIZE_INCHES, facecolor="white")
     FigureCanvasAgg(figure)
     figure.text(0.07, 0.955, "Calibration of a tactile probe", fontsize=17, weight="bold")
-    figure.text(0.07, 0.948, _headline(probe, name), fontsize=8.5, va="top")
-    for at, (part, title) in enumerate((("pin", "pin: inner block alone"), ("ring", "ring: outer block alone"))):
-        _section(figure.add_axes((0.05 + 0.46 * at, 0.69, 0.44, 0.215)), probe, part, title)
-    _table(figure, expected[:MOST_ROWS])
-    foot = 0.645 - 0.0185 * (min(len(expected), MOST_ROWS) + 2)
-    for line, text in enumerate(_steps(bench, expected, name)):
+    figure.text(0.07, 0.948, _format_headline(probe, name), fontsize=8.5, va="top")
+    for column, (part, title) in enumerate((("pin", "pin: inner block alone"), ("ring", "ring: outer block alone"))):
+        _draw_section(figure.add_axes((0.05 + 0.46 * column, 0.69, 0.44, 0.215)), probe, part, title)
+    _draw_table(figure, expected[:MAX_ROWS])
+    foot = 0.645 - 0.0185 * (min(len(expected), MAX_ROWS) + 2)
+    for line, text in enumerate(_list_steps(bench, expected, name)):
         mono = text.startswith("   $")
         figure.text(0.07, foot - 0.0168 * line, text, fontsize=8.3 if mono else 9, family="monospace" if mono else None)
     figure.text(
@@ -91,29 +93,31 @@ def draw(probe: Probe, bench: Bench, expected: Sequence[ExpectedSignal], name: s
         fontsize=9,
     )
     kind = path.suffix.removeprefix(".") or "pdf"
-    figure.savefig(path, format=kind, dpi=150, metadata=picture_metadata(kind))
+    figure.savefig(path, format=kind, dpi=150, metadata=build_picture_metadata(kind))
     return path
 
 
-def _headline(probe: Probe, name: str) -> str:
-    radii = f"inner radius {mm(probe.inner_radius)}, gap {mm(probe.gap)}, outer radius {mm(probe.tube_radius)}"
-    heights = f"heights {mm(probe.core_height)} and {mm(probe.tube_height)}"
+def _format_headline(probe: Probe, name: str) -> str:
+    radii = (
+        f"inner radius {format_mm(probe.inner_radius)}, gap {format_mm(probe.gap)}, outer radius {format_mm(probe.tube_radius)}"
+    )
+    heights = f"heights {format_mm(probe.core_height)} and {format_mm(probe.tube_height)}"
     moduli = f"moduli {probe.inner.youngs_modulus / 1e3:.4g} and {probe.outer.youngs_modulus / 1e3:.4g} kPa"
     return f"{name[:90]}\n{radii}; {heights}; {moduli}"
 
 
-def _section(axes: Any, probe: Probe, part: str, title: str) -> None:
+def _draw_section(axes: Any, probe: Probe, part: str, title: str) -> None:
     """Draw the section of the probe on pin or ring, with the sleeve up (dashed) and down."""
-    sizes = fixture.fixture_sizes(probe)
-    for name, polygons in outlines(probe).items():
+    sizes = fixture.find_fixture_sizes(probe)
+    for name, polygons in section_outlines(probe).items():
         for polygon in polygons:
-            axes.fill(*zip(*polygon, strict=True), facecolor=(*COLOURS[name], 0.75), edgecolor="0.2", lw=0.5)
-    for polygon in _pressing(sizes, part):
-        axes.fill(*zip(*polygon, strict=True), facecolor=(*COLOURS[part], 0.8), edgecolor="0.2", lw=0.5)
-    low = -fixture.RISE - sizes.sleeve
-    for bottom, style in ((low, "-"), (-fixture.RISE - fixture.GRIP, "--")):
+            axes.fill(*zip(*polygon, strict=True), facecolor=(*PART_COLOURS[name], 0.75), edgecolor="0.2", lw=0.5)
+    for polygon in _build_pressing_outlines(sizes, part):
+        axes.fill(*zip(*polygon, strict=True), facecolor=(*PART_COLOURS[part], 0.8), edgecolor="0.2", lw=0.5)
+    low = -fixture.CARRIER_RISE_MM - sizes.sleeve
+    for bottom, style in ((low, "-"), (-fixture.CARRIER_RISE_MM - fixture.SLEEVE_GRIP_MM, "--")):
         for side in (-1, 1):
-            inner, outer = side * sizes.bore, side * (sizes.bore + fixture.WALL)
+            inner, outer = side * sizes.bore, side * (sizes.bore + fixture.SLEEVE_WALL_MM)
             x, z = (inner, outer, outer, inner, inner), (bottom, bottom, *2 * (bottom + sizes.sleeve,), bottom)
             axes.plot(x, z, style, color="0.35", lw=0.9)
     axes.set_aspect("equal")
@@ -124,15 +128,15 @@ def _section(axes: Any, probe: Probe, part: str, title: str) -> None:
     )
 
 
-def _pressing(sizes: fixture.FixtureSizes, part: str) -> list[list[tuple[float, float]]]:
-    low, top, foot = -fixture.RISE - sizes.sleeve, -fixture.RISE, sizes.carrier + fixture.WALL
-    boxes = [(-foot, foot, low - fixture.FOOT, low), (-sizes.carrier, sizes.carrier, low, top)]
+def _build_pressing_outlines(sizes: fixture.FixtureSizes, part: str) -> list[list[tuple[float, float]]]:
+    low, top, foot = -fixture.CARRIER_RISE_MM - sizes.sleeve, -fixture.CARRIER_RISE_MM, sizes.carrier + fixture.SLEEVE_WALL_MM
+    boxes = [(-foot, foot, low - fixture.FOOT_HEIGHT_MM, low), (-sizes.carrier, sizes.carrier, low, top)]
     inner, outer = sizes.ring
     boxes += [(-sizes.pin, sizes.pin, top, 0.0)] if part == "pin" else [(-outer, -inner, top, 0.0), (inner, outer, top, 0.0)]
     return [[(a, c), (b, c), (b, d), (a, d)] for a, b, c, d in boxes]
 
 
-def _table(figure: Any, expected: Sequence[ExpectedSignal]) -> None:
+def _draw_table(figure: Any, expected: Sequence[ExpectedSignal]) -> None:
     """Draw the table of references in their order, with a box to tick."""
     columns = (
         (0.07, "reference, in this order"),
@@ -144,24 +148,24 @@ def _table(figure: Any, expected: Sequence[ExpectedSignal]) -> None:
     )
     for x, heading in columns:
         figure.text(x, 0.655, heading, fontsize=9, weight="bold")
-    for k, one in enumerate(expected):
+    for k, signal in enumerate(expected):
         y = 0.655 - 0.0185 * (k + 1)
         cells = (
-            f"{k + 1}  {one.name}",
-            f"{1e3 * one.load:.3g}",
-            *(f"{1e3 * one_film:.3g}" for one_film in one.volts),
-            f"{one.share:.3f}",
+            f"{k + 1}  {signal.name}",
+            f"{1e3 * signal.load:.3g}",
+            *(f"{1e3 * amplitude:.3g}" for amplitude in signal.volts),
+            f"{signal.share:.3f}",
         )
         for (x, _), cell in zip(columns, (*cells, "\N{WHITE SQUARE}"), strict=True):
             figure.text(x, y, cell, fontsize=9)
 
 
-def _steps(bench: Bench, expected: Sequence[ExpectedSignal], name: str) -> list[str]:
+def _list_steps(bench: Bench, expected: Sequence[ExpectedSignal], name: str) -> list[str]:
     """List the steps; lines with a $ are commands."""
     seconds = max(10.0, 1.2 * bench.load.least_cycles / bench.load.frequency)
-    slack, play = fixture.ALIGNED, fixture.PLAY
+    slack, play = fixture.RING_ALIGNMENT_MM, fixture.SLEEVE_PLAY_MM
     load, count, channels = 1e3 * expected[0].load, len(expected), bench.channels
-    known = ", ".join(f"{100 * one:g} %" for one in sorted({one.tolerance for one in bench.blocks})) or "no block"
+    known = ", ".join(f"{100 * item:g} %" for item in sorted({item.tolerance for item in bench.blocks})) or "no block"
     return [
         f"Amplitudes: a sinusoidal load of {bench.load.frequency:g} Hz; signals at nominal gain,",
         f"give or take {100 * channels.gain:g} % and {100 * channels.cross_talk:g} % of cross-talk.",

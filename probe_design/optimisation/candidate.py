@@ -11,19 +11,19 @@ import numpy as np
 
 from geometry.common.errors import InputError
 from geometry.scenes.scene import Scene
-from probe_design.optimisation.design_space import alike
-from probe_design.optimisation.objective import Noise, objective
-from probe_design.optimisation.pressing import RATIO, Pressing, pressing
+from probe_design.optimisation.design_space import is_same_design
+from probe_design.optimisation.objective import Noise, standard_deviation
+from probe_design.optimisation.pressing import MAX_RATIO_CHANGE_RELATIVE, Pressing, compute_pressing
 from solver import Result, evaluator
 from solver.planning.coarse_model import CoarseModel
-from solver.planning.load_limits import limits_of
-from solver.planning.loads import log_sensitivity_change, sensitivity_size
-from solver.results.evaluator import Answer, FilmLevel
+from solver.planning.load_limits import build_limits
+from solver.planning.loads import bound_log_sensitivity_change, compute_sensitivity_size
+from solver.results.evaluator import FilmEvaluator, FilmSolution
 from solver.results.film_forces import FilmForces
 
-ACCURACY = 0.01  # of the judge
-SURE = 2.0  # times the combined error: a gain beyond linear elasticity counts beyond it
-FINER = 0.001  # of the judge where its errors at ``JUDGE_ACCURACY`` hide a gain
+JUDGE_ACCURACY = 0.01  # of the judge
+GAIN_SIGNIFICANCE = 2.0  # times the combined error: a gain beyond linear elasticity counts beyond it
+FINER_ACCURACY = 0.001  # of the judge where its errors at ``JUDGE_ACCURACY`` hide a gain
 
 
 @dataclass(frozen=True)
@@ -46,47 +46,51 @@ class Candidate:
     scene: Scene
     judged: Result
     pressing: Pressing
-    nearing: float
+    wall_approach: float
     judged_objective: float
-    least: float
-    most: float
+    objective_min: float
+    objective_max: float
     searched: Result | None = None
     refused: str | None = None
     searched_objective: float = math.inf
     linear: Candidate | None = None
 
     @property
-    def pressed(self) -> Scene:
+    def loaded_scene(self) -> Scene:
         """The scene under the load that it is judged with."""
-        return _under(self.scene, self.pressing)
+        return _set_load(self.scene, self.pressing)
 
     @property
-    def less_pressed(self) -> Candidate | None:
+    def linear_candidate(self) -> Candidate | None:
         """The same under the largest load that linear elasticity answers for, where this is under more; None elsewhere."""
         return self.linear if self.linear is not None and self.linear.pressing.force < self.pressing.force else None
 
     @property
     def error(self) -> float:
         """How far the objective can be off; inf where nothing bounds it."""
-        return max(self.most - self.judged_objective, self.judged_objective - self.least) if self.most < math.inf else math.inf
+        return (
+            max(self.objective_max - self.judged_objective, self.judged_objective - self.objective_min)
+            if self.objective_max < math.inf
+            else math.inf
+        )
 
-    def gain_over(self, other: Candidate) -> tuple[float, float]:
+    def compute_gain(self, reference: Candidate) -> tuple[float, float]:
         """Return by which share the objective is less than the other's, and the combined error of that."""
-        if not math.isfinite(other.error) or not math.isfinite(self.error):
-            return 0.0 if math.isinf(self.judged_objective) else 1 - self.judged_objective / other.judged_objective, math.inf
-        share = self.judged_objective / other.judged_objective
-        return 1 - share, share * math.hypot(self.error / self.judged_objective, other.error / other.judged_objective)
+        if not math.isfinite(reference.error) or not math.isfinite(self.error):
+            return 0.0 if math.isinf(self.judged_objective) else 1 - self.judged_objective / reference.judged_objective, math.inf
+        share = self.judged_objective / reference.judged_objective
+        return 1 - share, share * math.hypot(self.error / self.judged_objective, reference.error / reference.judged_objective)
 
-    def beats(self, other: Candidate) -> bool:
+    def is_better_than(self, reference: Candidate) -> bool:
         """Whether it is better than the other, whatever the errors of both are; beyond linear elasticity by twice those."""
-        if self.linear is None and other.linear is None:
-            return self.most < other.least
-        gain, error = self.gain_over(other)
-        return self.most < other.least and gain > SURE * error
+        if self.linear is None and reference.linear is None:
+            return self.objective_max < reference.objective_min
+        gain, error = self.compute_gain(reference)
+        return self.objective_max < reference.objective_min and gain > GAIN_SIGNIFICANCE * error
 
 
-def candidate(
-    scene: Scene, noise: Noise, judge: str, accuracy: float = ACCURACY, formula: Answer | InputError | None = None
+def evaluate_candidate(
+    scene: Scene, noise: Noise, judge: str, accuracy: float = JUDGE_ACCURACY, formula: FilmSolution | InputError | None = None
 ) -> Candidate:
     """Evaluate a scene's probe with the judging evaluator and with the closed form.
 
@@ -100,83 +104,88 @@ def candidate(
     Raises:
         Refusal: the judge cannot take the scene.
     """
-    start, rough = perf_counter(), CoarseModel.of(scene)
-    rule = rough.rule(scene)
-    answer = answered(scene, judge, accuracy)
+    start, rough = perf_counter(), CoarseModel.from_scene(scene)
+    rule = rough.build_rule(scene)
+    answer = evaluate_films(scene, judge, accuracy)
     films = answer.films[0]
-    pressed = pressing(scene, float(films.totals.sum()), rule)
-    least, most = ends_of(films, noise, pressed)
+    pressed = compute_pressing(scene, float(films.totals.sum()), rule)
+    objective_min, objective_max = bound_objective(films, noise, pressed)
     candidate = Candidate(
         scene=scene,
         judged=replace(
-            answer.result(judge, _under(scene, pressed), perf_counter() - start), load_limits=limits_of(rule, RATIO, promise=True)
+            answer.build_result(judge, _set_load(scene, pressed), perf_counter() - start),
+            load_limits=build_limits(rule, MAX_RATIO_CHANGE_RELATIVE, promise=True),
         ),
         pressing=pressed,
-        nearing=rough.approach,
-        judged_objective=objective_of(films, noise, pressed.force),
-        least=least,
-        most=most,
+        wall_approach=rough.wall_approach,
+        judged_objective=compute_objective(films, noise, pressed.force),
+        objective_min=objective_min,
+        objective_max=objective_max,
     )
-    (found,) = by_formulas([scene], accuracy) if formula is None else (formula,)
-    if isinstance(found, InputError):
-        return replace(candidate, refused=found.allowed)
-    films = found.films[0]
-    pressed = pressing(scene, float(films.totals.sum()), rule)
-    searched = found.result("closed-form", _under(scene, pressed), 0.0)
-    return replace(candidate, searched=searched, searched_objective=objective_of(films, noise, pressed.force))
+    (formula_answer,) = evaluate_closed_form([scene], accuracy) if formula is None else (formula,)
+    if isinstance(formula_answer, InputError):
+        return replace(candidate, refused=formula_answer.allowed)
+    films = formula_answer.films[0]
+    pressed = compute_pressing(scene, float(films.totals.sum()), rule)
+    searched = formula_answer.build_result("closed-form", _set_load(scene, pressed), 0.0)
+    return replace(candidate, searched=searched, searched_objective=compute_objective(films, noise, pressed.force))
 
 
-def answered(scene: Scene, level: str, accuracy: float = ACCURACY) -> Answer:
+def evaluate_films(scene: Scene, evaluator_name: str, accuracy: float = JUDGE_ACCURACY) -> FilmSolution:
     """Return the answer of an evaluator, with the error of its log-sensitivity.
 
     Raises:
         Refusal: the level cannot take the scene.
     """
-    made = evaluator(level)
-    assert isinstance(made, FilmLevel)
-    return made.answer(scene, accuracy)
+    made = evaluator(evaluator_name)
+    assert isinstance(made, FilmEvaluator)
+    return made.solve(scene, accuracy)
 
 
-def by_formulas(scenes: Sequence[Scene], accuracy: float = ACCURACY) -> list[Answer | InputError]:
+def evaluate_closed_form(scenes: Sequence[Scene], accuracy: float = JUDGE_ACCURACY) -> list[FilmSolution | InputError]:
     """Return what the closed form finds of each scene, or its refusal: of ten in twice the time of one."""
     made = evaluator("closed-form")
-    assert isinstance(made, FilmLevel)
-    return made.answers(scenes, [accuracy] * len(scenes))
+    assert isinstance(made, FilmEvaluator)
+    return made.solve_many(scenes, [accuracy] * len(scenes))
 
 
-def _under(scene: Scene, pressed: Pressing) -> Scene:
+def _set_load(scene: Scene, pressed: Pressing) -> Scene:
     return scene.model_copy(update={"load": pressed.load})
 
 
-def objective_of(films: FilmForces, noise: Noise, force: float) -> float:
+def compute_objective(films: FilmForces, noise: Noise, force: float) -> float:
     """Return the objective under a force, N; inf where the sensitivity is not resolved."""
-    if films.unresolved_stress is not None or films.log_sensitivity is None:
+    if films.stress_below_error is not None or films.log_sensitivity is None:
         return math.inf
-    return objective(noise.information(films.log_sensitivity, _share(films), force))
+    return standard_deviation(noise.compute_information(films.log_sensitivity, _compute_inner_share(films), force))
 
 
-def merged(candidates: Iterable[Candidate]) -> tuple[Candidate, ...]:
+def merge_candidates(candidates: Iterable[Candidate]) -> tuple[Candidate, ...]:
     """Sort candidates, best first, and drop those within the tolerance of a better one."""
     distinct: list[Candidate] = []
-    for one in sorted(candidates, key=lambda one: one.judged_objective):
-        if not any(alike(one.scene, other.scene) for other in distinct):
-            distinct.append(one)
+    for item in sorted(candidates, key=lambda item: item.judged_objective):
+        if not any(is_same_design(item.scene, better.scene) for better in distinct):
+            distinct.append(item)
     return tuple(distinct)
 
 
-def _share(films: FilmForces) -> float:
+def _compute_inner_share(films: FilmForces) -> float:
     """The inner film's share of the force."""
     return float(films.totals[0] / films.totals.sum())
 
 
-def ends_of(films: FilmForces, noise: Noise, pressed: Pressing) -> tuple[float, float]:
+def bound_objective(films: FilmForces, noise: Noise, pressed: Pressing) -> tuple[float, float]:
     """Return lower and upper bounds of the objective, given the errors of film forces and of linear elasticity."""
     sensitivities = films.film_log_sensitivities
-    if films.unresolved_stress is not None or films.log_sensitivity is None or sensitivities is None:
+    if films.stress_below_error is not None or films.log_sensitivity is None or sensitivities is None:
         return 0.0, math.inf
-    size, share = abs(films.log_sensitivity), _share(films)
-    off = films.sensitivity_error + sensitivity_size(sensitivities) * log_sensitivity_change(pressed.x)
+    size, share = abs(films.log_sensitivity), _compute_inner_share(films)
+    sensitivity_error = films.sensitivity_error + compute_sensitivity_size(sensitivities) * bound_log_sensitivity_change(
+        pressed.x
+    )
     shift = films.bound.log_ratio + pressed.change
     odds = share / (1 - share) * np.exp([-shift, 0.0, shift])  # inner over outer force
-    noises = [objective(noise.information(1.0, one / (1 + one), pressed.force)) for one in odds.tolist()]
-    return min(noises) / (size + off), max(noises) / (size - off) if size > off else math.inf
+    noises = [standard_deviation(noise.compute_information(1.0, ratio / (1 + ratio), pressed.force)) for ratio in odds.tolist()]
+    return min(noises) / (size + sensitivity_error), max(noises) / (
+        size - sensitivity_error
+    ) if size > sensitivity_error else math.inf

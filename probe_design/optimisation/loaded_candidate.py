@@ -16,85 +16,104 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from geometry.common.errors import Refusal, SolveError
-from geometry.common.resources import LimitReached, timed
+from geometry.common.resources import LimitReached, start_clock
 from geometry.scenes.scene import Load, Scene
-from probe_design.optimisation.candidate import ACCURACY, Candidate, ends_of, objective_of
+from probe_design.optimisation.candidate import JUDGE_ACCURACY, Candidate, bound_objective, compute_objective
 from probe_design.optimisation.objective import Noise
-from probe_design.optimisation.pressing import BEST, DEPTH, GAP, LAST, SCENE, TIME, Pressing, asked, rounded_down
-from solver.contact.level import ContactLevel
-from solver.contact.limits import TOUCHED, closed, gap_closure_load
+from probe_design.optimisation.pressing import (
+    BEST_LOAD,
+    GAP_CLOSURE,
+    LAST_CONVERGED,
+    MAX_DEPTH,
+    SCENE_LOAD,
+    TIME_LIMIT,
+    Pressing,
+    compute_force,
+    round_load_down,
+)
+from solver.contact.level import ContactEvaluator
+from solver.contact.limits import CLOSED_GAP_RELATIVE, find_gap_closure_load, is_gap_closed
 from solver.contact.loaded import LoadedScene
 from solver.contact.path import Path
-from solver.contact.pressed import Loaded, Pressed, StoppedError
+from solver.contact.pressed import LoadedForces, PathPoint, StoppedError
 from solver.results.load_limits import LargestLoad
 
-STEPS = (0.1, 0.2, 0.3, 0.4, 0.5)  # outer radii deep: the last is what level ``contact`` is held to reach
-KEPT = 0.9  # of the load at which the gap closes, or beyond which no step converges: a workshop's gap is not exact
-CONTACT = ContactLevel().name
+DEPTHS_RELATIVE = (0.1, 0.2, 0.3, 0.4, 0.5)  # outer radii deep: the last is what level ``contact`` is held to reach
+GAP_SAFETY_FACTOR = 0.9  # of the load at which the gap closes, or beyond which no step converges: a workshop's gap is not exact
+CONTACT_EVALUATOR = ContactEvaluator().name
 
 
-def asks_for_contact(one: Candidate) -> bool:
+def needs_contact(candidate: Candidate) -> bool:
     """Whether a candidate is judged under less than the scene's load, and ``contact`` takes a scene of its kind."""
-    return one.pressing.by != SCENE and ContactLevel().refusal(one.scene) is None
+    return candidate.pressing.limited_by != SCENE_LOAD and ContactEvaluator().refusal(candidate.scene) is None
 
 
-def under_load(one: Candidate, noise: Noise) -> Candidate:
+def optimize_load(candidate: Candidate, noise: Noise) -> Candidate:
     """Return a candidate under the best of the loads up to the scene's, those beyond linear elasticity judged by ``contact``.
 
     The gap is kept open. One that no load does better than the largest that linear elasticity answers for stays as it is.
     """
-    if not asks_for_contact(one):
-        return one
+    if not needs_contact(candidate):
+        return candidate
     start = perf_counter()
     try:
-        with timed(), threadpool_limits(1, user_api="blas"):
-            found = list(_loaded(one, noise, start))
+        with start_clock(), threadpool_limits(1, user_api="blas"):
+            loaded = list(_evaluate_loads(candidate, noise, start))
     except (Refusal, SolveError):  # what cannot be pressed further is judged as far as linear elasticity goes
-        return one
-    return min((one, *found), key=lambda each: each.judged_objective)
+        return candidate
+    return min((candidate, *loaded), key=lambda item: item.judged_objective)
 
 
-def by_contact(one: Candidate, noise: Noise) -> Candidate:
+def evaluate_by_contact(candidate: Candidate, noise: Noise) -> Candidate:
     """Return a candidate judged by ``contact`` under the load that it has; as it is where that cannot be."""
     start = perf_counter()
     try:
-        with timed(), threadpool_limits(1, user_api="blas"):
-            on = ContactLevel().pressed(one.scene, ACCURACY)
-            found = _at(on, one.pressing.load)
+        with start_clock(), threadpool_limits(1, user_api="blas"):
+            contact_scene = ContactEvaluator().prepare_scene(candidate.scene, JUDGE_ACCURACY)
+            loaded = _solve_at_load(contact_scene, candidate.pressing.load)
     except (Refusal, SolveError):
-        return one
-    return _judged(one, noise, on, found, replace(one.pressing, x=0.0, change=0.0), start=start)
+        return candidate
+    return _build_loaded_candidate(
+        candidate, noise, contact_scene, loaded, replace(candidate.pressing, x=0.0, change=0.0), start=start
+    )
 
 
-def _loaded(one: Candidate, noise: Noise, start: float) -> Iterator[Candidate]:
+def _evaluate_loads(candidate: Candidate, noise: Noise, start: float) -> Iterator[Candidate]:
     """Judge a candidate under the largest load that is allowed, and where less tells more under that."""
-    on = ContactLevel().pressed(one.scene, ACCURACY)
-    reach = _reach(on, one.scene)
-    loads = [(reach.load, reach.by)]
-    best = _interior(one, noise, reach)
+    contact_scene = ContactEvaluator().prepare_scene(candidate.scene, JUDGE_ACCURACY)
+    reach = _find_reach(contact_scene, candidate.scene)
+    loads = [(reach.load, reach.limited_by)]
+    best = _find_interior_load(candidate, noise, reach)
     if best is not None:
-        loads.append((best, BEST))
-    for wanted, why in loads:
+        loads.append((best, BEST_LOAD))
+    for wanted, reason in loads:
         try:
-            found, load, by = _under(on, reach, wanted, why)
+            loaded, load, limited_by = _solve_load(contact_scene, reach, wanted, reason)
         except (Refusal, SolveError):
             continue
-        force = float(asked(load, found.films.totals.sum()))
-        if force > one.pressing.force:
-            yield _judged(one, noise, on, found, Pressing(load, force, x=0.0, change=0.0, by=by), start=start)
+        force = float(compute_force(load, loaded.films.totals.sum()))
+        if force > candidate.pressing.force:
+            yield _build_loaded_candidate(
+                candidate,
+                noise,
+                contact_scene,
+                loaded,
+                Pressing(load, force, x=0.0, change=0.0, limited_by=limited_by),
+                start=start,
+            )
 
 
-def _under(on: LoadedScene, reach: Reach, load: Load, by: str) -> tuple[Loaded, Load, str]:
+def _solve_load(contact_scene: LoadedScene, reach: Reach, load: Load, limited_by: str) -> tuple[LoadedForces, Load, str]:
     """Solve under a load; if the time limit is reached, return the last smaller load solved."""
     try:
-        if by != TIME:
-            return _at(on, load), load, by
+        if limited_by != TIME_LIMIT:
+            return _solve_at_load(contact_scene, load), load, limited_by
     except LimitReached:
-        if not reach.inside:
+        if not reach.allowed_points:
             raise
-    last = reach.inside[-1]
-    size = _size(last.point, by_force=reach.by_force)
-    return last, Load(force=size) if reach.by_force else Load(indentation=size), TIME
+    last = reach.allowed_points[-1]
+    size = _get_load_size(last.point, by_force=reach.is_force)
+    return last, Load(force=size) if reach.is_force else Load(indentation=size), TIME_LIMIT
 
 
 @dataclass(frozen=True)
@@ -108,76 +127,76 @@ class Reach:
     """
 
     load: Load
-    by: str
-    points: tuple[Loaded, ...]
+    limited_by: str
+    points: tuple[LoadedForces, ...]
 
     @property
-    def by_force(self) -> bool:
+    def is_force(self) -> bool:
         """Whether the load is a force."""
         return self.load.indentation is None
 
     @property
-    def inside(self) -> list[Loaded]:
+    def allowed_points(self) -> list[LoadedForces]:
         """The points that are allowed."""
-        most = (self.load.force if self.by_force else self.load.indentation) or 0.0
-        return [point for point in self.points if _size(point.point, by_force=self.by_force) <= most]
+        max_size = (self.load.force if self.is_force else self.load.indentation) or 0.0
+        return [point for point in self.points if _get_load_size(point.point, by_force=self.is_force) <= max_size]
 
 
-def _reach(on: LoadedScene, scene: Scene) -> Reach:
+def _find_reach(contact_scene: LoadedScene, scene: Scene) -> Reach:
     """Increase the indentation until the scene's load is reached with margin, the gap closes or no step converges."""
     by_force, points = scene.load.indentation is None, []
-    most = float((scene.load.force if by_force else scene.load.indentation) or 0.0)
-    end, by = math.inf, SCENE
-    for share in STEPS:
+    scene_size = float((scene.load.force if by_force else scene.load.indentation) or 0.0)
+    end, limited_by = math.inf, SCENE_LOAD
+    for share in DEPTHS_RELATIVE:
         try:
-            point = on.at_indentation(share * on.paths[1].radius)
+            point = contact_scene.press_to_indentation(share * contact_scene.paths[1].radius)
         except SolveError as fault:
-            last = fault.last if isinstance(fault, StoppedError) else on.paths[1].last
-            end, by = KEPT * _size(last, by_force=by_force), LAST
+            last = fault.last if isinstance(fault, StoppedError) else contact_scene.paths[1].last
+            end, limited_by = GAP_SAFETY_FACTOR * _get_load_size(last, by_force=by_force), LAST_CONVERGED
         except LimitReached:
-            by = TIME
+            limited_by = TIME_LIMIT
             break
         else:
             points.append(point)
-            end, by = _size(point.point, by_force=by_force), DEPTH
-        closure = _closure(on)
+            end, limited_by = _get_load_size(point.point, by_force=by_force), MAX_DEPTH
+        closure = _find_closure(contact_scene)
         if closure is not None:
-            end, by = KEPT * _size(closure, by_force=by_force), GAP
-        if by != DEPTH or KEPT * end >= most:
+            end, limited_by = GAP_SAFETY_FACTOR * _get_load_size(closure, by_force=by_force), GAP_CLOSURE
+        if limited_by != MAX_DEPTH or GAP_SAFETY_FACTOR * end >= scene_size:
             break
-    if by == TIME and not points:
+    if limited_by == TIME_LIMIT and not points:
         raise SolveError("not even the first step is within the time")
-    if end >= most:
-        return Reach(scene.load, SCENE, tuple(points))
-    size = rounded_down(end) if by != TIME else end
-    return Reach(Load(force=size) if by_force else Load(indentation=size), by, tuple(points))
+    if end >= scene_size:
+        return Reach(scene.load, SCENE_LOAD, tuple(points))
+    size = round_load_down(end) if limited_by != TIME_LIMIT else end
+    return Reach(Load(force=size) if by_force else Load(indentation=size), limited_by, tuple(points))
 
 
-def _size(of: Pressed | LargestLoad, *, by_force: bool) -> float:
-    return of.force if by_force else of.indentation
+def _get_load_size(load_point: PathPoint | LargestLoad, *, by_force: bool) -> float:
+    return load_point.force if by_force else load_point.indentation
 
 
-def _closure(on: LoadedScene) -> LargestLoad | None:
+def _find_closure(contact_scene: LoadedScene) -> LargestLoad | None:
     """Return the smallest load that closes the gap on any of the meshes; None if it stays open."""
-    found = [_closing(path) for path in on.paths if closed(path)]
-    return min(found, key=lambda one: one.force, default=None)
+    closures = [_find_path_closure(path) for path in contact_scene.paths if is_gap_closed(path)]
+    return min(closures, key=lambda closing: closing.force, default=None)
 
 
-def _closing(path: Path) -> LargestLoad:
+def _find_path_closure(path: Path) -> LargestLoad:
     """The load that closes a path's gap; the last open point where nothing between converges."""
     with suppress(SolveError):
-        found = gap_closure_load(path)
-        if found is not None:
-            return found
-    last = [point for point in path.points if point.walls > TOUCHED * path.points[0].walls][-1]
-    return LargestLoad(last.force, last.indentation, GAP)
+        closing = find_gap_closure_load(path)
+        if closing is not None:
+            return closing
+    last = [point for point in path.points if point.walls > CLOSED_GAP_RELATIVE * path.points[0].walls][-1]
+    return LargestLoad(last.force, last.indentation, GAP_CLOSURE)
 
 
-def _interior(one: Candidate, noise: Noise, reach: Reach) -> Load | None:
+def _find_interior_load(candidate: Candidate, noise: Noise, reach: Reach) -> Load | None:
     """Return the interior load of minimum objective, by a parabola through three points; None if the largest is best."""
-    by_force, points = reach.by_force, reach.inside
-    sizes = [_size(point.point, by_force=by_force) for point in points]
-    values = [objective_of(point.films, noise, point.point.force) for point in points]
+    by_force, points = reach.is_force, reach.allowed_points
+    sizes = [_get_load_size(point.point, by_force=by_force) for point in points]
+    values = [compute_objective(point.films, noise, point.point.force) for point in points]
     k = int(np.argmin(values)) if values else 0
     if k >= len(values) - 1 or not np.isfinite(values[max(0, k - 1) : k + 2]).all():
         return None
@@ -185,18 +204,30 @@ def _interior(one: Candidate, noise: Noise, reach: Reach) -> Load | None:
     if k > 0:
         a, b, _ = np.polyfit(np.log(sizes[k - 1 : k + 2]), np.log(values[k - 1 : k + 2]), 2)
         size = math.exp(-b / (2 * a)) if a > 0 else size
-    return Load(force=rounded_down(size)) if by_force else Load(indentation=rounded_down(size))
+    return Load(force=round_load_down(size)) if by_force else Load(indentation=round_load_down(size))
 
 
-def _at(on: LoadedScene, load: Load) -> Loaded:
-    return replace(on, scene=on.scene.model_copy(update={"load": load})).at_scene_s_load()
+def _solve_at_load(contact_scene: LoadedScene, load: Load) -> LoadedForces:
+    return replace(contact_scene, scene=contact_scene.scene.model_copy(update={"load": load})).press_to_scene_load()
 
 
-def _judged(one: Candidate, noise: Noise, on: LoadedScene, found: Loaded, pressed: Pressing, *, start: float) -> Candidate:
+def _build_loaded_candidate(
+    candidate: Candidate, noise: Noise, contact_scene: LoadedScene, loaded: LoadedForces, pressed: Pressing, *, start: float
+) -> Candidate:
     """The candidate with the objective of what ``contact`` found under its load."""
-    scene = one.scene.model_copy(update={"load": pressed.load})
-    answer = ContactLevel().answer_of(scene, ACCURACY, on, found)
-    result = replace(answer.result(CONTACT, scene, perf_counter() - start), load_limits=one.judged.load_limits)
-    least, most = ends_of(found.films, noise, pressed)
-    value = objective_of(found.films, noise, pressed.force)
-    return replace(one, judged=result, pressing=pressed, judged_objective=value, least=least, most=most, linear=one)
+    scene = candidate.scene.model_copy(update={"load": pressed.load})
+    answer = ContactEvaluator().build_answer(scene, JUDGE_ACCURACY, contact_scene, loaded)
+    result = replace(
+        answer.build_result(CONTACT_EVALUATOR, scene, perf_counter() - start), load_limits=candidate.judged.load_limits
+    )
+    objective_min, objective_max = bound_objective(loaded.films, noise, pressed)
+    value = compute_objective(loaded.films, noise, pressed.force)
+    return replace(
+        candidate,
+        judged=result,
+        pressing=pressed,
+        judged_objective=value,
+        objective_min=objective_min,
+        objective_max=objective_max,
+        linear=candidate,
+    )

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from geometry.scenes.scene import Scene
-from probe_design.data.noise import NOISE, checked_noise, of_channel
+from probe_design.data.noise import DEFAULT_NOISE, check_noise, compute_channel_noise
 
 
 @dataclass(frozen=True)
@@ -34,30 +34,30 @@ class Noise:
         InputError: the noise of the ratio is none, see ``checked_noise``.
     """
 
-    ratio: float = NOISE
+    ratio: float = DEFAULT_NOISE
     charge: float = 0.01e-12
     charge_per_force: float = 20e-12
 
     def __post_init__(self) -> None:
         """Refuse what is no noise."""
-        checked_noise(self.ratio)
+        check_noise(self.ratio)
 
     @classmethod
-    def of(cls, scene: Scene, ratio: float = NOISE) -> Noise:
+    def from_scene(cls, scene: Scene, ratio: float = DEFAULT_NOISE) -> Noise:
         """Return the noise of a scene's probe, with its own film where it has one."""
         film = scene.probe.film
         return cls(ratio, charge_per_force=abs(film.d33) or cls.charge_per_force if film else cls.charge_per_force)
 
-    def information(self, sensitivity: Any, share_inner: Any, force: Any) -> Any:
+    def compute_information(self, sensitivity: Any, share_inner: Any, force: Any) -> Any:
         """Return the information of one reading about ln E_object (eqs. OP.1, OP.2); floats, arrays or casadi.
 
         ``share_inner`` is the inner film's fraction of ``force``, N; the outer film has the rest.
         """
         full = self.charge / (self.charge_per_force * force)
-        variance = 2 * of_channel(self.ratio) ** 2 + (full / share_inner) ** 2 + (full / (1 - share_inner)) ** 2
+        variance = 2 * compute_channel_noise(self.ratio) ** 2 + (full / share_inner) ** 2 + (full / (1 - share_inner)) ** 2
         return sensitivity**2 / variance
 
 
-def objective(information: float) -> float:
+def standard_deviation(information: float) -> float:
     """Return the standard deviation of ln E_object from the information (eq. OP.3); inf where that is 0."""
     return 1 / math.sqrt(information) if information > 0 else math.inf

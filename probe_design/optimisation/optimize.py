@@ -7,31 +7,37 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from geometry.common.arrays import Floats
-from geometry.common.errors import InputError, Refusal, SolveError, one_of
+from geometry.common.errors import InputError, Refusal, SolveError, describe_choices
 from geometry.scenes.scene import Scene
-from probe_design.data.noise import NOISE
-from probe_design.optimisation.candidate import FINER, Candidate, by_formulas, candidate, merged
-from probe_design.optimisation.design_space import Space, space
-from probe_design.optimisation.global_search import search
-from probe_design.optimisation.loaded_candidate import CONTACT, asks_for_contact, by_contact, under_load
-from probe_design.optimisation.loaded_search import limited, pressed, unlimited
-from probe_design.optimisation.local_search import polish
+from probe_design.data.noise import DEFAULT_NOISE
+from probe_design.optimisation.candidate import (
+    FINER_ACCURACY,
+    Candidate,
+    evaluate_candidate,
+    evaluate_closed_form,
+    merge_candidates,
+)
+from probe_design.optimisation.design_space import Space, build_space
+from probe_design.optimisation.global_search import search_designs
+from probe_design.optimisation.loaded_candidate import CONTACT_EVALUATOR, evaluate_by_contact, needs_contact, optimize_load
+from probe_design.optimisation.loaded_search import evaluate_loaded_candidates, remove_load_limit, restore_load
+from probe_design.optimisation.local_search import refine_by_finite_elements
 from probe_design.optimisation.objective import Noise
 from probe_design.optimisation.optimum import Optimum
 from probe_design.optimisation.pressing import check_load
 from solver import evaluator
 
-CANDIDATES = 10
-JUDGES = ("axisymmetric", "equivalent-inclusion")
-POLISHED = 3  # of the best candidates
+MAX_CANDIDATES = 10
+JUDGE_EVALUATORS = ("axisymmetric", "equivalent-inclusion")
+REFINED_CANDIDATES = 3  # of the best candidates
 Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
-class Judging:
+class SearchRun:
     """What one optimisation judges by, and whom it tells."""
 
-    room: Space
+    design_space: Space
     noise: Noise
     judge: str
     progress: Progress
@@ -39,7 +45,7 @@ class Judging:
 
 def optimize(
     scene: Scene, progress: Progress, *, outer_radius: float | None = None, starts: int = 8, judge: str | None = None,
-    noise: float = NOISE,
+    noise: float = DEFAULT_NOISE,
 ) -> Optimum:  # fmt: skip
     """Find a better probe for a scene with a target.
 
@@ -60,92 +66,108 @@ def optimize(
             "inclusion.target", "none", "one inclusion, or one of several marked target = true: its modulus is to be estimated"
         )
     check_load(scene)
-    run = Judging(space(scene, outer_radius), Noise.of(scene, noise), _judge(scene, judge), progress)
+    run = SearchRun(build_space(scene, outer_radius), Noise.from_scene(scene, noise), _select_judge(scene, judge), progress)
     progress("judging the start", 0, 1)
-    baseline = candidate(scene, run.noise, run.judge)
+    baseline = evaluate_candidate(scene, run.noise, run.judge)
     progress("judging the start", 1, 1)
-    candidates = _candidates(run, starts)
-    if any(map(asks_for_contact, (baseline, *candidates))):
-        candidates = merged((*candidates, *_loaded(run, scene, starts)))
-        baseline = _start_under_load(run, baseline, candidates)
-    return _decided(run, baseline, candidates)
+    candidates = _search_candidates(run, starts)
+    if any(map(needs_contact, (baseline, *candidates))):
+        candidates = merge_candidates((*candidates, *_search_loaded(run, scene, starts)))
+        baseline = _load_start(run, baseline, candidates)
+    return _build_optimum(run, baseline, candidates)
 
 
-def _candidates(run: Judging, starts: int) -> tuple[Candidate, ...]:
+def _search_candidates(run: SearchRun, starts: int) -> tuple[Candidate, ...]:
     """Search, judge and polish under loads that linear elasticity answers for; best first."""
     stage = "searching with the closed form"
-    designs = search(run.room, run.noise, starts, lambda done, total: run.progress(stage, done, total))
-    candidates = merged(_judged(run, _workshop_scenes(run.room, designs)))
-    return merged((*candidates, *_polished(run, candidates[:POLISHED])))
+    designs = search_designs(run.design_space, run.noise, starts, lambda done, total: run.progress(stage, done, total))
+    candidates = merge_candidates(_evaluate_scenes(run, _build_workshop_scenes(run.design_space, designs)))
+    return merge_candidates((*candidates, *_refine_candidates(run, candidates[:REFINED_CANDIDATES])))
 
 
-def _judge(scene: Scene, name: str | None) -> str:
+def _select_judge(scene: Scene, name: str | None) -> str:
     if name is None:
-        return next((level for level in JUDGES if evaluator(level).refusal(scene) is None), JUDGES[0])
-    if name not in JUDGES:
-        raise InputError("evaluator", name, f"to judge designs {one_of(name, JUDGES)}")
+        return next(
+            (evaluator_name for evaluator_name in JUDGE_EVALUATORS if evaluator(evaluator_name).refusal(scene) is None),
+            JUDGE_EVALUATORS[0],
+        )
+    if name not in JUDGE_EVALUATORS:
+        raise InputError("evaluator", name, f"to judge designs {describe_choices(name, JUDGE_EVALUATORS)}")
     return name
 
 
-def _workshop_scenes(room: Space, designs: Floats) -> list[Scene]:
+def _build_workshop_scenes(design_space: Space, designs: Floats) -> list[Scene]:
     scenes: list[Scene] = []
     for design in designs.T:
-        scene = room.scene_of(design)
+        scene = design_space.build_scene(design)
         if scene is not None and scene not in scenes:
             scenes.append(scene)
-        if len(scenes) == CANDIDATES:
+        if len(scenes) == MAX_CANDIDATES:
             break
     return scenes
 
 
-def _judged(run: Judging, scenes: list[Scene]) -> Iterator[Candidate]:
+def _evaluate_scenes(run: SearchRun, scenes: list[Scene]) -> Iterator[Candidate]:
     stage = f"judging candidates by {run.judge}"
-    for k, (scene, formula) in enumerate(zip(scenes, by_formulas(scenes), strict=True)):
+    for k, (scene, formula) in enumerate(zip(scenes, evaluate_closed_form(scenes), strict=True)):
         run.progress(stage, k, len(scenes))
         with suppress(Refusal):  # a design that cannot be judged is no candidate
-            yield candidate(scene, run.noise, run.judge, formula=formula)
+            yield evaluate_candidate(scene, run.noise, run.judge, formula=formula)
     run.progress(stage, len(scenes), len(scenes))
 
 
-def _polished(run: Judging, best: tuple[Candidate, ...]) -> Iterator[Candidate]:
+def _refine_candidates(run: SearchRun, best: tuple[Candidate, ...]) -> Iterator[Candidate]:
     stage = f"polishing by {run.judge}"
-    for k, one in enumerate(best):
+    for k, item in enumerate(best):
         run.progress(stage, k, len(best))
         with suppress(Refusal, SolveError):  # what cannot be differentiated stays as it is
-            scene = run.room.scene_of(polish(run.room, run.noise, one.scene, one.nearing, run.judge))
+            scene = run.design_space.build_scene(
+                refine_by_finite_elements(run.design_space, run.noise, item.scene, item.wall_approach, run.judge)
+            )
             if scene is not None:
-                yield candidate(scene, run.noise, run.judge)
+                yield evaluate_candidate(scene, run.noise, run.judge)
     run.progress(stage, len(best), len(best))
 
 
-def _loaded(run: Judging, scene: Scene, starts: int) -> Iterator[Candidate]:
+def _search_loaded(run: SearchRun, scene: Scene, starts: int) -> Iterator[Candidate]:
     """Designs for which the load is a variable: found without a limit of it, judged under the best up to the scene's."""
-    every = _candidates(replace(run, room=replace(run.room, scene=unlimited(scene)), progress=_at_any_load(run.progress)), starts)
-    for one in every:
+    found_candidates = _search_candidates(
+        replace(
+            run, design_space=replace(run.design_space, scene=remove_load_limit(scene)), progress=_label_progress(run.progress)
+        ),
+        starts,
+    )
+    for item in found_candidates:
         with suppress(Refusal):
-            yield limited(one, scene, run.noise, run.judge)
-    yield from pressed(scene, every, run.room, run.noise, judge=run.judge, progress=run.progress)
+            yield restore_load(item, scene, run.noise, run.judge)
+    yield from evaluate_loaded_candidates(
+        scene, found_candidates, run.design_space, run.noise, judge=run.judge, progress=run.progress
+    )
 
 
-def _at_any_load(progress: Progress) -> Progress:
+def _label_progress(progress: Progress) -> Progress:
     return lambda stage, done, total: progress(f"{stage}, at any load", done, total)
 
 
-def _start_under_load(run: Judging, baseline: Candidate, candidates: tuple[Candidate, ...]) -> Candidate:
+def _load_start(run: SearchRun, baseline: Candidate, candidates: tuple[Candidate, ...]) -> Candidate:
     """The start likewise; by ``contact`` too where the best design is, so that one level judges both."""
     run.progress("pressing the start by contact", 0, 1)
-    found = under_load(baseline, run.noise)
-    if found is baseline and candidates and candidates[0].judged.evaluator == CONTACT:
-        found = by_contact(baseline, run.noise)
+    loaded = optimize_load(baseline, run.noise)
+    if loaded is baseline and candidates and candidates[0].judged.evaluator == CONTACT_EVALUATOR:
+        loaded = evaluate_by_contact(baseline, run.noise)
     run.progress("pressing the start by contact", 1, 1)
-    return found
+    return loaded
 
 
-def _decided(run: Judging, baseline: Candidate, candidates: tuple[Candidate, ...]) -> Optimum:
+def _build_optimum(run: SearchRun, baseline: Candidate, candidates: tuple[Candidate, ...]) -> Optimum:
     """Whether a gain is beyond what errors can feign: where they hide it, start and best are judged once more, more finely."""
-    hidden = candidates and candidates[0].judged_objective < baseline.judged_objective and not candidates[0].beats(baseline)
+    hidden = (
+        candidates and candidates[0].judged_objective < baseline.judged_objective and not candidates[0].is_better_than(baseline)
+    )
     if hidden and baseline.linear is None and candidates[0].linear is None:
         with suppress(Refusal):
-            baseline, best = (candidate(one.scene, run.noise, run.judge, FINER) for one in (baseline, candidates[0]))
-            candidates = merged((best, *candidates[1:]))
-    return Optimum(run.judge, run.room, run.noise, baseline, candidates)
+            baseline, best = (
+                evaluate_candidate(item.scene, run.noise, run.judge, FINER_ACCURACY) for item in (baseline, candidates[0])
+            )
+            candidates = merge_candidates((best, *candidates[1:]))
+    return Optimum(run.judge, run.design_space, run.noise, baseline, candidates)

@@ -15,14 +15,19 @@ import numpy as np
 
 from geometry.common.errors import InputError
 from geometry.scenes.scene import Load, Scene
-from solver.planning.loads import CLOSING, LoadRule, largest_x
-from solver.planning.strains import block_strain, both_strains, cover_factor, slimness
+from solver.planning.loads import CLOSURE_FORCE_SHARE, LoadRule, find_largest_x
+from solver.planning.strains import compute_block_strain, compute_both_strains, compute_cover_factor, compute_slimness
 
-RATIO = 0.01  # relative change of the ratio by finite strain that is allowed
-DIGITS = 3  # of a load that the rule sets
-SCENE, STRAIN, GAP = "scene", "strain", "gap closure"  # what sets a load
-DEPTH, LAST, TIME, BEST = "depth", "last converged load", "time limit", "more tells less"  # likewise, beyond linear elasticity
-BY = {"ratio": STRAIN, "strain limit": STRAIN, "gap closure": GAP}
+MAX_RATIO_CHANGE_RELATIVE = 0.01  # relative change of the ratio by finite strain that is allowed
+LOAD_DIGITS = 3  # of a load that the rule sets
+SCENE_LOAD, STRAIN_LIMIT, GAP_CLOSURE = "scene", "strain", "gap closure"  # what sets a load
+MAX_DEPTH, LAST_CONVERGED, TIME_LIMIT, BEST_LOAD = (
+    "depth",
+    "last converged load",
+    "time limit",
+    "more tells less",
+)  # likewise, beyond linear elasticity
+LIMIT_OF_RULE = {"ratio": STRAIN_LIMIT, "strain limit": STRAIN_LIMIT, "gap closure": GAP_CLOSURE}
 
 
 @dataclass(frozen=True)
@@ -43,10 +48,10 @@ class Pressing:
     force: float
     x: float
     change: float
-    by: str
+    limited_by: str
 
 
-def pressing(scene: Scene, stiffness: float, rule: LoadRule) -> Pressing:
+def compute_pressing(scene: Scene, stiffness: float, rule: LoadRule) -> Pressing:
     """Return the load on a scene's probe: the scene's, or the largest at which finite strain changes the ratio little enough.
 
     Args:
@@ -54,22 +59,24 @@ def pressing(scene: Scene, stiffness: float, rule: LoadRule) -> Pressing:
         stiffness: force per indentation that an evaluator finds, N/m.
         rule: of the scene, see ``solver.planning.load_limits``.
     """
-    largest, load, by = rule.largest(RATIO, promise=False), scene.load, SCENE
-    if largest.force < rule.force(scene):
-        by = BY[largest.by]
-        allowed = rounded_down(largest.force if load.indentation is None else largest.indentation)
+    largest, load, limited_by = rule.find_largest_load(MAX_RATIO_CHANGE_RELATIVE, promise=False), scene.load, SCENE_LOAD
+    if largest.force < rule.compute_force(scene):
+        limited_by = LIMIT_OF_RULE[largest.by]
+        allowed = round_load_down(largest.force if load.indentation is None else largest.indentation)
         load = Load(force=allowed) if load.indentation is None else Load(indentation=allowed)
-    force = asked(load, rule.stiffness)
-    return Pressing(load, float(asked(load, stiffness)), rule.x(force), rule.ratio_change(force), by)
+    force = compute_force(load, rule.stiffness)
+    return Pressing(
+        load, float(compute_force(load, stiffness)), rule.compute_x(force), rule.bound_ratio_change(force), limited_by
+    )
 
 
-def rounded_down(value: float) -> float:
+def round_load_down(value: float) -> float:
     """Return a load rounded down to ``LOAD_DIGITS`` digits."""
-    unit = Decimal(1).scaleb(Decimal(value).adjusted() + 1 - DIGITS)
+    unit = Decimal(1).scaleb(Decimal(value).adjusted() + 1 - LOAD_DIGITS)
     return float(Decimal(value).quantize(unit, ROUND_FLOOR))
 
 
-def asked(load: Load, stiffness: Any) -> Any:
+def compute_force(load: Load, stiffness: Any) -> Any:
     """Return the force of a load, N: itself, or its indentation times the stiffness, N/m; floats, arrays or casadi."""
     return load.force if load.indentation is None else load.indentation * stiffness
 
@@ -82,7 +89,7 @@ def check_load(scene: Scene) -> None:
         raise InputError(f"load.{key}", 0, f"a {key} above 0: at 0 the films give no charge to read")
 
 
-def pressing_force(scene: Scene, v: Any, radius: Any, totals: Any, nearing: float = 0.0) -> Any:
+def compute_pressing_force(scene: Scene, v: Any, radius: Any, totals: Any, wall_approach: float = 0.0) -> Any:
     """Return the same force for many designs, or as an expression; closure is known as far as ``nearing`` tells it.
 
     Args:
@@ -94,18 +101,22 @@ def pressing_force(scene: Scene, v: Any, radius: Any, totals: Any, nearing: floa
     """
     stiffness = totals[0] + totals[1]
     areas = (np.pi * v[0] ** 2, np.pi * v[0] ** 2 / v[1])
-    inner, outer = (block_strain(v[3], total / area / E) for total, area, E in zip(totals, areas, (v[4], v[5]), strict=True))
-    slim = slimness(radius, radius - v[0] - v[2])
-    added = _greater(inner, slim * outer)
-    _, strain = both_strains(radius, scene.tissue, scene.contact.interface, added, cover_factor(scene.inclusion))
-    force = _lesser(asked(scene.load, stiffness), largest_x(RATIO, promise=None)[0] / strain * stiffness)
-    return _lesser(force, CLOSING * stiffness * v[2] / nearing) if nearing > 0 else force
+    inner, outer = (
+        compute_block_strain(v[3], total / area / E) for total, area, E in zip(totals, areas, (v[4], v[5]), strict=True)
+    )
+    slim = compute_slimness(radius, radius - v[0] - v[2])
+    added = _maximum(inner, slim * outer)
+    _, strain = compute_both_strains(radius, scene.tissue, scene.contact.interface, added, compute_cover_factor(scene.inclusion))
+    force = _minimum(
+        compute_force(scene.load, stiffness), find_largest_x(MAX_RATIO_CHANGE_RELATIVE, promise=None)[0] / strain * stiffness
+    )
+    return _minimum(force, CLOSURE_FORCE_SHARE * stiffness * v[2] / wall_approach) if wall_approach > 0 else force
 
 
-def _lesser(a: Any, b: Any) -> Any:
+def _minimum(a: Any, b: Any) -> Any:
     """Return the smaller of two numbers, arrays or casadi expressions."""
     return a * (a <= b) + b * (b < a)
 
 
-def _greater(a: Any, b: Any) -> Any:
+def _maximum(a: Any, b: Any) -> Any:
     return a * (a >= b) + b * (b > a)

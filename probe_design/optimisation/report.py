@@ -12,16 +12,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from geometry.provenance.block import Provenance, provenance
-from geometry.provenance.texts import toml_comment
+from geometry.provenance.block import Provenance, build_provenance
+from geometry.provenance.texts import format_toml_comment
 from geometry.scenes.scene_file import scene_to_dict, scene_to_toml
 from probe_design.optimisation.candidate import Candidate
-from probe_design.optimisation.comparison import candidates_csv, headings, level_rows, noise_line
+from probe_design.optimisation.comparison import describe_noise, format_candidates_csv, list_comparison_rows, list_headings
 from probe_design.optimisation.optimum import Optimum
 from probe_design.reports.page import Chapter, Items, PageTable, Picture, Text
-from probe_design.reports.page import page as html
-from probe_design.reports.scene_sections import asked, scene_sections
-from probe_design.reports.workshop import FOR_THE_WORKSHOP
+from probe_design.reports.page import build_page as html
+from probe_design.reports.scene_sections import build_scene_section, iterate_scene_sections
+from probe_design.reports.workshop import WORKSHOP_PARTS
 
 
 def write_all(
@@ -29,7 +29,7 @@ def write_all(
 ) -> list[Path]:
     """Write everything into ``folder``, all of it or nothing; the STEP files are checked before they take their names.
 
-    ``force`` and ``question`` are ``force`` and ``asked`` of ``geometry.cad.export.export``.
+    ``force`` and ``question`` are ``force`` and ``asked`` of ``geometry.cad.export.export_parts``.
 
     Raises:
         ExportError: a part is not what the parameters say.
@@ -38,46 +38,46 @@ def write_all(
         OSError: the folder cannot be written.
     """
     progress("writing STEP files, drawing and report", 0, 3)
-    from geometry.cad.drawing import draw
-    from geometry.cad.export import export
-    from geometry.cad.record import NAME, part_files
+    from geometry.cad.drawing import draw_probe
+    from geometry.cad.export import export_parts
+    from geometry.cad.record import RECORD_NAME, list_part_files
 
     probe, edge = optimum.best.scene.probe, optimum.best.scene.contact.edge_radius
     texts: dict[str, Callable[[], str]] = {
-        "design.toml": lambda: toml_comment(_origin(optimum)) + scene_to_toml(optimum.best.pressed),
-        "candidates.csv": lambda: candidates_csv(optimum),
-        "optimize.json": lambda: json.dumps(summary(optimum, paths), indent=2, allow_nan=False) + "\n",
+        "design.toml": lambda: format_toml_comment(_build_provenance(optimum)) + scene_to_toml(optimum.best.loaded_scene),
+        "candidates.csv": lambda: format_candidates_csv(optimum),
+        "optimize.json": lambda: json.dumps(build_summary(optimum, paths), indent=2, allow_nan=False) + "\n",
     }
-    names = [*part_files(probe), NAME, "drawing.png", *texts, "report.html"]
+    names = [*list_part_files(probe), RECORD_NAME, "drawing.png", *texts, "report.html"]
     paths = [folder / name for name in names]
 
-    def drawn(path: Path) -> None:
+    def draw_section(path: Path) -> None:
         progress("writing STEP files, drawing and report", 1, 3)
-        draw(probe, path, edge)
+        draw_probe(probe, path, edge)
         progress("writing STEP files, drawing and report", 2, 3)
 
-    def reported(path: Path) -> None:
-        told = page(optimum, names[:-1], summary(optimum, paths), path.with_name("drawing.png"))
-        path.write_text(told, encoding="utf-8")
+    def write_report(path: Path) -> None:
+        html_text = build_page(optimum, names[:-1], build_summary(optimum, paths), path.with_name("drawing.png"))
+        path.write_text(html_text, encoding="utf-8")
 
-    writers: dict[str, Callable[[Path], object]] = {"drawing.png": drawn}
-    writers |= {name: partial(_write, text) for name, text in texts.items()} | {"report.html": reported}
-    export(probe, folder, force, question, writers, edge_radius=edge)
+    writers: dict[str, Callable[[Path], object]] = {"drawing.png": draw_section}
+    writers |= {name: partial(_write_text, text) for name, text in texts.items()} | {"report.html": write_report}
+    export_parts(probe, folder, force, question, writers, edge_radius=edge)
     progress("writing STEP files, drawing and report", 3, 3)
     return paths
 
 
-def _write(text: Callable[[], str], path: Path) -> None:
+def _write_text(text: Callable[[], str], path: Path) -> None:
     path.write_text(text(), encoding="utf-8")
 
 
-def summary(optimum: Optimum, files: Sequence[Path]) -> dict[str, Any]:
+def build_summary(optimum: Optimum, files: Sequence[Path]) -> dict[str, Any]:
     """Return the JSON object of ``probe-design optimize``; an objective is null where nothing can be told."""
     best, start = optimum.best, optimum.baseline
     return {
-        "design": scene_to_dict(best.pressed),
-        "objective": _finite(best.judged_objective),
-        "baseline_objective": _finite(start.judged_objective),
+        "design": scene_to_dict(best.loaded_scene),
+        "objective": _replace_non_finite(best.judged_objective),
+        "baseline_objective": _replace_non_finite(start.judged_objective),
         "evaluator": best.judged.evaluator,
         "baseline_evaluator": start.judged.evaluator,
         "linear_evaluator": optimum.judge,
@@ -89,50 +89,50 @@ def summary(optimum: Optimum, files: Sequence[Path]) -> dict[str, Any]:
         "noise": optimum.noise.ratio,
         "charge_noise": optimum.noise.charge,
         "files": [str(file) for file in files],
-        "searched_objective": _finite(best.searched_objective),
-        "baseline_searched_objective": _finite(start.searched_objective),
+        "searched_objective": _replace_non_finite(best.searched_objective),
+        "baseline_searched_objective": _replace_non_finite(start.searched_objective),
         "result": best.judged.as_dict(),
         "baseline_result": start.judged.as_dict(),
         "force": best.pressing.force,
-        "force_limited_by": best.pressing.by,
-        "under_load": None if best.less_pressed is None else _under_load(best, best.less_pressed),
-        "baseline": _summary(start),
-        "candidates": [_summary(one) for one in optimum.candidates],
-        "provenance": _origin(optimum),
+        "force_limited_by": best.pressing.limited_by,
+        "under_load": None if best.linear_candidate is None else _summarize_load_gain(best, best.linear_candidate),
+        "baseline": _summarize_candidate(start),
+        "candidates": [_summarize_candidate(candidate) for candidate in optimum.candidates],
+        "provenance": _build_provenance(optimum),
     }
 
 
-def _origin(optimum: Optimum) -> Provenance:
-    return provenance(optimum.baseline.scene, evaluator=optimum.judge)
+def _build_provenance(optimum: Optimum) -> Provenance:
+    return build_provenance(optimum.baseline.scene, evaluator=optimum.judge)
 
 
-def _summary(one: Candidate) -> dict[str, Any]:
+def _summarize_candidate(candidate: Candidate) -> dict[str, Any]:
     return {
-        "objective": _finite(one.judged_objective),
-        "objective_within": [one.least, _finite(one.most)],
-        "searched_objective": _finite(one.searched_objective),
-        "force": one.pressing.force,
-        "force_limited_by": one.pressing.by,
-        "evaluator": one.judged.evaluator,
-        "under_load": None if one.less_pressed is None else _under_load(one, one.less_pressed),
-        "design": scene_to_dict(one.pressed),
+        "objective": _replace_non_finite(candidate.judged_objective),
+        "objective_within": [candidate.objective_min, _replace_non_finite(candidate.objective_max)],
+        "searched_objective": _replace_non_finite(candidate.searched_objective),
+        "force": candidate.pressing.force,
+        "force_limited_by": candidate.pressing.limited_by,
+        "evaluator": candidate.judged.evaluator,
+        "under_load": None if candidate.linear_candidate is None else _summarize_load_gain(candidate, candidate.linear_candidate),
+        "design": scene_to_dict(candidate.loaded_scene),
     }
 
 
-def _under_load(one: Candidate, linear: Candidate) -> dict[str, Any]:
+def _summarize_load_gain(candidate: Candidate, linear: Candidate) -> dict[str, Any]:
     """What more load than linear elasticity answers for brings: the share by which the objective is less, with its error."""
-    gain, error = one.gain_over(linear)
+    gain, error = candidate.compute_gain(linear)
     return {
         "linear_force": linear.pressing.force,
-        "linear_force_limited_by": linear.pressing.by,
-        "linear_objective": _finite(linear.judged_objective),
-        "linear_objective_within": [linear.least, _finite(linear.most)],
-        "gain": _finite(gain),
-        "gain_error": _finite(error),
+        "linear_force_limited_by": linear.pressing.limited_by,
+        "linear_objective": _replace_non_finite(linear.judged_objective),
+        "linear_objective_within": [linear.objective_min, _replace_non_finite(linear.objective_max)],
+        "gain": _replace_non_finite(gain),
+        "gain_error": _replace_non_finite(error),
     }
 
 
-def page(optimum: Optimum, files: Sequence[str], answer: dict[str, Any], drawing: Path | None = None) -> str:
+def build_page(optimum: Optimum, files: Sequence[str], answer: dict[str, Any], drawing: Path | None = None) -> str:
     """Return the report as an HTML page.
 
     Args:
@@ -141,43 +141,46 @@ def page(optimum: Optimum, files: Sequence[str], answer: dict[str, Any], drawing
         answer: what ``build_summary`` returns.
         drawing: the picture of the probe; none where it is not drawn.
     """
-    best, linear = optimum.best.pressed, (optimum.best.linear or optimum.best).pressed
-    rows = list(csv.reader(io.StringIO(candidates_csv(optimum))))
-    limits = [(one.name, f"{one.value:.6g}", "yes" if one.active else "no") for one in optimum.limits]
-    drawn = () if drawing is None else (Picture.read(drawing, "section and view of the probe"),)
+    best, linear = optimum.best.loaded_scene, (optimum.best.linear or optimum.best).loaded_scene
+    rows = list(csv.reader(io.StringIO(format_candidates_csv(optimum))))
+    limits = [(limit.name, f"{limit.value:.6g}", "yes" if limit.active else "no") for limit in optimum.limits]
+    drawn = () if drawing is None else (Picture.from_file(drawing, "section and view of the probe"),)
     sections = (
-        asked(optimum.baseline.scene),
-        Chapter("Start and optimum", (_table(headings(optimum), level_rows(optimum)), *map(Text, _notes(optimum)))),
-        Chapter("Limits of the search", (_table(("limit", "value, SI", "active"), limits),)),
-        Chapter("What to machine", (*drawn, Items(tuple(files), links=True), *FOR_THE_WORKSHOP)),
-        *scene_sections(linear, optimum.noise.ratio),
-        Chapter("All judged designs", (_table(rows[0], rows[1:]),)),
+        build_scene_section(optimum.baseline.scene),
+        Chapter(
+            "Start and optimum",
+            (_build_table(list_headings(optimum), list_comparison_rows(optimum)), *map(Text, _list_notes(optimum))),
+        ),
+        Chapter("Limits of the search", (_build_table(("limit", "value, SI", "active"), limits),)),
+        Chapter("What to machine", (*drawn, Items(tuple(files), links=True), *WORKSHOP_PARTS)),
+        *iterate_scene_sections(linear, optimum.noise.ratio),
+        Chapter("All judged designs", (_build_table(rows[0], rows[1:]),)),
         Chapter("What to keep in mind", (Items((*optimum.remarks, *map(str, optimum.best.judged.warnings)) or ("nothing",)),)),
-        asked(best, "The scene of the design"),
+        build_scene_section(best, "The scene of the design"),
     )
     verdict = optimum.verdict
     headline, good = f"{verdict[0].upper()}{verdict[1:]}.", optimum.winner is not None
-    return html(title="Probe design", headline=headline, sections=sections, answer=answer, good=good)
+    return html(title="Probe design", headline=headline, sections=sections, answer=answer, is_positive=good)
 
 
-def _notes(optimum: Optimum) -> tuple[str, ...]:
+def _list_notes(optimum: Optimum) -> tuple[str, ...]:
     """What the numbers of the comparison mean."""
     return (
-        f"Standard deviations hold for {noise_line(optimum)}. A star marks a limit that the design lies on. The search used "
+        f"Standard deviations hold for {describe_noise(optimum)}. A star marks a limit that the design lies on. The search used "
         f"the closed form; {optimum.judge} judged. A gain counts only where it is beyond the errors of both designs: those of "
         f"the log-sensitivity and the ratio by {optimum.judge}, and what finite strain changes of both at the force. That is "
         "the least of what the scene's load gives on each design, the force at which finite strain changes the ratio by 1 %, "
         "and 1/20 of the force that closes the gap in linear elasticity; design.toml has it as its load. Lengths are rounded "
         "to 0.01 mm and moduli to three digits before they are judged: this table is the probe as it is drawn.",
-        *_pressed_notes(optimum),
+        *_list_load_notes(optimum),
         "A standard deviation of ln E_object of 1 means that the stiffness is known to a factor of 2.7; well above 1 it "
         "cannot be told from one reading, however good the design (a tumour a hundred times stiffer than its tissue hardly "
         "feels different from a rigid one).",
     )
 
 
-def _pressed_notes(optimum: Optimum) -> Iterator[str]:
-    if any(one.linear is not None for one in (optimum.best, optimum.baseline)):
+def _list_load_notes(optimum: Optimum) -> Iterator[str]:
+    if any(candidate.linear is not None for candidate in (optimum.best, optimum.baseline)):
         yield (
             "The scene's load is more than linear elasticity answers for: contact judged the designs under the best of all loads "
             "up to it, as far as half an outer radius deep, with nine tenths of the load that closes the gap at most; then a "
@@ -186,9 +189,9 @@ def _pressed_notes(optimum: Optimum) -> Iterator[str]:
         )
 
 
-def _table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> PageTable:
+def _build_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> PageTable:
     return PageTable(tuple(headings), tuple(map(tuple, rows)))
 
 
-def _finite(value: float | None) -> float | None:
+def _replace_non_finite(value: float | None) -> float | None:
     return value if value is not None and math.isfinite(value) else None

@@ -16,15 +16,23 @@ from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import Refusal
 from geometry.scenes.scene import Inclusion, Placement, Scene
 from probe_design.populations.population import TumourDraw, is_of_tumour
-from probe_design.populations.readings import ScanReadings, logarithms
+from probe_design.populations.readings import ScanReadings, compute_logarithms
 from probe_design.populations.tables import Protocol
-from solver.closed_form.designs import BALL, LAYER, PROBE, TISSUE, Shape, forces, parameters
+from solver.closed_form.designs import (
+    LAYER_PARAMETERS,
+    PROBE_PARAMETERS,
+    SPHERE_PARAMETERS,
+    TISSUE_PARAMETERS,
+    Shape,
+    build_parameters,
+    compute_forces,
+)
 from solver.closed_form.level import ClosedForm
 
-ROUNDED = 8  # nodes by which groups differ: fewer groups, each a little more exact
-ON_AXIS = 1e-6  # of the diameter: an offset that counts as the least one beside the axis
-STEP = 1e-30  # of complex steps, relative
-FIRST_BALL = len(PROBE) + len(TISSUE)
+NODE_ROUNDING = 8  # nodes by which groups differ: fewer groups, each a little more exact
+MIN_OFFSET_PER_DIAMETER = 1e-6  # of the diameter: an offset that counts as the least one beside the axis
+COMPLEX_STEP_RELATIVE = 1e-30  # of complex steps, relative
+FIRST_BALL = len(PROBE_PARAMETERS) + len(TISSUE_PARAMETERS)
 
 
 @dataclass(frozen=True)
@@ -41,14 +49,14 @@ class Columns:
     values: Floats
     tumour: Ints
 
-    def totals(self, probe: Any, changed: Any = None) -> Any:
+    def compute_totals(self, probe: Any, changed: Any = None) -> Any:
         """Force on each film per unit of indentation for probes of shape (PROBE, d), or for other values; shape (d, k, 2)."""
         values = self.values if changed is None else changed
         d, k = probe.shape[1], values.shape[1]
-        every = np.tile(values, (1, d)).astype(np.result_type(values, probe))
-        every[: len(PROBE)] = np.repeat(probe, k, axis=1)
+        all_values = np.tile(values, (1, d)).astype(np.result_type(values, probe))
+        all_values[: len(PROBE_PARAMETERS)] = np.repeat(probe, k, axis=1)
         with np.errstate(all="ignore"):  # what is not finite is for those to refuse who ask
-            return forces(self.shape, every)[0].sum(axis=2).reshape(d, k, 2)
+            return compute_forces(self.shape, all_values)[0].sum(axis=2).reshape(d, k, 2)
 
 
 @dataclass(frozen=True)
@@ -70,7 +78,7 @@ class ClosedFormScan:
     place: Ints
 
     @classmethod
-    def of(cls, draw: TumourDraw, protocol: Protocol, radius: float | None = None) -> ClosedFormScan:
+    def from_draw(cls, draw: TumourDraw, protocol: Protocol, radius: float | None = None) -> ClosedFormScan:
         """Prepare a population.
 
         Args:
@@ -81,24 +89,24 @@ class ClosedFormScan:
         Raises:
             Refusal: the formulas cannot take the scene.
         """
-        scenes = [_widened(scene, radius) for scene in draw.tissues]
+        scenes = [_widen_probe(scene, radius) for scene in draw.tissues]
         for scene in draw.tissues:
-            _check(scene)
-        offset = np.hypot(draw.x[:, None] - protocol.places, draw.beside)
+            _check_closed_form(scene)
+        offset = np.hypot(draw.x[:, None] - protocol.places, draw.lateral_offset)
         grouped: dict[Shape, list[tuple[int, Floats]]] = defaultdict(list)
         for number in range(len(draw)):
-            shape, values = parameters(
-                _with_tumour(scenes[draw.tissue[number]], draw, number, float(offset[number].max())), merged=False
+            shape, values = build_parameters(
+                _add_tumour(scenes[draw.tissue[number]], draw, number, float(offset[number].max())), merged=False
             )
-            grouped[replace(shape, nodes=-(-shape.nodes // ROUNDED) * ROUNDED)].append((number, values))
+            grouped[replace(shape, nodes=-(-shape.nodes // NODE_ROUNDING) * NODE_ROUNDING)].append((number, values))
         groups, place, start = [], np.empty(offset.shape, dtype=int), 0
         for shape, members in grouped.items():
-            columns, start = _columns(shape, members, offset, draw.diameter, place=place, start=start), start
+            columns, start = _build_columns(shape, members, offset, draw.diameter, place=place, start=start), start
             groups.append(columns)
             start += columns.values.shape[1]
-        return cls(draw, protocol, tuple(groups), tuple(_blanks(scenes)), place)
+        return cls(draw, protocol, tuple(groups), tuple(_build_baseline_columns(scenes)), place)
 
-    def totals(self, probe: Any) -> tuple[Any, Any]:
+    def compute_totals(self, probe: Any) -> tuple[Any, Any]:
         """Return forces on the films per unit of indentation, N/m, of d probes.
 
         Args:
@@ -107,88 +115,90 @@ class ClosedFormScan:
         Returns:
             over the tumours, shape (d, n, p, 2), and without them, shape (d, t, 2); not finite where the formulas break down.
         """
-        every = np.concatenate([group.totals(probe) for group in self.groups], axis=1)
-        return every[:, self.place], self._blank(probe)
+        all_totals = np.concatenate([group.compute_totals(probe) for group in self.groups], axis=1)
+        return all_totals[:, self.place], self._compute_baseline_totals(probe)
 
-    def signals(self, probe: Any) -> tuple[Any, Any]:
+    def compute_signals(self, probe: Any) -> tuple[Any, Any]:
         """Return the signals, eq. PO.1, shape (d, n, m), and the forces without tumours, shape (d, t, 2)."""
-        return self.signals_of(*self.totals(probe))
+        return self.convert_totals(*self.compute_totals(probe))
 
-    def signals_of(self, over: Any, blank: Any) -> tuple[Any, Any]:
+    def convert_totals(self, tumour_totals: Any, blank: Any) -> tuple[Any, Any]:
         """Return ``compute_signals`` from ``compute_totals``."""
         with np.errstate(all="ignore"):
-            without = np.repeat(self._logs(blank[:, :, None]), len(self.protocol.positions), axis=-1)
-            return self._logs(over) - without[:, self.draw.tissue], blank
+            baseline = np.repeat(self._take_logarithms(blank[:, :, None]), len(self.protocol.positions), axis=-1)
+            return self._take_logarithms(tumour_totals) - baseline[:, self.draw.tissue], blank
 
-    def readings(self, scene: Scene, names: tuple[str, ...] = ()) -> ScanReadings:
+    def compute_readings(self, scene: Scene, names: tuple[str, ...] = ()) -> ScanReadings:
         """Return readings with one scene's probe, and their derivatives by the names of ``ScenePopulation.ranges``.
 
         Raises:
             Refusal: the formulas break down for this probe.
         """
-        probe = parameters(scene.model_copy(update={"inclusion": ()}))[1][: len(PROBE), None]
-        totals, blanks = self.totals(probe)
-        signal, blank = (one[0] for one in self.signals_of(totals, blanks))
+        probe = build_parameters(scene.model_copy(update={"inclusion": ()}))[1][: len(PROBE_PARAMETERS), None]
+        totals, blanks = self.compute_totals(probe)
+        signal, blank = (array[0] for array in self.convert_totals(totals, blanks))
         if not (np.all(np.isfinite(signal)) and np.all(blank > 0)):
             raise Refusal("evaluator", "closed-form", "equivalent-inclusion, as the formulas break down for this probe")
-        by, blank_by, over = {}, {}, np.exp(np.log(totals[0]).mean(axis=0))
+        derivatives, blank_by, mean_forces = {}, {}, np.exp(np.log(totals[0]).mean(axis=0))
         for name in names:
-            by[name], less = self._slopes(probe, name)
+            derivatives[name], baseline_derivative = self._compute_derivatives(probe, name)
             if not is_of_tumour(name):
-                blank_by[name] = less
+                blank_by[name] = baseline_derivative
         c = self.protocol.channels
-        return ScanReadings(signal, {}, self.draw.tissue, blank, over, np.zeros((len(blank), c)), by, blank_by)
+        return ScanReadings(signal, {}, self.draw.tissue, blank, mean_forces, np.zeros((len(blank), c)), derivatives, blank_by)
 
-    def _slopes(self, probe: Floats, name: str) -> tuple[Floats, Floats]:
+    def _compute_derivatives(self, probe: Floats, name: str) -> tuple[Floats, Floats]:
         """Derivatives of the signals (n, m) and, by the tissue's numbers, of what is read without tumours (t, c)."""
-        over, slopes = [], np.zeros((len(self.draw.tissues), self.protocol.channels))
+        group_totals, slopes = [], np.zeros((len(self.draw.tissues), self.protocol.channels))
         for group in self.groups:
-            over.append(group.totals(probe, _stepped(group, name))[0])
-        totals = np.concatenate(over)[self.place]
-        signal = self._logs(totals).imag / STEP
+            group_totals.append(group.compute_totals(probe, _add_complex_step(group, name))[0])
+        totals = np.concatenate(group_totals)[self.place]
+        signal = self._take_logarithms(totals).imag / COMPLEX_STEP_RELATIVE
         if name == "x":
-            toward = np.sign(self.draw.x[:, None] - self.protocol.places) * np.abs(self._along)
+            toward = np.sign(self.draw.x[:, None] - self.protocol.places) * np.abs(self._offset_derivative)
             signal = signal * np.tile(toward, (1, self.protocol.channels))
         if is_of_tumour(name):
             return signal, slopes
-        blank = np.concatenate([group.totals(probe, _stepped(group, name))[0] for group in self.blanks])[self._order]
-        slopes = self._logs(blank[:, None]).imag / STEP
+        blank = np.concatenate([group.compute_totals(probe, _add_complex_step(group, name))[0] for group in self.blanks])[
+            self._order
+        ]
+        slopes = self._take_logarithms(blank[:, None]).imag / COMPLEX_STEP_RELATIVE
         return signal - np.repeat(slopes[self.draw.tissue], len(self.protocol.positions), axis=1), slopes
 
     @property
-    def _along(self) -> Floats:
+    def _offset_derivative(self) -> Floats:
         """The magnitude of the derivative of the offset with respect to x, shape (n, p)."""
         dx = self.draw.x[:, None] - self.protocol.places
-        return np.asarray(np.abs(dx) / np.maximum(np.hypot(dx, self.draw.beside), 1e-300))
+        return np.asarray(np.abs(dx) / np.maximum(np.hypot(dx, self.draw.lateral_offset), 1e-300))
 
-    def _blank(self, probe: Any) -> Any:
-        return np.concatenate([group.totals(probe) for group in self.blanks], axis=1)[:, self._order]
+    def _compute_baseline_totals(self, probe: Any) -> Any:
+        return np.concatenate([group.compute_totals(probe) for group in self.blanks], axis=1)[:, self._order]
 
     @property
     def _order(self) -> Ints:
         return np.argsort(np.concatenate([group.tumour for group in self.blanks]))
 
-    def _logs(self, totals: Any) -> Any:
-        return logarithms(totals, self.protocol.stiffness)
+    def _take_logarithms(self, totals: Any) -> Any:
+        return compute_logarithms(totals, self.protocol.stiffness)
 
 
-def _of_tumour(name: str) -> bool:
+def _is_of_tumour(name: str) -> bool:
     return name in ("depth", "diameter", "object", "x")
 
 
-def _y(draw: TumourDraw) -> float:
+def _compute_lateral_offset(draw: TumourDraw) -> float:
     """Return the lateral offset of the tumours from the line of readings, m."""
     body = draw.scene.inclusion
     return (body[0].y if body else draw.scene.placement.y) - draw.scene.placement.y
 
 
-def _check(scene: Scene) -> None:
-    why = ClosedForm().refusal(scene)
-    if why is not None:
-        raise Refusal("evaluator", "closed-form", why)
+def _check_closed_form(scene: Scene) -> None:
+    reason = ClosedForm().refusal(scene)
+    if reason is not None:
+        raise Refusal("evaluator", "closed-form", reason)
 
 
-def _widened(scene: Scene, radius: float | None) -> Scene:
+def _widen_probe(scene: Scene, radius: float | None) -> Scene:
     """The scene with a probe of that outer radius: nodes enough for it."""
     if radius is None or radius <= scene.probe.tube_radius:
         return scene
@@ -196,7 +206,7 @@ def _widened(scene: Scene, radius: float | None) -> Scene:
     return scene.model_copy(update={"probe": probe})
 
 
-def _with_tumour(scene: Scene, draw: TumourDraw, number: int, offset: float) -> Scene:
+def _add_tumour(scene: Scene, draw: TumourDraw, number: int, offset: float) -> Scene:
     """The scene with one tumour as far from the probe as it is read; not checked, as the draw is."""
     body = Inclusion.model_construct(
         diameter=float(draw.diameter[number]), depth=float(draw.depth[number]), x=offset, y=0.0, target=True,
@@ -205,27 +215,27 @@ def _with_tumour(scene: Scene, draw: TumourDraw, number: int, offset: float) -> 
     return scene.model_copy(update={"inclusion": (body,), "placement": Placement()})
 
 
-def _columns(
+def _build_columns(
     shape: Shape, members: list[tuple[int, Floats]], offset: Floats, diameter: Floats, *, place: Ints, start: int
 ) -> Columns:
     """The columns of tumours of one structure, each distance once; ``place`` is filled with where they are."""
     values: list[Floats] = []
     numbers: list[int] = []
-    for number, own in members:
-        least = 0.0 if shape.on_axis[0] else ON_AXIS * diameter[number]
-        distinct, where = np.unique(np.maximum(offset[number], least), return_inverse=True)
-        place[number] = start + len(numbers) + where
-        every = np.tile(own[:, None], (1, len(distinct)))
-        every[FIRST_BALL + BALL.index("offset")] = distinct
-        values.append(every)
+    for number, parameter_values in members:
+        min_offset = 0.0 if shape.on_axis[0] else MIN_OFFSET_PER_DIAMETER * diameter[number]
+        distinct, positions = np.unique(np.maximum(offset[number], min_offset), return_inverse=True)
+        place[number] = start + len(numbers) + positions
+        repeated = np.tile(parameter_values[:, None], (1, len(distinct)))
+        repeated[FIRST_BALL + SPHERE_PARAMETERS.index("offset")] = distinct
+        values.append(repeated)
         numbers += [number] * len(distinct)
     return Columns(shape, np.concatenate(values, axis=1), np.array(numbers))
 
 
-def _blanks(scenes: list[Scene]) -> list[Columns]:
+def _build_baseline_columns(scenes: list[Scene]) -> list[Columns]:
     grouped: dict[Shape, list[tuple[int, Floats]]] = defaultdict(list)
     for number, scene in enumerate(scenes):
-        shape, values = parameters(scene.model_copy(update={"inclusion": ()}), merged=False)
+        shape, values = build_parameters(scene.model_copy(update={"inclusion": ()}), merged=False)
         grouped[shape].append((number, values))
     return [
         Columns(shape, np.stack([values for _, values in members], axis=1), np.array([number for number, _ in members]))
@@ -233,16 +243,21 @@ def _blanks(scenes: list[Scene]) -> list[Columns]:
     ]
 
 
-def _stepped(group: Columns, name: str) -> Any:
+def _add_complex_step(group: Columns, name: str) -> Any:
     """The columns' values with a complex step of the logarithm, of x of the value itself."""
     values, bodies = group.values.astype(complex), len(group.shape.on_axis)
     rows = {"diameter": "radius", "object": "modulus", "depth": "depth", "x": "offset"}
     if name in rows:
-        row = FIRST_BALL + BALL.index(rows[name])
+        row = FIRST_BALL + SPHERE_PARAMETERS.index(rows[name])
     elif name == "tissue":
-        row = len(PROBE) + TISSUE.index("tissue_modulus")
+        row = len(PROBE_PARAMETERS) + TISSUE_PARAMETERS.index("tissue_modulus")
     else:
         _, number, key = name.split("_")
-        row = FIRST_BALL + bodies * len(BALL) + int(number) * len(LAYER) + LAYER.index(f"layer_{key}")
-    values[row] += 1j * STEP * (1.0 if name == "x" else values[row])
+        row = (
+            FIRST_BALL
+            + bodies * len(SPHERE_PARAMETERS)
+            + int(number) * len(LAYER_PARAMETERS)
+            + LAYER_PARAMETERS.index(f"layer_{key}")
+        )
+    values[row] += 1j * COMPLEX_STEP_RELATIVE * (1.0 if name == "x" else values[row])
     return values

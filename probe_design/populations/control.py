@@ -27,9 +27,12 @@ from probe_design.populations.detection import Detector
 from probe_design.populations.population import ScenePopulation, TumourDraw
 from probe_design.populations.tables import Objective, Protocol
 
-MANY, MOST = 256, 4096  # tumours of which the formulas are asked beside a judge, at least and at most
-TIMES = 6  # as many as the judged ones, so that more of these make both parts' errors smaller
-TISSUES, FEW_SCANS = 32, 64  # their tissues, scans over each
+MIN_CONTROL_TUMOURS, MAX_CONTROL_TUMOURS = (
+    256,
+    4096,
+)  # tumours of which the formulas are asked beside a judge, at least and at most
+CONTROL_TUMOURS_PER_TUMOUR = 6  # as many as the judged ones, so that more of these make both parts' errors smaller
+CONTROL_TISSUES, SCANS_PER_CONTROL_TUMOUR = 32, 64  # their tissues, scans over each
 
 
 @dataclass(frozen=True)
@@ -42,13 +45,15 @@ class ControlVariate:
         tissue: numbers of the tissues of these, shape (N,).
     """
 
-    own: Floats
-    many: Floats
+    same_tumours: Floats
+    other_tumours: Floats
     tissue: Ints
 
-    def less(self, other: ControlVariate) -> ControlVariate:
+    def subtract(self, reference: ControlVariate) -> ControlVariate:
         """Return what the formulas say of the difference of two probes for the same tumours."""
-        return ControlVariate(self.own - other.own, self.many - other.many, self.tissue)
+        return ControlVariate(
+            self.same_tumours - reference.same_tumours, self.other_tumours - reference.other_tumours, self.tissue
+        )
 
 
 @dataclass(frozen=True)
@@ -62,29 +67,35 @@ class ControlSignals:
         tissue: numbers of the tissues of these, shape (N,).
     """
 
-    own: Floats
-    many: Floats
+    same_tumours: Floats
+    other_tumours: Floats
     tissue: Ints
 
     @classmethod
-    def of(cls, scene: Scene, protocol: Protocol, population: ScenePopulation, draw: TumourDraw) -> ControlSignals:
+    def from_draw(cls, scene: Scene, protocol: Protocol, population: ScenePopulation, draw: TumourDraw) -> ControlSignals:
         """Ask the formulas; raises ``Refusal`` where they break down for the scene's probe."""
-        count = min(max(MANY, TIMES * len(draw)), MOST)
-        others = replace(population, seed=population.seed + 2).drawn(count, unseen=True, tissues=TISSUES)
-        own, many = (ClosedFormScan.of(one, protocol).readings(scene).signal for one in (draw, others))
-        return cls(own, many, others.tissue)
+        count = min(max(MIN_CONTROL_TUMOURS, CONTROL_TUMOURS_PER_TUMOUR * len(draw)), MAX_CONTROL_TUMOURS)
+        control_draw = replace(population, seed=population.seed + 2).draw_tumours(count, unseen=True, tissues=CONTROL_TISSUES)
+        same_tumours, other_tumours = (
+            ClosedFormScan.from_draw(tumour_draw, protocol).compute_readings(scene).signal for tumour_draw in (draw, control_draw)
+        )
+        return cls(same_tumours, other_tumours, control_draw.tissue)
 
-    def part(self, columns: Ints) -> ControlSignals:
+    def select_readings(self, columns: Ints) -> ControlSignals:
         """Return some of the readings, by number."""
-        return ControlSignals(self.own[:, columns], self.many[:, columns], self.tissue)
+        return ControlSignals(self.same_tumours[:, columns], self.other_tumours[:, columns], self.tissue)
 
-    def found(self, detector: Detector, seed: int) -> ControlVariate:
+    def compute_probabilities(self, detector: Detector, seed: int) -> ControlVariate:
         """Return how often a detector finds them, under the draws that the judged tumours are found under."""
-        own = detector.probabilities(self.own, seed=seed)
-        return ControlVariate(own, detector.probabilities(self.many, seed=seed, scans=FEW_SCANS), self.tissue)
+        same_tumours = detector.compute_probabilities(self.same_tumours, seed=seed)
+        return ControlVariate(
+            same_tumours,
+            detector.compute_probabilities(self.other_tumours, seed=seed, scans=SCANS_PER_CONTROL_TUMOUR),
+            self.tissue,
+        )
 
 
-def sample_mean(values: Floats, tissue: Ints, objective: Objective, control: ControlVariate | None) -> tuple[float, float]:
+def estimate_statistic(values: Floats, tissue: Ints, objective: Objective, control: ControlVariate | None) -> tuple[float, float]:
     """Return the statistic of n tumours and its standard error by the sample: eq. PO.10 of means, where that knows more.
 
     Args:
@@ -93,10 +104,12 @@ def sample_mean(values: Floats, tissue: Ints, objective: Objective, control: Con
         objective: its statistic.
         control: by the formulas; None where there is none.
     """
-    plain = objective.over(values), objective.error(values, tissue)
+    plain = objective.compute_statistic(values), objective.compute_error(values, tissue)
     if control is None or objective.statistic != "mean":
         return plain
-    plain = plain[0], max(plain[1], float(np.std(control.many, ddof=1)) / math.sqrt(len(values)))
-    rest = values - control.own
-    error = math.hypot(objective.error(rest, tissue), objective.error(control.many, control.tissue))
-    return (float(np.mean(rest) + np.mean(control.many)), error) if error < plain[1] else plain
+    plain = plain[0], max(plain[1], float(np.std(control.other_tumours, ddof=1)) / math.sqrt(len(values)))
+    differences = values - control.same_tumours
+    error = math.hypot(
+        objective.compute_error(differences, tissue), objective.compute_error(control.other_tumours, control.tissue)
+    )
+    return (float(np.mean(differences) + np.mean(control.other_tumours)), error) if error < plain[1] else plain

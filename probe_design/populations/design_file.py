@@ -9,18 +9,18 @@ from typing import Any
 from pydantic import Field, ValidationError
 from pydantic_core import ErrorDetails
 
-from geometry.common.errors import InputError, Words, one_of
+from geometry.common.errors import InputError, Words, describe_choices
 from geometry.common.text_files import read_tables
 from geometry.scenes.file_kinds import check_kind
-from geometry.scenes.messages import model_at
+from geometry.scenes.messages import find_model
 from geometry.scenes.probe import Frozen
 from geometry.scenes.scene import Scene
-from geometry.scenes.scene_file import named_scene
+from geometry.scenes.scene_file import find_scene
 from geometry.scenes.units import Quantity
 from probe_design.populations.tables import DesignLimits, NoiseModel, Objective, PopulationRanges, Protocol
 from probe_design.populations.variables import DesignVariables
 
-SECTIONS = ("population", "protocol", "noise", "limits", "variables", "objective")
+DESIGN_SECTIONS = ("population", "protocol", "noise", "limits", "variables", "objective")
 
 
 class Design(Frozen):
@@ -42,7 +42,7 @@ class Design(Frozen):
 
 def is_design(tables: Mapping[str, Any]) -> bool:
     """Whether the tables of a file are those of a design file: a scene has the tables probe and tissue itself."""
-    return "scene" in tables or (bool(set(SECTIONS) - {"noise"} & set(tables)) and "probe" not in tables)
+    return "scene" in tables or (bool(set(DESIGN_SECTIONS) - {"noise"} & set(tables)) and "probe" not in tables)
 
 
 def read_design(path: Path | str) -> Design:
@@ -71,18 +71,18 @@ def design_from_dict(tables: Mapping[str, Any], folder: Path | str = ".", units_
     Raises:
         InputError: something is not allowed.
     """
-    rest = {name: table for name, table in tables.items() if name != "scene"}
-    if unknown := [name for name in rest if name not in SECTIONS]:
-        raise InputError(str(unknown[0]), rest[unknown[0]], one_of(unknown[0], ("scene", *SECTIONS)))
-    scene = named_scene(tables.get("scene"), Path(folder))
+    sections = {name: table for name, table in tables.items() if name != "scene"}
+    if unknown := [name for name in sections if name not in DESIGN_SECTIONS]:
+        raise InputError(str(unknown[0]), sections[unknown[0]], describe_choices(unknown[0], ("scene", *DESIGN_SECTIONS)))
+    scene = find_scene(tables.get("scene"), Path(folder))
     try:
-        design = Design.model_validate({**rest, "scene": scene}, context={"units_required": units_required})
+        design = Design.model_validate({**sections, "scene": scene}, context={"units_required": units_required})
     except ValidationError as refused:
-        raise _first_fault(refused) from None
-    return _located(_checked(design), Path(folder))
+        raise _convert_first_fault(refused) from None
+    return _resolve_calibration_path(_check_against_scene(design), Path(folder))
 
 
-def _checked(design: Design) -> Design:
+def _check_against_scene(design: Design) -> Design:
     """Refuse what does not fit the scene."""
     ranges, scene = design.population, design.scene
     if len(ranges.layer) > len(scene.tissue.layer):
@@ -97,7 +97,7 @@ def _checked(design: Design) -> Design:
         )
     if scene.inclusion and scene.inclusion[0].diameter is None and ranges.diameter is None:
         raise InputError("population.diameter", Words("missing"), "diameters of spheres: the scene's inclusion is none")
-    if ranges.samples < 2 and ranges.differ:
+    if ranges.samples < 2 and ranges.is_varied:
         raise InputError("population.samples", ranges.samples, "2 or more, as tumours differ: one alone gives no sampling error")
     for key in ("depth", "diameter", "object"):
         if not scene.inclusion and getattr(ranges, key) is None:
@@ -105,7 +105,7 @@ def _checked(design: Design) -> Design:
     return design
 
 
-def _located(design: Design, folder: Path) -> Design:
+def _resolve_calibration_path(design: Design, folder: Path) -> Design:
     """The design with its calibration's file by its whole path."""
     name = design.noise.calibration
     if name is None:
@@ -113,21 +113,21 @@ def _located(design: Design, folder: Path) -> Design:
     return design.model_copy(update={"noise": design.noise.model_copy(update={"calibration": str((folder / name).absolute())})})
 
 
-def _first_fault(refused: ValidationError) -> InputError:
+def _convert_first_fault(refused: ValidationError) -> InputError:
     """One of pydantic's errors as one line: an unknown key before other faults."""
-    error = min(refused.errors(include_url=False), key=lambda one: one["type"] != "extra_forbidden")
+    error = min(refused.errors(include_url=False), key=lambda fault: fault["type"] != "extra_forbidden")
     path = [part for part in error["loc"] if isinstance(part, int) or not part.startswith(("literal", "float", "constrained"))]
     key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path).lstrip(".")
     cause = error.get("ctx", {}).get("error")
     if isinstance(cause, InputError):
         return InputError(f"{key}.{cause.key}".rstrip(".") if cause.key else key, cause.value, cause.allowed)
-    return InputError(key, Words("missing") if error["type"] == "missing" else error["input"], _allowed(error, path))
+    return InputError(key, Words("missing") if error["type"] == "missing" else error["input"], _describe_allowed(error, path))
 
 
-def _allowed(error: ErrorDetails, path: list[str | int]) -> str:
-    model, last = model_at(Design, path[:-1]), next((part for part in reversed(path) if isinstance(part, str)), "")
+def _describe_allowed(error: ErrorDetails, path: list[str | int]) -> str:
+    model, last = find_model(Design, path[:-1]), next((part for part in reversed(path) if isinstance(part, str)), "")
     if error["type"] == "extra_forbidden":
-        return one_of(path[-1], model.model_fields)
+        return describe_choices(path[-1], model.model_fields)
     if error["type"] == "quantity":
         return error["msg"]
     field = model.model_fields.get(last)

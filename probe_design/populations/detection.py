@@ -30,11 +30,11 @@ from scipy.special import ndtr, ndtri, softmax
 
 from geometry.common.arrays import Floats
 
-BLANKS = 32_768  # scans without tumours from which the threshold is found
-SCANS = 256  # over each tumour
-ROWS = 8192  # scans at once: what they need stays small
-SMALL = 0.1  # exponents below which their mean is told by its difference from 1
-ALIKE = 1e-12  # relative: templates that differ less are one
+TUMOUR_FREE_SCANS = 32_768  # scans without tumours from which the threshold is found
+SCANS_PER_TUMOUR = 256  # over each tumour
+MAX_SCANS_AT_ONCE = 8192  # scans at once: what they need stays small
+SMALL_EXPONENT = 0.1  # exponents below which their mean is told by its difference from 1
+SAME_TEMPLATE_TOLERANCE_RELATIVE = 1e-12  # relative: templates that differ less are one
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,9 @@ class Detector:
     uncertain: tuple[float, float]
 
     @classmethod
-    def trained(cls, signals: Floats, covariance: Floats, false_alarm: float, *, seed: int = 0, blanks: int = BLANKS) -> Detector:
+    def train(
+        cls, signals: Floats, covariance: Floats, false_alarm: float, *, seed: int = 0, blanks: int = TUMOUR_FREE_SCANS
+    ) -> Detector:
         """Return the detector for a reference sample of tumours.
 
         Args:
@@ -69,21 +71,21 @@ class Detector:
             blanks: how many scans without tumours are drawn.
         """
         factor = np.asarray(np.linalg.cholesky(covariance), dtype=float)
-        templates = whitened(factor, signals)
-        if np.ptp(templates, axis=0).max() <= ALIKE * np.abs(templates).max():
+        templates = whiten(factor, signals)
+        if np.ptp(templates, axis=0).max() <= SAME_TEMPLATE_TOLERANCE_RELATIVE * np.abs(templates).max():
             threshold = float(ndtri(1 - false_alarm))
             return cls(factor, templates[:1], false_alarm, threshold, false_alarm, (threshold, threshold))
         z = np.random.default_rng([seed, 1]).standard_normal((blanks, len(factor)))
-        statistic = np.sort(log_likelihood_ratio(templates, z))
+        statistic = np.sort(compute_log_likelihood_ratio(templates, z))
         spread = np.sqrt(false_alarm * (1 - false_alarm) / blanks)
         threshold, lower, higher = (
             float(np.quantile(statistic, 1 - share, method="higher"))
             for share in (false_alarm, false_alarm + spread, false_alarm - spread)
         )
-        above, on = float((statistic > threshold).mean()), float((statistic == threshold).mean())
-        return cls(factor, templates, false_alarm, threshold, (false_alarm - above) / on, (lower, higher))
+        fraction_above, fraction_tied = float((statistic > threshold).mean()), float((statistic == threshold).mean())
+        return cls(factor, templates, false_alarm, threshold, (false_alarm - fraction_above) / fraction_tied, (lower, higher))
 
-    def probabilities(self, signals: Floats, *, seed: int = 0, scans: int = SCANS, shift: int = 0) -> Floats:
+    def compute_probabilities(self, signals: Floats, *, seed: int = 0, scans: int = SCANS_PER_TUMOUR, shift: int = 0) -> Floats:
         """Return the probability to find each of n tumours.
 
         Args:
@@ -95,25 +97,27 @@ class Detector:
         Returns:
             P_i, shape (n,), each with a standard error of sqrt(P_i (1 - P_i) / scans), or exact by eq. PO.5.
         """
-        v = whitened(self.factor, signals)
+        v = whiten(self.factor, signals)
         if len(self.templates) == 1:
-            return self._known(v)
+            return self._compute_known_tumour(v)
         threshold = self.threshold if not shift else self.uncertain[(shift + 1) // 2]
-        each, found = max(1, ROWS // scans), np.empty(len(v))
+        chunk, probabilities = max(1, MAX_SCANS_AT_ONCE // scans), np.empty(len(v))
         rng = np.random.default_rng([seed, 2])
-        for low in range(0, len(v), each):
-            z = rng.standard_normal((min(each, len(v) - low), scans, v.shape[1])) + v[low : low + each, None]
-            statistic = log_likelihood_ratio(self.templates, z.reshape(-1, v.shape[1])).reshape(z.shape[:2])
-            found[low : low + each] = (statistic > threshold).mean(axis=1) + self.tie * (statistic == threshold).mean(axis=1)
-        return found
+        for low in range(0, len(v), chunk):
+            z = rng.standard_normal((min(chunk, len(v) - low), scans, v.shape[1])) + v[low : low + chunk, None]
+            statistic = compute_log_likelihood_ratio(self.templates, z.reshape(-1, v.shape[1])).reshape(z.shape[:2])
+            probabilities[low : low + chunk] = (statistic > threshold).mean(axis=1) + self.tie * (statistic == threshold).mean(
+                axis=1
+            )
+        return probabilities
 
-    def slopes(self, signals: Floats) -> Floats:
+    def compute_derivatives(self, signals: Floats) -> Floats:
         """Return the derivatives of eq. PO.4's logarithm by the readings at signals without noise, eq. PO.11, shape (n, m)."""
-        exponents = whitened(self.factor, signals) @ self.templates.T - (self.templates**2).sum(axis=1) / 2
+        exponents = whiten(self.factor, signals) @ self.templates.T - (self.templates**2).sum(axis=1) / 2
         weights = softmax(exponents, axis=1) @ self.templates
         return np.asarray(solve_triangular(self.factor, weights.T, lower=True, trans="T").T)
 
-    def _known(self, v: Floats) -> Floats:
+    def _compute_known_tumour(self, v: Floats) -> Floats:
         u = self.templates[0]
         size = float(np.linalg.norm(u))
         if size == 0.0:
@@ -121,32 +125,32 @@ class Detector:
         return np.asarray(ndtr(v @ (u / size) - self.threshold))
 
 
-def whitened(factor: Floats, signals: Any) -> Any:
+def whiten(factor: Floats, signals: Any) -> Any:
     """Return L^-1 s for signals of shape (n, m), real or complex."""
     return solve_triangular(factor, signals.T, lower=True).T
 
 
-def log_likelihood_ratio(templates: Floats, z: Floats) -> Floats:
+def compute_log_likelihood_ratio(templates: Floats, z: Floats) -> Floats:
     """Return ln of eq. PO.4 for scans z of shape (s, m), shape (s,); neither large nor tiny exponents lose anything."""
-    out = np.empty(len(z))
-    for low in range(0, len(z), ROWS):
-        exponents = z[low : low + ROWS] @ templates.T - (templates**2).sum(axis=1) / 2
-        most = exponents.max(axis=1)
-        tiny = (most < SMALL) & (exponents.min(axis=1) > -SMALL)
-        whole = np.empty(len(most))
+    result = np.empty(len(z))
+    for low in range(0, len(z), MAX_SCANS_AT_ONCE):
+        exponents = z[low : low + MAX_SCANS_AT_ONCE] @ templates.T - (templates**2).sum(axis=1) / 2
+        max_exponent = exponents.max(axis=1)
+        tiny = (max_exponent < SMALL_EXPONENT) & (exponents.min(axis=1) > -SMALL_EXPONENT)
+        whole = np.empty(len(max_exponent))
         whole[tiny] = np.log1p(np.expm1(exponents[tiny]).mean(axis=1))
-        whole[~tiny] = most[~tiny] + np.log(np.exp(exponents[~tiny] - most[~tiny, None]).mean(axis=1))
-        out[low : low + ROWS] = whole
-    return out
+        whole[~tiny] = max_exponent[~tiny] + np.log(np.exp(exponents[~tiny] - max_exponent[~tiny, None]).mean(axis=1))
+        result[low : low + MAX_SCANS_AT_ONCE] = whole
+    return result
 
 
-def deflections(signals: Any, covariance: Floats) -> Any:
+def compute_deflections(signals: Any, covariance: Floats) -> Any:
     """Return d' of each tumour if it were known, shape (n,): what eq. PO.5 bounds P_i with; smooth, also for complex steps."""
     factor = np.asarray(np.linalg.cholesky(covariance), dtype=float)
-    v = whitened(factor, signals)
+    v = whiten(factor, signals)
     return np.sqrt((v**2).sum(axis=-1))
 
 
-def known_tumours(deflection: Floats, false_alarm: float) -> Floats:
+def compute_known_probabilities(deflection: Floats, false_alarm: float) -> Floats:
     """Return eq. PO.5 for deflections of any shape: the most that any detector finds."""
     return np.asarray(ndtr(deflection - ndtri(1 - false_alarm)))

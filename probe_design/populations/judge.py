@@ -18,16 +18,16 @@ from probe_design.populations.closed_form_scan import ClosedFormScan
 from probe_design.populations.control import ControlSignals
 from probe_design.populations.design_file import Design
 from probe_design.populations.examination import Examination
-from probe_design.populations.inclusion_scan import inclusion_readings
+from probe_design.populations.inclusion_scan import compute_inclusion_readings
 from probe_design.populations.judgement import Judgement
 from probe_design.populations.population import ScenePopulation
 
 Progress = Callable[[int, int], None]
-REFERENCE = 256  # tumours that the detector knows
-LEVELS = ("closed-form", "equivalent-inclusion")
+DETECTOR_TUMOURS = 256  # tumours that the detector knows
+EVALUATORS = ("closed-form", "equivalent-inclusion")
 
 
-def examined(
+def examine(
     scene: Scene, design: Design, *, samples: int | None = None, unseen: bool = False, progress: Progress | None = None
 ) -> Examination:
     """Read a scan over a population: by the formulas over the design's own draw, or by finite elements over an unseen one.
@@ -45,24 +45,31 @@ def examined(
         InputError: the population does not fit the tissue, or the probe would leave it.
         Refusal: the levels cannot take the scene.
     """
-    start, population, protocol = perf_counter(), ScenePopulation.of(scene, design.population), design.protocol.of_both
-    draw = population.drawn(samples, unseen=unseen)
-    names = ("object", *(name for name, one in population.ranges.items() if not one.single and name != "object"))
+    start, population, protocol = (
+        perf_counter(),
+        ScenePopulation.from_scene(scene, design.population),
+        design.protocol.with_both_channels,
+    )
+    draw = population.draw_tumours(samples, unseen=unseen)
+    names = (
+        "object",
+        *(name for name, value_range in population.ranges.items() if not value_range.is_single and name != "object"),
+    )
     first, reflected, control = None, np.arange(len(draw)), None
     if unseen:
-        found = inclusion_readings(draw, protocol, names, noise=design.noise, progress=progress)
-        readings, reflected = found.best, found.reflected
-        first = found.first if len(reflected) < len(draw) else None
-        control = ControlSignals.of(scene, protocol, population, draw) if len(draw) > 1 else None
+        inclusion_results = compute_inclusion_readings(draw, protocol, names, noise=design.noise, progress=progress)
+        readings, reflected = inclusion_results.best, inclusion_results.reflected
+        first = inclusion_results.first if len(reflected) < len(draw) else None
+        control = ControlSignals.from_draw(scene, protocol, population, draw) if len(draw) > 1 else None
     else:
-        readings = ClosedFormScan.of(draw, protocol).readings(scene, names)
-    known = replace(population, seed=population.seed + 1).drawn(REFERENCE)
-    reference = ClosedFormScan.of(known, protocol).readings(scene).signal
+        readings = ClosedFormScan.from_draw(draw, protocol).compute_readings(scene, names)
+    known = replace(population, seed=population.seed + 1).draw_tumours(DETECTOR_TUMOURS)
+    reference = ClosedFormScan.from_draw(known, protocol).compute_readings(scene).signal
     seconds = perf_counter() - start
-    return Examination(population, draw, readings, reference, LEVELS[unseen], seconds, reflected, first, control)
+    return Examination(population, draw, readings, reference, EVALUATORS[unseen], seconds, reflected, first, control)
 
 
-def judged(
+def verify(
     scene: Scene, design: Design, *, samples: int | None = None, seed: int = 0, progress: Progress | None = None
 ) -> Judgement:
     """Judge a scene's probe under its load on tumours that no search has seen, by equivalent-inclusion with reflections.
@@ -78,9 +85,9 @@ def judged(
         InputError: the population does not fit the tissue, or the probe would leave it.
         Refusal: the levels cannot take the scene.
     """
-    return examined(scene, design, samples=samples, unseen=True, progress=progress).judgements(design, seed)
+    return examine(scene, design, samples=samples, unseen=True, progress=progress).evaluate_all_channels(design, seed)
 
 
-def scored(scene: Scene, design: Design, *, samples: int | None = None, seed: int = 0) -> Judgement:
+def score(scene: Scene, design: Design, *, samples: int | None = None, seed: int = 0) -> Judgement:
     """Judge a scene's probe by the formulas on the design's own draw; arguments and refusals as of ``verify``."""
-    return examined(scene, design, samples=samples).judgement(design, seed)
+    return examine(scene, design, samples=samples).evaluate(design, seed)

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from geometry.common.arrays import Floats, Ints
-from probe_design.populations.control import ControlVariate, sample_mean
-from probe_design.populations.scan_errors import CAUSES
+from probe_design.populations.control import ControlVariate, estimate_statistic
+from probe_design.populations.scan_errors import ERROR_CAUSES
 from probe_design.populations.tables import Objective, Observable
 
 Kind = Literal["detection", "resolved", "information"]
-KINDS: tuple[Kind, ...] = ("detection", "resolved", "information")
+OBJECTIVE_KINDS: tuple[Kind, ...] = ("detection", "resolved", "information")
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class MeanError:
     corrected: float = 0.0
 
     @property
-    def whole(self) -> float:
+    def total(self) -> float:
         """Both together."""
         return self.sampling + self.model
 
@@ -90,7 +90,7 @@ class Judgement:
     @property
     def detection_error(self) -> float:
         """What that may be off, sampling and model together."""
-        return self.errors["detection"].whole
+        return self.errors["detection"].total
 
     @property
     def resolved(self) -> float:
@@ -100,7 +100,7 @@ class Judgement:
     @property
     def resolved_error(self) -> float:
         """What that may be off, sampling and model together."""
-        return self.errors["resolved"].whole
+        return self.errors["resolved"].total
 
     @property
     def information(self) -> float:
@@ -110,7 +110,7 @@ class Judgement:
     @property
     def information_error(self) -> float:
         """What that may be off, sampling and model together."""
-        return self.errors["information"].whole
+        return self.errors["information"].total
 
     @property
     def probability(self) -> Floats:
@@ -122,44 +122,52 @@ class Judgement:
         """Information gained about each tumour's ln contrast, nats, shape (n,)."""
         return self.values["information"]
 
-    def gain_over(self, other: Judgement, objective: Objective) -> tuple[float, float]:
+    def compute_gain(self, reference: Judgement, objective: Objective) -> tuple[float, float]:
         """Return by how much this is better than another probe for the same tumours, and the error of that.
 
         The tumours are the same, and so are the draws: of a mean what counts is how much the differences scatter.
         """
         kind: Kind = objective.maximise
-        mine, others = self.values[kind], other.values[kind]
-        errors = self.errors[kind], other.errors[kind]
-        model, corrected = (math.hypot(*parts) for parts in ([one.model for one in errors], [one.corrected for one in errors]))
+        mine, reference_values = self.values[kind], reference.values[kind]
+        errors = self.errors[kind], reference.errors[kind]
+        model, corrected = (
+            math.hypot(*parts) for parts in ([item.model for item in errors], [item.corrected for item in errors])
+        )
         if objective.statistic == "mean":
-            both = self.control.less(other.control) if kind == "detection" and self.control and other.control else None
-            gain, error = sample_mean(mine - others, self.tissue, objective, both)
+            control_difference = (
+                self.control.subtract(reference.control) if kind == "detection" and self.control and reference.control else None
+            )
+            gain, error = estimate_statistic(mine - reference_values, self.tissue, objective, control_difference)
             return gain, math.hypot(error, corrected) + model
-        error = math.hypot(*(objective.error(one, self.tissue) for one in (mine, others)), corrected)
-        return objective.over(mine) - objective.over(others), error + model
+        error = math.hypot(*(objective.compute_error(item, self.tissue) for item in (mine, reference_values)), corrected)
+        return objective.compute_statistic(mine) - objective.compute_statistic(reference_values), error + model
 
     @property
     def error_note(self) -> str:
         """What of the detection's error dominates and what would reduce it, in one sentence."""
         error = self.errors["detection"]
-        sampling, model = (f"± {100 * one:.2g}" for one in (error.sampling, error.model))
+        sampling, model = (f"± {100 * item:.2g}" for item in (error.sampling, error.model))
         parts = f"sampling leaves {sampling} of 100 tumours open and the evaluator's model {model}"
         if error.sampling >= error.model or not self.causes:
             return f"{parts}: sampling dominates, which more population.samples than {len(self.depth)} would reduce"
-        cause = max(self.causes, key=lambda one: self.causes[one])
-        what, remedy = CAUSES[cause]
+        cause = max(self.causes, key=lambda item: self.causes[item])
+        what, remedy = ERROR_CAUSES[cause]
         return f"{parts}: the model dominates, {100 * self.causes[cause]:.0f} % of it {what}, which {remedy} would reduce"
 
     def as_dict(self) -> dict[str, Any]:
         """Return the numbers of the population, as JSON has them."""
-        own = self._numbers() | {"false_alarm": self.false_alarm, "tumours": len(self.depth), "observable": self.observable}
-        lines = {name: None if one is None else one._numbers() for name, one in self.by_observable.items()}
-        return own | {"model_error_causes": self.causes, "error_note": self.error_note, "by_observable": lines}
+        numbers = self._list_numbers() | {
+            "false_alarm": self.false_alarm,
+            "tumours": len(self.depth),
+            "observable": self.observable,
+        }
+        lines = {name: None if judgement is None else judgement._list_numbers() for name, judgement in self.by_observable.items()}
+        return numbers | {"model_error_causes": self.causes, "error_note": self.error_note, "by_observable": lines}
 
-    def _numbers(self) -> dict[str, float]:
+    def _list_numbers(self) -> dict[str, float]:
         numbers: dict[str, float] = {}
-        for kind in KINDS:
+        for kind in OBJECTIVE_KINDS:
             error = self.errors[kind]
-            numbers |= {kind: self.means[kind], f"{kind}_error": error.whole}
+            numbers |= {kind: self.means[kind], f"{kind}_error": error.total}
             numbers |= {f"{kind}_sampling_error": error.sampling, f"{kind}_model_error": error.model}
         return numbers

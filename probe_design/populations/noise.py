@@ -30,20 +30,20 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
 from geometry.scenes.probe import Film
 from geometry.scenes.scene import Scene
-from probe_design.data.noise import LEAST
-from probe_design.populations.tables import CHANNELS, NoiseModel, Observable, Protocol
+from probe_design.data.noise import MIN_NOISE
+from probe_design.populations.tables import CHANNEL_INDICES, NoiseModel, Observable, Protocol
 
-WHITE = ("white", "stiffness_white")  # keys of [noise] of both channels
+WHITE_NOISE_KEYS = ("white", "stiffness_white")  # keys of [noise] of both channels
 
 
-def covariance(
+def build_difference_covariance(
     noise: NoiseModel,
     protocol: Protocol,
     scene: Scene,
     blank: Floats,
     *,
     tissue: Floats | None = None,
-    over: Floats | None = None,
+    tumour_forces: Floats | None = None,
     observable: Observable | None = None,
 ) -> Floats:
     """Return the covariance of the readings counted from the baseline reading (eq. PO.2) or from a prediction (eq. PO.3).
@@ -64,16 +64,25 @@ def covariance(
         InputError: a reading would have less noise than ``LEAST``, or charges are noisy and the scene has no load.
     """
     p = len(protocol.positions)
-    places = np.vstack([blank, np.tile(blank, (p, 1)) if over is None else over])
-    channels = CHANNELS[observable or protocol.observable]
-    own, together = _variances(noise, channels, scene, places), _common(noise, channels, blank)
-    shared = own[:, 0] if protocol.blank else together
-    C = np.diag(own[:, 1:].ravel()) + np.kron(np.diag(shared), np.ones((p, p)))
+    places = np.vstack([blank, np.tile(blank, (p, 1)) if tumour_forces is None else tumour_forces])
+    channels = CHANNEL_INDICES[observable or protocol.observable]
+    white_variances, together = (
+        _compute_channel_variances(noise, channels, scene, places),
+        _compute_common_variances(noise, channels, blank),
+    )
+    shared = white_variances[:, 0] if protocol.blank else together
+    C = np.diag(white_variances[:, 1:].ravel()) + np.kron(np.diag(shared), np.ones((p, p)))
     return C if tissue is None or protocol.blank else C + tissue @ tissue.T
 
 
-def covariance_of_all(
-    noise: NoiseModel, protocol: Protocol, scene: Scene, blank: Floats, over: Floats, *, observable: Observable | None = None
+def build_full_covariance(
+    noise: NoiseModel,
+    protocol: Protocol,
+    scene: Scene,
+    blank: Floats,
+    tumour_forces: Floats,
+    *,
+    observable: Observable | None = None,
 ) -> Floats:
     """Return the covariance of all readings and the baseline's (eq. PO.8); arguments as of ``build_difference_covariance``.
 
@@ -81,45 +90,48 @@ def covariance_of_all(
         in the order of ``readings.compute_logarithms``, then the blank's channels if there is one;
             shape (m, m) or (m + c, m + c).
     """
-    channels = CHANNELS[observable or protocol.observable]
-    own, common = _variances(noise, channels, scene, np.vstack([blank, over])), _common(noise, channels, blank)
-    each, p = np.eye(len(own)), len(over)
-    variances = np.concatenate([own[:, 1:].ravel(), own[:, 0]])
-    u = np.concatenate([np.repeat(each, p, axis=0), each])
-    kept = len(variances) if protocol.blank else len(own) * p
-    return np.asarray((np.diag(variances) + u @ np.diag(common) @ u.T)[:kept, :kept])
+    channels = CHANNEL_INDICES[observable or protocol.observable]
+    white_variances, common = (
+        _compute_channel_variances(noise, channels, scene, np.vstack([blank, tumour_forces])),
+        _compute_common_variances(noise, channels, blank),
+    )
+    identity, p = np.eye(len(white_variances)), len(tumour_forces)
+    variances = np.concatenate([white_variances[:, 1:].ravel(), white_variances[:, 0]])
+    u = np.concatenate([np.repeat(identity, p, axis=0), identity])
+    size = len(variances) if protocol.blank else len(white_variances) * p
+    return np.asarray((np.diag(variances) + u @ np.diag(common) @ u.T)[:size, :size])
 
 
-def reading_deviations(noise: NoiseModel, protocol: Protocol, scene: Scene, blank: Floats) -> Floats:
+def compute_reading_deviations(noise: NoiseModel, protocol: Protocol, scene: Scene, blank: Floats) -> Floats:
     """Return the standard deviations of one reading of ratio and stiffness, with the blank's where there is one, shape (2,)."""
-    own = np.maximum(_both_variances(noise, scene, blank[None])[:, 0], LEAST**2)
-    return np.asarray(np.sqrt((1 + protocol.blank) * own))
+    variances = np.maximum(_compute_both_variances(noise, scene, blank[None])[:, 0], MIN_NOISE**2)
+    return np.asarray(np.sqrt((1 + protocol.blank) * variances))
 
 
-def _variances(noise: NoiseModel, channels: tuple[int, ...], scene: Scene, places: Floats) -> Floats:
+def _compute_channel_variances(noise: NoiseModel, channels: tuple[int, ...], scene: Scene, places: Floats) -> Floats:
     """w_c^2 of some channels where the films feel such forces, shape (k, 2): (c, k)."""
-    own = _both_variances(noise, scene, places)
+    variances = _compute_both_variances(noise, scene, places)
     for channel in channels:
-        variance = float(own[channel].min())
-        if not variance >= LEAST**2:
-            least = f"{LEAST:g} or more: far below it the model's own error is all there is"
-            raise InputError(f"noise.{WHITE[channel]}", math.sqrt(variance), least)
-    return own[list(channels)]
+        variance = float(variances[channel].min())
+        if not variance >= MIN_NOISE**2:
+            allowed = f"{MIN_NOISE:g} or more: far below it the model's own error is all there is"
+            raise InputError(f"noise.{WHITE_NOISE_KEYS[channel]}", math.sqrt(variance), allowed)
+    return variances[list(channels)]
 
 
-def _both_variances(noise: NoiseModel, scene: Scene, places: Floats) -> Floats:
+def _compute_both_variances(noise: NoiseModel, scene: Scene, places: Floats) -> Floats:
     """w_c^2 of the ratio and of the stiffness, (2, k)."""
-    charges = film_charges(scene, places) if noise.charge else np.ones(places.shape)
+    charges = compute_film_charges(scene, places) if noise.charge else np.ones(places.shape)
     ratio = noise.white**2 + noise.tilt**2 + ((noise.charge / charges) ** 2).sum(axis=1)
     return np.stack([ratio, np.full_like(ratio, noise.stiffness_white**2)])
 
 
-def _common(noise: NoiseModel, channels: tuple[int, ...], blank: Floats) -> Floats:
+def _compute_common_variances(noise: NoiseModel, channels: tuple[int, ...], blank: Floats) -> Floats:
     """Return the variance of the gain of some channels, shape (c,)."""
-    return np.array([_ratio_gain(noise, blank), noise.stiffness_gain**2])[list(channels)]
+    return np.array([_compute_ratio_gain_variance(noise, blank), noise.stiffness_gain**2])[list(channels)]
 
 
-def film_charges(scene: Scene, places: Floats) -> Floats:
+def compute_film_charges(scene: Scene, places: Floats) -> Floats:
     """Return the charge of each film under the scene's load, C, shape (k, 2)."""
     load, film = scene.load, scene.probe.film
     indentation = (load.force or 0.0) / places.sum(axis=1) if load.indentation is None else np.full(len(places), load.indentation)
@@ -130,21 +142,21 @@ def film_charges(scene: Scene, places: Floats) -> Floats:
     return np.asarray(charges)
 
 
-def _ratio_gain(noise: NoiseModel, blank: Floats) -> float:
+def _compute_ratio_gain_variance(noise: NoiseModel, blank: Floats) -> float:
     """The variance of ln ratio that the channels' gains have: y = M f, d ln(y1 / y2) by the entries of M."""
     if noise.calibration is None:
         return 2 * noise.gain**2
-    matrix, entries = _calibrated(noise.calibration)
+    matrix, entries = _read_calibration(noise.calibration)
     share = blank / np.abs(blank).sum()
     first, second = matrix @ share
-    by = np.concatenate([share / first, -share / second])
-    return float(by @ entries @ by)
+    gradient = np.concatenate([share / first, -share / second])
+    return float(gradient @ entries @ gradient)
 
 
 @lru_cache(maxsize=4)
-def _calibrated(path: str) -> tuple[Floats, Floats]:
+def _read_calibration(path: str) -> tuple[Floats, Floats]:
     """The gain matrix M, shape (2, 2), and the covariance of its entries row by row, (4, 4), of a calibration record."""
     from probe_design.built_probe.calibration_record import read_record
 
-    gains = read_record(path).gains()
+    gains = read_record(path).build_gains()
     return gains.matrix, gains.covariance

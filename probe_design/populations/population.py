@@ -17,18 +17,20 @@ from scipy.stats import qmc
 
 from geometry.common.arrays import Bools, Floats, Ints
 from geometry.common.errors import InputError, Words
-from geometry.scenes.messages import most_telling
+from geometry.scenes.messages import convert_error
 from geometry.scenes.scene import Scene
-from geometry.scenes.variables import changed
+from geometry.scenes.variables import replace_values
 from probe_design.populations.ranges import Range
 from probe_design.populations.tables import PopulationRanges
 
-MOST_TISSUES, MOST_LAYERED = 4, 2  # of one material, and of layers, on which a probe takes three times as long to solve
-COVER = 0.1  # of its diameter: least tissue between a tumour and surface or interface, see ``closed_form``'s ``LEAST_COVER``
-CLEAR = 1 - 1e-6  # of the room that a tumour may fill
-TRIES = 64  # times the tumours asked for that are drawn before giving up
-UNSEEN = 104_729  # added to the seed for tumours that a search has not seen
-OF_TUMOUR = ("depth", "diameter", "object", "x")
+MAX_TISSUES, MAX_LAYERED_TISSUES = 4, 2  # of one material, and of layers, on which a probe takes three times as long to solve
+MIN_COVER_PER_DIAMETER = (
+    0.1  # of its diameter: least tissue between a tumour and surface or interface, see ``closed_form``'s ``LEAST_COVER``
+)
+SIDE_CLEARANCE_FACTOR = 1 - 1e-6  # of the room that a tumour may fill
+MAX_DRAWS_PER_TUMOUR = 64  # times the tumours asked for that are drawn before giving up
+UNSEEN_SEED_OFFSET = 104_729  # added to the seed for tumours that a search has not seen
+TUMOUR_PARAMETERS = ("depth", "diameter", "object", "x")
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,7 @@ class TumourDraw:
         return len(self.depth)
 
     @property
-    def beside(self) -> float:
+    def lateral_offset(self) -> float:
         """How far the tumours lie beside the line of readings, m."""
         body, line = self.scene.inclusion, self.scene.placement.y
         return (body[0].y if body else line) - line
@@ -72,13 +74,13 @@ class TumourDraw:
         drawn = self.misfits + len(self)
         return f"{self.misfits} of {drawn} tumours drawn did not fit the tissue under the least cover and were drawn again"
 
-    def on(self, scene: Scene) -> TumourDraw:
+    def replace_probe(self, scene: Scene) -> TumourDraw:
         """Return the same tumours and tissues under another scene's probe, contact and load."""
-        own = {key: getattr(scene, key) for key in ("probe", "contact", "placement", "load")}
-        with_it = tuple(one.model_copy(update=own) for one in (self.scene, *self.tissues))
+        replacements = {key: getattr(scene, key) for key in ("probe", "contact", "placement", "load")}
+        with_it = tuple(changed_scene.model_copy(update=replacements) for changed_scene in (self.scene, *self.tissues))
         return replace(self, scene=with_it[0], tissues=with_it[1:])
 
-    def of_tissue(self, number: int) -> Ints:
+    def find_members(self, number: int) -> Ints:
         """Return the numbers of the tumours in one tissue."""
         return np.flatnonzero(self.tissue == number)
 
@@ -101,26 +103,29 @@ class ScenePopulation:
     seed: int
 
     @classmethod
-    def of(cls, scene: Scene, given: PopulationRanges) -> ScenePopulation:
+    def from_scene(cls, scene: Scene, given: PopulationRanges) -> ScenePopulation:
         """Complete the ranges of a design file."""
-        own, tissue = scene.inclusion[0] if scene.inclusion else None, scene.tissue
-        usual: dict[str, Any] = {"tissue": tissue.youngs_modulus, "x": own.x if own else scene.placement.x}
-        if own is not None:
-            usual |= {"depth": own.depth, "diameter": own.diameter, "object": own.youngs_modulus}
-        stated = {key: getattr(given, key) for key in (*OF_TUMOUR, "tissue")}
+        inclusion, tissue = scene.inclusion[0] if scene.inclusion else None, scene.tissue
+        usual: dict[str, Any] = {"tissue": tissue.youngs_modulus, "x": inclusion.x if inclusion else scene.placement.x}
+        if inclusion is not None:
+            usual |= {"depth": inclusion.depth, "diameter": inclusion.diameter, "object": inclusion.youngs_modulus}
+        stated = {key: getattr(given, key) for key in (*TUMOUR_PARAMETERS, "tissue")}
         for number, layer in enumerate(tissue.layer):
-            said = given.layer[number] if number < len(given.layer) else None
+            stated_layer = given.layer[number] if number < len(given.layer) else None
             usual |= {f"layer_{number}_thickness": layer.thickness, f"layer_{number}_modulus": layer.youngs_modulus}
-            stated |= {f"layer_{number}_{key}": getattr(said, key, None) for key in ("thickness", "modulus")}
-        ranges = {key: one if one is not None else Range((usual[key],), log=key != "x") for key, one in stated.items()}
+            stated |= {f"layer_{number}_{key}": getattr(stated_layer, key, None) for key in ("thickness", "modulus")}
+        ranges = {
+            key: value_range if value_range is not None else Range((usual[key],), log=key != "x")
+            for key, value_range in stated.items()
+        }
         return cls(scene, ranges, given.least_cover, given.samples, given.seed)
 
     @property
-    def of_tissue(self) -> tuple[str, ...]:
+    def tissue_parameters(self) -> tuple[str, ...]:
         """Names of what is the tissue's."""
-        return tuple(key for key in self.ranges if key not in OF_TUMOUR)
+        return tuple(key for key in self.ranges if key not in TUMOUR_PARAMETERS)
 
-    def drawn(self, samples: int | None = None, *, unseen: bool = False, tissues: int | None = None) -> TumourDraw:
+    def draw_tumours(self, samples: int | None = None, *, unseen: bool = False, tissues: int | None = None) -> TumourDraw:
         """Draw tumours; the same ones each time.
 
         Args:
@@ -131,67 +136,71 @@ class ScenePopulation:
         Raises:
             InputError: hardly any tumour of the ranges fits the tissue.
         """
-        n, seed = samples or self.samples, self.seed + UNSEEN * unseen
-        if all(one.single for one in self.ranges.values()):
+        n, seed = samples or self.samples, self.seed + UNSEEN_SEED_OFFSET * unseen
+        if all(value_range.is_single for value_range in self.ranges.values()):
             n = 1
-        every = self._tissues(n, seed + 1, tissues or (MOST_LAYERED if self.scene.tissue.layer else MOST_TISSUES))
-        shares = [len(part) for part in np.array_split(np.arange(n), len(every))]
-        bodies, misfits = self._bodies(every, shares, seed)
+        tissue_scenes = self._draw_tissues(
+            n, seed + 1, tissues or (MAX_LAYERED_TISSUES if self.scene.tissue.layer else MAX_TISSUES)
+        )
+        shares = [len(part) for part in np.array_split(np.arange(n), len(tissue_scenes))]
+        bodies, misfits = self._draw_bodies(tissue_scenes, shares, seed)
         depth, diameter, modulus, x = bodies.T
-        numbers, nu = np.repeat(np.arange(len(every)), shares), self._poisson_ratio
-        return TumourDraw(self.scene, depth, diameter, modulus, x, nu, numbers, every, misfits)
+        numbers, nu = np.repeat(np.arange(len(tissue_scenes)), shares), self._poisson_ratio
+        return TumourDraw(self.scene, depth, diameter, modulus, x, nu, numbers, tissue_scenes, misfits)
 
-    def _bodies(self, tissues: tuple[Scene, ...], shares: list[int], seed: int) -> tuple[Floats, int]:
+    def _draw_bodies(self, tissues: tuple[Scene, ...], shares: list[int], seed: int) -> tuple[Floats, int]:
         """So many tumours as fit each tissue, as ``TUMOUR_PARAMETERS``, (n, 4), and how many before the last of them did not.
 
         Each tissue has blocks of consecutive points: every fourth of a Sobol sequence lies in a part of the range alone.
         """
-        sobol, block = qmc.Sobol(len(OF_TUMOUR), seed=seed), _power(shares[0])
-        chosen, misfits = [np.empty((0, len(OF_TUMOUR))) for _ in tissues], 0
-        for _ in range(TRIES):
+        sobol, block = qmc.Sobol(len(TUMOUR_PARAMETERS), seed=seed), _find_power_of_two(shares[0])
+        chosen, misfits = [np.empty((0, len(TUMOUR_PARAMETERS))) for _ in tissues], 0
+        for _ in range(MAX_DRAWS_PER_TUMOUR):
             for number, (tissue, share) in enumerate(zip(tissues, shares, strict=True)):
                 missing = share - len(chosen[number])
-                bodies = _values([self.ranges[key] for key in OF_TUMOUR], sobol.random(block))
-                fitting = np.flatnonzero(self.fits(tissue, bodies))[:missing]
+                bodies = _draw_values([self.ranges[key] for key in TUMOUR_PARAMETERS], sobol.random(block))
+                fitting = np.flatnonzero(self.check_fit(tissue, bodies))[:missing]
                 tried = 0 if not missing else block if len(fitting) < missing else int(fitting[-1]) + 1
                 misfits += tried - len(fitting)
                 chosen[number] = np.concatenate([chosen[number], bodies[fitting]])
             if sum(map(len, chosen)) == sum(shares):
                 return np.concatenate(chosen), misfits
-        fit = Words(f"{sum(map(len, chosen))} of {TRIES * block * len(tissues)} tumours fit")
-        why = self._misfit(tissues[0], _values([self.ranges[key] for key in OF_TUMOUR], sobol.random(block)))
-        raise InputError("population", fit, f"ranges of which more fit: most of these {why}")
+        fit = Words(f"{sum(map(len, chosen))} of {MAX_DRAWS_PER_TUMOUR * block * len(tissues)} tumours fit")
+        reason = self._describe_misfit(
+            tissues[0], _draw_values([self.ranges[key] for key in TUMOUR_PARAMETERS], sobol.random(block))
+        )
+        raise InputError("population", fit, f"ranges of which more fit: most of these {reason}")
 
-    def _misfit(self, tissue: Scene, bodies: Floats) -> str:
+    def _describe_misfit(self, tissue: Scene, bodies: Floats) -> str:
         """Describe the most frequent reason why tumours do not fit."""
         depth, diameter = bodies.T[:2]
-        radius, shallow = diameter / 2, np.maximum(self.least_cover, COVER * diameter)
+        radius, shallow = diameter / 2, np.maximum(self.least_cover, MIN_COVER_PER_DIAMETER * diameter)
         cover = np.mean(depth - radius < shallow)
-        faces = [np.abs(depth - face) - radius < COVER * diameter for face in tissue.tissue.interfaces]
+        faces = [np.abs(depth - face) - radius < MIN_COVER_PER_DIAMETER * diameter for face in tissue.tissue.interfaces]
         across = np.mean(np.any(faces, axis=0)) if faces else 0.0
-        beyond = np.mean(~self.fits(tissue.model_copy(update={"tissue": _unlayered(tissue)}), bodies)) - cover
+        outside = np.mean(~self.check_fit(tissue.model_copy(update={"tissue": _remove_layers(tissue)}), bodies)) - cover
         shares = {
             "are not under the least cover: a depth less half the diameter of a tenth of the diameter and of least_cover": cover,
             "are crossed by an interface of layers, or within a tenth of a diameter of one": across,
-            "reach beyond the tissue's side or floor": beyond,
+            "reach beyond the tissue's side or floor": outside,
         }
         return max(shares, key=lambda key: shares[key])
 
-    def fits(self, tissue: Scene, bodies: Floats) -> Bools:
+    def check_fit(self, tissue: Scene, bodies: Floats) -> Bools:
         """Return which tumours, shape (n, 4), lie within one layer of a scene's tissue and under the least cover."""
-        of, (depth, diameter, _, x), y = tissue.tissue, bodies.T, self._y
-        radius, cover = diameter / 2, np.maximum(self.least_cover, COVER * diameter)
+        body, (depth, diameter, _, x), y = tissue.tissue, bodies.T, self._y
+        radius, cover = diameter / 2, np.maximum(self.least_cover, MIN_COVER_PER_DIAMETER * diameter)
         good = depth - radius >= cover
-        for face in of.interfaces:
-            good &= np.abs(depth - face) - radius >= COVER * diameter
-        if of.shape == "half-space":
+        for face in body.interfaces:
+            good &= np.abs(depth - face) - radius >= MIN_COVER_PER_DIAMETER * diameter
+        if body.shape == "half-space":
             return np.asarray(good)
-        beside = (
-            of.radius - np.hypot(x, y)
-            if of.shape == "cylinder"
-            else np.minimum(of.length / 2 - np.abs(x), of.breadth / 2 - abs(y))
+        side_distance = (
+            body.radius - np.hypot(x, y)
+            if body.shape == "cylinder"
+            else np.minimum(body.length / 2 - np.abs(x), body.breadth / 2 - abs(y))
         )
-        return np.asarray(good & (radius < CLEAR * np.minimum(of.depth - depth, beside)))
+        return np.asarray(good & (radius < SIDE_CLEARANCE_FACTOR * np.minimum(body.depth - depth, side_distance)))
 
     @property
     def _y(self) -> float:
@@ -201,46 +210,48 @@ class ScenePopulation:
     def _poisson_ratio(self) -> float:
         return self.scene.inclusion[0].poisson_ratio if self.scene.inclusion else self.scene.tissue.poisson_ratio
 
-    def _tissues(self, n: int, seed: int, most: int) -> tuple[Scene, ...]:
+    def _draw_tissues(self, n: int, seed: int, max_count: int) -> tuple[Scene, ...]:
         """The scene without tumours in tissues of the population, one where nothing of it differs.
 
         Raises:
             InputError: a tissue is none, such as one with layers thicker than it is deep.
         """
-        keys = self.of_tissue
-        count = 1 if all(self.ranges[key].single for key in keys) else min(n, most)
-        rows = _values([self.ranges[key] for key in keys], qmc.Sobol(len(keys), seed=seed).random(_power(count))[:count])
-        return tuple(self.in_tissue(dict(zip(keys, row.tolist(), strict=True))) for row in rows)
+        keys = self.tissue_parameters
+        count = 1 if all(self.ranges[key].is_single for key in keys) else min(n, max_count)
+        rows = _draw_values(
+            [self.ranges[key] for key in keys], qmc.Sobol(len(keys), seed=seed).random(_find_power_of_two(count))[:count]
+        )
+        return tuple(self.build_tissue_scene(dict(zip(keys, row.tolist(), strict=True))) for row in rows)
 
     @property
     def middle(self) -> Scene:
         """The scene without tumours in the tissue in the middle of all ranges."""
-        return self.in_tissue({key: self.ranges[key].middle for key in self.of_tissue})
+        return self.build_tissue_scene({key: self.ranges[key].middle for key in self.tissue_parameters})
 
-    def in_tissue(self, numbers: Mapping[str, float]) -> Scene:
+    def build_tissue_scene(self, numbers: Mapping[str, float]) -> Scene:
         """Return the scene without tumours in a tissue with these numbers, by the names of ``ranges``.
 
         Raises:
             InputError: it is none.
         """
-        return self.varied(self.scene.model_copy(update={"inclusion": ()}), numbers)
+        return self.replace_tissue_numbers(self.scene.model_copy(update={"inclusion": ()}), numbers)
 
     @staticmethod
-    def varied(scene: Scene, numbers: Mapping[str, float]) -> Scene:
+    def replace_tissue_numbers(scene: Scene, numbers: Mapping[str, float]) -> Scene:
         """Return a scene with other numbers of its tissue. Raises ``InputError``: it is none."""
         try:
-            return changed(scene, {scene_key(name): value for name, value in numbers.items()})
+            return replace_values(scene, {get_scene_key(name): value for name, value in numbers.items()})
         except ValidationError as refused:
-            fault = most_telling(refused)
+            fault = convert_error(refused)
             raise InputError(f"population, {fault.key}", fault.value, fault.allowed) from None
 
 
 def is_of_tumour(name: str) -> bool:
     """Whether a range is of the tumours themselves, or of their tissue."""
-    return name in OF_TUMOUR
+    return name in TUMOUR_PARAMETERS
 
 
-def scene_key(name: str) -> str:
+def get_scene_key(name: str) -> str:
     """Return the scene's key of a range of the tissue: tissue, layer_0_thickness, layer_0_modulus and so on."""
     if name == "tissue":
         return "tissue.youngs_modulus"
@@ -248,22 +259,22 @@ def scene_key(name: str) -> str:
     return f"tissue.layer[{number}].{'youngs_modulus' if what == 'modulus' else what}"
 
 
-def _values(ranges: Sequence[Range], shares: Floats) -> Floats:
+def _draw_values(ranges: Sequence[Range], shares: Floats) -> Floats:
     """Values of quantities that these shares of the population stay below, shape (n, quantities)."""
-    return np.stack([one.at(column) for one, column in zip(ranges, shares.T, strict=True)], axis=1)
+    return np.stack([value_range.compute_quantiles(column) for value_range, column in zip(ranges, shares.T, strict=True)], axis=1)
 
 
-def _power(n: int) -> int:
+def _find_power_of_two(n: int) -> int:
     """The least power of two that is not below n: what a Sobol sequence is balanced for."""
     return 1 << max(n - 1, 0).bit_length()
 
 
-def _unlayered(scene: Scene) -> Any:
+def _remove_layers(scene: Scene) -> Any:
     return scene.tissue.model_copy(update={"layer": ()})
 
 
-def host_modulus(draw: TumourDraw, number: int) -> str:
+def name_host_modulus(draw: TumourDraw, number: int) -> str:
     """Return the name, as of ``ScenePopulation.ranges``, of the modulus of the tissue or layer about a tumour."""
     faces = draw.tissues[draw.tissue[number]].tissue.interfaces
-    above = sum(face <= draw.depth[number] for face in faces)
-    return "tissue" if above == len(faces) else f"layer_{above}_modulus"
+    layer_index = sum(face <= draw.depth[number] for face in faces)
+    return "tissue" if layer_index == len(faces) else f"layer_{layer_index}_modulus"

@@ -18,7 +18,7 @@ from geometry.scenes.units import Quantity
 if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler
 
-MOST_VALUES = 1000
+MAX_VALUES = 1000
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Range:
     log: bool = True
 
     @property
-    def single(self) -> bool:
+    def is_single(self) -> bool:
         """Whether there is one value alone."""
         return min(self.values) == max(self.values)
 
@@ -51,7 +51,7 @@ class Range:
         """Mean, geometric where the logarithm is what is spread."""
         return float(np.exp(np.mean(np.log(self.values)))) if self.log else float(np.mean(self.values))
 
-    def at(self, share: Floats) -> Floats:
+    def compute_quantiles(self, share: Floats) -> Floats:
         """Return the quantiles of the range at fractions from 0 to 1; any shape."""
         if not self.continuous:
             return np.asarray(np.array(self.values)[np.minimum((share * len(self.values)).astype(int), len(self.values) - 1)])
@@ -59,10 +59,10 @@ class Range:
         return np.asarray(low * (high / low) ** share if self.log else low + (high - low) * share, dtype=float)
 
 
-Said = TypeVar("Said")
+Entry = TypeVar("Entry")
 
 
-class FileEntry(ABC, Generic[Said]):
+class FileEntry(ABC, Generic[Entry]):
     """What an entry of a design file says, as a pydantic annotation: how it is read, written, and told where it is refused."""
 
     @property
@@ -71,14 +71,14 @@ class FileEntry(ABC, Generic[Said]):
         """What is one, in words."""
 
     @abstractmethod
-    def read(self, entry: object, units_required: bool) -> Said:
+    def read(self, entry: object, units_required: bool) -> Entry:
         """Return what an entry of a file says; raises ``ValueError`` saying why it is none."""
 
     @abstractmethod
-    def written(self, value: Said) -> Any:
+    def encode(self, value: Entry) -> Any:
         """Return what a file says of it."""
 
-    def _validate(self, entry: Any, info: ValidationInfo) -> Said:
+    def _validate(self, entry: Any, info: ValidationInfo) -> Entry:
         try:
             return self.read(entry, bool(info.context and info.context.get("units_required")))
         except (ValueError, OverflowError) as fault:
@@ -86,7 +86,7 @@ class FileEntry(ABC, Generic[Said]):
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         """Tell pydantic how to read and, as JSON, write the range."""
-        write = core_schema.plain_serializer_function_ser_schema(self.written, when_used="json-unless-none")
+        write = core_schema.plain_serializer_function_ser_schema(self.encode, when_used="json-unless-none")
         return core_schema.with_info_plain_validator_function(self._validate, serialization=write)
 
 
@@ -110,7 +110,7 @@ class Ranged(FileEntry[Range]):
         """What is one, in words."""
         return (
             f"{self.quantity.allowed}; a range of two, the lower first; a list of three or more, or {{ values = [...] }}, "
-            f"of at most {MOST_VALUES}"
+            f"of at most {MAX_VALUES}"
         )
 
     def read(self, entry: object, units_required: bool) -> Range:
@@ -124,15 +124,15 @@ class Ranged(FileEntry[Range]):
             entry = entry["values"]
         elif not isinstance(entry, list | tuple):
             entry = [entry]
-        if not isinstance(entry, list | tuple) or not 1 <= len(entry) <= MOST_VALUES:
+        if not isinstance(entry, list | tuple) or not 1 <= len(entry) <= MAX_VALUES:
             raise ValueError("not a list of values")
-        values = tuple(self.quantity.value(one, units_required) for one in entry)
+        values = tuple(self.quantity.convert(text, units_required) for text in entry)
         continuous = len(values) == 2 and not listed
         if continuous and values[0] > values[1]:
             raise ValueError("the higher end comes first")
         return Range(values, continuous and values[0] < values[1], self.log)
 
-    def written(self, value: Range) -> Any:
+    def encode(self, value: Range) -> Any:
         """Return what a file says of it."""
-        texts = [self.quantity.text(one) for one in value.values]
+        texts = [self.quantity.format_value(number) for number in value.values]
         return {"values": texts} if len(texts) == 2 and not value.continuous else texts

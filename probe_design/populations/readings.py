@@ -39,10 +39,10 @@ class ScanReadings:
     errors: dict[str, Floats]
     tissue: Ints
     blank: Floats
-    over: Floats
+    mean_forces: Floats
     blank_error: Floats
-    by: dict[str, Floats] = field(default_factory=dict)
-    blank_by: dict[str, Floats] = field(default_factory=dict)
+    derivatives: dict[str, Floats] = field(default_factory=dict)
+    blank_derivatives: dict[str, Floats] = field(default_factory=dict)
 
     @property
     def positions(self) -> int:
@@ -59,29 +59,29 @@ class ScanReadings:
         """Bound on what the evaluator is off in ``signal``, all causes together, shape (n, m)."""
         return np.asarray(sum(self.errors.values(), np.zeros_like(self.signal)))
 
-    def columns(self, positions: Ints, channels: Sequence[int]) -> Ints:
+    def list_columns(self, positions: Ints, channels: Sequence[int]) -> Ints:
         """Return where the readings at some positions, by number, of some channels stand among the m."""
         return np.asarray((np.asarray(channels)[:, None] * self.positions + positions).ravel())
 
-    def part(self, positions: Ints, channels: Sequence[int]) -> ScanReadings:
+    def select(self, positions: Ints, channels: Sequence[int]) -> ScanReadings:
         """Return those at some positions, by number, shape (p,), of some channels."""
-        kept, chosen = self.columns(positions, channels), list(channels)
+        columns, chosen = self.list_columns(positions, channels), list(channels)
         return replace(
             self,
-            signal=self.signal[:, kept],
-            errors={cause: error[:, kept] for cause, error in self.errors.items()},
-            over=self.over[positions],
+            signal=self.signal[:, columns],
+            errors={cause: error[:, columns] for cause, error in self.errors.items()},
+            mean_forces=self.mean_forces[positions],
             blank_error=self.blank_error[:, chosen],
-            by={name: slopes[:, kept] for name, slopes in self.by.items()},
-            blank_by={name: slopes[:, chosen] for name, slopes in self.blank_by.items()},
+            derivatives={name: slopes[:, columns] for name, slopes in self.derivatives.items()},
+            blank_derivatives={name: slopes[:, chosen] for name, slopes in self.blank_derivatives.items()},
         )
 
-    def on_scan(self, values: Floats) -> Floats:
+    def repeat_over_positions(self, values: Floats) -> Floats:
         """Return numbers of each channel, shape (..., c), for all readings, shape (..., m)."""
         return np.repeat(values, self.positions, axis=-1)
 
 
-def logarithms(totals: Any, stiffness: bool) -> Any:
+def compute_logarithms(totals: Any, stiffness: bool) -> Any:
     """Return the logarithms of ratio and stiffness, eq. PO.1 without its constant.
 
     Args:

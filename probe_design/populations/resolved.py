@@ -24,11 +24,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.common.arrays import Floats, Ints
-from probe_design.data.noise import RESOLVED
-from probe_design.populations.population import ScenePopulation, TumourDraw, host_modulus
+from probe_design.data.noise import MAX_RESOLVED_LOG_SD
+from probe_design.populations.population import ScenePopulation, TumourDraw, name_host_modulus
 from probe_design.populations.readings import ScanReadings
 
-E_FOLD = 1.0  # prior standard deviation of ln E_object where the population has one value of it
+DEFAULT_PRIOR_LOG_SD = 1.0  # prior standard deviation of ln E_object where the population has one value of it
 
 
 @dataclass(frozen=True)
@@ -46,26 +46,30 @@ class Unknowns:
     host: Ints
 
     @classmethod
-    def of(cls, population: ScenePopulation, draw: TumourDraw) -> Unknowns:
+    def from_draw(cls, population: ScenePopulation, draw: TumourDraw) -> Unknowns:
         """Return what the ranges leave open."""
-        open_ones = {key: one.deviation for key, one in population.ranges.items() if not one.single and key != "object"}
+        open_ones = {
+            key: value_range.deviation
+            for key, value_range in population.ranges.items()
+            if not value_range.is_single and key != "object"
+        }
         names = ("object", *open_ones)
-        hosts = np.array([host_modulus(draw, number) for number in range(len(draw))])
+        hosts = np.array([name_host_modulus(draw, number) for number in range(len(draw))])
         index = np.array([names.index(name) if name in names else -1 for name in hosts.tolist()])
-        deviations = [population.ranges["object"].deviation or E_FOLD, *open_ones.values()]
+        deviations = [population.ranges["object"].deviation or DEFAULT_PRIOR_LOG_SD, *open_ones.values()]
         return cls(names, np.array(deviations), index)
 
-    def derivatives(self, readings: ScanReadings, blank: bool) -> Floats:
+    def build_derivatives(self, readings: ScanReadings, blank: bool) -> Floats:
         """Return J of all readings, the blank's after those of the scan where there is one, shape (n, m or m + c, q)."""
         columns = []
         for name in self.names:
-            without = readings.blank_by.get(name, np.zeros_like(readings.blank_error))
-            whole = readings.by[name] + readings.on_scan(without)[readings.tissue]
-            columns.append(np.concatenate([whole, without[readings.tissue]], axis=1) if blank else whole)
+            baseline = readings.blank_derivatives.get(name, np.zeros_like(readings.blank_error))
+            whole = readings.derivatives[name] + readings.repeat_over_positions(baseline)[readings.tissue]
+            columns.append(np.concatenate([whole, baseline[readings.tissue]], axis=1) if blank else whole)
         return np.stack(columns, axis=-1)
 
 
-def contrast_deviations(unknowns: Unknowns, J: Floats, covariance: Floats, of_object: bool = False) -> Floats:
+def compute_contrast_deviations(unknowns: Unknowns, J: Floats, covariance: Floats, of_object: bool = False) -> Floats:
     """Return the standard deviation of ln contrast, or of ln E_object (eq. PO.6), shape (n,); inf without information.
 
     Args:
@@ -74,11 +78,11 @@ def contrast_deviations(unknowns: Unknowns, J: Floats, covariance: Floats, of_ob
         covariance: of the readings, shape (m, m).
         of_object: whether to tell ln E_object.
     """
-    j, others = J[:, :, 0], J[:, :, 1:].copy()
+    j, nuisances = J[:, :, 0], J[:, :, 1:].copy()
     if not of_object:
         rows = np.flatnonzero(unknowns.host > 0)
-        others[rows, :, unknowns.host[rows] - 1] += j[rows]
-    spread = others * unknowns.deviations[1:]
+        nuisances[rows, :, unknowns.host[rows] - 1] += j[rows]
+    spread = nuisances * unknowns.deviations[1:]
     marginal = covariance + spread @ spread.transpose(0, 2, 1)
     weighed = np.linalg.solve(marginal, j[:, :, None])[:, :, 0]
     information = np.maximum((j * weighed).sum(axis=1), 0.0)
@@ -86,7 +90,7 @@ def contrast_deviations(unknowns: Unknowns, J: Floats, covariance: Floats, of_ob
         return np.asarray(1 / np.sqrt(information))
 
 
-def informations(unknowns: Unknowns, J: Floats, covariance: Floats) -> Floats:
+def compute_informations(unknowns: Unknowns, J: Floats, covariance: Floats) -> Floats:
     """Return ln(prior / posterior standard deviation) of ln contrast, eq. PO.7, shape (n,)."""
     n, q = len(J), len(unknowns.names)
     scaled = J * unknowns.deviations  # unknowns in prior deviations: S = 1
@@ -99,22 +103,22 @@ def informations(unknowns: Unknowns, J: Floats, covariance: Floats) -> Floats:
     return np.asarray(np.maximum(np.log((c**2).sum(axis=1) / left) / 2, 0.0))
 
 
-def resolved(deviations: Floats) -> Floats:
+def is_resolved(deviations: Floats) -> Floats:
     """Return 1 for tumours whose sd of ln contrast is at most ``RESOLVED``, 0 for others, shape (n,)."""
-    return np.asarray((deviations <= RESOLVED).astype(float))
+    return np.asarray((deviations <= MAX_RESOLVED_LOG_SD).astype(float))
 
 
-def undecided(deviations: Floats, share: Floats) -> Floats:
+def is_undecided(deviations: Floats, share: Floats) -> Floats:
     """Return 1 for tumours resolved with derivatives larger by this fraction but not with smaller ones, shape (n,)."""
     with np.errstate(divide="ignore"):
-        return resolved(deviations / (1 + share)) - resolved(deviations / (1 - share))
+        return is_resolved(deviations / (1 + share)) - is_resolved(deviations / (1 - share))
 
 
-def share_error(told: Floats) -> float:
+def compute_fraction_error(resolved_values: Floats) -> float:
     """Return the standard error of a share from 0 or 1 of n tumours drawn at random, shape (n,).
 
     With one more told and one more not, as by Laplace's rule of succession, it is above 0 even where all or none are told. 0 of
     one tumour, which is a population of its own.
     """
-    n, p = len(told), (float(told.sum()) + 1) / (len(told) + 2)
+    n, p = len(resolved_values), (float(resolved_values.sum()) + 1) / (len(resolved_values) + 2)
     return math.sqrt(p * (1 - p) / n) if n > 1 else 0.0

@@ -17,27 +17,27 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
-from probe_design.maps.sphere_effects import CHANGES
+from probe_design.maps.sphere_effects import BASE_ERROR_FACTOR
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.equivalent_inclusion.readings import Readings
-from solver.results.detail_compliance import details
+from solver.results.detail_compliance import iterate_details
 
-TUMOURS, BASE, GROOVE_CUT, LOAD = "reflections and meshes", "base states", "groove", "load"
-CAUSES = {  # of the model's error: what each is, and what would reduce it
-    TUMOURS: ("what the meshes and the reflections of equivalent-inclusion leave open", "deeper tumours"),
-    BASE: (
+TUMOURS_CAUSE, BASE_CAUSE, GROOVE_CAUSE, LOAD_CAUSE = "reflections and meshes", "base states", "groove", "load"
+ERROR_CAUSES = {  # of the model's error: what each is, and what would reduce it
+    TUMOURS_CAUSE: ("what the meshes and the reflections of equivalent-inclusion leave open", "deeper tumours"),
+    BASE_CAUSE: (
         "what the meshes, the tissue's far edges and details other than the groove leave open",
         "a scan nearer the tissue's middle",
     ),
-    GROOVE_CUT: ("the groove, which equivalent-inclusion leaves out", "a smaller groove"),
-    LOAD: ("finite strain under the load, which linear elasticity leaves out", "a smaller force"),
+    GROOVE_CAUSE: ("the groove, which equivalent-inclusion leaves out", "a smaller groove"),
+    LOAD_CAUSE: ("finite strain under the load, which linear elasticity leaves out", "a smaller force"),
 }
-MOST = 0.999999  # of a total that may be open
-BRIDGED = 2.0  # of eq. PO.14
-GROOVE = 2.0  # times that without a tumour: ``python -m benchmarks.populations.groove`` needs 1.26 at most
+MAX_RELATIVE_ERROR = 0.999999  # of a total that may be open
+GROOVE_FLOOR_FACTOR = 2.0  # of eq. PO.14
+GROOVE_SAFETY_FACTOR = 2.0  # times that without a tumour: ``python -m benchmarks.populations.groove`` needs 1.26 at most
 
 
-def groove_share(scene: Scene, forces: Floats) -> Floats:
+def bound_groove_change(scene: Scene, forces: Floats) -> Floats:
     """Return r_i of eq. PO.12: by what fraction the groove may change each film's force, shape (2,).
 
     Beside the compliance that it adds, eq. RE.5, the outer film loses what the floor under the groove, as it bends, does not
@@ -53,31 +53,36 @@ def groove_share(scene: Scene, forces: Floats) -> Floats:
         forces: F_ij on film i per unit displacement of base j, N/m, shape (2, 2).
     """
     probe, totals = scene.probe, forces.sum(axis=1)
-    detail = next((one for one in details(probe) if one.name == "groove"), None)
+    detail = next((item for item in iterate_details(probe) if item.name == "groove"), None)
     if detail is None or probe.groove is None:
         return np.zeros(2)
     slender = probe.groove.width / (probe.tube_height - probe.groove.depth)
-    stiffest = max(one.youngs_modulus for one in (scene.tissue, *scene.tissue.layer))
+    stiffest = max(item.youngs_modulus for item in (scene.tissue, *scene.tissue.layer))
     give = stiffest / probe.outer.youngs_modulus * (5 / 32 * slender**3 + 0.45 * slender)
-    lost = min(detail.lost, BRIDGED * probe.groove_footprint / probe.outer_area * give / (1 + give))
+    lost = min(detail.lost_share, GROOVE_FLOOR_FACTOR * probe.groove_footprint / probe.outer_area * give / (1 + give))
     return np.asarray(np.abs(forces @ detail.compliance @ totals / totals) + lost)
 
 
-def _whole_groove(scene: Scene, forces: Floats) -> Floats:
+def _bound_groove_total(scene: Scene, forces: Floats) -> Floats:
     """What the bounds of the base states' totals hold of the groove, N/m, shape (2,)."""
-    return np.asarray(sum((one.bound(forces).totals for one in details(scene.probe) if one.name == "groove"), np.zeros(2)))
+    return np.asarray(
+        sum(
+            (detail.compute_bound(forces).totals for detail in iterate_details(scene.probe) if detail.name == "groove"),
+            np.zeros(2),
+        )
+    )
 
 
-def film_errors(base: Undisturbed, answers: Readings) -> dict[str, Floats]:
+def bound_film_errors(base: Undisturbed, answers: Readings) -> dict[str, Floats]:
     """Return eq. PO.12 of both films by cause, but for the load, shape (u, 2) each."""
     films, totals = base.films, np.abs(answers.totals)
     effect = np.abs(answers.totals - films.totals) / totals
-    others = np.maximum(films.bound.totals - _whole_groove(base.scene, films.forces), 0.0) / np.abs(films.totals)
+    base_errors = np.maximum(films.bound.totals - _bound_groove_total(base.scene, films.forces), 0.0) / np.abs(films.totals)
     parts = {
-        TUMOURS: np.maximum(answers.bound - films.bound.totals, 0.0) / totals,
-        BASE: CHANGES * others * effect,
-        GROOVE_CUT: GROOVE * groove_share(base.scene, films.forces) * effect,
+        TUMOURS_CAUSE: np.maximum(answers.bound - films.bound.totals, 0.0) / totals,
+        BASE_CAUSE: BASE_ERROR_FACTOR * base_errors * effect,
+        GROOVE_CAUSE: GROOVE_SAFETY_FACTOR * bound_groove_change(base.scene, films.forces) * effect,
     }
     whole = np.asarray(sum(parts.values()))
-    stretched = -np.log1p(-np.minimum(whole, MOST)) / np.maximum(whole, 1e-300)
+    stretched = -np.log1p(-np.minimum(whole, MAX_RELATIVE_ERROR)) / np.maximum(whole, 1e-300)
     return {cause: part * stretched for cause, part in parts.items()}

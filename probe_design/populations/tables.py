@@ -11,29 +11,29 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import InputError
-from geometry.scenes.probe import LENGTH, Frozen, Length
-from geometry.scenes.scene import MOST_LAYERS, Force, Indentation
-from geometry.scenes.units import MODULUS, PERCENTAGE, Quantity
+from geometry.scenes.probe import LENGTH_QUANTITY, Frozen, Length
+from geometry.scenes.scene import MAX_LAYERS, Force, Indentation
+from geometry.scenes.units import MODULUS_QUANTITY, PERCENTAGE, Quantity
 from probe_design.populations.ranges import Range, Ranged
 
-POSITION = Quantity("position", "m", "mm", -10.0, 10.0)
-CHARGE = Quantity("charge", "C", "pC", 0.0, 1e-3)
-DEFAULT_SAMPLES, MOST_SAMPLES, MOST_POSITIONS = 64, 4096, 101
-LARGEST_NOISE = 10.0
+POSITION_QUANTITY = Quantity("position", "m", "mm", -10.0, 10.0)
+CHARGE_QUANTITY = Quantity("charge", "C", "pC", 0.0, 1e-3)
+DEFAULT_SAMPLES, MAX_SAMPLES, MAX_POSITIONS = 64, 4096, 101
+MAX_NOISE = 10.0
 
-Lengths = Annotated[Range, Ranged(LENGTH)]
-Moduli = Annotated[Range, Ranged(MODULUS)]
-Places = Annotated[Range, Ranged(POSITION, log=False)]
-Charge = Annotated[float, CHARGE]
+Lengths = Annotated[Range, Ranged(LENGTH_QUANTITY)]
+Moduli = Annotated[Range, Ranged(MODULUS_QUANTITY)]
+Places = Annotated[Range, Ranged(POSITION_QUANTITY, log=False)]
+Charge = Annotated[float, CHARGE_QUANTITY]
 Observable = Literal["ratio", "stiffness", "both"]
-CHANNELS: dict[Observable, tuple[int, ...]] = {"ratio": (0,), "stiffness": (1,), "both": (0, 1)}  # of what a scan can read
+CHANNEL_INDICES: dict[Observable, tuple[int, ...]] = {"ratio": (0,), "stiffness": (1,), "both": (0, 1)}  # of what a scan can read
 
 
-Relative = Annotated[float, PERCENTAGE, Field(ge=0.0, le=LARGEST_NOISE, allow_inf_nan=False)]
+Relative = Annotated[float, PERCENTAGE, Field(ge=0.0, le=MAX_NOISE, allow_inf_nan=False)]
 
 
-def _relative(what: str) -> str:
-    return f"{what}: a number from 0 to {LARGEST_NOISE:g} or a percentage, relative, one standard deviation"
+def _describe_relative(what: str) -> str:
+    return f"{what}: a number from 0 to {MAX_NOISE:g} or a percentage, relative, one standard deviation"
 
 
 class LayerRanges(Frozen):
@@ -43,7 +43,7 @@ class LayerRanges(Frozen):
     modulus: Moduli | None = Field(default=None, description="left out: the scene's", examples=[["50 kPa", "200 kPa"]])
 
 
-Layers = Annotated[tuple[LayerRanges, ...], Field(strict=False, max_length=MOST_LAYERS)]
+Layers = Annotated[tuple[LayerRanges, ...], Field(strict=False, max_length=MAX_LAYERS)]
 
 
 class PopulationRanges(Frozen):
@@ -74,43 +74,43 @@ class PopulationRanges(Frozen):
     least_cover: Length = Field(
         default=0.5e-3, description="least tissue above a tumour, which is a tenth of its diameter at any rate"
     )
-    samples: Annotated[int, Field(ge=1, le=MOST_SAMPLES)] = Field(
-        default=DEFAULT_SAMPLES, description=f"tumours drawn, a whole number from 1 to {MOST_SAMPLES}"
+    samples: Annotated[int, Field(ge=1, le=MAX_SAMPLES)] = Field(
+        default=DEFAULT_SAMPLES, description=f"tumours drawn, a whole number from 1 to {MAX_SAMPLES}"
     )
     seed: Annotated[int, Field(ge=0, lt=2**31)] = Field(
         default=0, description="of the draw, a whole number from 0: other tumours of the same kind"
     )
 
     @property
-    def differ(self) -> bool:
+    def is_varied(self) -> bool:
         """Whether the tumours of the population differ from each other."""
         given = [self.depth, self.diameter, self.object, self.tissue, self.x]
-        given += [one for layer in self.layer for one in (layer.thickness, layer.modulus)]
-        return any(one is not None and not one.single for one in given)
+        given += [value_range for layer in self.layer for value_range in (layer.thickness, layer.modulus)]
+        return any(value_range is not None and not value_range.is_single for value_range in given)
 
 
-def _positions(entry: Any, units_required: bool) -> Any:
+def _expand_positions(entry: Any, units_required: bool) -> Any:
     """Write ``[from, to, number]`` out."""
     if not isinstance(entry, Sequence) or isinstance(entry, str) or len(entry) != 3:
         return entry
     low, high, number = entry
     if isinstance(number, bool) or not isinstance(number, int):
         return entry
-    if not 1 <= number <= MOST_POSITIONS:
-        raise InputError("", list(entry), f"[from, to, number] with a number from 1 to {MOST_POSITIONS}")
-    first, last = (POSITION.read("", one, units_required) for one in (low, high))
-    return [POSITION.text(float(one)) for one in np.linspace(first, last, number)]
+    if not 1 <= number <= MAX_POSITIONS:
+        raise InputError("", list(entry), f"[from, to, number] with a number from 1 to {MAX_POSITIONS}")
+    first, last = (POSITION_QUANTITY.read("", number_or_text, units_required) for number_or_text in (low, high))
+    return [POSITION_QUANTITY.format_value(float(number_or_text)) for number_or_text in np.linspace(first, last, number)]
 
 
 class Protocol(Frozen):
     """How a patient is examined: readings along a line over the tissue through the probe's place, along x."""
 
-    positions: Annotated[tuple[Annotated[float, POSITION], ...], Field(strict=False, min_length=1, max_length=MOST_POSITIONS)] = (
-        Field(
-            default=tuple(np.linspace(-16e-3, 16e-3, 9).tolist()),
-            description="of the probe's axis: [from, to, number], or a list of positions with their units",
-            examples=[["-16 mm", "16 mm", 9]],
-        )
+    positions: Annotated[
+        tuple[Annotated[float, POSITION_QUANTITY], ...], Field(strict=False, min_length=1, max_length=MAX_POSITIONS)
+    ] = Field(
+        default=tuple(np.linspace(-16e-3, 16e-3, 9).tolist()),
+        description="of the probe's axis: [from, to, number], or a list of positions with their units",
+        examples=[["-16 mm", "16 mm", 9]],
     )
     stiffness: bool = Field(
         default=False,
@@ -127,8 +127,8 @@ class Protocol(Frozen):
 
     @field_validator("positions", mode="before")
     @classmethod
-    def _written_out(cls, entry: Any, info: ValidationInfo) -> Any:
-        return _positions(entry, bool(info.context and info.context.get("units_required")))
+    def _expand_positions(cls, entry: Any, info: ValidationInfo) -> Any:
+        return _expand_positions(entry, bool(info.context and info.context.get("units_required")))
 
     @property
     def places(self) -> Floats:
@@ -141,28 +141,28 @@ class Protocol(Frozen):
         return "both" if self.stiffness else "ratio"
 
     @property
-    def of_both(self) -> Protocol:
+    def with_both_channels(self) -> Protocol:
         """The same with both channels read."""
         return self.model_copy(update={"stiffness": True})
 
     @property
     def channels(self) -> int:
         """Readings at each position: ln ratio, and ln stiffness where it is read."""
-        return len(CHANNELS[self.observable])
+        return len(CHANNEL_INDICES[self.observable])
 
 
 class NoiseModel(Frozen):
     """What keeps two readings of the same from being alike; see ``docs/guides/population.md``."""
 
-    white: Relative = Field(default=0.01, description=_relative("of each reading of the ratio by itself"))
-    gain: Relative = Field(default=0.05, description=_relative("of each channel's gain, common to a scan"))
-    stiffness_white: Relative = Field(default=0.03, description=_relative("of each reading of the stiffness"))
-    stiffness_gain: Relative = Field(default=0.05, description=_relative("of all stiffnesses of a scan together"))
+    white: Relative = Field(default=0.01, description=_describe_relative("of each reading of the ratio by itself"))
+    gain: Relative = Field(default=0.05, description=_describe_relative("of each channel's gain, common to a scan"))
+    stiffness_white: Relative = Field(default=0.03, description=_describe_relative("of each reading of the stiffness"))
+    stiffness_gain: Relative = Field(default=0.05, description=_describe_relative("of all stiffnesses of a scan together"))
     charge: Charge = Field(
         default=0.01e-12,
         description="of each channel's charge, a charge with its unit, such as '0.01 pC', one standard deviation",
     )
-    tilt: Relative = Field(default=0.0, description=_relative("of each reading of the ratio by the probe's tilt at it"))
+    tilt: Relative = Field(default=0.0, description=_describe_relative("of each reading of the ratio by the probe's tilt at it"))
     calibration: str | None = Field(
         default=None,
         description="the name of a file that `probe-design calibrate` has written, whose gains take the place of gain",
@@ -189,16 +189,16 @@ class DesignLimits(Frozen):
     )
 
     @model_validator(mode="after")
-    def _some_force(self) -> Self:
+    def _refuse_zero_load(self) -> Self:
         for key, given in (("force", self.force), ("indentation", self.indentation)):
             if given == 0:
                 raise InputError(key, 0, f"a {key} above 0: at 0 the films give no charge to read")
         return self
 
     @model_validator(mode="after")
-    def _charges_in_order(self) -> Self:
+    def _check_charge_order(self) -> Self:
         if self.charge is not None and not self.charge[0] < self.charge[1]:
-            texts = [CHARGE.text(one) for one in self.charge]
+            texts = [CHARGE_QUANTITY.format_value(limit) for limit in self.charge]
             raise InputError("charge", texts, "[least, largest], the least first")
         return self
 
@@ -221,16 +221,16 @@ class Objective(Frozen):
     )
 
     @model_validator(mode="after")
-    def _share_has_no_quantile(self) -> Self:
+    def _refuse_quantile_of_fraction(self) -> Self:
         if self.maximise == "resolved" and self.statistic != "mean":
             raise InputError("statistic", self.statistic, "'mean' with maximise = 'resolved', which is a share of the tumours")
         return self
 
-    def over(self, values: Floats) -> float:
+    def compute_statistic(self, values: Floats) -> float:
         """Return the statistic of the tumours' values, shape (n,): their mean, or their quantile."""
         return float(np.mean(values) if self.statistic == "mean" else np.quantile(values, self.statistic))
 
-    def error(self, values: Floats, group: Ints | None = None) -> float:
+    def compute_error(self, values: Floats, group: Ints | None = None) -> float:
         """Return the standard error of ``compute_statistic``, of a quantile from its neighbours.
 
         Args:
@@ -238,13 +238,13 @@ class Objective(Frozen):
             group: number of each tumour's tissue, shape (n,): where these, which are few, differ by more than tumours drawn at
                 random would, that counts.
         """
-        alone = self._error(values)
-        parts = [] if group is None else [values[group == one] for one in np.unique(group)]
+        alone = self._compute_sampling_error(values)
+        parts = [] if group is None else [values[group == number] for number in np.unique(group)]
         if len(parts) < 2:
             return alone
-        return max(alone, float(np.std([self.over(part) for part in parts], ddof=1) / math.sqrt(len(parts))))
+        return max(alone, float(np.std([self.compute_statistic(part) for part in parts], ddof=1) / math.sqrt(len(parts))))
 
-    def _error(self, values: Floats) -> float:
+    def _compute_sampling_error(self, values: Floats) -> float:
         n = len(values)
         if n < 2:
             return 0.0

@@ -8,10 +8,10 @@ from typing import Any
 import tomli_w
 from pydantic import BaseModel
 
-from probe_design.populations.design_file import SECTIONS, Design
+from probe_design.populations.design_file import DESIGN_SECTIONS, Design
 from probe_design.populations.tables import LayerRanges
 
-HEAD = """\
+FILE_HEADER = """\
 # A design file: `probe-design optimize DESIGN.toml -o DIR` designs a probe for these tumours, readings, noise and limits.
 # A key that is a comment shows an example: without it the default holds that its line tells. Quantities have their units.
 
@@ -19,40 +19,40 @@ scene = "scene.toml"   # its probe is the start; its tissue and inclusion hold f
 """
 
 
-def template() -> str:
+def build_template() -> str:
     """Return a commented design file that reads as the defaults, beside a ``scene.toml``."""
-    return "\n".join([HEAD, *(_section(name) for name in SECTIONS)])
+    return "\n".join([FILE_HEADER, *(_format_section(name) for name in DESIGN_SECTIONS)])
 
 
-def _section(name: str) -> str:
+def _format_section(name: str) -> str:
     model = Design.model_fields[name].annotation
     assert isinstance(model, type)
     assert issubclass(model, BaseModel)
-    lines = [f"[{name}]   # {_first_sentence(model)}", *_keys(model)]
+    lines = [f"[{name}]   # {_read_first_sentence(model)}", *_format_keys(model)]
     if name == "population":
-        lines += ["# [[population.layer]]", *(f"# {line.removeprefix('# ')}" for line in _keys(LayerRanges))]
+        lines += ["# [[population.layer]]", *(f"# {line.removeprefix('# ')}" for line in _format_keys(LayerRanges))]
     return "\n".join([*lines, ""])
 
 
-def _keys(model: type[BaseModel]) -> Iterator[str]:
+def _format_keys(model: type[BaseModel]) -> Iterator[str]:
     written: dict[str, Any] = model().model_dump(mode="json", exclude_none=True)
     for key, field in model.model_fields.items():
         default = written.get(key)
         if default in ([], {}, None) and field.examples:
-            yield f"# {key} = {in_toml(field.examples[0])}   # {field.description}"
+            yield f"# {key} = {format_toml(field.examples[0])}   # {field.description}"
         elif default != []:
             value = field.examples[0] if key == "positions" and field.examples else default
-            yield f"{key} = {in_toml(value)}   # {field.description}"
+            yield f"{key} = {format_toml(value)}   # {field.description}"
 
 
-def in_toml(value: Any) -> str:
+def format_toml(value: Any) -> str:
     """Return a value as one line of TOML."""
     if isinstance(value, dict):
-        return "{ " + ", ".join(f"{key} = {in_toml(one)}" for key, one in value.items()) + " }"
+        return "{ " + ", ".join(f"{key} = {format_toml(item)}" for key, item in value.items()) + " }"
     if isinstance(value, list | tuple):
-        return "[" + ", ".join(in_toml(one) for one in value) + "]"
+        return "[" + ", ".join(format_toml(item) for item in value) + "]"
     return tomli_w.dumps({"x": value}).removeprefix("x = ").strip()
 
 
-def _first_sentence(model: type[BaseModel]) -> str:
+def _read_first_sentence(model: type[BaseModel]) -> str:
     return " ".join((model.__doc__ or "").split("\n\n")[0].split()).rstrip(".")

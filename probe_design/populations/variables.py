@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field
 
-from geometry.scenes.probe import LENGTH, Frozen
-from geometry.scenes.units import MODULUS, Quantity
+from geometry.scenes.probe import LENGTH_QUANTITY, Frozen
+from geometry.scenes.units import MODULUS_QUANTITY, Quantity
 from probe_design.populations.ranges import FileEntry
 
 if TYPE_CHECKING:
     pass
 
-MOST_CHOICES = 1000
-FIXED: Literal["fixed"] = "fixed"
-NUMBER = Quantity("number", "dimensionless", "", 1e-4, 1e4)
+MAX_CHOICES = 1000
+FIXED_ENTRY: Literal["fixed"] = "fixed"
+NUMBER_QUANTITY = Quantity("number", "dimensionless", "", 1e-4, 1e4)
 
 
 @dataclass(frozen=True)
@@ -51,14 +51,14 @@ class Varied(FileEntry[DesignVariable]):
     @property
     def allowed(self) -> str:
         """What is one, in words."""
-        each = "a number from 0.0001 to 10000" if self.quantity is NUMBER else self.quantity.allowed
-        return f"'fixed', [low, high], or a table of bounds = [low, high] and step, or of choices; each {each}"
+        number_text = "a number from 0.0001 to 10000" if self.quantity is NUMBER_QUANTITY else self.quantity.allowed
+        return f"'fixed', [low, high], or a table of bounds = [low, high] and step, or of choices; each {number_text}"
 
     def read(self, entry: object, units_required: bool) -> DesignVariable:
         """Return what an entry of a file says; raises ``ValueError`` saying why it is none."""
         if isinstance(entry, DesignVariable):
             return entry
-        if entry == FIXED:
+        if entry == FIXED_ENTRY:
             return DesignVariable(fixed=True)
         table = entry if isinstance(entry, Mapping) else {"bounds": entry}
         unknown = set(table) - {"bounds", "step", "choices"}
@@ -67,38 +67,40 @@ class Varied(FileEntry[DesignVariable]):
         if "choices" in table:
             if len(table) > 1:
                 raise ValueError("choices beside bounds or step")
-            return DesignVariable(choices=tuple(sorted(set(self._values(table["choices"], 1, MOST_CHOICES, units_required)))))
-        low, high = self._values(table["bounds"], 2, 2, units_required) if "bounds" in table else (None, None)
+            return DesignVariable(choices=tuple(sorted(set(self._read_values(table["choices"], 1, MAX_CHOICES, units_required)))))
+        low, high = self._read_values(table["bounds"], 2, 2, units_required) if "bounds" in table else (None, None)
         if low is not None and high is not None and not low < high:
             raise ValueError("the lower bound is not below the higher")
-        step = self._values([table["step"]], 1, 1, units_required)[0] if "step" in table else None
+        step = self._read_values([table["step"]], 1, 1, units_required)[0] if "step" in table else None
         return DesignVariable(low, high, step)
 
-    def written(self, value: DesignVariable) -> Any:
+    def encode(self, value: DesignVariable) -> Any:
         """Return what a file says of it."""
 
-        def text(one: float) -> Any:
-            return one if self.quantity is NUMBER else self.quantity.text(one)
+        def format_number(number: float) -> Any:
+            return number if self.quantity is NUMBER_QUANTITY else self.quantity.format_value(number)
 
         if value.fixed:
-            return FIXED
+            return FIXED_ENTRY
         if value.choices:
-            return {"choices": [text(one) for one in value.choices]}
-        bounds = {} if value.low is None or value.high is None else {"bounds": [text(value.low), text(value.high)]}
-        return bounds | ({} if value.step is None else {"step": text(value.step)})
+            return {"choices": [format_number(number) for number in value.choices]}
+        bounds = (
+            {} if value.low is None or value.high is None else {"bounds": [format_number(value.low), format_number(value.high)]}
+        )
+        return bounds | ({} if value.step is None else {"step": format_number(value.step)})
 
-    def _values(self, entries: object, least: int, most: int, units_required: bool) -> tuple[float, ...]:
-        if not isinstance(entries, list | tuple) or not least <= len(entries) <= most:
-            raise ValueError("not a list of two" if most == 2 else "not a list of values")
-        required = units_required and self.quantity is not NUMBER
-        if self.quantity is NUMBER and any(isinstance(one, str) for one in entries):
+    def _read_values(self, entries: object, min_count: int, max_count: int, units_required: bool) -> tuple[float, ...]:
+        if not isinstance(entries, list | tuple) or not min_count <= len(entries) <= max_count:
+            raise ValueError("not a list of two" if max_count == 2 else "not a list of values")
+        required = units_required and self.quantity is not NUMBER_QUANTITY
+        if self.quantity is NUMBER_QUANTITY and any(isinstance(entry, str) for entry in entries):
             raise ValueError("a text, not a number")
-        return tuple(self.quantity.value(one, required) for one in entries)
+        return tuple(self.quantity.convert(entry, required) for entry in entries)
 
 
-VariedLength = Annotated[DesignVariable, Varied(LENGTH)]
-VariedModulus = Annotated[DesignVariable, Varied(MODULUS)]
-VariedNumber = Annotated[DesignVariable, Varied(NUMBER)]
+VariedLength = Annotated[DesignVariable, Varied(LENGTH_QUANTITY)]
+VariedModulus = Annotated[DesignVariable, Varied(MODULUS_QUANTITY)]
+VariedNumber = Annotated[DesignVariable, Varied(NUMBER_QUANTITY)]
 Materials = Annotated[tuple[str, ...], Field(strict=False, max_length=100)]
 
 
@@ -132,6 +134,6 @@ class DesignVariables(Frozen):
     )
 
     @property
-    def of_heights(self) -> tuple[str, ...]:
+    def given_heights(self) -> tuple[str, ...]:
         """Which of inner_height and outer_height are given."""
         return tuple(key for key in ("inner_height", "outer_height") if getattr(self, key) != DesignVariable())

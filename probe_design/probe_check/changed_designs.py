@@ -12,17 +12,17 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import ProbeError
 from geometry.scenes.scene import Scene
-from geometry.scenes.variables import changed
+from geometry.scenes.variables import replace_values
 from probe_design.built_probe.bench import Bench
-from probe_design.built_probe.block_predictions import MODULI, Shares, by_outer_radius, predicted
+from probe_design.built_probe.block_predictions import BLOCK_MODULI, BlockPredictions, express_by_outer_radius, predict_blocks
 from probe_design.probe_check.deviation import Deviation
 
-GAIN = "relative gain"
-STEPS = 12  # of Gauss-Newton
-HALVINGS = 6  # of a step that leads to an invalid or worse design
-LARGEST = 0.7  # step of ln(value): a factor of 2
-SETTLED = 0.05  # step over standard deviation at which the fit has converged
-LITTLE = 0.01  # relative decrease of chi-square below which no further step is made
+GAIN_NAME = "relative gain"
+MAX_STEPS = 12  # of Gauss-Newton
+MAX_HALVINGS = 6  # of a step that leads to an invalid or worse design
+MAX_STEP = 0.7  # step of ln(value): a factor of 2
+STEP_TOLERANCE_SD = 0.05  # step over standard deviation at which the fit has converged
+MIN_RELATIVE_GAIN = 0.01  # relative decrease of chi-square below which no further step is made
 
 
 @dataclass(frozen=True)
@@ -44,62 +44,64 @@ class Changes:
     names: tuple[str, ...]
     nominal: Floats
     values: Floats
-    there: Shares
+    predictions: BlockPredictions
 
     @classmethod
-    def none(cls, scene: Scene, bench: Bench, shares: Shares, name: str) -> Changes:
+    def from_drawing(cls, scene: Scene, bench: Bench, shares: BlockPredictions, name: str) -> Changes:
         """Start from the design as drawn, with known predictions, to change one variable."""
-        nominal = np.array([_nominal(shares, name)])
-        return cls(by_outer_radius(scene), bench, (name,), nominal, nominal, shares)
+        nominal = np.array([_get_nominal(shares, name)])
+        return cls(express_by_outer_radius(scene), bench, (name,), nominal, nominal, shares)
 
-    def and_other(self, shares: Shares, name: str) -> Changes:
+    def add_variable(self, shares: BlockPredictions, name: str) -> Changes:
         """Add a second variable, with its drawn value."""
-        nominal = _nominal(shares, name)
-        names, both = (*self.names, name), np.append(self.nominal, nominal)
-        return replace(self, names=names, nominal=both, values=np.append(self.values, nominal))
+        nominal = _get_nominal(shares, name)
+        names, nominals = (*self.names, name), np.append(self.nominal, nominal)
+        return replace(self, names=names, nominal=nominals, values=np.append(self.values, nominal))
 
     @property
     def per_step(self) -> Floats:
         """Derivatives of the values with respect to the steps, shape (n,)."""
-        return np.array([1.0 if _additive(name) else value for name, value in zip(self.names, self.values, strict=True)])
+        return np.array([1.0 if _is_additive(name) else value for name, value in zip(self.names, self.values, strict=True)])
 
-    def moved(self, steps: Floats) -> Changes | None:
+    def apply_steps(self, steps: Floats) -> Changes | None:
         """Apply steps, shape (n,); return None if the design is invalid, or the evaluator refuses it."""
         moves = zip(self.names, self.values, steps, strict=True)
-        values = np.array([value + step if _additive(name) else value * np.exp(step) for name, value, step in moves])
+        values = np.array([value + step if _is_additive(name) else value * np.exp(step) for name, value, step in moves])
         try:
-            return replace(self, values=values, there=self._predicted(values))
+            return replace(self, values=values, predictions=self._predict(values))
         except (ValueError, ProbeError):  # pydantic's and ours
             return None
 
-    def left(self, deviation: Deviation) -> Floats:
+    def compute_residual(self, deviation: Deviation) -> Floats:
         """Return the deviation that remains with the changed design, shape (k,)."""
-        off = deviation.logs - self.there.log_ratios
+        residual = deviation.logs - self.predictions.log_ratios
         for name, value, nominal in zip(self.names, self.values, self.nominal, strict=True):
-            off = off - np.log(value) if name == GAIN else off + deviation.bias(name) * (value - nominal)
-        return np.asarray(off)
+            residual = residual - np.log(value) if name == GAIN_NAME else residual + deviation.get_bias(name) * (value - nominal)
+        return np.asarray(residual)
 
-    def slopes(self, deviation: Deviation, names: tuple[str, ...] = ()) -> Floats:
+    def compute_derivatives(self, deviation: Deviation, names: tuple[str, ...] = ()) -> Floats:
         """Return the deviation's derivatives with respect to steps of ``names``, or of its own variables, shape (k, n)."""
-        return np.stack([self._slope(deviation, name) for name in names or self.names], axis=1)
+        return np.stack([self._compute_derivative(deviation, name) for name in names or self.names], axis=1)
 
-    def _slope(self, deviation: Deviation, name: str) -> Floats:
-        if name == GAIN:
+    def _compute_derivative(self, deviation: Deviation, name: str) -> Floats:
+        if name == GAIN_NAME:
             return np.ones(len(deviation.logs))
-        slope = self.there.slopes[:, self.there.variables.index(name)]
-        if name == MODULI:  # already a derivative with respect to ln of the blocks' moduli
+        slope = self.predictions.slopes[:, self.predictions.variables.index(name)]
+        if name == BLOCK_MODULI:  # already a derivative with respect to ln of the blocks' moduli
             return slope
-        value = dict(zip(self.names, self.values, strict=True)).get(name, _nominal(self.there, name))
-        return (slope - deviation.bias(name)) * (1.0 if _additive(name) else value)
+        value = dict(zip(self.names, self.values, strict=True)).get(name, _get_nominal(self.predictions, name))
+        return (slope - deviation.get_bias(name)) * (1.0 if _is_additive(name) else value)
 
-    def _predicted(self, values: Floats) -> Shares:
+    def _predict(self, values: Floats) -> BlockPredictions:
         new = dict(zip(self.names, values.tolist(), strict=True))
-        new.pop(GAIN, None)
+        new.pop(GAIN_NAME, None)
         if not new:
-            return self.there
-        factor = new.pop(MODULI, 1.0)
-        blocks = [one.model_copy(update={"youngs_modulus": (one.youngs_modulus or 0.0) * factor}) for one in self.bench.blocks]
-        return predicted(changed(self.drawn, new), blocks)
+            return self.predictions
+        factor = new.pop(BLOCK_MODULI, 1.0)
+        blocks = [
+            block.model_copy(update={"youngs_modulus": (block.youngs_modulus or 0.0) * factor}) for block in self.bench.blocks
+        ]
+        return predict_blocks(replace_values(self.drawn, new), blocks)
 
 
 @dataclass(frozen=True)
@@ -117,69 +119,73 @@ class Fit:
     uncertainties: Floats
 
 
-def settled(changes: Changes, deviation: Deviation) -> Fit:
+def fit_changes(changes: Changes, deviation: Deviation) -> Fit:
     """Fit the variables' values to a deviation, starting from the present ones."""
-    weight = deviation.weight(*changes.names)
-    for k in range(STEPS):
-        step, spread = _newton(changes, deviation, weight)
-        if k and _promised(changes, deviation, weight, step) < LITTLE * (1.0 + _chi_square(changes, deviation, weight)):
+    weight = deviation.compute_weight(*changes.names)
+    for k in range(MAX_STEPS):
+        step, spread = _compute_newton_step(changes, deviation, weight)
+        if k and _predict_gain(changes, deviation, weight, step) < MIN_RELATIVE_GAIN * (
+            1.0 + _compute_chi_square(changes, deviation, weight)
+        ):
             break  # saves solving a design that is no better; not at first, where linear theory may miss an improvement
-        nearer = _nearer(changes, deviation, weight, step * (LARGEST / max(LARGEST, float(np.abs(step).max()))))
-        if nearer is None:
+        better = _find_better(changes, deviation, weight, step * (MAX_STEP / max(MAX_STEP, float(np.abs(step).max()))))
+        if better is None:
             break
-        gained = _chi_square(changes, deviation, weight) - _chi_square(nearer, deviation, weight)
-        changes = nearer
-        if np.all(np.abs(step) < SETTLED * spread) or gained < LITTLE * (1.0 + _chi_square(nearer, deviation, weight)):
+        gain = _compute_chi_square(changes, deviation, weight) - _compute_chi_square(better, deviation, weight)
+        changes = better
+        if np.all(np.abs(step) < STEP_TOLERANCE_SD * spread) or gain < MIN_RELATIVE_GAIN * (
+            1.0 + _compute_chi_square(better, deviation, weight)
+        ):
             break
-    _, spread = _newton(changes, deviation, weight)
-    return Fit(changes, _chi_square(changes, deviation, weight), spread * changes.per_step)
+    _, spread = _compute_newton_step(changes, deviation, weight)
+    return Fit(changes, _compute_chi_square(changes, deviation, weight), spread * changes.per_step)
 
 
-def linear_left(fit: Fit, deviation: Deviation, other: str) -> float:
+def predict_chi_square(fit: Fit, deviation: Deviation, second_name: str) -> float:
     """Predict the chi-square with a second variable, by linear theory about a fit of one."""
-    names = (*fit.changes.names, other)
-    weight = deviation.weight(*names)
-    slopes, off = fit.changes.slopes(deviation, names), fit.changes.left(deviation)
+    names = (*fit.changes.names, second_name)
+    weight = deviation.compute_weight(*names)
+    slopes, residual = fit.changes.compute_derivatives(deviation, names), fit.changes.compute_residual(deviation)
     root = np.linalg.cholesky(weight).T
-    steps = np.linalg.lstsq(root @ slopes, root @ off)[0]
-    rest = off - slopes @ steps
-    return float(rest @ weight @ rest)
+    steps = np.linalg.lstsq(root @ slopes, root @ residual)[0]
+    remainder = residual - slopes @ steps
+    return float(remainder @ weight @ remainder)
 
 
-def _newton(changes: Changes, deviation: Deviation, weight: Floats) -> tuple[Floats, Floats]:
+def _compute_newton_step(changes: Changes, deviation: Deviation, weight: Floats) -> tuple[Floats, Floats]:
     """Return the Gauss-Newton step and its standard deviations, shape (n,) each."""
-    slopes, root = changes.slopes(deviation), np.linalg.cholesky(weight).T
-    step = np.linalg.lstsq(root @ slopes, root @ changes.left(deviation))[0]
+    slopes, root = changes.compute_derivatives(deviation), np.linalg.cholesky(weight).T
+    step = np.linalg.lstsq(root @ slopes, root @ changes.compute_residual(deviation))[0]
     information = slopes.T @ weight @ slopes
     scale = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
     spread = np.sqrt(np.diag(np.linalg.pinv(information / np.outer(scale, scale)))) / scale
     return np.asarray(step), np.asarray(spread)
 
 
-def _promised(changes: Changes, deviation: Deviation, weight: Floats, step: Floats) -> float:
+def _predict_gain(changes: Changes, deviation: Deviation, weight: Floats, step: Floats) -> float:
     """Return the decrease of chi-square by a step, by linear theory."""
-    moved = changes.slopes(deviation) @ step
+    moved = changes.compute_derivatives(deviation) @ step
     return float(moved @ weight @ moved)
 
 
-def _nearer(changes: Changes, deviation: Deviation, weight: Floats, step: Floats) -> Changes | None:
+def _find_better(changes: Changes, deviation: Deviation, weight: Floats, step: Floats) -> Changes | None:
     """Return the changes after a step, which is halved until chi-square decreases, or None."""
-    before = _chi_square(changes, deviation, weight)
-    for halving in range(HALVINGS):
-        there = changes.moved(step / 2**halving)
-        if there is not None and _chi_square(there, deviation, weight) < before:
-            return there
+    initial = _compute_chi_square(changes, deviation, weight)
+    for halving in range(MAX_HALVINGS):
+        candidate = changes.apply_steps(step / 2**halving)
+        if candidate is not None and _compute_chi_square(candidate, deviation, weight) < initial:
+            return candidate
     return None
 
 
-def _chi_square(changes: Changes, deviation: Deviation, weight: Floats) -> float:
-    rest = changes.left(deviation)
-    return float(rest @ weight @ rest)
+def _compute_chi_square(changes: Changes, deviation: Deviation, weight: Floats) -> float:
+    residual = changes.compute_residual(deviation)
+    return float(residual @ weight @ residual)
 
 
-def _nominal(shares: Shares, name: str) -> float:
-    return 1.0 if name == GAIN else float(shares.nominal[shares.variables.index(name)])
+def _get_nominal(shares: BlockPredictions, name: str) -> float:
+    return 1.0 if name == GAIN_NAME else float(shares.nominal[shares.variables.index(name)])
 
 
-def _additive(name: str) -> bool:
+def _is_additive(name: str) -> bool:
     return name.endswith("poisson_ratio")

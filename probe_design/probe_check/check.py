@@ -20,18 +20,18 @@ from geometry.scenes.scene import Scene
 from hw.common.samples import Samples
 from hw.signal.measure import Measurement
 from probe_design.built_probe.bench import Bench
-from probe_design.built_probe.block_predictions import Shares, inner_shares, predicted
-from probe_design.built_probe.calibration import waveform_warnings
-from probe_design.built_probe.exchanges import Misplacement, check_films, explaining, share_doubt
-from probe_design.built_probe.film_forces import newtons, observed, strict_reading
+from probe_design.built_probe.block_predictions import BlockPredictions, compute_inner_shares, predict_blocks
+from probe_design.built_probe.calibration import list_waveform_warnings
+from probe_design.built_probe.exchanges import Misplacement, check_films, compute_share_doubt, find_exchanges
+from probe_design.built_probe.film_forces import build_observation, compute_film_forces, measure_strict_reading
 from probe_design.built_probe.gain_matrix import Gains
-from probe_design.built_probe.load_checks import check_reference_loads, within_limits
-from probe_design.built_probe.phase_lags import lag_warnings
-from probe_design.probe_check.coverage import VariableCoverage, coverage
-from probe_design.probe_check.deviation import LEVEL, CancellingPair, Deviation, cancelling
+from probe_design.built_probe.load_checks import apply_loads, check_reference_loads
+from probe_design.built_probe.phase_lags import list_lag_warnings
+from probe_design.probe_check.coverage import VariableCoverage, compute_coverage
+from probe_design.probe_check.deviation import SIGNIFICANCE_LEVEL, CancellingPair, Deviation, find_cancelling_pairs
 from probe_design.probe_check.explanations import Explanation, VariablePair
-from probe_design.probe_check.verdicts import WITHIN, Verdict, judged
-from solver.results.evaluator import Tell, silent
+from probe_design.probe_check.verdicts import VERDICT_WITHIN, Verdict, decide_verdict
+from solver.results.evaluator import ProgressCallback, ignore_progress
 
 Films = Sequence[tuple[Floats, Floats]]  # both films' readings of each block, N, (2,), and their covariance, (2, 2)
 
@@ -105,7 +105,7 @@ def check(
     gains: Gains | None = None,
     *,
     variables: Sequence[str] = (),
-    shares: Shares | None = None,
+    shares: BlockPredictions | None = None,
     linear: bool = False,
 ) -> Check:
     """Compare a probe with its prediction.
@@ -125,37 +125,37 @@ def check(
         Refusal: a load is above the limit of linear elasticity.
     """
     _check_count(samples, bench)
-    measurements = [strict_reading(one, bench, scene) for one in samples]
-    return checked(scene, bench, measurements, gains, variables=variables, shares=shares, linear=linear)
+    measurements = [measure_strict_reading(reading, bench, scene) for reading in samples]
+    return check_measurements(scene, bench, measurements, gains, variables=variables, shares=shares, linear=linear)
 
 
-def checked(
+def check_measurements(
     scene: Scene,
     bench: Bench,
     measurements: Sequence[Measurement],
     gains: Gains | None = None,
     *,
     variables: Sequence[str] = (),
-    shares: Shares | None = None,
+    shares: BlockPredictions | None = None,
     linear: bool = False,
-    tell: Tell = silent,
+    tell: ProgressCallback = ignore_progress,
 ) -> Check:
     """Compare measurements by ``film_forces.measure_strict_reading``; otherwise as ``check``. ``tell`` reports progress."""
     _check_count(measurements, bench)
-    predictions = predicted(scene, bench.reference) if shares is None else shares
-    effective = Gains.nominal(bench) if gains is None else gains.warmed(bench.channels.warming)
-    seen = [observed(one, block, scene) for one, block in zip(measurements, bench.blocks, strict=True)]
-    of_signals = (*waveform_warnings(measurements, bench.blocks), *lag_warnings(measurements, bench.blocks, bench))
-    of_loads = check_reference_loads(seen, predictions, scene)
-    predictions = within_limits(predictions, seen, of_loads, linear)
-    films = [newtons(one, scene, tolerance=gains is None) for one in measurements]
-    known = Comparison(bench, effective, tuple(variables), predictions)
-    deviation, exchanges = known.deviation(films), known.exchanges(films)
-    tolerances = dict(zip(predictions.variables, predictions.tolerances(bench.workshop).tolist(), strict=True))
-    tested, names = coverage(deviation, tolerances), [one.told(bench.blocks) for one in exchanges]
-    verdict = judged(scene, bench, deviation, predictions, names, tested=tested, tell=tell)
-    found = _told(verdict, deviation, _blocks(scene, bench, deviation), tested, calibrated=gains is not None)
-    return replace(found, warnings=(*of_loads, *of_signals))
+    predictions = predict_blocks(scene, bench.reference) if shares is None else shares
+    effective = Gains.from_bench(bench) if gains is None else gains.add_warming(bench.channels.warming)
+    observations = [build_observation(item, block, scene) for item, block in zip(measurements, bench.blocks, strict=True)]
+    signal_warnings = (*list_waveform_warnings(measurements, bench.blocks), *list_lag_warnings(measurements, bench.blocks, bench))
+    load_warnings = check_reference_loads(observations, predictions, scene)
+    predictions = apply_loads(predictions, observations, load_warnings, linear)
+    films = [compute_film_forces(item, scene, tolerance=gains is None) for item in measurements]
+    comparison = Comparison(bench, effective, tuple(variables), predictions)
+    deviation, exchanges = comparison.compute_deviation(films), comparison.find_exchanges(films)
+    tolerances = dict(zip(predictions.variables, predictions.compute_tolerances(bench.workshop).tolist(), strict=True))
+    tested, names = compute_coverage(deviation, tolerances), [item.describe(bench.blocks) for item in exchanges]
+    verdict = decide_verdict(scene, bench, deviation, predictions, names, tested=tested, tell=tell)
+    result = _build_check(verdict, deviation, _build_blocks(scene, bench, deviation), tested, calibrated=gains is not None)
+    return replace(result, warnings=(*load_warnings, *signal_warnings))
 
 
 def _check_count(readings: Sequence[Samples] | Sequence[Measurement], bench: Bench) -> None:
@@ -165,7 +165,7 @@ def _check_count(readings: Sequence[Samples] | Sequence[Measurement], bench: Ben
         )
 
 
-def _told(
+def _build_check(
     verdict: Verdict, deviation: Deviation, blocks: tuple[BlockDeviation, ...], tested: Sequence[VariableCoverage],
     *, calibrated: bool,
 ) -> Check:  # fmt: skip
@@ -176,17 +176,17 @@ def _told(
         chi_square=deviation.chi_square,
         degrees_of_freedom=len(blocks),
         p_value=deviation.p_value,
-        level=LEVEL,
-        passed=verdict.verdict == WITHIN,
-        failed=deviation.p_value < LEVEL,
+        level=SIGNIFICANCE_LEVEL,
+        passed=verdict.verdict == VERDICT_WITHIN,
+        failed=deviation.p_value < SIGNIFICANCE_LEVEL,
         calibrated=calibrated,
         explanations=verdict.explanations,
         alike=verdict.alike,
         pairs=verdict.pairs,
         unresolved=verdict.unresolved,
-        tested=tuple(one for one in tested if one.tested),
-        untested=tuple(one for one in tested if not one.tested),
-        cancelling=cancelling(deviation),
+        tested=tuple(entry for entry in tested if entry.tested),
+        untested=tuple(entry for entry in tested if not entry.tested),
+        cancelling=find_cancelling_pairs(deviation),
     )
 
 
@@ -204,59 +204,70 @@ class Comparison:
     bench: Bench
     gains: Gains
     variables: tuple[str, ...]
-    shares: Shares
+    shares: BlockPredictions
 
-    def deviation(self, films: Films) -> Deviation:
+    def compute_deviation(self, films: Films) -> Deviation:
         """Compare readings, one of each block, with the predictions. Raises ``InputError``: a film is dead or reversed."""
-        parts = [_log_ratio(self.gains, *one) for one in self._pressed(films)]
-        logs, noise, by_gain = (np.array(part) for part in zip(*parts, strict=True))
+        parts = [_compute_log_ratio(self.gains, *reading) for reading in self._check_pressed(films)]
+        logs, noise, gain_derivatives = (np.array(part) for part in zip(*parts, strict=True))
         blocks = zip(self.shares.blocks, self.bench.blocks, strict=True)
-        model = np.array([share.variance(block) for share, block in blocks])
-        read = np.diag(noise) + by_gain @ self.gains.as_drawn @ by_gain.T
-        bias = {name: by_gain @ self.gains.slopes[:, k] for k, name in enumerate(self.variables)}
-        return Deviation(logs, self.shares.log_ratios, read, model, bias, self._workshop(bias))
+        model = np.array([share.compute_variance(block) for share, block in blocks])
+        read = np.diag(noise) + gain_derivatives @ self.gains.covariance_as_drawn @ gain_derivatives.T
+        bias = {name: gain_derivatives @ self.gains.slopes[:, k] for k, name in enumerate(self.variables)}
+        return Deviation(logs, self.shares.log_ratios, read, model, bias, self._compute_workshop(bias))
 
-    def exchanges(self, films: Films) -> tuple[Misplacement, ...]:
+    def find_exchanges(self, films: Films) -> tuple[Misplacement, ...]:
         """Find the exchanges that explain readings outside the workshop's tolerances."""
-        if self.deviation(films).p_value >= LEVEL:
+        if self.compute_deviation(films).p_value >= SIGNIFICANCE_LEVEL:
             return ()
-        forces = np.array([self.gains.forces(one) for one, _ in films])
-        return explaining(forces, self._expected, share_doubt(self.bench), lambda one: self._agrees(films, one))
+        forces = np.array([self.gains.compute_forces(item) for item, _ in films])
+        return find_exchanges(
+            forces, self._expected_shares, compute_share_doubt(self.bench), lambda item: self._agrees(films, item)
+        )
 
     @property
-    def _expected(self) -> Floats:
-        return inner_shares(self.shares.log_ratios, self.bench.blocks)
+    def _expected_shares(self) -> Floats:
+        return compute_inner_shares(self.shares.log_ratios, self.bench.blocks)
 
     def _agrees(self, films: Films, exchange: Misplacement) -> bool:
-        at = {k: (exchange.mended(y), exchange.mended(spread)) for k, (y, spread) in zip(exchange.order, films, strict=True)}
+        reading_by_block = {
+            k: (exchange.restore_channels(y), exchange.restore_channels(spread))
+            for k, (y, spread) in zip(exchange.order, films, strict=True)
+        }
         try:
-            return self.deviation([at[k] for k in range(len(films))]).p_value >= LEVEL
+            return self.compute_deviation([reading_by_block[k] for k in range(len(films))]).p_value >= SIGNIFICANCE_LEVEL
         except InputError:
             return False
 
-    def _pressed(self, films: Films) -> Films:
-        forces = np.array([self.gains.forces(one) for one, _ in films])
-        deviations = np.sqrt([np.diag(self.gains.forces_covariance(one, noise)) for one, noise in films])
-        check_films(forces, self._expected, deviations)
+    def _check_pressed(self, films: Films) -> Films:
+        forces = np.array([self.gains.compute_forces(reading) for reading, _ in films])
+        deviations = np.sqrt([np.diag(self.gains.compute_forces_covariance(reading, noise)) for reading, noise in films])
+        check_films(forces, self._expected_shares, deviations)
         return films
 
-    def _workshop(self, bias: dict[str, Floats]) -> dict[str, Floats]:
-        slopes = zip(self.shares.variables, self.shares.slopes.T, self.shares.tolerances(self.bench.workshop), strict=True)
+    def _compute_workshop(self, bias: dict[str, Floats]) -> dict[str, Floats]:
+        slopes = zip(
+            self.shares.variables, self.shares.slopes.T, self.shares.compute_tolerances(self.bench.workshop), strict=True
+        )
         return {name: (slope - bias.get(name, 0.0)) * tolerance for name, slope, tolerance in slopes}
 
 
-def _log_ratio(gains: Gains, films: Floats, covariance: Floats) -> tuple[float, float, Floats]:
+def _compute_log_ratio(gains: Gains, films: Floats, covariance: Floats) -> tuple[float, float, Floats]:
     """Return ln(F_inner / F_outer), its variance due to noise, and its derivatives with respect to M's entries, shape (4,)."""
-    forces = gains.forces(films)
+    forces = gains.compute_forces(films)
     slope = np.array([1.0, -1.0]) / forces
-    by_films = slope @ np.linalg.inv(gains.matrix)
-    return float(np.log(forces[0] / forces[1])), float(by_films @ covariance @ by_films), slope @ gains.by_entries(films)
+    film_derivatives = slope @ np.linalg.inv(gains.matrix)
+    return (
+        float(np.log(forces[0] / forces[1])),
+        float(film_derivatives @ covariance @ film_derivatives),
+        slope @ gains.differentiate_by_entries(films),
+    )
 
 
-def _blocks(scene: Scene, bench: Bench, deviation: Deviation) -> tuple[BlockDeviation, ...]:
+def _build_blocks(scene: Scene, bench: Bench, deviation: Deviation) -> tuple[BlockDeviation, ...]:
     areas = scene.probe.outer_area / scene.probe.inner_area
     ratios, predictions = np.exp(deviation.logs) * areas, np.exp(deviation.drawn) * areas
-    read, whole = np.diag(deviation.read), np.diag(deviation.covariance())
+    read, whole = np.diag(deviation.read), np.diag(deviation.compute_covariance())
     z = (deviation.logs - deviation.drawn) / np.sqrt(whole)
     columns = (ratios, ratios * np.sqrt(read), predictions, predictions * np.sqrt(whole - read), z)
     rows = np.stack(columns, axis=1).tolist()

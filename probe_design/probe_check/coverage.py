@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from geometry.common.arrays import Floats
-from probe_design.probe_check.deviation import FAR, POWER, Deviation, power
+from probe_design.probe_check.deviation import DETECTED_TOLERANCES, MIN_POWER, Deviation, compute_power
 
-FARTHEST = 1e6  # tolerances: what is not detected there is never detected
-BISECTIONS = 40
+MAX_TOLERANCES = 1e6  # tolerances: what is not detected there is never detected
+BISECTION_STEPS = 40
 MAX_POISSON_RATIO = 0.5  # upper limit of a Poisson's ratio, and so of its deviation
-EXACT = 1e-6  # factor on standard deviations that makes them negligible
+EXACT_FACTOR = 1e-6  # factor on standard deviations that makes them negligible
 
 
 @dataclass(frozen=True)
@@ -46,66 +46,72 @@ class VariableCoverage:
         return not self.reason
 
 
-def coverage(deviation: Deviation, tolerances: Mapping[str, float]) -> tuple[VariableCoverage, ...]:
+def compute_coverage(deviation: Deviation, tolerances: Mapping[str, float]) -> tuple[VariableCoverage, ...]:
     """Compute how well a check tests each variable, the best tested first.
 
     Args:
         deviation: for its covariances.
         tolerances: standard deviations, SI, by variable; variables with 0 are left out.
     """
-    found = [_tested(deviation, name, sd) for name, sd in tolerances.items() if sd > 0]
-    return tuple(sorted(found, key=lambda one: -one.power))
+    entries = [_test_variable(deviation, name, sd) for name, sd in tolerances.items() if sd > 0]
+    return tuple(sorted(entries, key=lambda entry: -entry.power))
 
 
-def _tested(deviation: Deviation, name: str, tolerance: float) -> VariableCoverage:
+def _test_variable(deviation: Deviation, name: str, tolerance: float) -> VariableCoverage:
     column = deviation.workshop[name]
-    probability = power(deviation, {name: FAR}) if np.any(column != 0) else 0.0
-    reason = "" if probability >= POWER else _hidden_by(deviation, name, tolerance)
-    effect = float(np.abs(np.expm1(FAR * column)).max())
-    return VariableCoverage(name, tolerance, _found_from(deviation, name, tolerance), effect, probability, reason)
+    probability = compute_power(deviation, {name: DETECTED_TOLERANCES}) if np.any(column != 0) else 0.0
+    reason = "" if probability >= MIN_POWER else _explain_hidden(deviation, name, tolerance)
+    effect = float(np.abs(np.expm1(DETECTED_TOLERANCES * column)).max())
+    return VariableCoverage(name, tolerance, _find_threshold(deviation, name, tolerance), effect, probability, reason)
 
 
-def _found_from(deviation: Deviation, name: str, tolerance: float) -> float | None:
+def _find_threshold(deviation: Deviation, name: str, tolerance: float) -> float | None:
     """Return the deviation detected with a probability of 0.5, by bisection of its logarithm, since the power rises with it."""
-    if not np.any(deviation.workshop[name] != 0) or power(deviation, {name: FARTHEST}) < POWER:
+    if not np.any(deviation.workshop[name] != 0) or compute_power(deviation, {name: MAX_TOLERANCES}) < MIN_POWER:
         return None
-    low, high = 0.0, np.log(FARTHEST)
-    for _ in range(BISECTIONS):
+    low, high = 0.0, np.log(MAX_TOLERANCES)
+    for _ in range(BISECTION_STEPS):
         middle = (low + high) / 2
-        low, high = (low, middle) if power(deviation, {name: float(np.exp(middle))}) >= POWER else (middle, high)
-    found = float(np.exp(high)) * tolerance
-    return None if name.endswith("poisson_ratio") and found > MAX_POISSON_RATIO else found
+        low, high = (low, middle) if compute_power(deviation, {name: float(np.exp(middle))}) >= MIN_POWER else (middle, high)
+    threshold = float(np.exp(high)) * tolerance
+    return None if name.endswith("poisson_ratio") and threshold > MAX_POISSON_RATIO else threshold
 
 
-def _hidden_by(deviation: Deviation, name: str, tolerance: float) -> str:
+def _explain_hidden(deviation: Deviation, name: str, tolerance: float) -> str:
     """Explain what hides a variable: the one source of uncertainty without which it is detected, or several together."""
-    drawn = deviation.workshop[name] + deviation.bias(name) * tolerance  # as if the calibration had not depended on it
-    if np.any(deviation.bias(name) != 0) and _found(replace(deviation, workshop={**deviation.workshop, name: drawn}), name):
+    drawn = deviation.workshop[name] + deviation.get_bias(name) * tolerance  # as if the calibration had not depended on it
+    if np.any(deviation.get_bias(name) != 0) and _is_detected(
+        replace(deviation, workshop={**deviation.workshop, name: drawn}), name
+    ):
         return "the calibration took it as drawn and has absorbed what it does"
-    for reason, surer in _surer(deviation, name):
-        if _found(surer, name):
+    for reason, reduced in _iterate_reduced(deviation, name):
+        if _is_detected(reduced, name):
             return reason
-    bare = replace(_alone(deviation, name), read=EXACT**2 * deviation.read, model=EXACT**2 * deviation.model)
-    if _found(bare, name):
-        return f"the {_percent(deviation.read)} of noise and gains, the blocks' moduli and other tolerances hide it together"
+    bare = replace(
+        _isolate_variable(deviation, name), read=EXACT_FACTOR**2 * deviation.read, model=EXACT_FACTOR**2 * deviation.model
+    )
+    if _is_detected(bare, name):
+        return (
+            f"the {_format_percent(deviation.read)} of noise and gains, the blocks' moduli and other tolerances hide it together"
+        )
     return "it hardly changes these ratios"
 
 
-def _surer(deviation: Deviation, name: str) -> Iterator[tuple[str, Deviation]]:
-    noise = f"not observable at this noise: noise and gains make {_percent(deviation.read)} of a ratio"
-    yield noise, replace(deviation, read=EXACT**2 * deviation.read)
-    yield "the tolerances of other variables hide it, which do the same to the ratios", _alone(deviation, name)
-    yield "the blocks' moduli are not known well enough", replace(deviation, model=EXACT**2 * deviation.model)
+def _iterate_reduced(deviation: Deviation, name: str) -> Iterator[tuple[str, Deviation]]:
+    noise = f"not observable at this noise: noise and gains make {_format_percent(deviation.read)} of a ratio"
+    yield noise, replace(deviation, read=EXACT_FACTOR**2 * deviation.read)
+    yield "the tolerances of other variables hide it, which do the same to the ratios", _isolate_variable(deviation, name)
+    yield "the blocks' moduli are not known well enough", replace(deviation, model=EXACT_FACTOR**2 * deviation.model)
 
 
-def _alone(deviation: Deviation, name: str) -> Deviation:
+def _isolate_variable(deviation: Deviation, name: str) -> Deviation:
     return replace(deviation, workshop={name: deviation.workshop[name]})
 
 
-def _found(deviation: Deviation, name: str) -> bool:
-    return bool(np.any(deviation.workshop[name] != 0)) and power(deviation, {name: FAR}) >= POWER
+def _is_detected(deviation: Deviation, name: str) -> bool:
+    return bool(np.any(deviation.workshop[name] != 0)) and compute_power(deviation, {name: DETECTED_TOLERANCES}) >= MIN_POWER
 
 
-def _percent(covariance: Floats) -> str:
+def _format_percent(covariance: Floats) -> str:
     """Format the largest relative standard deviation in a covariance of logarithms as percent."""
     return f"{100 * float(np.sqrt(np.diag(covariance).max())):.2g} %"

@@ -11,12 +11,12 @@ from scipy.special import chdtrc, chdtri, ndtri
 
 from geometry.common.arrays import Floats
 
-LEVEL = 0.01  # p-value below which a deviation is significant, and the probe fails
-FAR = 5.0  # tolerances: a deviation that a check should detect
-POWER = 0.5  # probability of its detection from which a variable counts as tested
-TOLD = 2.0  # tolerances: if the smaller deviation of a pair is less, it is not unusual, and the pair is no pair
-NOTHING = 1e-12  # information, in units of tolerances, below which a direction is not determined
-EVENLY = ndtri((np.arange(100) + 0.5) / 100)  # a unit normal variable at equal steps of its probability
+SIGNIFICANCE_LEVEL = 0.01  # p-value below which a deviation is significant, and the probe fails
+DETECTED_TOLERANCES = 5.0  # tolerances: a deviation that a check should detect
+MIN_POWER = 0.5  # probability of its detection from which a variable counts as tested
+MIN_PAIR_TOLERANCES = 2.0  # tolerances: if the smaller deviation of a pair is less, it is not unusual, and the pair is no pair
+MIN_INFORMATION = 1e-12  # information, in units of tolerances, below which a direction is not determined
+NORMAL_QUANTILES = ndtri((np.arange(100) + 0.5) / 100)  # a unit normal variable at equal steps of its probability
 
 
 @dataclass(frozen=True)
@@ -39,40 +39,40 @@ class Deviation:
     calibration_bias: Mapping[str, Floats]
     workshop: Mapping[str, Floats] = field(default_factory=dict)
 
-    def covariance(self, *without: str) -> Floats:
+    def compute_covariance(self, *excluded: str) -> Floats:
         """Return C of eq. PC.1 without the tolerances of the named variables, shape (k, k)."""
-        columns = [column for name, column in self.workshop.items() if name not in without]
+        columns = [column for name, column in self.workshop.items() if name not in excluded]
         allowed = np.array(columns).reshape(len(columns), len(self.logs))
         return np.asarray(self.read + np.diag(self.model) + allowed.T @ allowed)
 
-    def weight(self, *without: str) -> Floats:
+    def compute_weight(self, *excluded: str) -> Floats:
         """Return the inverse of ``compute_covariance``, shape (k, k)."""
-        return np.asarray(np.linalg.inv(self.covariance(*without)), dtype=float)
+        return np.asarray(np.linalg.inv(self.compute_covariance(*excluded)), dtype=float)
 
     @property
     def chi_square(self) -> float:
         """Chi-square for a probe within the workshop's tolerances, eq. PC.1 of ``probe_design.probe_check.check``."""
-        off = self.logs - self.drawn
-        return float(off @ self.weight() @ off)
+        difference = self.logs - self.drawn
+        return float(difference @ self.compute_weight() @ difference)
 
     @property
     def p_value(self) -> float:
         """Probability of a chi-square as large or larger."""
         return float(chdtrc(len(self.logs), self.chi_square))
 
-    def bias(self, name: str) -> Floats:
+    def get_bias(self, name: str) -> Floats:
         """Return G S of a variable, shape (k,), the shift of ln rho by the calibration's wrong assumption."""
         return self.calibration_bias.get(name, np.zeros(len(self.logs)))
 
-    def without(self, k: int) -> Deviation:
+    def drop_block(self, k: int) -> Deviation:
         """Return the deviation without block k."""
 
-        def kept(by_name: Mapping[str, Floats]) -> dict[str, Floats]:
+        def drop_entries(by_name: Mapping[str, Floats]) -> dict[str, Floats]:
             return {name: np.delete(column, k) for name, column in by_name.items()}
 
         return Deviation(
             np.delete(self.logs, k), np.delete(self.drawn, k), np.delete(np.delete(self.read, k, 0), k, 1),
-            np.delete(self.model, k), kept(self.calibration_bias), kept(self.workshop),
+            np.delete(self.model, k), drop_entries(self.calibration_bias), drop_entries(self.workshop),
         )  # fmt: skip
 
 
@@ -89,7 +89,7 @@ class CancellingPair:
     tolerances: tuple[float, float]
 
 
-def power(deviation: Deviation, tolerances: Mapping[str, float]) -> float:
+def compute_power(deviation: Deviation, tolerances: Mapping[str, float]) -> float:
     """Return the probability that the check detects deviations of variables, with all others within their tolerances.
 
     Eq. PC.1 allows these variables their tolerances, too: along their own deviations, whose information S has the eigenvalues
@@ -99,39 +99,41 @@ def power(deviation: Deviation, tolerances: Mapping[str, float]) -> float:
         deviation: for its covariances.
         tolerances: deviation of one or two variables of ``deviation.workshop``, in tolerances.
     """
-    sizes, directions = np.linalg.eigh(_seen(deviation, list(tolerances)))
-    told = sizes > NOTHING
-    middle = np.sqrt(sizes[told]) * (directions.T @ np.array(list(tolerances.values())))[told]
-    spread = np.stack(np.meshgrid(*[EVENLY] * len(middle), indexing="ij"), axis=-1) if len(middle) else np.zeros(0)
-    rest = float(chdtri(len(deviation.logs), LEVEL)) - np.sum((middle + spread) ** 2 / (1 + sizes[told]), axis=-1)
+    sizes, directions = np.linalg.eigh(_compute_information(deviation, list(tolerances)))
+    resolved = sizes > MIN_INFORMATION
+    middle = np.sqrt(sizes[resolved]) * (directions.T @ np.array(list(tolerances.values())))[resolved]
+    spread = np.stack(np.meshgrid(*[NORMAL_QUANTILES] * len(middle), indexing="ij"), axis=-1) if len(middle) else np.zeros(0)
+    margin = float(chdtri(len(deviation.logs), SIGNIFICANCE_LEVEL)) - np.sum(
+        (middle + spread) ** 2 / (1 + sizes[resolved]), axis=-1
+    )
     freedom = len(deviation.logs) - len(middle)
-    return float(np.mean(chdtrc(freedom, np.maximum(rest, 0.0)) if freedom else rest < 0))
+    return float(np.mean(chdtrc(freedom, np.maximum(margin, 0.0)) if freedom else margin < 0))
 
 
-def unseen(deviation: Deviation) -> tuple[str, ...]:
+def list_undetected(deviation: Deviation) -> tuple[str, ...]:
     """List the variables of which a deviation of five tolerances is detected with a probability below 0.5."""
-    return tuple(name for name in _movable(deviation) if power(deviation, {name: FAR}) < POWER)
+    return tuple(name for name in _list_movable(deviation) if compute_power(deviation, {name: DETECTED_TOLERANCES}) < MIN_POWER)
 
 
-def cancelling(deviation: Deviation) -> tuple[CancellingPair, ...]:
+def find_cancelling_pairs(deviation: Deviation) -> tuple[CancellingPair, ...]:
     """Find the pairs that hide each other, the least detectable first; at least one of each is detected alone."""
-    hidden, found = unseen(deviation), []
-    for pair in combinations(_movable(deviation), 2):
-        way = np.linalg.eigh(_seen(deviation, pair))[1][:, 0]
-        way = way * FAR / np.abs(way).max()
-        if set(pair) <= set(hidden) or np.abs(way).min() < TOLD:
+    hidden, pairs = list_undetected(deviation), []
+    for pair in combinations(_list_movable(deviation), 2):
+        direction = np.linalg.eigh(_compute_information(deviation, pair))[1][:, 0]
+        direction = direction * DETECTED_TOLERANCES / np.abs(direction).max()
+        if set(pair) <= set(hidden) or np.abs(direction).min() < MIN_PAIR_TOLERANCES:
             continue
-        visible = power(deviation, dict(zip(pair, way.tolist(), strict=True)))
-        if visible < POWER:
-            found.append((visible, CancellingPair(pair, (float(way[0]), float(way[1])))))
-    return tuple(one for _, one in sorted(found, key=lambda entry: entry[0]))
+        visible = compute_power(deviation, dict(zip(pair, direction.tolist(), strict=True)))
+        if visible < MIN_POWER:
+            pairs.append((visible, CancellingPair(pair, (float(direction[0]), float(direction[1])))))
+    return tuple(cancelling_pair for _, cancelling_pair in sorted(pairs, key=lambda entry: entry[0]))
 
 
-def _movable(deviation: Deviation) -> list[str]:
+def _list_movable(deviation: Deviation) -> list[str]:
     return [name for name, column in deviation.workshop.items() if np.any(column != 0)]
 
 
-def _seen(deviation: Deviation, names: Sequence[str]) -> Floats:
+def _compute_information(deviation: Deviation, names: Sequence[str]) -> Floats:
     """Return the information matrix of n variables in units of their tolerances, (n, n): chi-square is its quadratic form."""
     columns = np.stack([deviation.workshop[name] for name in names], axis=1)
-    return np.asarray(columns.T @ deviation.weight(*names) @ columns)
+    return np.asarray(columns.T @ deviation.compute_weight(*names) @ columns)

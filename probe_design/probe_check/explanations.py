@@ -20,14 +20,16 @@ from scipy.special import chdtrc
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
 from probe_design.built_probe.bench import Bench
-from probe_design.built_probe.block_predictions import Shares
-from probe_design.probe_check.changed_designs import GAIN, Changes, Fit, linear_left, settled
-from probe_design.probe_check.deviation import LEVEL, Deviation
-from solver.results.evaluator import Tell, silent
+from probe_design.built_probe.block_predictions import BlockPredictions
+from probe_design.probe_check.changed_designs import GAIN_NAME, Changes, Fit, fit_changes, predict_chi_square
+from probe_design.probe_check.deviation import SIGNIFICANCE_LEVEL, Deviation
+from solver.results.evaluator import ProgressCallback, ignore_progress
 
-ALIKE = 4.0  # difference of chi-squares, 2 standard deviations, below which two explanations cannot be distinguished
-LOOSE = 1.0  # standard deviation relative to the value above which a variable is not determined
-PAIRS = 6  # pairs that are fitted with changed designs, the best by linear theory
+INDISTINGUISHABLE_CHI_SQUARE = (
+    4.0  # difference of chi-squares, 2 standard deviations, below which two explanations cannot be distinguished
+)
+MAX_RELATIVE_SD = 1.0  # standard deviation relative to the value above which a variable is not determined
+MAX_FITTED_PAIRS = 6  # pairs that are fitted with changed designs, the best by linear theory
 
 
 @dataclass(frozen=True)
@@ -69,84 +71,99 @@ class VariablePair:
         return self.first.variable, self.second.variable
 
 
-def explanations(deviation: Deviation, shares: Shares) -> tuple[tuple[Explanation, ...], tuple[str, ...]]:
+def compute_explanations(deviation: Deviation, shares: BlockPredictions) -> tuple[tuple[Explanation, ...], tuple[str, ...]]:
     """Fit each variable alone by linear theory; return the explanations, best first, and the names of undetermined variables."""
-    slopes = dict(zip(shares.variables, shares.slopes.T, strict=True)) | {GAIN: np.ones(len(deviation.logs))}
-    nominal = dict(zip(shares.variables, shares.nominal.tolist(), strict=True)) | {GAIN: 1.0}
-    off = deviation.logs - deviation.drawn
-    fits = [_fitted(deviation, name, slope - deviation.bias(name), off, nominal[name]) for name, slope in slopes.items()]
-    good = [one for one in fits if one.uncertainty < LOOSE * one.nominal]
-    return _best_first(good), tuple(one.variable for one in fits if one not in good)
+    slopes = dict(zip(shares.variables, shares.slopes.T, strict=True)) | {GAIN_NAME: np.ones(len(deviation.logs))}
+    nominal = dict(zip(shares.variables, shares.nominal.tolist(), strict=True)) | {GAIN_NAME: 1.0}
+    difference = deviation.logs - deviation.drawn
+    fits = [
+        _fit_variable(deviation, name, slope - deviation.get_bias(name), difference, nominal[name])
+        for name, slope in slopes.items()
+    ]
+    good = [explanation for explanation in fits if explanation.uncertainty < MAX_RELATIVE_SD * explanation.nominal]
+    return _sort_by_chi_square(good), tuple(explanation.variable for explanation in fits if explanation not in good)
 
 
-def refined(
-    scene: Scene, bench: Bench, deviation: Deviation, shares: Shares, names: Sequence[str], *, tell: Tell = silent
+def fit_variables(
+    scene: Scene,
+    bench: Bench,
+    deviation: Deviation,
+    shares: BlockPredictions,
+    names: Sequence[str],
+    *,
+    tell: ProgressCallback = ignore_progress,
 ) -> tuple[Fit, ...]:
     """Fit each of these variables alone with changed designs, best first; ``tell`` reports progress."""
     fits = []
     for k, name in enumerate(names, 1):
         tell(f"what would explain it: {name}, {k} of {len(names)}")
-        fits.append(settled(Changes.none(scene, bench, shares, name), deviation))
-    return tuple(sorted(fits, key=lambda one: one.chi_square))
+        fits.append(fit_changes(Changes.from_drawing(scene, bench, shares, name), deviation))
+    return tuple(sorted(fits, key=lambda fit: fit.chi_square))
 
 
-def paired(deviation: Deviation, shares: Shares, fits: Sequence[Fit], *, tell: Tell = silent) -> tuple[VariablePair, ...]:
+def fit_pairs(
+    deviation: Deviation, shares: BlockPredictions, fits: Sequence[Fit], *, tell: ProgressCallback = ignore_progress
+) -> tuple[VariablePair, ...]:
     """Fit the most promising pairs, best first, from the fits of single variables; none for fewer than three blocks."""
     if len(deviation.logs) < 3:
         return ()
     best: dict[frozenset[str], tuple[float, Fit, str]] = {}
-    for one, other in product(fits, [name for fit in fits for name in fit.changes.names]):
-        pair = frozenset((*one.changes.names, other))
-        if len(pair) == 2 and (left := linear_left(one, deviation, other)) < best.get(pair, (np.inf,))[0]:
-            best[pair] = left, one, other
-    worth = sorted(best.values(), key=lambda start: start[0])[:PAIRS]
+    for first_fit, second_name in product(fits, [name for fit in fits for name in fit.changes.names]):
+        pair = frozenset((*first_fit.changes.names, second_name))
+        if len(pair) == 2 and (left := predict_chi_square(first_fit, deviation, second_name)) < best.get(pair, (np.inf,))[0]:
+            best[pair] = left, first_fit, second_name
+    worth = sorted(best.values(), key=lambda start: start[0])[:MAX_FITTED_PAIRS]
     joint = []
-    for k, (_, one, other) in enumerate(worth, 1):
-        tell(f"which two would: {one.changes.names[0]} and {other}, {k} of {len(worth)}")
-        joint.append(settled(one.changes.and_other(shares, other), deviation))
-    return tuple(sorted((_pair(one, deviation) for one in joint), key=lambda pair: pair.chi_square))
+    for k, (_, first_fit, second_name) in enumerate(worth, 1):
+        tell(f"which two would: {first_fit.changes.names[0]} and {second_name}, {k} of {len(worth)}")
+        joint.append(fit_changes(first_fit.changes.add_variable(shares, second_name), deviation))
+    return tuple(sorted((_build_pair(first_fit, deviation) for first_fit in joint), key=lambda pair: pair.chi_square))
 
 
-def alike(explained: Sequence[Explanation]) -> tuple[str, ...]:
+def list_indistinguishable(explained: Sequence[Explanation]) -> tuple[str, ...]:
     """List the best explanation's name and those that the readings do not distinguish from it."""
-    return tuple(one.variable for one in explained if one.chi_square - explained[0].chi_square < ALIKE)
-
-
-def _best_first(fits: Sequence[Explanation]) -> tuple[Explanation, ...]:
-    return tuple(sorted(fits, key=lambda one: one.chi_square))
-
-
-def told(fit: Fit, deviation: Deviation, at: int = 0) -> Explanation:
-    """Build the explanation by one of a fit's variables."""
-    p_value = _p_value(fit.chi_square, len(deviation.logs) - len(fit.changes.names))
-    return Explanation(
-        variable=fit.changes.names[at],
-        change=float(fit.changes.values[at] - fit.changes.nominal[at]),
-        uncertainty=float(fit.uncertainties[at]),
-        nominal=float(fit.changes.nominal[at]),
-        chi_square=fit.chi_square,
-        p_value=p_value,
-        explains=p_value >= LEVEL,
+    return tuple(
+        explanation.variable
+        for explanation in explained
+        if explanation.chi_square - explained[0].chi_square < INDISTINGUISHABLE_CHI_SQUARE
     )
 
 
-def _pair(fit: Fit, deviation: Deviation) -> VariablePair:
-    first, second = (told(fit, deviation, at) for at in (0, 1))
+def _sort_by_chi_square(fits: Sequence[Explanation]) -> tuple[Explanation, ...]:
+    return tuple(sorted(fits, key=lambda explanation: explanation.chi_square))
+
+
+def build_explanation(fit: Fit, deviation: Deviation, index: int = 0) -> Explanation:
+    """Build the explanation by one of a fit's variables."""
+    p_value = _compute_p_value(fit.chi_square, len(deviation.logs) - len(fit.changes.names))
+    return Explanation(
+        variable=fit.changes.names[index],
+        change=float(fit.changes.values[index] - fit.changes.nominal[index]),
+        uncertainty=float(fit.uncertainties[index]),
+        nominal=float(fit.changes.nominal[index]),
+        chi_square=fit.chi_square,
+        p_value=p_value,
+        explains=p_value >= SIGNIFICANCE_LEVEL,
+    )
+
+
+def _build_pair(fit: Fit, deviation: Deviation) -> VariablePair:
+    first, second = (build_explanation(fit, deviation, index) for index in (0, 1))
     return VariablePair(first, second, first.chi_square, first.p_value, first.explains)
 
 
-def _p_value(left: float, freedom: int) -> float:
+def _compute_p_value(left: float, freedom: int) -> float:
     return float(chdtrc(freedom, left)) if freedom > 0 else 1.0
 
 
-def _fitted(deviation: Deviation, name: str, shift: Floats, off: Floats, nominal: float) -> Explanation:
+def _fit_variable(deviation: Deviation, name: str, shift: Floats, difference: Floats, nominal: float) -> Explanation:
     """Fit one variable by eq. PC.3, and compute the remaining chi-square."""
-    weight = deviation.weight(name)
+    weight = deviation.compute_weight(name)
     information = max(float(shift @ weight @ shift), np.finfo(float).tiny)
-    change = float(shift @ weight @ off) / information
-    rest = off - shift * change
-    left = float(rest @ weight @ rest)
-    p_value = _p_value(left, len(off) - 1)
+    change = float(shift @ weight @ difference) / information
+    residual = difference - shift * change
+    left = float(residual @ weight @ residual)
+    p_value = _compute_p_value(left, len(difference) - 1)
     return Explanation(
         variable=name,
         change=change,
@@ -154,5 +171,5 @@ def _fitted(deviation: Deviation, name: str, shift: Floats, off: Floats, nominal
         nominal=nominal,
         chi_square=left,
         p_value=p_value,
-        explains=p_value >= LEVEL,
+        explains=p_value >= SIGNIFICANCE_LEVEL,
     )

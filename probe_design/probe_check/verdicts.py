@@ -11,16 +11,28 @@ from dataclasses import dataclass
 
 from geometry.scenes.scene import Scene
 from probe_design.built_probe.bench import Bench
-from probe_design.built_probe.block_predictions import MODULI, Shares
-from probe_design.probe_check.changed_designs import GAIN
+from probe_design.built_probe.block_predictions import BLOCK_MODULI, BlockPredictions
+from probe_design.probe_check.changed_designs import GAIN_NAME
 from probe_design.probe_check.coverage import VariableCoverage
-from probe_design.probe_check.deviation import LEVEL, Deviation
-from probe_design.probe_check.explanations import ALIKE, Explanation, VariablePair, alike, explanations, paired, refined, told
-from solver.results.evaluator import Tell, silent
+from probe_design.probe_check.deviation import SIGNIFICANCE_LEVEL, Deviation
+from probe_design.probe_check.explanations import (
+    INDISTINGUISHABLE_CHI_SQUARE,
+    Explanation,
+    VariablePair,
+    build_explanation,
+    compute_explanations,
+    fit_pairs,
+    fit_variables,
+    list_indistinguishable,
+)
+from solver.results.evaluator import ProgressCallback, ignore_progress
 
-WITHIN, OUT = "within workshop tolerance as far as tested", "out of workshop tolerance"
-UNKNOWN, UNTESTED = "cannot tell", "nothing could be tested"
-BENCH_S = {GAIN: "one film's gain (its cable, its amplifier, its temperature since calibration)", MODULI: "the blocks' moduli"}
+VERDICT_WITHIN, VERDICT_OUT = "within workshop tolerance as far as tested", "out of workshop tolerance"
+VERDICT_UNKNOWN, VERDICT_UNTESTED = "cannot tell", "nothing could be tested"
+BENCH_FAULTS = {
+    GAIN_NAME: "one film's gain (its cable, its amplifier, its temperature since calibration)",
+    BLOCK_MODULI: "the blocks' moduli",
+}
 
 
 @dataclass(frozen=True)
@@ -35,9 +47,9 @@ class Verdict:
     pairs: tuple[VariablePair, ...] = ()
 
 
-def judged(
-    scene: Scene, bench: Bench, deviation: Deviation, shares: Shares, exchanged: Sequence[str],
-    *, tested: Sequence[VariableCoverage], tell: Tell = silent,
+def decide_verdict(
+    scene: Scene, bench: Bench, deviation: Deviation, shares: BlockPredictions, exchanged: Sequence[str],
+    *, tested: Sequence[VariableCoverage], tell: ProgressCallback = ignore_progress,
 ) -> Verdict:  # fmt: skip
     """Decide the verdict for a deviation.
 
@@ -50,46 +62,55 @@ def judged(
         tested: how well each variable is tested.
         tell: called with reports of progress.
     """
-    linear, unresolved = explanations(deviation, shares)
-    if deviation.p_value >= LEVEL:
-        return Verdict(*_within(tested), linear, unresolved)
+    linear, unresolved = compute_explanations(deviation, shares)
+    if deviation.p_value >= SIGNIFICANCE_LEVEL:
+        return Verdict(*_decide_within(tested), linear, unresolved)
     if exchanged:
-        return Verdict(UNKNOWN, f"exchanged are: {', or '.join(exchanged)}; put it right, and read again", linear, unresolved)
-    fits = refined(scene, bench, deviation, shares, [*(one.variable for one in linear), *unresolved], tell=tell)
-    explained = tuple(told(one, deviation) for one in fits)
+        return Verdict(
+            VERDICT_UNKNOWN, f"exchanged are: {', or '.join(exchanged)}; put it right, and read again", linear, unresolved
+        )
+    fits = fit_variables(scene, bench, deviation, shares, [*(item.variable for item in linear), *unresolved], tell=tell)
+    explained = tuple(build_explanation(item, deviation) for item in fits)
     if explained[0].explains:
-        names = alike(explained)
-        return Verdict(*_by_one(names), explained, (), names)
-    pairs, odd = paired(deviation, shares, fits, tell=tell), _odd_ones(deviation, bench)
-    return Verdict(*_by_more(pairs, odd), explained, (), (), pairs)
+        names = list_indistinguishable(explained)
+        return Verdict(*_decide_single(names), explained, (), names)
+    pairs, odd_blocks = fit_pairs(deviation, shares, fits, tell=tell), _find_odd_blocks(deviation, bench)
+    return Verdict(*_decide_several(pairs, odd_blocks), explained, (), (), pairs)
 
 
-def _within(tested: Sequence[VariableCoverage]) -> tuple[str, str]:
-    if any(one.tested for one in tested):
-        return WITHIN, ""
-    return UNTESTED, "no variable would be found off by five tolerances, so that readings that agree do not confirm the probe"
+def _decide_within(tested: Sequence[VariableCoverage]) -> tuple[str, str]:
+    if any(variable_coverage.tested for variable_coverage in tested):
+        return VERDICT_WITHIN, ""
+    return (
+        VERDICT_UNTESTED,
+        "no variable would be found off by five tolerances, so that readings that agree do not confirm the probe",
+    )
 
 
-def _by_one(names: Sequence[str]) -> tuple[str, str]:
+def _decide_single(names: Sequence[str]) -> tuple[str, str]:
     """Return verdict and reason for indistinguishable variables; without a variable of the probe the bench is the cause."""
-    if all(name in BENCH_S for name in names):
-        return UNKNOWN, f"the bench, rather than the probe: {', or '.join(BENCH_S[name] for name in names)}"
-    return OUT, ", or ".join(names)
+    if all(name in BENCH_FAULTS for name in names):
+        return VERDICT_UNKNOWN, f"the bench, rather than the probe: {', or '.join(BENCH_FAULTS[name] for name in names)}"
+    return VERDICT_OUT, ", or ".join(names)
 
 
-def _by_more(pairs: Sequence[VariablePair], odd: Sequence[str]) -> tuple[str, str]:
-    good = [one for one in pairs if one.explains]
-    close = [" with ".join(one.variables) for one in good if one.chi_square - good[0].chi_square < ALIKE]
+def _decide_several(pairs: Sequence[VariablePair], odd_blocks: Sequence[str]) -> tuple[str, str]:
+    explaining = [pair for pair in pairs if pair.explains]
+    close = [
+        " with ".join(pair.variables)
+        for pair in explaining
+        if pair.chi_square - explaining[0].chi_square < INDISTINGUISHABLE_CHI_SQUARE
+    ]
     if close:
-        besides = f"; or the reading on the {odd[0]} alone is wrong" if len(odd) == 1 else ""
-        return OUT, f"no single variable; two together: {', or '.join(close)}{besides}"
-    if odd:
-        return UNKNOWN, f"without the reading on the {', or on the '.join(odd)} the others agree: read it again"
-    return OUT, "neither one variable nor two explain it"
+        besides = f"; or the reading on the {odd_blocks[0]} alone is wrong" if len(odd_blocks) == 1 else ""
+        return VERDICT_OUT, f"no single variable; two together: {', or '.join(close)}{besides}"
+    if odd_blocks:
+        return VERDICT_UNKNOWN, f"without the reading on the {', or on the '.join(odd_blocks)} the others agree: read it again"
+    return VERDICT_OUT, "neither one variable nor two explain it"
 
 
-def _odd_ones(deviation: Deviation, bench: Bench) -> list[str]:
+def _find_odd_blocks(deviation: Deviation, bench: Bench) -> list[str]:
     """Find the blocks each of which, if left out, leaves a probe within the tolerances; needs three blocks or more."""
     if len(bench.blocks) < 3:
         return []
-    return [block.name for k, block in enumerate(bench.blocks) if deviation.without(k).p_value >= LEVEL]
+    return [block.name for k, block in enumerate(bench.blocks) if deviation.drop_block(k).p_value >= SIGNIFICANCE_LEVEL]

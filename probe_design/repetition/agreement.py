@@ -16,14 +16,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-ROUNDING = 1e-6  # relative: differences between processors and libraries
-SMALLEST = 1e-5  # absolute, of a log-sensitivity, as documented for the accuracy
+ROUNDING_RELATIVE = 1e-6  # relative: differences between processors and libraries
+LOG_SENSITIVITY_TOLERANCE = 1e-5  # absolute, of a log-sensitivity, as documented for the accuracy
 # keys that describe a run and not its result, or repeat numbers in words
-ASIDE = {
+IGNORED_KEYS = {
     "seconds", "provenance", "files", "folder", "answered", "warnings", "plan", "verdict", "remarks", "reason", "versions",
     "residual", "p_value", "date", "asked", "version", "program",
 }  # fmt: skip
-_QUANTITY = re.compile(r"\s*([+-]?[0-9.]+(?:[eE][+-]?[0-9]+)?)\s*([^\s0-9][^0-9]*)?\s*")
+_QUANTITY_PATTERN = re.compile(r"\s*([+-]?[0-9.]+(?:[eE][+-]?[0-9]+)?)\s*([^\s0-9][^0-9]*)?\s*")
 
 
 @dataclass(frozen=True)
@@ -36,23 +36,25 @@ class Difference:
     """
 
     place: str
-    before: object
-    now: object
+    recorded: object
+    repeated: object
 
     def __str__(self) -> str:
         """Describe the difference in one line."""
-        return f"{self.place}: {_short(self.before)} then, {_short(self.now)} now"
+        return f"{self.place}: {_format_value(self.recorded)} then, {_format_value(self.repeated)} now"
 
 
-def compared(before: Mapping[str, Any], now: Mapping[str, Any]) -> int:
+def count_numbers(recorded: Mapping[str, Any], repeated: Mapping[str, Any]) -> int:
     """Return the number of values that are compared."""
-    return sum(1 for _ in _pairs(before, now, ""))
+    return sum(1 for _ in _iterate_pairs(recorded, repeated, ""))
 
 
-def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[Difference]:
+def find_differences(recorded: Mapping[str, Any], repeated: Mapping[str, Any]) -> list[Difference]:
     """Return the values in which two results differ by more than their errors, eq. RP.1."""
     return [
-        Difference(place, one, other) for place, one, other, allowed in _pairs(before, now, "") if not _agree(one, other, allowed)
+        Difference(place, old, new)
+        for place, old, new, allowed in _iterate_pairs(recorded, repeated, "")
+        if not _is_equal(old, new, allowed)
     ]
 
 
@@ -60,48 +62,53 @@ Errors = tuple[Any, Any]  # error estimates of two values: numbers, lists of the
 Pair = tuple[str, Any, Any, tuple[float, float]]
 
 
-def _pairs(one: Any, other: Any, place: str, errors: Errors = (None, None)) -> Iterator[Pair]:
+def _iterate_pairs(recorded: Any, repeated: Any, place: str, errors: Errors = (None, None)) -> Iterator[Pair]:
     """Yield the leaves of both trees: place, values, and their allowed difference, relative and absolute."""
-    if isinstance(one, Mapping) and isinstance(other, Mapping):
-        beside = one.get("error_estimate"), other.get("error_estimate")
-        for key in [key for key in {**one, **other} if key not in ASIDE and key != "error_estimate"]:
-            yield from _pairs(one.get(key), other.get(key), f"{place}.{key}".lstrip("."), beside)
-    elif isinstance(one, list) and isinstance(other, list) and len(one) == len(other):
-        for k, (left, right) in enumerate(zip(one, other, strict=True)):
-            yield from _pairs(left, right, f"{place}[{k}]", (_entry(errors[0], k, len(one)), _entry(errors[1], k, len(one))))
-    elif one is not None or other is not None:
-        yield place, one, other, _allowed(place, errors)
+    if isinstance(recorded, Mapping) and isinstance(repeated, Mapping):
+        estimates = recorded.get("error_estimate"), repeated.get("error_estimate")
+        for key in [key for key in {**recorded, **repeated} if key not in IGNORED_KEYS and key != "error_estimate"]:
+            yield from _iterate_pairs(recorded.get(key), repeated.get(key), f"{place}.{key}".lstrip("."), estimates)
+    elif isinstance(recorded, list) and isinstance(repeated, list) and len(recorded) == len(repeated):
+        for k, (left, right) in enumerate(zip(recorded, repeated, strict=True)):
+            yield from _iterate_pairs(
+                left,
+                right,
+                f"{place}[{k}]",
+                (_select_error(errors[0], k, len(recorded)), _select_error(errors[1], k, len(recorded))),
+            )
+    elif recorded is not None or repeated is not None:
+        yield place, recorded, repeated, _compute_allowed(place, errors)
 
 
-def _entry(error: Any, k: int, count: int) -> Any:
+def _select_error(error: Any, k: int, count: int) -> Any:
     """Return the error of entry ``k`` of an array: its own if there is one for each, else the common one."""
     return error[k] if isinstance(error, list) and len(error) == count else error
 
 
-def _allowed(place: str, errors: Errors) -> tuple[float, float]:
+def _compute_allowed(place: str, errors: Errors) -> tuple[float, float]:
     """Return the allowed relative and absolute difference, eq. RP.1."""
-    both = sum(one for one in errors if _is_number(one) and one > 0)
-    return (5 * both, SMALLEST) if "log_sensitivity" in place else (both, 0.0)
+    error_sum = sum(error for error in errors if _is_number(error) and error > 0)
+    return (5 * error_sum, LOG_SENSITIVITY_TOLERANCE) if "log_sensitivity" in place else (error_sum, 0.0)
 
 
-def _agree(one: Any, other: Any, allowed: tuple[float, float]) -> bool:
+def _is_equal(recorded: Any, repeated: Any, allowed: tuple[float, float]) -> bool:
     """Return whether two leaves agree: texts and booleans exactly, numbers within the allowed difference."""
-    if isinstance(one, str) and isinstance(other, str):
-        return one == other or _quantities_agree(one, other)
-    if not (_is_number(one) and _is_number(other)):
-        return bool(one == other)
-    return math.isclose(one, other, rel_tol=allowed[0] + ROUNDING, abs_tol=allowed[1])
+    if isinstance(recorded, str) and isinstance(repeated, str):
+        return recorded == repeated or _is_same_quantity(recorded, repeated)
+    if not (_is_number(recorded) and _is_number(repeated)):
+        return bool(recorded == repeated)
+    return math.isclose(recorded, repeated, rel_tol=allowed[0] + ROUNDING_RELATIVE, abs_tol=allowed[1])
 
 
-def _quantities_agree(one: str, other: str) -> bool:
+def _is_same_quantity(recorded: str, repeated: str) -> bool:
     """Return whether two texts are the same quantity up to rounding, such as ``4.31 mm``."""
-    left, right = _QUANTITY.fullmatch(one), _QUANTITY.fullmatch(other)
+    left, right = _QUANTITY_PATTERN.fullmatch(recorded), _QUANTITY_PATTERN.fullmatch(repeated)
     if left is None or right is None or left[2] != right[2]:
         return False
-    return math.isclose(float(left[1]), float(right[1]), rel_tol=ROUNDING)
+    return math.isclose(float(left[1]), float(right[1]), rel_tol=ROUNDING_RELATIVE)
 
 
-def _short(value: object) -> str:
+def _format_value(value: object) -> str:
     return f"{value:.6g}" if isinstance(value, float) else repr(value)[:60]
 
 

@@ -15,14 +15,14 @@ from typing import Any
 import click
 
 from geometry.common.errors import InputError, ProbeError, Words
-from geometry.provenance.block import Provenance, provenance
-from geometry.provenance.texts import block_of
-from probe_design.repetition.agreement import Difference, compared, differences
-from probe_design.repetition.command_line import rerun_words
+from geometry.provenance.block import Provenance, build_provenance
+from geometry.provenance.texts import read_block
+from probe_design.repetition.agreement import Difference, count_numbers, find_differences
+from probe_design.repetition.command_line import build_rerun_words
 
-TABLES = {"results.csv": "rows", "tolerances.csv": "tolerances", "bill-of-materials.csv": "bill"}  # their keys
-WHOLE = "optimize.json"  # contains all numbers of its folder, whatever else is in it
-NO_GAIN = 1  # exit code of a command with a negative result
+TABLE_KEYS = {"results.csv": "rows", "tolerances.csv": "tolerances", "bill-of-materials.csv": "bill"}  # their keys
+OPTIMIZE_FILE = "optimize.json"  # contains all numbers of its folder, whatever else is in it
+NEGATIVE_EXIT_CODE = 1  # exit code of a command with a negative result
 
 
 class RerunError(ProbeError):
@@ -44,7 +44,7 @@ class Rerun:
     command: tuple[str, ...]
     numbers: int
     differences: tuple[Difference, ...]
-    changed: tuple[str, ...]
+    version_changes: tuple[str, ...]
     provenance: Provenance
 
     @property
@@ -55,11 +55,14 @@ class Rerun:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings that versions differ, one line each."""
-        return tuple(f"versions differ: {text}" for text in self.changed)
+        return tuple(f"versions differ: {text}" for text in self.version_changes)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the JSON object of ``probe-design rerun``."""
-        places = [{"place": one.place, "before": one.before, "now": one.now} for one in self.differences]
+        places = [
+            {"place": difference.place, "before": difference.recorded, "now": difference.repeated}
+            for difference in self.differences
+        ]
         return {
             "agrees": self.agrees, "numbers": self.numbers, "differences": places, "command": list(self.command),
             "warnings": list(self.warnings), "provenance": self.provenance,
@@ -77,71 +80,79 @@ def rerun(file: Path, cli: click.Group) -> Rerun:
         InputError: it has no provenance, was made from Python, or its input files have changed.
         RerunError: the command fails now.
     """
-    block, before = _told(file)
+    block, recorded = _read_numbers(file)
     words = block.get("command")
     if not words or not isinstance(words, list):
         raise InputError("file", str(file), "made by a command line (this was made by a Python program)")
     with tempfile.TemporaryDirectory() as folder:
-        beside = file if file.is_dir() else file.parent
-        again = rerun_words(cli, [str(word) for word in words], block.get("inputs") or {}, beside.absolute(), Path(folder))
-        printed = _printed(again)
-        made = _counterpart(file, Path(folder))
-        now_block, now = (printed.get("provenance") or provenance(), printed) if made is None else _told(made)
-    if block.get("scene") != now_block.get("scene"):
+        file_folder = file if file.is_dir() else file.parent
+        new_words = build_rerun_words(
+            cli, [str(word) for word in words], block.get("inputs") or {}, file_folder.absolute(), Path(folder)
+        )
+        printed_object = _run_program(new_words)
+        new_file = _find_counterpart(file, Path(folder))
+        new_block, repeated = (
+            (printed_object.get("provenance") or build_provenance(), printed_object)
+            if new_file is None
+            else _read_numbers(new_file)
+        )
+    if block.get("scene") != new_block.get("scene"):
         raise InputError("scene", Words("another one now"), f"the scene of the file, {block.get('scene')}")
-    count = compared(before, now)
+    count = count_numbers(recorded, repeated)
     if count == 0:
         raise InputError("file", str(file), "a file with numbers beside its block of provenance")
-    return Rerun(tuple(words), count, tuple(differences(before, now)), tuple(_changed(block, now_block)), now_block)
+    return Rerun(
+        tuple(words), count, tuple(find_differences(recorded, repeated)), tuple(_compare_versions(block, new_block)), new_block
+    )
 
 
-def _told(file: Path) -> tuple[Provenance, dict[str, Any]]:
+def _read_numbers(file: Path) -> tuple[Provenance, dict[str, Any]]:
     """Read provenance and numbers of a file or folder; those of a folder include the rows of its tables."""
-    block, found = block_of(file)
-    there = {name: file / name for name in TABLES if (file / name).is_file() and not (file / WHOLE).is_file()}
-    return block, found | {TABLES[name]: list(_rows(path)) for name, path in there.items()}
+    block, numbers = read_block(file)
+    tables = {name: file / name for name in TABLE_KEYS if (file / name).is_file() and not (file / OPTIMIZE_FILE).is_file()}
+    return block, numbers | {TABLE_KEYS[name]: list(_read_rows(path)) for name, path in tables.items()}
 
 
-def _rows(path: Path) -> Iterator[dict[str, Any]]:
+def _read_rows(path: Path) -> Iterator[dict[str, Any]]:
     """Yield the rows of a CSV table by heading without unit; numbers are converted."""
     try:
         with path.open(encoding="utf-8", newline="") as file:
             for row in csv.DictReader(file, restkey=""):
-                yield {name.partition(",")[0]: _number(text) for name, text in row.items() if name not in ("", "key")}
+                yield {name.partition(",")[0]: _parse_cell(text) for name, text in row.items() if name not in ("", "key")}
     except (UnicodeDecodeError, csv.Error):
         raise InputError("file", str(path), "a table as it was written") from None
 
 
-def _number(text: str) -> float | str | None:
+def _parse_cell(text: str) -> float | str | None:
     try:
         return float(text) if text else None
     except ValueError:
         return text
 
 
-def _printed(words: list[str]) -> dict[str, Any]:
+def _run_program(words: list[str]) -> dict[str, Any]:
     """Run the program with these words and return the JSON object that it prints; its standard error is passed on."""
-    ended = subprocess.run([sys.executable, "-m", "probe_design", *words], stdout=subprocess.PIPE, text=True, check=False)
-    if ended.returncode not in (0, NO_GAIN):
-        raise RerunError(f"the command that made the file ends now with exit code {ended.returncode}: see above")
+    process = subprocess.run([sys.executable, "-m", "probe_design", *words], stdout=subprocess.PIPE, text=True, check=False)
+    if process.returncode not in (0, NEGATIVE_EXIT_CODE):
+        raise RerunError(f"the command that made the file ends now with exit code {process.returncode}: see above")
     try:
-        found = json.loads(ended.stdout)
+        answer = json.loads(process.stdout)
     except ValueError:
         raise RerunError("the command that made the file fails now: see above") from None
-    return found if isinstance(found, dict) else {}
+    return answer if isinstance(answer, dict) else {}
 
 
-def _counterpart(file: Path, folder: Path) -> Path | None:
+def _find_counterpart(file: Path, folder: Path) -> Path | None:
     """Return the new file of the same name, or the only one with the same suffix; None if only the printed object is new."""
     if file.is_dir():
         return folder if any(folder.iterdir()) else None
     if (folder / file.name).is_file():
         return folder / file.name
-    alike = [path for path in folder.iterdir() if path.suffix == file.suffix]
-    return alike[0] if len(alike) == 1 else None
+    candidates = [path for path in folder.iterdir() if path.suffix == file.suffix]
+    return candidates[0] if len(candidates) == 1 else None
 
 
-def _changed(before: Provenance, now: Provenance) -> list[str]:
+def _compare_versions(recorded: Provenance, repeated: Provenance) -> list[str]:
     """Describe the versions that differ between two runs."""
-    old, new = ({"probe-design": one.get("program"), **(one.get("dependencies") or {})} for one in (before, now))
+    old, new = ({"probe-design": block.get("program"), **(block.get("dependencies") or {})} for block in (recorded, repeated))
     return [f"{name} {old.get(name)} then, {new.get(name)} now" for name in {**old, **new} if old.get(name) != new.get(name)]

@@ -14,60 +14,60 @@ import numpy as np
 
 from geometry.common.arrays import Floats, Ints
 from geometry.scenes.base_sizes import base_sizes
-from geometry.scenes.fit import semi_axes
+from geometry.scenes.fit import compute_semi_axes
 from geometry.scenes.probe import Probe
 from geometry.scenes.scene import Scene
 
-COLOURS = {
+BODY_COLOURS = {
     "inner": (0.86, 0.47, 0.20), "outer": (0.25, 0.51, 0.71), "film": (0.93, 0.78, 0.22), "base": (0.62, 0.64, 0.67),
     "tumour": (0.64, 0.23, 0.18),
 }  # fmt: skip
-STEP = math.pi / 36  # 5 degrees about the axis
-MM = 1e3
+MAX_ANGLE_STEP_RAD = math.pi / 36  # 5 degrees about the axis
+MM_PER_M = 1e3
 Mesh = tuple[Floats, Ints]
 
 
-def bodies(scene: Scene) -> tuple[dict[str, Any], ...]:
+def build_bodies(scene: Scene) -> tuple[dict[str, Any], ...]:
     """Build the bodies of a ``page.TurningView``; inclusions with a surface file are left out."""
-    at, rotated = scene.placement, _rotation(scene.placement.tilt)
-    shift = np.array([at.x, at.y, 0.0])
-    shown = [(name, mesh[0] @ rotated.T + shift, mesh[1]) for name, mesh in probe_bodies(scene.probe)]
+    placement, rotation = scene.placement, _build_rotation(scene.placement.tilt)
+    shift = np.array([placement.x, placement.y, 0.0])
+    meshes = [(name, mesh[0] @ rotation.T + shift, mesh[1]) for name, mesh in iterate_probe_meshes(scene.probe)]
     for body in scene.inclusion:
         if body.surface is None:
-            places, triangles = ball()
+            places, triangles = build_sphere()
             centre = np.array([body.x, body.y, -body.depth])
-            shown.append(("tumour", places @ np.array(semi_axes(body)).T + centre, triangles))
+            meshes.append(("tumour", places @ np.array(compute_semi_axes(body)).T + centre, triangles))
     return tuple(
-        {"colour": COLOURS[name], "vertices": np.round(MM * places, 4).tolist(), "triangles": triangles.tolist()}
-        for name, places, triangles in shown
+        {"colour": BODY_COLOURS[name], "vertices": np.round(MM_PER_M * places, 4).tolist(), "triangles": triangles.tolist()}
+        for name, places, triangles in meshes
     )
 
 
-def probe_bodies(probe: Probe) -> Iterator[tuple[str, Mesh]]:
+def iterate_probe_meshes(probe: Probe) -> Iterator[tuple[str, Mesh]]:
     """Yield name and mesh (m) of each part of a probe whose blocks stand on z = 0, with a quarter left out."""
     core, tube, groove = probe.core_height, probe.tube_height, probe.groove
     film = 0.0 if probe.film is None else probe.film.thickness
-    r, hole, outside, top = probe.inner_radius, probe.hole_radius, probe.tube_radius, max(core, tube) + film
-    free = 0.0 if groove is None else math.asin(min(groove.width / 2 / hole, 1.0))
+    r, hole, outer_radius, top = probe.inner_radius, probe.hole_radius, probe.tube_radius, max(core, tube) + film
+    groove_angle = 0.0 if groove is None else math.asin(min(groove.width / 2 / hole, 1.0))
     depth = 0.0 if groove is None else groove.depth
     sizes = base_sizes(probe)
     flange = top + sizes.step_height
     for name, inner, outer, low, high, begin in (
         ("inner", 0.0, r, 0.0, core, 0.0),
-        ("outer", hole, outside, 0.0, tube - depth, 0.0),
-        ("outer", hole, outside, tube - depth, tube, free),
+        ("outer", hole, outer_radius, 0.0, tube - depth, 0.0),
+        ("outer", hole, outer_radius, tube - depth, tube, groove_angle),
         ("film", 0.0, r, core, core + film, 0.0),
-        ("film", hole, outside, tube, tube + film, free),
+        ("film", hole, outer_radius, tube, tube + film, groove_angle),
         ("base", 0.0, r, core + film, top, 0.0),  # reaches down to the lower of two blocks
-        ("base", hole, outside, tube + film, top, 0.0),
-        ("base", 0.0, outside, top, flange, 0.0),
+        ("base", hole, outer_radius, tube + film, top, 0.0),
+        ("base", 0.0, outer_radius, top, flange, 0.0),
         ("base", 0.0, sizes.flange_radius, flange, flange + sizes.thickness, 0.0),
     ):
         if high > low:
-            yield name, ring(inner, outer, low, high, begin=begin)
+            yield name, build_ring(inner, outer, low, high, begin=begin)
 
 
-def ring(inner: float, outer: float, low: float, high: float, *, begin: float = 0.0, end: float = 1.5 * math.pi) -> Mesh:
+def build_ring(inner: float, outer: float, low: float, high: float, *, begin: float = 0.0, end: float = 1.5 * math.pi) -> Mesh:
     """Build the closed surface of a ring sector: a rectangle of the meridian plane rotated between two angles.
 
     Args:
@@ -81,33 +81,33 @@ def ring(inner: float, outer: float, low: float, high: float, *, begin: float = 
     Returns:
         vertices (n, 3) and triangles (m, 3), whose normals point outwards.
     """
-    angles = np.linspace(begin, end, max(2, math.ceil((end - begin) / STEP) + 1))
+    angles = np.linspace(begin, end, max(2, math.ceil((end - begin) / MAX_ANGLE_STEP_RAD) + 1))
     profile = np.array([(inner, low), (outer, low), (outer, high), (inner, high)])
-    around = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    directions = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     places = np.concatenate(
-        [profile[None, :, :1] * around[:, None], np.broadcast_to(profile[:, 1:], (len(angles), 4, 1))], axis=2
+        [profile[None, :, :1] * directions[:, None], np.broadcast_to(profile[:, 1:], (len(angles), 4, 1))], axis=2
     )
     first = 4 * np.arange(len(angles) - 1)[:, None]
-    k, after = np.arange(4), (np.arange(4) + 1) % 4
-    a, b, c, d = first + k, first + after, first + 4 + after, first + 4 + k
+    k, following = np.arange(4), (np.arange(4) + 1) % 4
+    a, b, c, d = first + k, first + following, first + 4 + following, first + 4 + k
     sides = np.concatenate([np.stack([a, d, b], axis=-1).reshape(-1, 3), np.stack([b, d, c], axis=-1).reshape(-1, 3)])
     last = 4 * (len(angles) - 1)
     ends = np.array([[0, 1, 2], [0, 2, 3], [last, last + 2, last + 1], [last, last + 3, last + 2]])
     return places.reshape(-1, 3), np.concatenate([sides, ends])
 
 
-def ball() -> Mesh:
+def build_sphere() -> Mesh:
     """Build a sphere of radius 1."""
-    count = round(math.pi / STEP / 2)
-    polar, about = np.meshgrid(np.linspace(0, math.pi, count + 1), np.linspace(0, 2 * math.pi, 2 * count + 1), indexing="ij")
-    places = np.stack([np.sin(polar) * np.cos(about), np.sin(polar) * np.sin(about), np.cos(polar)], axis=-1).reshape(-1, 3)
+    count = round(math.pi / MAX_ANGLE_STEP_RAD / 2)
+    polar, azimuth = np.meshgrid(np.linspace(0, math.pi, count + 1), np.linspace(0, 2 * math.pi, 2 * count + 1), indexing="ij")
+    places = np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], axis=-1).reshape(-1, 3)
     width = 2 * count + 1
     a = (np.arange(count)[:, None] * width + np.arange(2 * count)).ravel()
     b, c, d = a + width, a + width + 1, a + 1
     return places, np.concatenate([np.stack([a, b, c], axis=-1), np.stack([a, c, d], axis=-1)])
 
 
-def _rotation(tilt: float) -> Floats:
+def _build_rotation(tilt: float) -> Floats:
     """Return the rotation about the y axis; a positive tilt lowers the +x side."""
     c, s = math.cos(tilt), math.sin(tilt)
     return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])

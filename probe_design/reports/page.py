@@ -18,16 +18,16 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from geometry.common.errors import printable
-from geometry.provenance.texts import html_script
+from geometry.common.errors import escape_unprintable
+from geometry.provenance.texts import format_html_script
 
 if TYPE_CHECKING:
     from jinja2 import Template
     from matplotlib.figure import Figure
 
 
-_CONTROLS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")  # in names: a terminal that shows the page would obey them
-SENTENCE = 24  # characters of a table cell: longer text is wrapped
+_CONTROL_CHARACTERS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")  # in names: a terminal that shows the page would obey them
+MAX_CELL_CHARACTERS = 24  # characters of a table cell: longer text is wrapped
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class PageTable:
     @property
     def wordy(self) -> list[bool]:
         """Whether each column contains sentences, which are wrapped; numbers and names are not."""
-        return [any(len(row[k]) > SENTENCE for row in self.rows) for k in range(len(self.headings))]
+        return [any(len(row[k]) > MAX_CELL_CHARACTERS for row in self.rows) for k in range(len(self.headings))]
 
 
 @dataclass(frozen=True)
@@ -83,19 +83,19 @@ class Picture:
     kind: str = "picture"
 
     @classmethod
-    def of(cls, figure: Figure, alt: str) -> Picture:
+    def from_figure(cls, figure: Figure, alt: str) -> Picture:
         """Convert a matplotlib figure to a picture."""
-        drawn = io.BytesIO()
-        figure.savefig(drawn, format="png", dpi=110)
-        return cls._png(drawn.getvalue(), alt)
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format="png", dpi=110)
+        return cls._from_png(buffer.getvalue(), alt)
 
     @classmethod
-    def read(cls, path: Path, alt: str) -> Picture:
+    def from_file(cls, path: Path, alt: str) -> Picture:
         """Read a .png file as a picture."""
-        return cls._png(path.read_bytes(), alt)
+        return cls._from_png(path.read_bytes(), alt)
 
     @classmethod
-    def _png(cls, content: bytes, alt: str) -> Picture:
+    def _from_png(cls, content: bytes, alt: str) -> Picture:
         return cls(f"data:image/png;base64,{base64.b64encode(content).decode()}", alt)
 
 
@@ -124,7 +124,9 @@ class Chapter:
     parts: tuple[Part, ...]
 
 
-def page(title: str, headline: str, sections: Sequence[Chapter], answer: dict[str, Any], *, good: bool = True) -> str:
+def build_page(
+    title: str, headline: str, sections: Sequence[Chapter], answer: dict[str, Any], *, is_positive: bool = True
+) -> str:
     """Build the report as HTML.
 
     Args:
@@ -135,29 +137,29 @@ def page(title: str, headline: str, sections: Sequence[Chapter], answer: dict[st
         is_positive: whether the result is positive: the banner of the headline is green, otherwise amber.
     """
     block = answer["provenance"]
-    text: str = _template().render(
+    text: str = _load_template().render(
         title=title,
         headline=headline,
-        good=good,
-        sections=[*sections, Chapter("Provenance", (_origin(block),))],
-        answer=html_script("answer", answer),
+        good=is_positive,
+        sections=[*sections, Chapter("Provenance", (_build_provenance_table(block),))],
+        answer=format_html_script("answer", answer),
         script=resources.files("probe_design.data").joinpath("report.js").read_text(encoding="utf-8"),
     )
-    return _CONTROLS.sub(lambda code: printable(code[0]), text)
+    return _CONTROL_CHARACTERS.sub(lambda code: escape_unprintable(code[0]), text)
 
 
-def _origin(block: dict[str, Any]) -> PageTable:
+def _build_provenance_table(block: dict[str, Any]) -> PageTable:
     """Build the table of provenance."""
-    told = {**block, "dependencies": [f"{name} {version}" for name, version in block["dependencies"].items()]}
+    entries = {**block, "dependencies": [f"{name} {version}" for name, version in block["dependencies"].items()]}
     command = block["command"]
-    told["command"] = None if command is None else shlex.join(["probe-design", *command])
-    told["inputs"] = [f"{name} {sha[:12]}" for name, sha in block["inputs"].items()]
-    shown = {name: ", ".join(value) if isinstance(value, list) else value for name, value in told.items()}
-    return PageTable(("", "provenance"), tuple((name, str(value)) for name, value in shown.items() if value not in (None, "")))
+    entries["command"] = None if command is None else shlex.join(["probe-design", *command])
+    entries["inputs"] = [f"{name} {sha[:12]}" for name, sha in block["inputs"].items()]
+    texts = {name: ", ".join(value) if isinstance(value, list) else value for name, value in entries.items()}
+    return PageTable(("", "provenance"), tuple((name, str(value)) for name, value in texts.items() if value not in (None, "")))
 
 
 @lru_cache(maxsize=1)
-def _template() -> Template:
+def _load_template() -> Template:
     from jinja2 import Environment, StrictUndefined
 
     text = resources.files("probe_design.data").joinpath("report.html.in").read_text(encoding="utf-8")

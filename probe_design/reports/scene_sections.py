@@ -11,22 +11,22 @@ from functools import partial
 import numpy as np
 
 from geometry.common.errors import ProbeError
-from geometry.common.limits import most
+from geometry.common.limits import format_maximum
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_to_toml
-from geometry.scenes.variables import values
-from probe_design.reports.bodies import bodies
+from geometry.scenes.variables import list_values
+from probe_design.reports.bodies import build_bodies
 from probe_design.reports.page import Chapter, Code, PageTable, Part, Picture, Text, TurningView
 from solver.axisymmetric.gradients import Gradients
 from solver.axisymmetric.level import Axisymmetric
 from solver.equivalent_inclusion.level import EquivalentInclusion
 
 MAP_POINTS, CURVE_POINTS = 12, 13  # points on each side of a map, and on a curve
-ACCURACY, DRAWN = 0.01, 0.02  # relative accuracy of printed numbers, and of pictures
+NUMBER_ACCURACY, DRAWING_ACCURACY = 0.01, 0.02  # relative accuracy of printed numbers, and of pictures
 Tell = Callable[[str], None]
 
 
-def scene_sections(scene: Scene, noise: float | None, tell: Tell = lambda text: None) -> Iterator[Chapter]:
+def iterate_scene_sections(scene: Scene, noise: float | None, tell: Tell = lambda text: None) -> Iterator[Chapter]:
     """Yield the sections of a report about a scene at its load; each takes up to some seconds.
 
     Args:
@@ -34,136 +34,146 @@ def scene_sections(scene: Scene, noise: float | None, tell: Tell = lambda text: 
         noise: relative standard deviation of one reading of the ratio; None leaves out the maps that depend on it.
         tell: called with a line before each long piece of work.
     """
-    for title, made in (
-        ("The probe", _shape),
-        ("The plan: what is modelled, and what is left out", _plan),
-        ("Allowed loads", _loads),
-        ("Ratio over the tumour's stiffness", _curve),
+    for title, build in (
+        ("The probe", _build_shape),
+        ("The plan: what is modelled, and what is left out", _build_plan),
+        ("Allowed loads", _build_loads),
+        ("Ratio over the tumour's stiffness", _build_curve),
         *(
-            (("Tumours detected, and tumours whose stiffness is resolved", partial(_map, noise=noise)),)
+            (("Tumours detected, and tumours whose stiffness is resolved", partial(_build_map, noise=noise)),)
             if noise is not None
             else ()
         ),
-        ("Sensitivity to each dimension", _sensitivities),
-        ("Stresses", _stresses),
+        ("Sensitivity to each dimension", _build_sensitivities),
+        ("Stresses", _build_stresses),
     ):
         tell(f"for the report: {title[0].lower()}{title[1:]}")
         try:
-            parts = tuple(made(scene))
-        except ProbeError as why:
-            parts = (Text(f"Not available: {why}"),)
+            parts = tuple(build(scene))
+        except ProbeError as refusal:
+            parts = (Text(f"Not available: {refusal}"),)
         yield Chapter(title, parts)
 
 
-def asked(scene: Scene, title: str = "The scene") -> Chapter:
+def build_scene_section(scene: Scene, title: str = "The scene") -> Chapter:
     """Build the section that contains a scene file."""
     return Chapter(title, (Code(scene_to_toml(scene)),))
 
 
-def _shape(scene: Scene) -> Iterator[Part]:
+def _build_shape(scene: Scene) -> Iterator[Part]:
     """Build the rotating view of the probe and its tumours."""
     yield TurningView(
-        bodies(scene), "The probe with a quarter left out, above its tumours, all to scale; the tissue is not shown."
+        build_bodies(scene), "The probe with a quarter left out, above its tumours, all to scale; the tissue is not shown."
     )
 
 
-def _plan(scene: Scene) -> Iterator[Part]:
+def _build_plan(scene: Scene) -> Iterator[Part]:
     """Build the table of modelled and neglected features."""
     from solver import plan
 
-    decided = plan(scene)
-    rows = tuple((one.feature, "yes" if one.modelled else "no", f"{one.effect:.2g}", one.reason) for one in decided.decisions)
+    scene_plan = plan(scene)
+    rows = tuple(
+        (decision.feature, "yes" if decision.modelled else "no", f"{decision.effect:.2g}", decision.reason)
+        for decision in scene_plan.decisions
+    )
     yield Text(
-        f"Evaluated by {decided.evaluator or 'no evaluator'}: {decided.dimension}. Effects are relative changes of the ratio."
+        f"Evaluated by {scene_plan.evaluator or 'no evaluator'}: {scene_plan.dimension}. Effects are relative changes "
+        "of the ratio."
     )
     yield PageTable(("feature", "modelled", "effect", "why"), rows)
 
 
-def _loads(scene: Scene) -> Iterator[Part]:
+def _build_loads(scene: Scene) -> Iterator[Part]:
     """Build the table of load limits."""
     from solver import plan
 
     rows = [
-        (one.question, most(one.force, 3), most(1e3 * one.indentation, 3), one.by, one.how)
-        for one in plan(scene, ACCURACY).load_limits.known
+        (item.question, format_maximum(item.force, 3), format_maximum(1e3 * item.indentation, 3), item.by, item.basis_text)
+        for item in plan(scene, NUMBER_ACCURACY).load_limits.available_limits
     ]
     load = scene.load
-    force, deep = ("-" if one is None else f"{size * one:.3g}" for one, size in ((load.force, 1.0), (load.indentation, 1e3)))
-    yield PageTable(("load", "force, N", "indentation, mm", "limited by", "known"), (("here", force, deep, "-", "-"), *rows))
+    force, indentation = (
+        "-" if item is None else f"{size * item:.3g}" for item, size in ((load.force, 1.0), (load.indentation, 1e3))
+    )
+    yield PageTable(
+        ("load", "force, N", "indentation, mm", "limited by", "known"), (("here", force, indentation, "-", "-"), *rows)
+    )
     yield Text(
         "These limits hold for the tumours of this scene. Higher loads need the evaluator contact: "
         "probe-design load draws ratio and walls against force."
     )
 
 
-def _curve(scene: Scene) -> Iterator[Part]:
+def _build_curve(scene: Scene) -> Iterator[Part]:
     """Draw ratio and log-sensitivity over the modulus of the tumour."""
-    from solver.results.figures import curve_figure
+    from solver.results.figures import draw_curve
 
     moduli = np.geomspace(1e3, 1e6, CURVE_POINTS)
-    found = _level(scene).curve(scene, moduli, ACCURACY)
+    curve = _choose_evaluator(scene).curve(scene, moduli, NUMBER_ACCURACY)
     body = scene.inclusion[scene.target or 0]
-    figure = curve_figure(found, body.youngs_modulus, scene.tissue.material_at(body.depth).youngs_modulus)
-    yield Picture.of(figure, "ratio and log-sensitivity against the Young's modulus of the inclusion")
+    figure = draw_curve(curve, body.youngs_modulus, scene.tissue.find_material(body.depth).youngs_modulus)
+    yield Picture.from_figure(figure, "ratio and log-sensitivity against the Young's modulus of the inclusion")
 
 
-def _map(scene: Scene, noise: float) -> Iterator[Part]:
+def _build_map(scene: Scene, noise: float) -> Iterator[Part]:
     """Draw maps of detection and stiffness over diameter and depth."""
     from probe_design.maps.detectability import detectability
     from probe_design.maps.sphere_effects import Thresholds
-    from probe_design.maps.target_grid import chosen_sizes
+    from probe_design.maps.target_grid import choose_sizes
 
-    depths, diameters = chosen_sizes(scene, MAP_POINTS)
-    found = detectability(scene, depths, diameters, Thresholds(noise), accuracy=DRAWN, linear=True)
-    yield Picture.of(found.plot(), "maps over diameter and depth: change of the ratio, standard deviation of ln E_object")
-    for text in found.warnings:
+    depths, diameters = choose_sizes(scene, MAP_POINTS)
+    tumour_map = detectability(scene, depths, diameters, Thresholds(noise), accuracy=DRAWING_ACCURACY, linear=True)
+    yield Picture.from_figure(
+        tumour_map.plot(), "maps over diameter and depth: change of the ratio, standard deviation of ln E_object"
+    )
+    for text in tumour_map.warnings:
         yield Text(f"{text}.")
 
 
-def _sensitivities(scene: Scene) -> Iterator[Part]:
+def _build_sensitivities(scene: Scene) -> Iterator[Part]:
     """Build the table of sensitivities."""
-    found = _gradients(scene)
-    rows = tuple(_row(scene, found, k) for k in range(len(found.variables)))
+    derivatives = _compute_gradients(scene)
+    rows = tuple(_build_sensitivity_row(scene, derivatives, k) for k in range(len(derivatives.variables)))
     yield Text("Change of ratio and stiffness in per cent, and of the log-sensitivity, for an increase of each number by 1 %.")
     yield PageTable(("1 % more of", "ratio, %", "stiffness, %", "log-sensitivity"), rows)
 
 
-def _gradients(scene: Scene) -> Gradients:
+def _compute_gradients(scene: Scene) -> Gradients:
     """Compute the derivatives with respect to every number: exact on the axis, to first order in the tumours' fields off it."""
-    level = _level(scene)
-    if isinstance(level, Axisymmetric):
-        from solver.axisymmetric.gradients import gradients
+    evaluator = _choose_evaluator(scene)
+    if isinstance(evaluator, Axisymmetric):
+        from solver.axisymmetric.gradients import compute_gradients
 
-        return gradients(scene, level.converged(scene, ACCURACY).sample)
-    from solver.axisymmetric.sections import sections
-    from solver.equivalent_inclusion.gradients import first_order, tumour_gradients
+        return compute_gradients(scene, evaluator.compute_converged(scene, NUMBER_ACCURACY).sample)
+    from solver.axisymmetric.sections import build_sections
+    from solver.equivalent_inclusion.gradients import compute_tumour_gradients, solve_first_order
 
-    level.check(scene)
-    return tumour_gradients(scene, first_order(scene, sections(scene)), tuple(values(scene)))
+    evaluator.check(scene)
+    return compute_tumour_gradients(scene, solve_first_order(scene, build_sections(scene)), tuple(list_values(scene)))
 
 
-def _level(scene: Scene) -> Axisymmetric | EquivalentInclusion:
+def _choose_evaluator(scene: Scene) -> Axisymmetric | EquivalentInclusion:
     """Return the evaluator for the pictures of a report; it is linear, whatever the load."""
     return Axisymmetric() if Axisymmetric().refusal(scene) is None else EquivalentInclusion()
 
 
-def _row(scene: Scene, found: Gradients, k: int) -> tuple[str, ...]:
+def _build_sensitivity_row(scene: Scene, derivatives: Gradients, k: int) -> tuple[str, ...]:
     """Build the row of number ``k`` in the table of sensitivities."""
-    name = found.variables[k]
-    size = values(scene)[name]
+    name = derivatives.variables[k]
+    size = list_values(scene)[name]
     changes = (
-        found.derivatives[output][0, k] * size / (100 if output == "log_sensitivity" else found.values[output][0])
+        derivatives.derivatives[output][0, k] * size / (100 if output == "log_sensitivity" else derivatives.values[output][0])
         for output in ("ratio", "stiffness", "log_sensitivity")
     )
     return name, *(f"{change:.3g}" for change in changes)
 
 
-def _stresses(scene: Scene) -> Iterator[Part]:
+def _build_stresses(scene: Scene) -> Iterator[Part]:
     """Draw the vertical pressure in the meridian plane."""
-    from probe_design.reports.stresses import stress_figure
+    from probe_design.reports.stresses import draw_stress_figure
 
     upright = scene.model_copy(update={"inclusion": ()}) if Axisymmetric().refusal(scene) is not None else scene
-    states = Axisymmetric().converged(upright, ACCURACY).sample.states
-    yield Picture.of(stress_figure(states, upright), "vertical pressure in the meridian plane under the load")
+    states = Axisymmetric().compute_converged(upright, NUMBER_ACCURACY).sample.states
+    yield Picture.from_figure(draw_stress_figure(states, upright), "vertical pressure in the meridian plane under the load")
     if upright is not scene:
         yield Text("Without the tumours, which are off the probe's axis.")

@@ -7,13 +7,13 @@ from pathlib import Path
 
 from probe_design.reports.page import Code, Text
 
-DESIGN, PACKAGE = "design.toml", "workshop"  # in the folder of an optimisation
-FOR_THE_WORKSHOP = (
+DESIGN_FILE, PACKAGE_FOLDER = "design.toml", "workshop"  # in the folder of an optimisation
+WORKSHOP_PARTS = (
     Text(
         "The package for the workshop has, besides the solids, dimensioned drawings with tolerances, film patterns, moulds, bill "
         "of materials and the order of assembly. In this folder"
     ),
-    Code(f'probe-design export {DESIGN} -o {PACKAGE} --step "0.1 mm"'),
+    Code(f'probe-design export {DESIGN_FILE} -o {PACKAGE_FOLDER} --step "0.1 mm"'),
     Text(
         "writes it, with sizes rounded to a step that can be machined, and reports what the rounding costs. "
         "Without --step sizes are not rounded."
@@ -21,6 +21,6 @@ FOR_THE_WORKSHOP = (
 )
 
 
-def export_command(folder: Path) -> str:
+def build_export_command(folder: Path) -> str:
     """Return the command that writes the workshop package of the design in the folder of an optimisation."""
-    return f"probe-design export {shlex.quote(str(folder / DESIGN))} -o {shlex.quote(str(folder / PACKAGE))}"
+    return f"probe-design export {shlex.quote(str(folder / DESIGN_FILE))} -o {shlex.quote(str(folder / PACKAGE_FOLDER))}"

@@ -11,12 +11,12 @@ import numpy as np
 from geometry.common.errors import InputError
 from geometry.common.files import check_writable_file
 from geometry.scenes.scene import Scene
-from solver.planning.load_check import with_warning
+from solver.planning.load_check import add_load_warning
 from solver.results.result import Result
-from solver.solid.level import SolidLevel, indentation
+from solver.solid.level import SolidEvaluator, compute_indentation
 
 
-def evaluated(
+def evaluate_with_files(
     scene: Scene, evaluator: str, accuracy: float, *, vtu: Path | None, picture: Path | None, tell: Callable[[str], None]
 ) -> Result:
     """Evaluate with ``solid`` and write its finest mesh with displacements and stresses at the scene's load.
@@ -43,15 +43,17 @@ def evaluated(
         if path.suffix.lower() != suffix:
             raise InputError(key, str(path), f"a file name that ends in {suffix}")
         check_writable_file(path, key)  # fail before the work, not after it
-    start, level = perf_counter(), SolidLevel(tell=tell)
-    solution = level.solved(scene, accuracy)
-    result = level.answer_of(scene, solution, accuracy).result(level.name, scene, perf_counter() - start)
-    lowered = indentation(scene, solution, 0)
-    motion = np.array([lowered, lowered, scene.placement.tilt])
+    start, solid_evaluator = perf_counter(), SolidEvaluator(tell=tell)
+    solution = solid_evaluator.solve_forces(scene, accuracy)
+    result = solid_evaluator.build_answer(scene, solution, accuracy).build_result(
+        solid_evaluator.name, scene, perf_counter() - start
+    )
+    descent = compute_indentation(scene, solution, 0)
+    motion = np.array([descent, descent, scene.placement.tilt])
     if vtu is not None:
         tell(f"writing {vtu}")
         write_vtu(vtu, solution.states, motion)
     if picture is not None:
         tell(f"drawing {picture}")
         draw_solid(picture, solution.states, motion)
-    return with_warning(result, scene, accuracy)
+    return add_load_warning(result, scene, accuracy)

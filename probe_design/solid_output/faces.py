@@ -8,17 +8,34 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from geometry.common.arrays import Floats, Ints
-from geometry.tetra.tet_mesh import BEYOND, FACE_MIDDLES, FACES, GROOVE, INCLUSION, INNER, OUTER, TISSUE
-from solver.solid.base_states import SolidFields, at_nodes
-from solver.solid.problem import AT, Problem
+from geometry.tetra.tet_mesh import (
+    BEYOND_BODY,
+    FACE_CORNERS,
+    FACE_MIDDLES,
+    FIRST_INCLUSION_BODY,
+    GROOVE_BODY,
+    INNER_BODY,
+    OUTER_BODY,
+    TISSUE_BODY,
+)
+from solver.solid.base_states import SolidFields, average_at_nodes
+from solver.solid.problem import PLANE_TOLERANCE_RELATIVE, Problem
 from solver.solid.regions import Region
 
-NAMES = {INNER: "inner", OUTER: "outer", GROOVE: "groove", TISSUE: "tissue", BEYOND: "tissue beyond"}
-SPLIT = np.array([(0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)])  # a quadratic triangle as four flat ones
-RIM = np.array([(0, 3), (3, 1), (1, 4), (4, 2), (2, 5), (5, 0)])  # the sides of its six-node triangle, as pairs
-EIGHT = np.array([(0, 4, 6, 7), (4, 1, 5, 8), (6, 5, 2, 9), (7, 8, 9, 3), (6, 8, 4, 5), (6, 8, 5, 9), (6, 8, 9, 7), (6, 8, 7, 4)])
-ASIDE = 3.3e-6  # offset of the section from y = 0 over the size of the mesh, so that it meets no node
-_AROUND = np.hstack([FACES, FACE_MIDDLES])
+REGION_NAMES = {
+    INNER_BODY: "inner",
+    OUTER_BODY: "outer",
+    GROOVE_BODY: "groove",
+    TISSUE_BODY: "tissue",
+    BEYOND_BODY: "tissue beyond",
+}
+FLAT_TRIANGLES = np.array([(0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)])  # a quadratic triangle as four flat ones
+TRIANGLE_SIDES = np.array([(0, 3), (3, 1), (1, 4), (4, 2), (2, 5), (5, 0)])  # the sides of its six-node triangle, as pairs
+FLAT_TETRAHEDRA = np.array(
+    [(0, 4, 6, 7), (4, 1, 5, 8), (6, 5, 2, 9), (7, 8, 9, 3), (6, 8, 4, 5), (6, 8, 5, 9), (6, 8, 9, 7), (6, 8, 7, 4)]
+)
+SECTION_OFFSET_RELATIVE = 3.3e-6  # offset of the section from y = 0 over the size of the mesh, so that it meets no node
+_TETRAHEDRON_FACES = np.hstack([FACE_CORNERS, FACE_MIDDLES])
 
 
 @dataclass(frozen=True)
@@ -40,82 +57,93 @@ class Faces:
     values: Mapping[str, Floats] = field(default_factory=dict)
 
 
-def name(number: int) -> str:
+def name_region(number: int) -> str:
     """Return the name of a region, such as ``tissue.layer[k]``, ``inclusion[i] in tissue.layer[k]``, ``inclusion[i] beyond``."""
-    body, layer, outside = Region.of(number)
-    whole, within = NAMES.get(body) or f"inclusion[{body - INCLUSION}]", f"tissue.layer[{layer - 1}]"
+    body, layer, is_beyond = Region.from_number(number)
+    region_name, layer_name = REGION_NAMES.get(body) or f"inclusion[{body - FIRST_INCLUSION_BODY}]", f"tissue.layer[{layer - 1}]"
     if layer:
-        whole = whole.replace("tissue", within) if body < INCLUSION else f"{whole} in {within}"
-    return f"{whole} beyond" if outside else whole
+        region_name = (
+            region_name.replace("tissue", layer_name) if body < FIRST_INCLUSION_BODY else f"{region_name} in {layer_name}"
+        )
+    return f"{region_name} beyond" if is_beyond else region_name
 
 
-def present(problem: Problem) -> list[int]:
+def list_bodies(problem: Problem) -> list[int]:
     """Return the numbers of the bodies of the mesh that have a material."""
     return [int(body) for body in np.unique(problem.solid.body) if int(body) in problem.materials]
 
 
-def skin(problem: Problem) -> Faces:
+def extract_skin(problem: Problem) -> Faces:
     """Return the outer surface of all bodies together; for a half mesh it includes the plane of symmetry."""
-    solid, faces, body = problem.solid, *_sides(problem, present(problem))
+    solid, faces, body = problem.solid, *_extract_faces(problem, list_bodies(problem))
     _, index, count = np.unique(np.sort(faces[:, :3], axis=1), axis=0, return_index=True, return_counts=True)
-    once = np.sort(index[count == 1])
-    return _flat(solid.nodes, faces[once], body[once])
+    outer = np.sort(index[count == 1])
+    return _flatten_faces(solid.nodes, faces[outer], body[outer])
 
 
-def section(problem: Problem, fields: SolidFields) -> Faces:
+def cut_section(problem: Problem, fields: SolidFields) -> Faces:
     """Return the cut at y = 0; fields are averaged at the nodes of each body separately, as they jump between bodies."""
     solid, nodes = problem.solid, problem.solid.nodes
     parts = []
-    for body in present(problem):
-        inside = solid.body == body
-        averages = {"pressure": fields.vertical, "von_mises": fields.von_mises}
-        values = {name: at_nodes(solid.elements[inside], each[inside], len(nodes)) for name, each in averages.items()}
+    for body in list_bodies(problem):
+        is_selected = solid.body == body
+        averages = {"pressure": fields.vertical_stress, "von_mises": fields.von_mises}
+        values = {
+            name: average_at_nodes(solid.elements[is_selected], element_values[is_selected], len(nodes))
+            for name, element_values in averages.items()
+        }
         values["displacement"] = fields.displacement
         if solid.mesh.half:
-            near = AT * float(np.ptp(nodes, axis=0).max())
-            faces, _ = _sides(problem, [body])
-            faces = faces[(np.abs(nodes[faces, 1]) < near).all(axis=1)]
-            parts.append(_flat(nodes, faces, np.full(len(faces), body), values))
+            plane_tolerance = PLANE_TOLERANCE_RELATIVE * float(np.ptp(nodes, axis=0).max())
+            faces, _ = _extract_faces(problem, [body])
+            faces = faces[(np.abs(nodes[faces, 1]) < plane_tolerance).all(axis=1)]
+            parts.append(_flatten_faces(nodes, faces, np.full(len(faces), body), values))
         else:
-            parts.append(_sliced(nodes, solid.elements[inside], body, values))
-    return _together([part for part in parts if len(part.triangles)])
+            parts.append(_slice_elements(nodes, solid.elements[is_selected], body, values))
+    return _merge_faces([part for part in parts if len(part.triangles)])
 
 
-def _sides(problem: Problem, bodies: list[int]) -> tuple[Ints, Ints]:
+def _extract_faces(problem: Problem, bodies: list[int]) -> tuple[Ints, Ints]:
     """Return the four quadratic faces of the t elements of some bodies, shape (4 t, 6), and their bodies (4 t,)."""
-    inside = np.isin(problem.solid.body, bodies)
-    faces = problem.solid.elements[inside][:, _AROUND].reshape(-1, 6)
-    return faces, np.repeat(problem.solid.body[inside], len(_AROUND))
+    is_selected = np.isin(problem.solid.body, bodies)
+    faces = problem.solid.elements[is_selected][:, _TETRAHEDRON_FACES].reshape(-1, 6)
+    return faces, np.repeat(problem.solid.body[is_selected], len(_TETRAHEDRON_FACES))
 
 
-def _flat(nodes: Floats, faces: Ints, body: Ints, values: Mapping[str, Floats] | None = None) -> Faces:
+def _flatten_faces(nodes: Floats, faces: Ints, body: Ints, values: Mapping[str, Floats] | None = None) -> Faces:
     """Split quadratic triangles (f, 6) into four flat ones each."""
-    used, number = np.unique(faces, return_inverse=True)
+    used_nodes, number = np.unique(faces, return_inverse=True)
     faces = number.reshape(-1, 6)
-    lines = np.unique(np.sort(faces[:, RIM].reshape(-1, 2), axis=1), axis=0)
-    own = {name: each[used] for name, each in (values or {}).items()}
-    return Faces(nodes[used], faces[:, SPLIT].reshape(-1, 3), np.repeat(body, len(SPLIT)), lines, own)
+    lines = np.unique(np.sort(faces[:, TRIANGLE_SIDES].reshape(-1, 2), axis=1), axis=0)
+    used_values = {name: node_values[used_nodes] for name, node_values in (values or {}).items()}
+    return Faces(
+        nodes[used_nodes], faces[:, FLAT_TRIANGLES].reshape(-1, 3), np.repeat(body, len(FLAT_TRIANGLES)), lines, used_values
+    )
 
 
-def _sliced(nodes: Floats, elements: Ints, body: int, values: Mapping[str, Floats]) -> Faces:
+def _slice_elements(nodes: Floats, elements: Ints, body: int, values: Mapping[str, Floats]) -> Faces:
     """Cut elements, split into eight flat tetrahedra each, slightly off y = 0, where no node lies."""
     import pyvista
 
-    aside = {"normal": "y", "origin": (0, ASIDE * float(np.ptp(nodes, axis=0).max()), 0), "generate_triangles": True}
-    sides = elements[:, _AROUND].reshape(-1, 6)
+    plane = {
+        "normal": "y",
+        "origin": (0, SECTION_OFFSET_RELATIVE * float(np.ptp(nodes, axis=0).max()), 0),
+        "generate_triangles": True,
+    }
+    sides = elements[:, _TETRAHEDRON_FACES].reshape(-1, 6)
     _, first = np.unique(np.sort(sides[:, :3], axis=1), axis=0, return_index=True)
-    whole = pyvista.UnstructuredGrid({pyvista.CellType.TETRA: elements[:, EIGHT].reshape(-1, 4)}, nodes)
-    faces = pyvista.PolyData.from_regular_faces(nodes, sides[first][:, SPLIT].reshape(-1, 3))
-    for name, each in values.items():
-        whole.point_data[name] = faces.point_data[name] = each
-    area, rims = whole.slice(**aside), faces.slice(**aside)
+    grid = pyvista.UnstructuredGrid({pyvista.CellType.TETRA: elements[:, FLAT_TETRAHEDRA].reshape(-1, 4)}, nodes)
+    faces = pyvista.PolyData.from_regular_faces(nodes, sides[first][:, FLAT_TRIANGLES].reshape(-1, 3))
+    for name, node_values in values.items():
+        grid.point_data[name] = faces.point_data[name] = node_values
+    area, rims = grid.slice(**plane), faces.slice(**plane)
     triangles = area.regular_faces if area.n_cells else np.zeros((0, 3), dtype=np.int64)
     lines = area.n_points + (rims.lines.reshape(-1, 3)[:, 1:] if rims.n_cells else np.zeros((0, 2), dtype=np.int64))
-    own = {name: np.concatenate([part.point_data[name] for part in (area, rims)]) for name in values if len(triangles)}
-    return Faces(np.vstack([area.points, rims.points]), triangles, np.full(len(triangles), body), lines, own)
+    cut_values = {name: np.concatenate([part.point_data[name] for part in (area, rims)]) for name in values if len(triangles)}
+    return Faces(np.vstack([area.points, rims.points]), triangles, np.full(len(triangles), body), lines, cut_values)
 
 
-def _together(parts: list[Faces]) -> Faces:
+def _merge_faces(parts: list[Faces]) -> Faces:
     """Merge faces into one set of points."""
     start = np.cumsum([0, *(len(part.points) for part in parts)])[:-1]
     return Faces(

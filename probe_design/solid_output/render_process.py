@@ -11,10 +11,10 @@ import sys
 import numpy as np
 import pyvista
 
-VIEW = (-0.42, -1.0, 0.5)  # towards the camera
-LIGHT = (-0.45, -1.0, 0.95)  # so that cut and top are both bright, but differently
-NEAR = 1e-7  # of the mesh's size: points this close to y = 0 count as in the plane
-LIFT = 1e-3  # of the mesh's size: lines are moved this far in front of their surfaces
+VIEW_DIRECTION = (-0.42, -1.0, 0.5)  # towards the camera
+LIGHT_POSITION = (-0.45, -1.0, 0.95)  # so that cut and top are both bright, but differently
+PLANE_TOLERANCE_RELATIVE = 1e-7  # of the mesh's size: points this close to y = 0 count as in the plane
+LINE_OFFSET_RELATIVE = 1e-3  # of the mesh's size: lines are moved this far in front of their surfaces
 
 
 def render(arrays: str, picture: str) -> None:
@@ -25,28 +25,28 @@ def render(arrays: str, picture: str) -> None:
     with np.load(arrays) as data:
         points, triangles, colours, lines = (data[name] for name in ("points", "triangles", "colours", "lines"))
         width, height = (int(size) for size in data["size"])
-        close = float(data["close"])
+        half_height = float(data["close"])
     surface = pyvista.PolyData.from_regular_faces(points, triangles)
     edges = pyvista.PolyData(points, lines=np.column_stack([np.full(len(lines), 2), lines]).ravel())
     surface.cell_data["colour"] = colours
-    least = -NEAR * float(np.ptp(points, axis=0).max())
-    if points[:, 1].min() < least:
-        surface, edges = (part.clip(normal="y", origin=(0, least, 0), invert=False) for part in (surface, edges))
+    min_y = -PLANE_TOLERANCE_RELATIVE * float(np.ptp(points, axis=0).max())
+    if points[:, 1].min() < min_y:
+        surface, edges = (part.clip(normal="y", origin=(0, min_y, 0), invert=False) for part in (surface, edges))
     # moved towards the camera, so that surfaces do not hide them
-    edges.points = edges.points + LIFT * np.ptp(points, axis=0).max() * np.array(VIEW)
+    edges.points = edges.points + LINE_OFFSET_RELATIVE * np.ptp(points, axis=0).max() * np.array(VIEW_DIRECTION)
     plotter = pyvista.Plotter(off_screen=True, window_size=[width, height], lighting="none")
-    plotter.add_light(pyvista.Light(position=LIGHT, focal_point=(0, 0, 0), light_type="scene light"))
+    plotter.add_light(pyvista.Light(position=LIGHT_POSITION, focal_point=(0, 0, 0), light_type="scene light"))
     plotter.set_background("white")
     plotter.add_mesh(surface, scalars="colour", rgb=True, ambient=0.45, diffuse=0.75, specular=0.0)
-    plotter.add_mesh(edges, color="black", line_width=3.0 if close else 1.6, opacity=0.6)
+    plotter.add_mesh(edges, color="black", line_width=3.0 if half_height else 1.6, opacity=0.6)
     plotter.enable_parallel_projection()
     plotter.enable_anti_aliasing("ssaa")
-    plotter.camera_position = [tuple(np.add(surface.center, VIEW)), surface.center, (0, 0, 1)]
+    plotter.camera_position = [tuple(np.add(surface.center, VIEW_DIRECTION)), surface.center, (0, 0, 1)]
     plotter.reset_camera()
     plotter.camera.zoom(1.25)
-    if close > 0:
-        plotter.camera.focal_point, plotter.camera.parallel_scale = (0, 0, -0.3 * close), close
-        plotter.camera.position = tuple(2 * np.ptp(points, axis=0).max() * np.array(VIEW))
+    if half_height > 0:
+        plotter.camera.focal_point, plotter.camera.parallel_scale = (0, 0, -0.3 * half_height), half_height
+        plotter.camera.position = tuple(2 * np.ptp(points, axis=0).max() * np.array(VIEW_DIRECTION))
         plotter.reset_camera_clipping_range()
     plotter.screenshot(picture)
     plotter.close()

@@ -8,18 +8,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from geometry.cad.solids import MM
+from geometry.cad.solids import MM_PER_M
 from geometry.common.arrays import Floats
 from probe_design.solid_output.faces import Faces
 
-TAILS = (0.01, 0.99)  # shares of the shown area at which the colour scale ends: singular corners are beyond
-DECADES = 2.0  # of von Mises stress in the colour scale, at most
-WORDS = {"pressure": "vertical pressure", "von_mises": "von Mises stress"}
+TAIL_QUANTILES = (0.01, 0.99)  # shares of the shown area at which the colour scale ends: singular corners are beyond
+MAX_DECADES = 2.0  # of von Mises stress in the colour scale, at most
+STRESS_LABELS = {"pressure": "vertical pressure", "von_mises": "von Mises stress"}
 Window = tuple[float, float, float, float]  # left, right, bottom, top
 
 
 @dataclass(frozen=True)
-class Deformed:
+class DeformedSection:
     """A section with exaggerated displacements.
 
     Attributes:
@@ -35,96 +35,98 @@ class Deformed:
     window: Window
 
     @property
-    def scale(self) -> str:
+    def scale_text(self) -> str:
         """The factor of exaggeration as text."""
         times = f"{self.factor:,.0f}".replace(",", " ") if self.factor >= 1 else f"{self.factor:g}"
         return "true to scale" if self.factor == 1 else f"× {times}"
 
-    def ends(self, values: Floats) -> tuple[float, float]:
+    def find_colour_limits(self, values: Floats) -> tuple[float, float]:
         """Return the values, of ``values`` (n,), between which all but the tails of the shown area lie."""
         corners = self.points[self.cut.triangles]
-        across, middle = corners[:, 1:] - corners[:, :1], corners.mean(axis=1)
-        area = np.abs(across[:, 0, 0] * across[:, 1, 1] - across[:, 0, 1] * across[:, 1, 0])
+        edges, middle = corners[:, 1:] - corners[:, :1], corners.mean(axis=1)
+        area = np.abs(edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0])
         left, right, bottom, top = self.window
-        seen = (left < middle[:, 0]) & (middle[:, 0] < right) & (bottom < middle[:, 1]) & (middle[:, 1] < top)
-        each = values[self.cut.triangles].mean(axis=1)
-        order = np.argsort(each[seen])
-        share = np.cumsum(area[seen][order])
-        low, high = np.interp(np.array(TAILS) * share[-1], share, each[seen][order])
+        is_shown = (left < middle[:, 0]) & (middle[:, 0] < right) & (bottom < middle[:, 1]) & (middle[:, 1] < top)
+        triangle_values = values[self.cut.triangles].mean(axis=1)
+        order = np.argsort(triangle_values[is_shown])
+        share = np.cumsum(area[is_shown][order])
+        low, high = np.interp(np.array(TAIL_QUANTILES) * share[-1], share, triangle_values[is_shown][order])
         return float(low), float(high)
 
 
-def deformed(cut: Faces, largest: float, window: Window) -> Deformed:
+def deform_section(cut: Faces, largest: float, window: Window) -> DeformedSection:
     """Exaggerate displacements by 1, 2 or 5 times a power of ten, so that the largest is drawn about ``largest`` m."""
-    moved = cut.values["displacement"]
-    length = float(np.linalg.norm(moved, axis=1).max())
+    displacement = cut.values["displacement"]
+    length = float(np.linalg.norm(displacement, axis=1).max())
     factor = _round_down(largest / length) if length > 0 else 1.0
     if 0.1 <= factor < 1:  # visible without exaggeration
         factor = 1.0
-    left, right, bottom, top = (side * MM for side in window)
-    return Deformed(cut, (cut.points + factor * moved)[:, [0, 2]] * MM, factor, (left, right, bottom, top))
+    left, right, bottom, top = (side * MM_PER_M for side in window)
+    return DeformedSection(cut, (cut.points + factor * displacement)[:, [0, 2]] * MM_PER_M, factor, (left, right, bottom, top))
 
 
-def draw_stress(axes: Any, beside: Any, shape: Deformed, name: str) -> None:
+def draw_stress(axes: Any, bar_axes: Any, shape: DeformedSection, name: str) -> None:
     """Draw ``pressure`` in linear colours, white at zero, or ``von_mises`` in logarithmic ones, and a colour bar."""
-    low, high = shape.ends(shape.cut.values[name])
-    unit, label = _unit(max(abs(low), abs(high)))
-    colours, norm = _even(low / unit, high / unit) if name == "pressure" else _logarithmic(low / unit, high / unit)
+    low, high = shape.find_colour_limits(shape.cut.values[name])
+    unit, label = _choose_unit(max(abs(low), abs(high)))
+    colours, norm = (
+        _build_linear_colours(low / unit, high / unit) if name == "pressure" else _build_log_colours(low / unit, high / unit)
+    )
     values = np.maximum(shape.cut.values[name] / unit, norm.vmin)  # zero has no logarithm
-    drawn = axes.tripcolor(*shape.points.T, shape.cut.triangles, values, shading="gouraud", cmap=colours, norm=norm)
-    mesh_lines(axes, shape.points, shape.cut.lines, 0.25)
-    mesh_lines(axes, shape.points, _outline(shape.cut.triangles), 1.1)
+    image = axes.tripcolor(*shape.points.T, shape.cut.triangles, values, shading="gouraud", cmap=colours, norm=norm)
+    draw_mesh_lines(axes, shape.points, shape.cut.lines, 0.25)
+    draw_mesh_lines(axes, shape.points, _find_outline(shape.cut.triangles), 1.1)
     axes.set(xlim=shape.window[:2], ylim=shape.window[2:], aspect="equal")
-    axes.set_title(f"{WORDS[name]}, displacements {shape.scale}", fontsize=10)
-    bar = axes.figure.colorbar(drawn, cax=beside, extend="both")
+    axes.set_title(f"{STRESS_LABELS[name]}, displacements {shape.scale_text}", fontsize=10)
+    bar = axes.figure.colorbar(image, cax=bar_axes, extend="both")
     if name == "von_mises":
-        _plain(bar.ax.yaxis)
+        _label_decades(bar.ax.yaxis)
     bar.set_label(f"{label}, compression positive" if name == "pressure" else label, fontsize=9)
     bar.ax.tick_params(labelsize=8)
-    in_millimetres(axes)
+    label_axes(axes)
 
 
-def mesh_lines(axes: Any, points: Floats, lines: NDArray[np.int64], width: float) -> None:
+def draw_mesh_lines(axes: Any, points: Floats, lines: NDArray[np.int64], width: float) -> None:
     """Draw pairs (m, 2) of points (n, 2) as dark lines, ``width`` in printer's points."""
     from matplotlib.collections import LineCollection
 
     axes.add_collection(LineCollection(list(points[lines]), colors="0.15", linewidths=width, capstyle="round"))
 
 
-def in_millimetres(axes: Any) -> None:
+def label_axes(axes: Any) -> None:
     """Label the axes of a section, mm."""
     axes.set_xlabel("x, mm", fontsize=9)
     axes.set_ylabel("z, mm", fontsize=9)
     axes.tick_params(labelsize=8)
 
 
-def _outline(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
+def _find_outline(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the sides that belong to one triangle only: outlines of all bodies, as bodies share no points."""
     sides = np.sort(triangles[:, [(0, 1), (1, 2), (2, 0)]].reshape(-1, 2), axis=1)
     sides, count = np.unique(sides, axis=0, return_counts=True)
     return np.asarray(sides[count == 1])
 
 
-def _even(low: float, high: float) -> tuple[Any, Any]:
+def _build_linear_colours(low: float, high: float) -> tuple[Any, Any]:
     """Return colours from blue over white at zero to red, with the same scale on both sides, and their norm."""
     from matplotlib import colormaps
     from matplotlib.colors import ListedColormap, Normalize
 
     low, high = min(low, 0.0), max(high, 0.0)
-    far = max(-low, high) or 1.0
-    shades = colormaps["RdBu_r"](np.linspace(0.5 + low / far / 2, 0.5 + high / far / 2, 256))
+    max_stress = max(-low, high) or 1.0
+    shades = colormaps["RdBu_r"](np.linspace(0.5 + low / max_stress / 2, 0.5 + high / max_stress / 2, 256))
     return ListedColormap(shades), Normalize(low, high if high > low else low + 1.0)
 
 
-def _logarithmic(low: float, high: float) -> tuple[Any, Any]:
+def _build_log_colours(low: float, high: float) -> tuple[Any, Any]:
     """Return a logarithmic colour scale of at most two decades, and its norm."""
     from matplotlib.colors import LogNorm
 
     high = high if high > 0 else 1.0
-    return "viridis", LogNorm(min(max(low, high / 10**DECADES), 0.5 * high), high)
+    return "viridis", LogNorm(min(max(low, high / 10**MAX_DECADES), 0.5 * high), high)
 
 
-def _plain(axis: Any) -> None:
+def _label_decades(axis: Any) -> None:
     """Label a logarithmic axis of few decades with plain numbers in place of powers."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
@@ -133,7 +135,7 @@ def _plain(axis: Any) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def _unit(largest: float) -> tuple[float, str]:
+def _choose_unit(largest: float) -> tuple[float, str]:
     """Return the unit of a stress scale in Pa, and its name."""
     for unit, label in ((1e6, "MPa"), (1e3, "kPa")):
         if largest >= unit:

@@ -12,16 +12,16 @@ from typing import Any
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.common.files import written_whole
-from probe_design.solid_output.faces import name, present
+from geometry.common.files import write_whole
+from probe_design.solid_output.faces import list_bodies, name_region
 from probe_design.solid_output.figure import draw_solid
-from solver.solid.base_states import SolidStates, fields
+from solver.solid.base_states import SolidStates, compute_fields
 
 __all__ = ["draw_solid", "write_vtu"]
 
-TENSOR = ("XX", "YY", "ZZ", "XY", "YZ", "XZ")  # VTK's order
+TENSOR_COMPONENTS = ("XX", "YY", "ZZ", "XY", "YZ", "XZ")  # VTK's order
 _TO_TENSOR = [0, 1, 2, 5, 3, 4]  # from xx yy zz yz xz xy
-HALF = "the half y >= 0 of a whole that is its own mirror image; film_forces are those of the whole"
+HALF_SYMMETRY = "the half y >= 0 of a whole that is its own mirror image; film_forces are those of the whole"
 
 
 def write_vtu(path: Path, states: SolidStates, motion: Sequence[float] | Floats) -> Path:
@@ -41,32 +41,32 @@ def write_vtu(path: Path, states: SolidStates, motion: Sequence[float] | Floats)
     Raises:
         OSError: the file cannot be written.
     """
-    grid = _grid(states, np.asarray(motion, dtype=np.float64))
-    with written_whole(Path(path)) as draft:
+    grid = _build_grid(states, np.asarray(motion, dtype=np.float64))
+    with write_whole(Path(path)) as draft:
         grid.save(draft)
     return Path(path)
 
 
-def _grid(states: SolidStates, motion: Floats) -> Any:
+def _build_grid(states: SolidStates, motion: Floats) -> Any:
     """Build the VTK grid with all fields."""
     import pyvista
 
-    problem, solution = states.problem, fields(states, motion)
-    solid, bodies = problem.solid, present(problem)
-    inside = np.isin(solid.body, bodies)
-    used, number = np.unique(solid.elements[inside], return_inverse=True)
-    grid = pyvista.UnstructuredGrid({pyvista.CellType.QUADRATIC_TETRA: number.reshape(-1, 10)}, solid.nodes[used])
-    grid.point_data["displacement"] = solution.displacement[used]
-    grid.cell_data["body"] = solid.body[inside]
-    grid.cell_data["stress"] = solution.stress[inside][:, _TO_TENSOR]
-    grid.cell_data["von_mises"] = solution.von_mises[inside]
-    grid.cell_data["pressure"] = solution.vertical[inside]
+    problem, solution = states.problem, compute_fields(states, motion)
+    solid, bodies = problem.solid, list_bodies(problem)
+    is_shown = np.isin(solid.body, bodies)
+    used_nodes, number = np.unique(solid.elements[is_shown], return_inverse=True)
+    grid = pyvista.UnstructuredGrid({pyvista.CellType.QUADRATIC_TETRA: number.reshape(-1, 10)}, solid.nodes[used_nodes])
+    grid.point_data["displacement"] = solution.displacement[used_nodes]
+    grid.cell_data["body"] = solid.body[is_shown]
+    grid.cell_data["stress"] = solution.stress[is_shown][:, _TO_TENSOR]
+    grid.cell_data["von_mises"] = solution.von_mises[is_shown]
+    grid.cell_data["pressure"] = solution.vertical_stress[is_shown]
     stress = grid.GetCellData().GetAbstractArray("stress")
-    for component, label in enumerate(TENSOR):
+    for component, label in enumerate(TENSOR_COMPONENTS):
         stress.SetComponentName(component, label)
     grid.field_data["body_number"] = np.array(bodies)
-    grid.field_data["body_name"] = [name(body) for body in bodies]
-    grid.field_data["symmetry"] = [HALF if solid.mesh.half else "whole"]
+    grid.field_data["body_name"] = [name_region(body) for body in bodies]
+    grid.field_data["symmetry"] = [HALF_SYMMETRY if solid.mesh.half else "whole"]
     grid.field_data["motion"] = motion
     grid.field_data["film_forces"] = states.reactions[:2] @ motion
     return grid

@@ -17,53 +17,53 @@ from probe_design.sweeps.local_workers import WorkerProcess
 from probe_design.sweeps.rows import Job
 from probe_design.sweeps.workers import Outcome
 
-IDLE = 60.0  # seconds without work after which a process is stopped
+MAX_IDLE_TIME_S = 60.0  # seconds without work after which a process is stopped
 
 
-class _Pool:
+class _IdleProcesses:
     """Worker processes without work, each with the job and limits that it was started for."""
 
     def __init__(self) -> None:
         self._idle: list[tuple[float, str, WorkerProcess]] = []
-        self._lock, self._watched = threading.Lock(), False
+        self._lock, self._is_scheduled = threading.Lock(), False
 
-    def lent(self, name: str) -> WorkerProcess | None:
+    def borrow(self, name: str) -> WorkerProcess | None:
         """Take an idle process for this job and these limits, or return None."""
         with self._lock:
-            entry = next((one for one in self._idle if one[1] == name), None)
+            entry = next((item for item in self._idle if item[1] == name), None)
             if entry is None:
                 return None
             self._idle.remove(entry)
             return entry[2]
 
-    def back(self, name: str, worker: WorkerProcess) -> None:
+    def give_back(self, name: str, worker: WorkerProcess) -> None:
         """Keep a process for the next batch."""
         with self._lock:
             self._idle.append((monotonic(), name, worker))
-            self._watch()
+            self._schedule_check()
 
-    def _watch(self) -> None:
+    def _schedule_check(self) -> None:
         """Check for idle processes later, as long as there are any."""
-        if self._idle and not self._watched:
-            self._watched = True
-            timer = threading.Timer(IDLE, self._retire)
+        if self._idle and not self._is_scheduled:
+            self._is_scheduled = True
+            timer = threading.Timer(MAX_IDLE_TIME_S, self._stop_old)
             timer.daemon = True
             timer.start()
 
-    def _retire(self) -> None:
+    def _stop_old(self) -> None:
         """Stop processes that have been idle for long."""
         with self._lock:
-            old = [one for one in self._idle if monotonic() - one[0] >= 0.9 * IDLE]
-            self._idle, self._watched = [one for one in self._idle if one not in old], False
-            self._watch()
+            old = [item for item in self._idle if monotonic() - item[0] >= 0.9 * MAX_IDLE_TIME_S]
+            self._idle, self._is_scheduled = [item for item in self._idle if item not in old], False
+            self._schedule_check()
         for _, _, worker in old:
             worker.stop()
 
 
-_POOL = _Pool()
+_IDLE_PROCESSES = _IdleProcesses()
 
 
-def answered(job: Job, limits: Limits, designs: Sequence[tuple[Value, ...]]) -> Outcome:
+def evaluate_batch(job: Job, limits: Limits, designs: Sequence[tuple[Value, ...]]) -> Outcome:
     """Evaluate a batch of designs in an idle or new worker process.
 
     Args:
@@ -72,7 +72,7 @@ def answered(job: Job, limits: Limits, designs: Sequence[tuple[Value, ...]]) -> 
         designs: values of the variables, one tuple per design.
     """
     name = json.dumps([asdict(job), asdict(limits)])
-    worker = _POOL.lent(name) or WorkerProcess(job, limits)
-    outcome = worker.answer(designs)
-    _POOL.back(name, worker)
+    worker = _IDLE_PROCESSES.borrow(name) or WorkerProcess(job, limits)
+    outcome = worker.evaluate(designs)
+    _IDLE_PROCESSES.give_back(name, worker)
     return outcome

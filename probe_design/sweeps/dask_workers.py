@@ -13,35 +13,35 @@ from typing import Any
 
 from geometry.common.errors import InputError
 from geometry.common.resources import Limits
-from probe_design.sweeps.dask_task import answered
-from probe_design.sweeps.progress import Silence
-from probe_design.sweeps.results import extra
+from probe_design.sweeps.dask_task import evaluate_batch
+from probe_design.sweeps.progress import SilenceMonitor
+from probe_design.sweeps.results import import_extra
 from probe_design.sweeps.rows import Job
-from probe_design.sweeps.workers import Batch, CrewError, FinishedBatch, Outcome
+from probe_design.sweeps.workers import Batch, FinishedBatch, Outcome, WorkerPoolError
 
-PATIENCE = 600.0  # seconds to wait for a lost scheduler to return
-TRY = 5.0  # seconds for a connection, and for each request before there is a client
-CONNECT = 20.0  # seconds in all to create a client, whatever runs at the address
-POLL = 0.05  # seconds between looks at the futures
-FETCH = 5.0  # seconds to fetch rows from a worker, which may hang
-ASK = 2.0  # seconds for the scheduler to return the number of workers
-AHEAD = 2  # batches queued for each worker, so that none waits for the next
-FAULTS = 4  # errors of Dask with one batch, other than the death of a worker, before the sweep ends
-SLOW, LEAST = 5.0, 5.0  # times the usual duration, and seconds: slower batches are duplicated
-_LOUD = ("distributed", "distributed.client", "tornado.application", "asyncio")  # loggers that report lost connections
+MAX_SCHEDULER_ABSENCE_S = 600.0  # seconds to wait for a lost scheduler to return
+CONNECTION_TIMEOUT_S = 5.0  # seconds for a connection, and for each request before there is a client
+CLIENT_TIMEOUT_S = 20.0  # seconds in all to create a client, whatever runs at the address
+POLL_INTERVAL_S = 0.05  # seconds between looks at the futures
+FETCH_TIMEOUT_S = 5.0  # seconds to fetch rows from a worker, which may hang
+COUNT_TIMEOUT_S = 2.0  # seconds for the scheduler to return the number of workers
+BATCHES_PER_WORKER = 2  # batches queued for each worker, so that none waits for the next
+MAX_DASK_FAULTS = 4  # errors of Dask with one batch, other than the death of a worker, before the sweep ends
+SLOW_BATCH_FACTOR, MIN_SLOW_BATCH_S = 5.0, 5.0  # times the usual duration, and seconds: slower batches are duplicated
+_NOISY_LOGGERS = ("distributed", "distributed.client", "tornado.application", "asyncio")  # loggers that report lost connections
 
 
 @dataclass
-class _Out:
+class _SubmittedBatch:
     """A batch that the cluster works on, as one or more futures."""
 
     batch: Batch
-    since: float
+    submit_time: float
     futures: list[Any] = field(default_factory=list)
     faults: int = 0
 
 
-class DaskCrew:
+class DaskPool:
     """The worker pool of a Dask scheduler; see ``workers.WorkerPool``."""
 
     def __init__(self, job: Job, address: str, limits: Limits, log: Callable[[str], None]) -> None:
@@ -57,129 +57,129 @@ class DaskCrew:
             InputError: there is no scheduler at the address.
             MissingLibrary: Dask is not installed.
         """
-        self._distributed, self._job, self._limits, self._address = extra("distributed"), job, limits, address
+        self._distributed, self._job, self._limits, self._address = import_extra("distributed"), job, limits, address
         self._log = log
-        self._levels = {name: logging.getLogger(name).level for name in _LOUD}
-        self._hush(dict.fromkeys(_LOUD, logging.CRITICAL + 1))  # lost connections are handled here
-        self._out: list[_Out] = []
-        self._usual: float | None = None
-        self._counted, self._workers = -1.0, 1
-        self._scheduler, self._answers = Silence(log), Silence(log)
+        self._log_levels = {name: logging.getLogger(name).level for name in _NOISY_LOGGERS}
+        self._set_log_levels(dict.fromkeys(_NOISY_LOGGERS, logging.CRITICAL + 1))  # lost connections are handled here
+        self._submitted: list[_SubmittedBatch] = []
+        self._usual_seconds: float | None = None
+        self._count_time, self._worker_count = -1.0, 1
+        self._scheduler_silence, self._answer_silence = SilenceMonitor(log), SilenceMonitor(log)
         try:
             _check_address(address)
-            self._client: Any = self._connected()
+            self._client: Any = self._connect_client()
         except Exception as fault:  # Dask may raise anything, even MemoryError for a bad message length
-            self._hush(self._levels)
+            self._set_log_levels(self._log_levels)
             reason = " ".join(str(fault).split())[:120] or "no answer in time"
             raise InputError("scheduler", address, f"the address of a Dask scheduler, tcp://host:8786 ({reason})") from None
 
-    def size(self) -> int:
+    def count_workers(self) -> int:
         """Return how many batches the cluster can evaluate at once now; asked at most once a second."""
-        if time.monotonic() - self._counted > 1.0:
+        if time.monotonic() - self._count_time > 1.0:
             try:
-                threads = self._client.sync(self._client.scheduler.ncores, workers=None, callback_timeout=ASK)
+                threads = self._client.sync(self._client.scheduler.ncores, workers=None, callback_timeout=COUNT_TIMEOUT_S)
             except (OSError, RuntimeError, ValueError, TimeoutError):
-                self._waits("has not answered", "start it again")
+                self._report_scheduler("has not answered", "start it again")
             else:
-                self._workers = max(1, sum(threads.values()))
+                self._worker_count = max(1, sum(threads.values()))
                 if threads:
-                    self._scheduler.heard()
+                    self._scheduler_silence.reset()
                 else:
-                    self._waits("has had no worker", "start one")
-            self._counted = time.monotonic()
-        return self._workers
+                    self._report_scheduler("has had no worker", "start one")
+            self._count_time = time.monotonic()
+        return self._worker_count
 
-    def free(self) -> int:
+    def count_free(self) -> int:
         """Return how many more batches can be submitted."""
-        return AHEAD * self.size() - len(self._out)
+        return BATCHES_PER_WORKER * self.count_workers() - len(self._submitted)
 
-    def give(self, batch: Batch) -> None:
+    def submit(self, batch: Batch) -> None:
         """Submit a batch to the scheduler."""
-        out = _Out(batch, time.monotonic())
-        self._out.append(out)
-        self._submit(out)
+        submitted = _SubmittedBatch(batch, time.monotonic())
+        self._submitted.append(submitted)
+        self._start_attempt(submitted)
 
-    def take(self, seconds: float) -> list[FinishedBatch]:
+    def collect(self, seconds: float) -> list[FinishedBatch]:
         """Wait at most ``seconds`` for finished batches; reconnect to a lost scheduler."""
-        until = time.monotonic() + seconds
+        deadline = time.monotonic() + seconds
         while True:
             if self._client.status != "running":
-                self._again()
-            self.size()  # reports a scheduler that hangs
-            finished = [answer for out in list(self._out) if (answer := self._answer(out)) is not None]
-            if finished or not self._out:
-                self._answers.heard()
-            self._missed()
-            if finished or time.monotonic() >= until:
+                self._reconnect()
+            self.count_workers()  # reports a scheduler that hangs
+            finished = [answer for submitted in list(self._submitted) if (answer := self._poll_batch(submitted)) is not None]
+            if finished or not self._submitted:
+                self._answer_silence.reset()
+            self._report_workers()
+            if finished or time.monotonic() >= deadline:
                 return finished
-            self._hurry()
-            time.sleep(POLL)
+            self._duplicate_slow_batches()
+            time.sleep(POLL_INTERVAL_S)
 
-    def _waits(self, text: str, remedy: str) -> None:
+    def _report_scheduler(self, text: str, remedy: str) -> None:
         """Report a problem of the scheduler; silent workers are then not reported as well."""
-        self._scheduler.tell(f"the Dask scheduler {self._address} {text}", remedy)
-        self._answers.heard()
+        self._scheduler_silence.report(f"the Dask scheduler {self._address} {text}", remedy)
+        self._answer_silence.reset()
 
-    def _missed(self) -> None:
+    def _report_workers(self) -> None:
         """Report that no batch has finished for longer than expected."""
-        enough = self._limits.seconds if self._usual is None else SLOW * self._usual
-        self._answers.tell("no Dask worker has answered", "see to them", after=enough)
+        max_silence = self._limits.seconds if self._usual_seconds is None else SLOW_BATCH_FACTOR * self._usual_seconds
+        self._answer_silence.report("no Dask worker has answered", "see to them", min_silence=max_silence)
 
     def close(self) -> None:
         """Disconnect from the cluster; running batches are cancelled."""
-        self._leave()
-        self._hush(self._levels)
+        self._disconnect()
+        self._set_log_levels(self._log_levels)
 
-    def _submit(self, out: _Out) -> None:
+    def _start_attempt(self, submitted: _SubmittedBatch) -> None:
         """Start one more attempt at a batch; a lost scheduler is noticed later, in ``collect``."""
         try:
-            designs = tuple(task.values for task in out.batch)
-            out.futures.append(self._client.submit(answered, self._job, self._limits, designs, pure=False))
+            designs = tuple(task.values for task in submitted.batch)
+            submitted.futures.append(self._client.submit(evaluate_batch, self._job, self._limits, designs, pure=False))
         except (OSError, RuntimeError, ValueError):
             return
 
-    def _answer(self, out: _Out) -> FinishedBatch | None:
+    def _poll_batch(self, submitted: _SubmittedBatch) -> FinishedBatch | None:
         """Return a batch if one of its futures is finished; start it again if they were lost."""
-        for future in list(out.futures):
+        for future in list(submitted.futures):
             if future.status == "finished":
-                outcome = self._fetched(future)
+                outcome = self._fetch_outcome(future)
             elif future.status in ("error", "cancelled", "lost"):
-                outcome = self._failed(out, future)
+                outcome = self._read_failure(submitted, future)
             else:
                 continue
             if outcome is not None:
-                self._done(out)
-                return FinishedBatch(out.batch, outcome)
-            out.futures.remove(future)  # its worker died before the rows were fetched, or Dask failed
-            if not out.futures:
-                out.since = time.monotonic()
-                self._submit(out)
-        if not out.futures:
-            self._submit(out)
+                self._finish_batch(submitted)
+                return FinishedBatch(submitted.batch, outcome)
+            submitted.futures.remove(future)  # its worker died before the rows were fetched, or Dask failed
+            if not submitted.futures:
+                submitted.submit_time = time.monotonic()
+                self._start_attempt(submitted)
+        if not submitted.futures:
+            self._start_attempt(submitted)
         return None
 
-    def _failed(self, out: _Out, future: Any) -> Outcome | None:
+    def _read_failure(self, submitted: _SubmittedBatch, future: Any) -> Outcome | None:
         """Return the outcome of a failed future, or None if the batch is to be tried again."""
         if future.status != "error":  # cancelled or lost together with the scheduler
             return None
-        fault = self._fault(future)
+        fault = self._fetch_exception(future)
         if isinstance(fault, self._distributed.scheduler.KilledWorker):
-            return Outcome(held=len(out.batch), ended="the Dask workers that held it died")
-        out.faults += fault is not None
-        if out.faults < FAULTS:
+            return Outcome(unfinished=len(submitted.batch), failure="the Dask workers that held it died")
+        submitted.faults += fault is not None
+        if submitted.faults < MAX_DASK_FAULTS:
             return None
         reason = " ".join(f"{type(fault).__name__}: {fault}".split())[:300]
-        return Outcome(refused=f"Dask workers cannot run this program, of this version ({reason})")
+        return Outcome(refusal=f"Dask workers cannot run this program, of this version ({reason})")
 
-    def _fetched(self, future: Any) -> Outcome | None:
+    def _fetch_outcome(self, future: Any) -> Outcome | None:
         """Fetch the outcome of a finished future, or return None."""
         try:
-            outcome: Outcome = future.result(timeout=FETCH)
+            outcome: Outcome = future.result(timeout=FETCH_TIMEOUT_S)
             return outcome
         except Exception:  # whatever went wrong on the way: the batch is computed again
             return None
 
-    def _fault(self, future: Any) -> BaseException | None:
+    def _fetch_exception(self, future: Any) -> BaseException | None:
         """Fetch the exception of a failed future, or return None."""
         try:
             fault: BaseException | None = future.exception(timeout=5)
@@ -187,72 +187,74 @@ class DaskCrew:
         except Exception:
             return None
 
-    def _done(self, out: _Out) -> None:
+    def _finish_batch(self, submitted: _SubmittedBatch) -> None:
         """Release the futures of a batch and update the usual duration."""
-        self._out.remove(out)
-        took = time.monotonic() - out.since
-        self._usual = took if self._usual is None else 0.8 * self._usual + 0.2 * took
-        for future in out.futures:
+        self._submitted.remove(submitted)
+        seconds = time.monotonic() - submitted.submit_time
+        self._usual_seconds = seconds if self._usual_seconds is None else 0.8 * self._usual_seconds + 0.2 * seconds
+        for future in submitted.futures:
             future.release()  # Dask stops futures that nobody holds
 
-    def _hurry(self) -> None:
+    def _duplicate_slow_batches(self) -> None:
         """Give batches that take far too long to a second worker, when workers are idle."""
-        if self._usual is None or self.free() <= 0:
+        if self._usual_seconds is None or self.count_free() <= 0:
             return
-        for out in self._out:
-            if len(out.futures) == 1 and time.monotonic() - out.since > max(SLOW * self._usual, LEAST):
-                self._log(f"a batch of {len(out.batch)} designs takes long and is given to another worker too")
-                self._submit(out)
+        for submitted in self._submitted:
+            if len(submitted.futures) == 1 and time.monotonic() - submitted.submit_time > max(
+                SLOW_BATCH_FACTOR * self._usual_seconds, MIN_SLOW_BATCH_S
+            ):
+                self._log(f"a batch of {len(submitted.batch)} designs takes long and is given to another worker too")
+                self._start_attempt(submitted)
 
-    def _again(self) -> None:
+    def _reconnect(self) -> None:
         """Reconnect to the scheduler and submit all unfinished batches again."""
         self._log("the Dask scheduler is gone")
-        self._leave()
-        until = time.monotonic() + PATIENCE
+        self._disconnect()
+        deadline = time.monotonic() + MAX_SCHEDULER_ABSENCE_S
         while True:
             try:
-                self._client = self._connected()
+                self._client = self._connect_client()
                 break
             except Exception:  # any, as in __init__
-                if time.monotonic() > until:
-                    reason = f"{self._address}: no scheduler for {PATIENCE:g} s; all rows are kept, start again"
-                    raise CrewError(reason) from None
-                self._waits("has been gone", "start it again")
+                if time.monotonic() > deadline:
+                    reason = f"{self._address}: no scheduler for {MAX_SCHEDULER_ABSENCE_S:g} s; all rows are kept, start again"
+                    raise WorkerPoolError(reason) from None
+                self._report_scheduler("has been gone", "start it again")
                 time.sleep(1.0)
         self._log("a Dask scheduler is there again")
-        self._scheduler.heard()
-        for out in self._out:
-            out.futures, out.since = [], time.monotonic()
-            self._submit(out)
+        self._scheduler_silence.reset()
+        for submitted in self._submitted:
+            submitted.futures, submitted.submit_time = [], time.monotonic()
+            self._start_attempt(submitted)
 
-    def _hush(self, levels: dict[str, int]) -> None:
+    def _set_log_levels(self, levels: dict[str, int]) -> None:
         for name, level in levels.items():
             logging.getLogger(name).setLevel(level)
 
-    def _connected(self) -> Any:
+    def _connect_client(self) -> Any:
         """Return a client. Raises whatever Dask raises where there is no scheduler, ``TimeoutError`` without a response."""
-        done: SimpleQueue[Any] = SimpleQueue()
+        answers: SimpleQueue[Any] = SimpleQueue()
 
         def connect() -> None:
             try:
-                asyncio.run(asyncio.wait_for(_greet(self._address), 2 * TRY))
-                done.put(self._distributed.Client(self._address, timeout=TRY, set_as_default=False))
+                asyncio.run(asyncio.wait_for(_check_scheduler(self._address), 2 * CONNECTION_TIMEOUT_S))
+                answers.put(self._distributed.Client(self._address, timeout=CONNECTION_TIMEOUT_S, set_as_default=False))
             except Exception as fault:
-                done.put(fault)
+                answers.put(fault)
 
         threading.Thread(target=connect, daemon=True).start()
         try:
-            found = done.get(timeout=CONNECT)
+            client_or_fault = answers.get(timeout=CLIENT_TIMEOUT_S)
         except Empty:
-            raise TimeoutError(f"no answer within {CONNECT:g} s") from None
-        if isinstance(found, Exception):
-            raise found
-        return found
+            raise TimeoutError(f"no answer within {CLIENT_TIMEOUT_S:g} s") from None
+        if isinstance(client_or_fault, Exception):
+            raise client_or_fault
+        return client_or_fault
 
-    def _leave(self) -> None:
+    def _disconnect(self) -> None:
         """Release all futures and close the client."""
-        for out in self._out:
-            for future in out.futures:
+        for submitted in self._submitted:
+            for future in submitted.futures:
                 future.release()
         try:
             self._client.close(timeout=5)
@@ -262,7 +264,7 @@ class DaskCrew:
 
 def _check_address(address: str) -> None:
     """Raise ``ValueError`` for a malformed address at once: Dask needs half a minute, and prints a traceback."""
-    addressing, backends = extra("distributed.comm.addressing"), extra("distributed.comm.registry").backends
+    addressing, backends = import_extra("distributed.comm.addressing"), import_extra("distributed.comm.registry").backends
     scheme, place = addressing.parse_address(address)
     if scheme not in backends:
         raise ValueError(f"{scheme} is none of {', '.join(sorted(backends))}")
@@ -270,9 +272,9 @@ def _check_address(address: str) -> None:
         addressing.parse_host_port(place)
 
 
-async def _greet(address: str) -> None:
+async def _check_scheduler(address: str) -> None:
     """Check that a Dask scheduler runs at an address: Dask's own client would wait for ever, and leaves threads behind."""
-    async with extra("distributed.core").rpc(address, timeout=TRY) as remote:
+    async with import_extra("distributed.core").rpc(address, timeout=CONNECTION_TIMEOUT_S) as remote:
         try:
             identity = await remote.identity()
         except (OSError, TypeError, ImportError):  # no connection, or no such protocol

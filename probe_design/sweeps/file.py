@@ -10,20 +10,20 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from geometry.common.errors import InputError, Words, one_of
-from geometry.common.resources import Limits, limits
+from geometry.common.errors import InputError, Words, describe_choices
+from geometry.common.resources import Limits, get_limits
 from geometry.common.text_files import read_tables
 from geometry.scenes.file_kinds import check_kind
-from geometry.scenes.messages import most_telling
+from geometry.scenes.messages import convert_error
 from geometry.scenes.scene import Scene
-from geometry.scenes.scene_file import named_scene
-from geometry.scenes.units import MEMORY, SI, TIME, fraction
-from probe_design.sweeps.constraints import satisfied
-from probe_design.sweeps.keys import Key, Value, at_path, changed, key
-from probe_design.sweeps.samples import KINDS, DesignSampling, Variable
-from probe_design.sweeps.variables import variable, whole
+from geometry.scenes.scene_file import find_scene
+from geometry.scenes.units import MEMORY_QUANTITY, SI_CONTEXT, TIME_QUANTITY, read_fraction
+from probe_design.sweeps.constraints import evaluate_condition
+from probe_design.sweeps.keys import Key, Value, find_at_path, find_key, replace_values
+from probe_design.sweeps.samples import SAMPLE_KINDS, DesignSampling, Variable
+from probe_design.sweeps.variables import check_integer, read_variable
 
-_KEYS = ("scene", "evaluator", "accuracy", "linear", "time_limit", "memory_limit", "sample", "constraints", "variables")
+_SWEEP_KEYS = ("scene", "evaluator", "accuracy", "linear", "time_limit", "memory_limit", "sample", "constraints", "variables")
 
 
 @dataclass(frozen=True)
@@ -51,31 +51,33 @@ class Sweep:
     @property
     def keys(self) -> tuple[Key, ...]:
         """The keys of the variables."""
-        return tuple(one.key for one in self.variables)
+        return tuple(variable.key for variable in self.variables)
 
-    def designs(self) -> list[tuple[int, tuple[Value, ...]]]:
+    def list_designs(self) -> list[tuple[int, tuple[Value, ...]]]:
         """Return number and values of every design that satisfies the constraints.
 
         Raises:
             InputError: a constraint is malformed, or no design satisfies them all.
         """
-        drawn = self.sample.designs(self.variables)
-        meets = np.ones(len(drawn), dtype=bool)
+        designs = self.sample.draw_designs(self.variables)
+        is_allowed = np.ones(len(designs), dtype=bool)
         for text in self.constraints:
-            meets &= satisfied(text, lambda name: self._read(name, drawn), len(drawn))
-        if not meets.any():
+            is_allowed &= evaluate_condition(text, lambda name: self._read_values(name, designs), len(designs))
+        if not is_allowed.any():
             raise InputError("constraints", Words("met by no design"), "conditions that some design meets")
-        return [(number, values) for number, values in enumerate(drawn) if meets[number]]
+        return [(number, values) for number, values in enumerate(designs) if is_allowed[number]]
 
-    def _read(self, name: str, drawn: list[tuple[Value, ...]]) -> tuple[Any, str]:
+    def _read_values(self, name: str, designs: list[tuple[Value, ...]]) -> tuple[Any, str]:
         """Return the values of a key in all designs, and their SI unit."""
-        target = key(name, self.base)
-        for column, one in enumerate(self.keys):
-            if one.path == target.path:
-                values: list[Any] = [row[column] for row in drawn]
+        target = find_key(name, self.base)
+        for column, variable_key in enumerate(self.keys):
+            if variable_key.path == target.path:
+                values: list[Any] = [row[column] for row in designs]
                 if all(isinstance(value, float) for value in values):
                     return np.array(values), target.unit
-        value = at_path(changed(self.base, self.keys, drawn[0]), target.path)  # without keys that a variable replaces
+        value = find_at_path(
+            replace_values(self.base, self.keys, designs[0]), target.path
+        )  # without keys that a variable replaces
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise InputError("constraints", name, "keys that hold a number, in the scene or as a variable")
         return value, target.unit
@@ -104,10 +106,10 @@ def sweep_from_dict(tables: Mapping[str, Any], folder: Path | str = ".", units_r
         InputError: a key or value is not allowed.
     """
     for name in tables:
-        if name not in _KEYS:
-            raise InputError(str(name), tables[name], one_of(name, _KEYS))
-    base = _with_whole_names(named_scene(tables.get("scene"), Path(folder)).model_dump(exclude_unset=True))
-    sample = _sample(tables.get("sample", {}))
+        if name not in _SWEEP_KEYS:
+            raise InputError(str(name), tables[name], describe_choices(name, _SWEEP_KEYS))
+    base = _make_surface_paths_absolute(find_scene(tables.get("scene"), Path(folder)).model_dump(exclude_unset=True))
+    sample = _read_sample(tables.get("sample", {}))
     entries = tables.get("variables")
     if not isinstance(entries, Mapping) or not entries:
         raise InputError(
@@ -119,24 +121,24 @@ def sweep_from_dict(tables: Mapping[str, Any], folder: Path | str = ".", units_r
         if not isinstance(name, str):
             raise InputError("variable", name, "keys of the scene file, such as probe.gap")
     variables = tuple(
-        variable(name, one, base, kind=sample.kind, units_required=units_required, folder=Path(folder))
-        for name, one in entries.items()
+        read_variable(name, item, base, kind=sample.kind, units_required=units_required, folder=Path(folder))
+        for name, item in entries.items()
     )
-    if len({one.key.path for one in variables}) < len(variables):
+    if len({item.key.path for item in variables}) < len(variables):
         raise InputError("variables", Words("two for one key"), "each key once")
     constraints = tables.get("constraints", [])
-    if not isinstance(constraints, list | tuple) or not all(isinstance(one, str) for one in constraints):
+    if not isinstance(constraints, list | tuple) or not all(isinstance(item, str) for item in constraints):
         raise InputError("constraints", constraints, "a list of conditions, each a text")
     if constraints and sample.kind == "saltelli":
         raise InputError("constraints", constraints, "none with sample.kind = 'saltelli', whose indices need every design")
-    evaluator, accuracy, linear = _settings(tables)
+    evaluator, accuracy, linear = _read_settings(tables)
     return Sweep(
         base, variables, sample, evaluator=evaluator, accuracy=accuracy, linear=linear, constraints=tuple(constraints),
-        limits=_limits(tables, units_required),
+        limits=_read_limits(tables, units_required),
     )  # fmt: skip
 
 
-def _with_whole_names(base: dict[str, Any]) -> dict[str, Any]:
+def _make_surface_paths_absolute(base: dict[str, Any]) -> dict[str, Any]:
     """Return the tables of a scene with absolute paths of surface files: workers may run in another folder."""
     bodies = [
         {**body, "surface": str(Path(body["surface"]).absolute())} if body.get("surface") else body
@@ -145,51 +147,53 @@ def _with_whole_names(base: dict[str, Any]) -> dict[str, Any]:
     return base | {"inclusion": bodies} if bodies else base
 
 
-def _settings(tables: Mapping[str, Any]) -> tuple[str, float, bool]:
+def _read_settings(tables: Mapping[str, Any]) -> tuple[str, float, bool]:
     """Read evaluator, accuracy and ``linear``."""
-    from solver.levels import AUTO, BUILT, check_accuracy
+    from solver.levels import AUTO, EVALUATOR_NAMES, check_accuracy
 
     evaluator, accuracy, linear = tables.get("evaluator", AUTO), tables.get("accuracy", 0.01), tables.get("linear", False)
-    if evaluator not in (AUTO, *BUILT):
-        raise InputError("evaluator", evaluator, one_of(evaluator, (AUTO, *BUILT)))
-    accuracy = fraction("accuracy", accuracy, "a number above 0 and below 1, such as 0.01 or 1 %")
+    if evaluator not in (AUTO, *EVALUATOR_NAMES):
+        raise InputError("evaluator", evaluator, describe_choices(evaluator, (AUTO, *EVALUATOR_NAMES)))
+    accuracy = read_fraction("accuracy", accuracy, "a number above 0 and below 1, such as 0.01 or 1 %")
     check_accuracy(accuracy)
     if not isinstance(linear, bool):
         raise InputError("linear", linear, "true or false")
     return str(evaluator), accuracy, linear
 
 
-def _limits(tables: Mapping[str, Any], units_required: bool) -> Limits:
+def _read_limits(tables: Mapping[str, Any], units_required: bool) -> Limits:
     """Read the limits of each design; default to those of this process."""
     time, memory = tables.get("time_limit"), tables.get("memory_limit")
     return Limits(
-        seconds=limits().seconds if time is None else TIME.read("time_limit", time, units_required),
-        memory=limits().memory if memory is None else MEMORY.read("memory_limit", memory, units_required),
+        seconds=get_limits().seconds if time is None else TIME_QUANTITY.read("time_limit", time, units_required),
+        memory=get_limits().memory if memory is None else MEMORY_QUANTITY.read("memory_limit", memory, units_required),
     )
 
 
-def _sample(table: object) -> DesignSampling:
+def _read_sample(table: object) -> DesignSampling:
     """Read the table ``[sample]``."""
     if not isinstance(table, Mapping):
         raise InputError("sample", table, "a table, [sample]")
     for name in table:
         if name not in ("kind", "n", "seed"):
-            raise InputError(f"sample.{name}", table[name], one_of(name, ("kind", "n", "seed")))
+            raise InputError(f"sample.{name}", table[name], describe_choices(name, ("kind", "n", "seed")))
     kind = table.get("kind", "grid")
-    if kind not in KINDS:
-        raise InputError("sample.kind", kind, one_of(kind, KINDS))
+    if kind not in SAMPLE_KINDS:
+        raise InputError("sample.kind", kind, describe_choices(kind, SAMPLE_KINDS))
     if kind == "grid":
         if len(table) > ("kind" in table):
-            raise InputError("sample", Words("n or seed of a grid"), f"n and seed with kind = {', '.join(KINDS[1:])}")
+            raise InputError("sample", Words("n or seed of a grid"), f"n and seed with kind = {', '.join(SAMPLE_KINDS[1:])}")
         return DesignSampling()
     return DesignSampling(
-        kind, whole("sample.n", table.get("n"), 1, 10_000_000), whole("sample.seed", table.get("seed", 0), 0, 2**63)
+        kind,
+        check_integer("sample.n", table.get("n"), 1, 10_000_000),
+        check_integer("sample.seed", table.get("seed", 0), 0, 2**63),
     )
 
 
-def scene_of(base: Mapping[str, Any], keys: tuple[Key, ...], values: tuple[Value, ...]) -> Scene:
+def build_scene(base: Mapping[str, Any], keys: tuple[Key, ...], values: tuple[Value, ...]) -> Scene:
     """Build the scene of one design. Raises ``InputError`` if the scene is not valid."""
     try:
-        return Scene.model_validate(changed(base, keys, values), context=SI)
-    except ValidationError as refused:
-        raise most_telling(refused) from None
+        return Scene.model_validate(replace_values(base, keys, values), context=SI_CONTEXT)
+    except ValidationError as fault:
+        raise convert_error(fault) from None

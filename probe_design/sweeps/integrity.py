@@ -17,20 +17,25 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter
 from pydantic_core import from_json
 
 from probe_design.sweeps.keys import Value
-from probe_design.sweeps.rows import COLUMNS, REAL, Row
+from probe_design.sweeps.rows import NUMBER_COLUMNS, ROW_COLUMNS, Row
 
-FORMAT = 3  # version of the schema, in SQLite's user_version
-TABLES = {
+STORE_FORMAT = 3  # version of the schema, in SQLite's user_version
+TABLE_COLUMNS = {
     "about": ("name TEXT PRIMARY KEY", "value TEXT"),
     "designs": ("number INTEGER PRIMARY KEY", "inputs TEXT", "key BLOB"),
-    "results": ("key BLOB PRIMARY KEY", *(f"{one} {'REAL' if one in REAL else 'TEXT'}" for one in COLUMNS)),
+    "results": (
+        "key BLOB PRIMARY KEY",
+        *(f"{column} {'REAL' if column in NUMBER_COLUMNS else 'TEXT'}" for column in ROW_COLUMNS),
+    ),
 }
-_SCHEMA = [f"CREATE TABLE {name} ({', '.join(columns)}, checksum INTEGER) WITHOUT ROWID" for name, columns in TABLES.items()]
-CREATE = f"BEGIN; {'; '.join(_SCHEMA)}; PRAGMA user_version = {FORMAT}; COMMIT;"
-Stored = tuple[Any, ...]
+_TABLE_STATEMENTS = [
+    f"CREATE TABLE {name} ({', '.join(columns)}, checksum INTEGER) WITHOUT ROWID" for name, columns in TABLE_COLUMNS.items()
+]
+CREATE_STATEMENTS = f"BEGIN; {'; '.join(_TABLE_STATEMENTS)}; PRAGMA user_version = {STORE_FORMAT}; COMMIT;"
+StoredRow = tuple[Any, ...]
 
 
-class _Variable(BaseModel):
+class _VariableRecord(BaseModel):
     """One variable of a sweep, as stored."""
 
     model_config = ConfigDict(strict=True, extra="allow")
@@ -42,13 +47,13 @@ class _Variable(BaseModel):
     log: bool
 
 
-class _About(BaseModel):
+class _RequestRecord(BaseModel):
     """The request of a sweep, as stored: the entries that readers need; more are allowed."""
 
     model_config = ConfigDict(strict=True, extra="allow")
 
     names: list[str]
-    variables: list[_Variable]
+    variables: list[_VariableRecord]
     sample: dict[str, Any]
     constraints: list[str]
     evaluator: str
@@ -58,55 +63,55 @@ class _About(BaseModel):
     digest: str
 
 
-_INPUTS: TypeAdapter[tuple[Value, ...]] = TypeAdapter(tuple[Value, ...])
+_INPUTS_ADAPTER: TypeAdapter[tuple[Value, ...]] = TypeAdapter(tuple[Value, ...])
 
 
-def insertion(table: str) -> str:
+def build_insertion(table: str) -> str:
     """Return the SQL statement that adds sealed rows; a row whose key exists already is not replaced."""
-    return f"INSERT OR IGNORE INTO {table} VALUES ({', '.join('?' * (len(TABLES[table]) + 1))})"
+    return f"INSERT OR IGNORE INTO {table} VALUES ({', '.join('?' * (len(TABLE_COLUMNS[table]) + 1))})"
 
 
-def sealed(*values: Any) -> Stored:
+def seal_row(*values: Any) -> StoredRow:
     """Return the values of a row, as SQLite returns them, followed by their checksum."""
     return (*values, zlib.crc32(ascii(values).encode()))
 
 
-def sealed_result(key: bytes, row: Row) -> Stored:
+def seal_result(key: bytes, row: Row) -> StoredRow:
     """Return a result as a sealed row. Numbers become floats without -0.0, as SQLite returns them."""
-    numbers = {name: float(row[name]) + 0.0 for name in REAL if row[name] is not None}
-    return sealed(key, *(numbers.get(name, row[name]) for name in COLUMNS))
+    numbers = {name: float(row[name]) + 0.0 for name in NUMBER_COLUMNS if row[name] is not None}
+    return seal_row(key, *(numbers.get(name, row[name]) for name in ROW_COLUMNS))
 
 
-def is_sound(row: Stored) -> bool:
+def is_sound(row: StoredRow) -> bool:
     """Return whether the checksum of a row is right."""
-    return row == sealed(*row[:-1])
+    return row == seal_row(*row[:-1])
 
 
-def opened(row: Stored) -> Stored:
+def open_row(row: StoredRow) -> StoredRow:
     """Return the values of a row without the checksum. Raises ``ValueError`` if the checksum is wrong."""
     if not is_sound(row):
         raise ValueError("a row is not what was written")
     return row[:-1]
 
 
-def about(rows: Iterable[Stored]) -> dict[str, Any]:
+def read_request(rows: Iterable[StoredRow]) -> dict[str, Any]:
     """Return the request of a sweep from the rows of table ``about``; empty without rows. Raises ``ValueError`` if damaged."""
-    told = {name: from_json(value) for name, value in map(opened, rows)}
-    return _About.model_validate(told).model_dump() if told else {}
+    entries = {name: from_json(value) for name, value in map(open_row, rows)}
+    return _RequestRecord.model_validate(entries).model_dump() if entries else {}
 
 
-def inputs(text: str) -> tuple[Value, ...]:
+def read_inputs(text: str) -> tuple[Value, ...]:
     """Return the values of a design's variables from JSON. Raises ``ValueError`` if the text is damaged."""
-    return _INPUTS.validate_json(text)
+    return _INPUTS_ADAPTER.validate_json(text)
 
 
-def fault_of_schema(connection: sqlite3.Connection, version: int) -> str:
+def find_schema_fault(connection: sqlite3.Connection, version: int) -> str:
     """Return a text if the tables are not those of this format, else an empty text."""
-    found = [text for (text,) in connection.execute("SELECT sql FROM sqlite_master ORDER BY name")]
-    return "" if found == (_SCHEMA if version else []) else "its tables are others"
+    statements = [text for (text,) in connection.execute("SELECT sql FROM sqlite_master ORDER BY name")]
+    return "" if statements == (_TABLE_STATEMENTS if version else []) else "its tables are others"
 
 
-def fault_of_whole(connection: sqlite3.Connection) -> str:
+def find_store_fault(connection: sqlite3.Connection) -> str:
     """Return what is wrong with the pages, the request or the number of designs; an empty text if nothing is.
 
     Raises:
@@ -116,20 +121,20 @@ def fault_of_whole(connection: sqlite3.Connection) -> str:
     text = " ".join(connection.execute("PRAGMA integrity_check(1)").fetchone()[0].split())
     if text != "ok":
         return text.removeprefix("*** in database main *** ")
-    wanted = about(connection.execute("SELECT * FROM about")).get("designs", 0)
+    expected = read_request(connection.execute("SELECT * FROM about")).get("designs", 0)
     (count,) = connection.execute("SELECT count(*) FROM designs").fetchone()
-    return "" if count == wanted else f"{count} of {wanted} designs are there"
+    return "" if count == expected else f"{count} of {expected} designs are there"
 
 
-def fault_of_rows(connection: sqlite3.Connection) -> str:
+def find_row_fault(connection: sqlite3.Connection) -> str:
     """Return which table has a damaged row; an empty text if none. Raises ``sqlite3.Error`` if a row cannot be read."""
-    for name in TABLES:
+    for name in TABLE_COLUMNS:
         if not all(map(is_sound, connection.execute(f"SELECT * FROM {name}"))):
             return f"a row of {name} is not what was written"
     return ""
 
 
-def saved(connection: sqlite3.Connection) -> int:
+def save_sound_results(connection: sqlite3.Connection) -> int:
     """Replace a damaged store by one with its sound results, in one commit; return their number.
 
     The request is left out: the sweep that goes on writes it again.
@@ -138,19 +143,21 @@ def saved(connection: sqlite3.Connection) -> int:
         sqlite3.Error: the store cannot be written.
     """
     connection.text_factory = lambda raw: raw.decode(errors="surrogateescape")  # damaged text must not stop the reading
-    with closing(sqlite3.connect("", isolation_level=None)) as whole:  # a temporary file
-        whole.executescript(CREATE)
-        whole.execute("BEGIN")
+    with closing(sqlite3.connect("", isolation_level=None)) as repaired:  # a temporary file
+        repaired.executescript(CREATE_STATEMENTS)
+        repaired.execute("BEGIN")
         for order in ("ASC", "DESC"):
-            whole.executemany(insertion("results"), (row for row in _readable(connection, order) if is_sound(row)))
-        whole.execute("COMMIT")
+            repaired.executemany(
+                build_insertion("results"), (row for row in _iterate_readable(connection, order) if is_sound(row))
+            )
+        repaired.execute("COMMIT")
         connection.text_factory = str
-        whole.backup(connection)
-        (count,) = whole.execute("SELECT count(*) FROM results").fetchone()
+        repaired.backup(connection)
+        (count,) = repaired.execute("SELECT count(*) FROM results").fetchone()
     return int(count)
 
 
-def _readable(connection: sqlite3.Connection, order: str) -> Iterator[Stored]:
+def _iterate_readable(connection: sqlite3.Connection, order: str) -> Iterator[StoredRow]:
     """Yield results from one end of the table, up to the first page that cannot be read."""
     with suppress(sqlite3.Error):
         yield from connection.execute(f"SELECT * FROM results ORDER BY key {order}")

@@ -11,21 +11,21 @@ from typing import Any, Union, get_args, get_origin
 
 from pydantic import BaseModel
 
-from geometry.common.errors import InputError, Words, one_of
-from geometry.scenes.catalogue import NUMBERS
+from geometry.common.errors import InputError, Words, describe_choices
+from geometry.scenes.catalogue import CATALOGUE_NUMBERS
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import Quantity
 
 Path = tuple[str | int, ...]
 Value = float | str | bool
-_PART = re.compile(r"([a-z][a-z0-9_]*)((?:\[[0-9]{1,4}\])*)")
+_KEY_PART_PATTERN = re.compile(r"([a-z][a-z0-9_]*)((?:\[[0-9]{1,4}\])*)")
 # pairs of keys of one table that exclude each other: setting one removes the other
-_EITHER = (
+_EXCLUSIVE_KEYS = (
     ("area_ratio", "outer_radius"),
     ("height", "inner_height"),
     ("height", "outer_height"),
     ("force", "indentation"),
-    *(("material", number) for number in NUMBERS),  # a varied modulus is no longer that of the named material
+    *(("material", number) for number in CATALOGUE_NUMBERS),  # a varied modulus is no longer that of the named material
 )
 
 
@@ -49,11 +49,11 @@ class Key:
         return self.quantity.si if self.quantity else ""
 
     @property
-    def shown(self) -> str:
+    def display_unit(self) -> str:
         """The unit in which its values are displayed; empty if they have none."""
         return self.quantity.unit if self.quantity else ""
 
-    def value(self, entry: object, where: str, units_required: bool) -> Value:
+    def read_value(self, entry: object, name: str, units_required: bool) -> Value:
         """Convert an entry of a sweep file to a value in SI units.
 
         Raises:
@@ -63,14 +63,14 @@ class Key:
             return entry
         if isinstance(entry, int | float) and not (units_required and self.quantity):
             if not abs(entry) < math.inf or abs(entry) > sys.float_info.max:
-                raise InputError(where, entry, "finite numbers")
+                raise InputError(name, entry, "finite numbers")
             return float(entry)
         if self.quantity is None:
-            raise InputError(where, entry, "a number, a text, true or false")
-        return self.quantity.read(where, entry)
+            raise InputError(name, entry, "a number, a text, true or false")
+        return self.quantity.read(name, entry)
 
 
-def key(name: str, base: Mapping[str, Any]) -> Key:
+def find_key(name: str, base: Mapping[str, Any]) -> Key:
     """Find a key of a scene by its name.
 
     Args:
@@ -80,7 +80,7 @@ def key(name: str, base: Mapping[str, Any]) -> Key:
     Raises:
         InputError: no scene has such a key, or this scene does not have the table that contains it.
     """
-    parts = [_PART.fullmatch(part) for part in name.split(".")]
+    parts = [_KEY_PART_PATTERN.fullmatch(part) for part in name.split(".")]
     if None in parts:
         raise InputError("variable", name, "keys of the scene file, such as probe.gap or inclusion[0].depth")
     path: list[str | int] = []
@@ -92,23 +92,23 @@ def key(name: str, base: Mapping[str, Any]) -> Key:
         if count != 1:
             raise InputError("variable", name, f"inclusion[NUMBER].{path[1]}: the scene has {count} inclusions")
         path.insert(1, 0)
-    return Key(name, tuple(path), _quantity(name, tuple(path), base))
+    return Key(name, tuple(path), _find_quantity(name, tuple(path), base))
 
 
-def changed(base: Mapping[str, Any], keys: tuple[Key, ...], values: tuple[Value, ...]) -> dict[str, Any]:
+def replace_values(base: Mapping[str, Any], keys: tuple[Key, ...], values: tuple[Value, ...]) -> dict[str, Any]:
     """Return the tables of a scene with new values of ``keys``; ``base`` is not modified."""
     data = dict(base)
-    for one in keys:
-        for pair in _EITHER:
-            if one.path[-1] in pair:
-                (other,) = {*pair} - {one.path[-1]}
-                data = _without(data, (*one.path[:-1], other))
-    for one, value in zip(keys, values, strict=True):
-        data = _with(data, one.path, value)
+    for target in keys:
+        for pair in _EXCLUSIVE_KEYS:
+            if target.path[-1] in pair:
+                (excluded,) = {*pair} - {target.path[-1]}
+                data = _remove_at_path(data, (*target.path[:-1], excluded))
+    for target, value in zip(keys, values, strict=True):
+        data = _replace_at_path(data, target.path, value)
     return data
 
 
-def at_path(base: Mapping[str, Any], path: Path) -> object:
+def find_at_path(base: Mapping[str, Any], path: Path) -> object:
     """Return the entry at a path, or None."""
     place: Any = base
     for part in path:
@@ -119,62 +119,62 @@ def at_path(base: Mapping[str, Any], path: Path) -> object:
     return place
 
 
-def _with(place: Any, path: Path, value: Value) -> Any:
+def _replace_at_path(place: Any, path: Path, value: Value) -> Any:
     """Return a copy with a new value at a path; only the tables along the path are copied."""
     if not path:
         return value
     if isinstance(place, list | tuple):
         copy: Any = list(place)
-        copy[path[0]] = _with(copy[path[0]], path[1:], value)
+        copy[path[0]] = _replace_at_path(copy[path[0]], path[1:], value)
         return copy
     copy = dict(place)
-    copy[path[0]] = _with(copy.get(path[0], {}), path[1:], value)
+    copy[path[0]] = _replace_at_path(copy.get(path[0], {}), path[1:], value)
     return copy
 
 
-def _without(place: Any, path: Path) -> Any:
+def _remove_at_path(place: Any, path: Path) -> Any:
     """Return a copy without the entry at a path, if there is one; only the tables along the path are copied."""
-    first, *others = path
+    first, *inner_path = path
     if isinstance(place, list | tuple):
-        return [_without(one, tuple(others)) if k == first else one for k, one in enumerate(place)]
-    if not others:
+        return [_remove_at_path(item, tuple(inner_path)) if k == first else item for k, item in enumerate(place)]
+    if not inner_path:
         return {key: value for key, value in place.items() if key != first}
-    return {**place, first: _without(place[first], tuple(others))} if first in place else place
+    return {**place, first: _remove_at_path(place[first], tuple(inner_path))} if first in place else place
 
 
-def _quantity(name: str, path: Path, base: Mapping[str, Any]) -> Quantity | None:
+def _find_quantity(name: str, path: Path, base: Mapping[str, Any]) -> Quantity | None:
     """Return the quantity of the key at a path, from the annotations of the scene's pydantic models."""
     kind: Any = Scene
     for depth, part in enumerate(path):
-        models = _models(kind)
+        models = _list_models(kind)
         if isinstance(part, int):
-            held = at_path(base, path[:depth])
-            if not isinstance(held, list | tuple) or part >= len(held):
-                count = len(held) if isinstance(held, list | tuple) else 0
+            entries = find_at_path(base, path[:depth])
+            if not isinstance(entries, list | tuple) or part >= len(entries):
+                count = len(entries) if isinstance(entries, list | tuple) else 0
                 raise InputError("variable", name, f"a number in brackets below {count}, as many as the scene has")
             kind = get_args(kind)[0] if get_args(kind) else kind
             continue
         fields = {key: field for model in models for key, field in model.model_fields.items()}
         if part not in fields:
-            allowed = f"in place of {part} {one_of(part, fields)}" if fields else "a key of the scene file"
+            allowed = f"in place of {part} {describe_choices(part, fields)}" if fields else "a key of the scene file"
             raise InputError("variable", name, allowed)
         field = fields[part]
         kind = field.annotation
-        noted = [note for note in field.metadata if isinstance(note, Quantity)] or _noted(kind)
-    if _models(kind):
+        quantities = [note for note in field.metadata if isinstance(note, Quantity)] or _list_quantities(kind)
+    if _list_models(kind):
         raise InputError("variable", name, Words("a key with one value, not a table"))
-    return noted[0] if noted else None
+    return quantities[0] if quantities else None
 
 
-def _models(kind: Any) -> list[type[BaseModel]]:
+def _list_models(kind: Any) -> list[type[BaseModel]]:
     """Return the pydantic models in a type annotation."""
     if isinstance(kind, type) and issubclass(kind, BaseModel):
         return [kind]
-    return [model for one in get_args(kind) for model in _models(one)]
+    return [model for argument in get_args(kind) for model in _list_models(argument)]
 
 
-def _noted(kind: Any) -> list[Quantity]:
+def _list_quantities(kind: Any) -> list[Quantity]:
     """Return the quantities in a type annotation."""
-    own = [note for note in getattr(kind, "__metadata__", ()) if isinstance(note, Quantity)]
-    inner = get_args(kind) if get_origin(kind) is not None or isinstance(kind, type(Union[int, str])) else ()  # noqa: UP007
-    return own + [note for one in inner for note in _noted(one)]
+    quantities = [note for note in getattr(kind, "__metadata__", ()) if isinstance(note, Quantity)]
+    arguments = get_args(kind) if get_origin(kind) is not None or isinstance(kind, type(Union[int, str])) else ()  # noqa: UP007
+    return quantities + [note for argument in arguments for note in _list_quantities(argument)]

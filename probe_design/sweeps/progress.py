@@ -10,9 +10,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from time import monotonic
 
-LOG = "sweep.log"
-EVERY = 10.0  # seconds between lines of progress
-SILENT = 60.0  # seconds without a response between reports of it
+LOG_FILE = "sweep.log"
+LOG_INTERVAL_S = 10.0  # seconds between lines of progress
+SILENCE_INTERVAL_S = 60.0  # seconds without a response between reports of it
 
 
 @dataclass(frozen=True)
@@ -35,56 +35,56 @@ class Progress:
     workers: int
 
     @property
-    def left(self) -> float | None:
+    def seconds_left(self) -> float | None:
         """Remaining time at this rate, s; None before the first row."""
         return (self.total - self.done) / self.rate if self.rate else None
 
-    def line(self) -> str:
+    def describe(self) -> str:
         """Describe the progress in one line."""
-        left = "-" if self.left is None else f"{self.left:.0f} s"
+        time_left = "-" if self.seconds_left is None else f"{self.seconds_left:.0f} s"
         counts = f"{self.done} of {self.total} done, {self.refused} refused, {self.failed} failed"
-        return f"{counts}, {self.rate:.3g} rows/s on {self.workers} workers, {left} left"
+        return f"{counts}, {self.rate:.3g} rows/s on {self.workers} workers, {time_left} left"
 
 
 Tell = Callable[[Progress], None]
 
 
-class Silence:
+class SilenceMonitor:
     """Report once a minute that something has not responded for some time."""
 
-    def __init__(self, say: Callable[[str], None]) -> None:
-        self._say = say
-        self.heard()
+    def __init__(self, log: Callable[[str], None]) -> None:
+        self._log = log
+        self.reset()
 
-    def heard(self) -> None:
+    def reset(self) -> None:
         """Restart the clock after a response."""
-        self._since, self._told = monotonic(), 0
+        self._start_time, self._report_count = monotonic(), 0
 
-    def tell(self, text: str, remedy: str, after: float = 0.0) -> None:
+    def report(self, text: str, remedy: str, min_silence: float = 0.0) -> None:
         """Log ``text`` with the silent time and a remedy, once a minute and not before ``min_silence`` seconds."""
-        silent = monotonic() - self._since
-        if silent >= max((self._told + 1) * SILENT, after):
-            self._told = int(silent // SILENT)
-            self._say(f"{text} for {silent:.0f} s; {remedy}, or wait")
+        seconds = monotonic() - self._start_time
+        if seconds >= max((self._report_count + 1) * SILENCE_INTERVAL_S, min_silence):
+            self._report_count = int(seconds // SILENCE_INTERVAL_S)
+            self._log(f"{text} for {seconds:.0f} s; {remedy}, or wait")
 
 
 @contextmanager
-def logged(folder: Path, tell: Tell | None) -> Iterator[tuple[Tell, Callable[[str], None]]]:
+def open_log(folder: Path, tell: Tell | None) -> Iterator[tuple[Tell, Callable[[str], None]]]:
     """Yield a function that logs the state at most every ten seconds, and one that logs a line; both flush."""
-    last = -EVERY
-    with (folder / LOG).open("a", encoding="utf-8") as log:
+    last_time = -LOG_INTERVAL_S
+    with (folder / LOG_FILE).open("a", encoding="utf-8") as log:
 
-        def line(text: str) -> None:
+        def log_line(text: str) -> None:
             with contextlib.suppress(OSError):  # the store reports a full disk
                 log.write(f"{datetime.now(UTC).isoformat(timespec='seconds')} {text}\n")
                 log.flush()
 
-        def update(state: Progress) -> None:
-            nonlocal last
-            if monotonic() - last >= EVERY or state.done == state.total:
-                last = monotonic()
-                line(state.line())
+        def report_state(state: Progress) -> None:
+            nonlocal last_time
+            if monotonic() - last_time >= LOG_INTERVAL_S or state.done == state.total:
+                last_time = monotonic()
+                log_line(state.describe())
             if tell is not None:
                 tell(state)
 
-        yield update, line
+        yield report_state, log_line

@@ -15,30 +15,30 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from geometry.common.errors import InputError, Words
-from geometry.common.resources import LimitReached, limits
-from geometry.provenance.digest import file_digest
+from geometry.common.resources import LimitReached, get_limits
+from geometry.provenance.digest import compute_file_digest
 from geometry.scenes.scene import Scene
-from probe_design.sweeps.file import Sweep, scene_of
-from probe_design.sweeps.keys import Key, Value, changed, key
+from probe_design.sweeps.file import Sweep, build_scene
+from probe_design.sweeps.keys import Key, Value, find_key, replace_values
 
 if TYPE_CHECKING:
     from solver import Result
 
-OUTPUTS = (
+RESULT_COLUMNS = (
     "stress_inner", "stress_outer", "ratio", "log_sensitivity", "stiffness", "charge_inner", "charge_outer",
     "equivalent_modulus", "error_estimate", "residual",
 )  # fmt: skip
-LIMITS = ("time_limit", "memory_limit")  # s and bytes: the limit that stopped a design, or kept it from a finer result
-REAL = (*OUTPUTS, *LIMITS, "seconds")
-COLUMNS = ("status", "type", "reason", *LIMITS, "evaluator", *OUTPUTS, "plan", "warnings", "seconds")
-ROOT = Path(__file__).parents[2]  # contains the packages whose sources are hashed
-SOURCES = {".py", ".npy", ".json"}  # files on which results depend
-LIBRARIES = ("numpy", "scipy", "rslab", "py-mkl-pardiso", "netgen-mesher", "pytetwild")  # change results in the last bits
-PIECE = 128  # closed-form designs evaluated at once: more are no faster
-MODULI = 64  # moduli and loads of a design at once: more are hardly faster, and a kill may lose them
+LIMIT_COLUMNS = ("time_limit", "memory_limit")  # s and bytes: the limit that stopped a design, or kept it from a finer result
+NUMBER_COLUMNS = (*RESULT_COLUMNS, *LIMIT_COLUMNS, "seconds")
+ROW_COLUMNS = ("status", "type", "reason", *LIMIT_COLUMNS, "evaluator", *RESULT_COLUMNS, "plan", "warnings", "seconds")
+SOURCE_ROOT = Path(__file__).parents[2]  # contains the packages whose sources are hashed
+SOURCE_SUFFIXES = {".py", ".npy", ".json"}  # files on which results depend
+RESULT_LIBRARIES = ("numpy", "scipy", "rslab", "py-mkl-pardiso", "netgen-mesher", "pytetwild")  # change results in the last bits
+MAX_CLOSED_FORM_DESIGNS = 128  # closed-form designs evaluated at once: more are no faster
+MAX_CURVE_DESIGNS = 64  # moduli and loads of a design at once: more are hardly faster, and a kill may lose them
 # keys whose values the axisymmetric evaluator covers with one curve
-CURVE = {("inclusion", 0, "youngs_modulus"), ("load", "force"), ("load", "indentation")}
-AUTO = "auto"
+CURVE_KEYS = {("inclusion", 0, "youngs_modulus"), ("load", "force"), ("load", "indentation")}
+AUTO_EVALUATOR = "auto"
 Row = dict[str, Any]
 T = TypeVar("T")
 
@@ -62,27 +62,27 @@ class Job:
     version: str
 
     @classmethod
-    def of(cls, sweep: Sweep) -> Job:
+    def from_sweep(cls, sweep: Sweep) -> Job:
         """Return the job of a sweep, with the version of this software."""
-        names = tuple(one.name for one in sweep.keys)
-        return cls(sweep.base, names, sweep.evaluator, sweep.accuracy, sweep.linear, version())
+        names = tuple(variable_key.name for variable_key in sweep.keys)
+        return cls(sweep.base, names, sweep.evaluator, sweep.accuracy, sweep.linear, compute_version())
 
     @property
     def keys(self) -> tuple[Key, ...]:
         """The keys of the variables."""
-        return tuple(key(name, self.base) for name in self.names)
+        return tuple(find_key(name, self.base) for name in self.names)
 
-    def digest(self, keys: tuple[Key, ...], values: tuple[Value, ...]) -> bytes:
+    def compute_digest(self, keys: tuple[Key, ...], values: tuple[Value, ...]) -> bytes:
         """Compute the SHA-256 that identifies one design's result: scene, evaluator, accuracy, ``linear`` and version.
 
         The scene is hashed as JSON with sorted keys and exact floats; surface files enter with their content, not their
         name.
         """
-        scene = changed(self.base, keys, values)
-        bodies = [_with_content(body) if body.get("surface") else body for body in scene.get("inclusion", ())]
-        return _digest([scene | {"inclusion": bodies}, self.evaluator, self.accuracy, self.linear, self.version])
+        scene = replace_values(self.base, keys, values)
+        bodies = [_replace_surface_name(body) if body.get("surface") else body for body in scene.get("inclusion", ())]
+        return _hash_json([scene | {"inclusion": bodies}, self.evaluator, self.accuracy, self.linear, self.version])
 
-    def alike(self, designs: Sequence[tuple[Value, ...]]) -> list[Hashable]:
+    def group_designs(self, designs: Sequence[tuple[Value, ...]]) -> list[Hashable]:
         """Return a group key for each design; designs with the same key can be evaluated together.
 
         The closed form takes arrays of any designs. The finite elements compute all moduli of a single inclusion, and all loads,
@@ -90,23 +90,23 @@ class Job:
         """
         if self.evaluator == "closed-form":
             return [()] * len(designs)
-        if self.evaluator not in ("axisymmetric", AUTO) or len(self.base.get("inclusion", ())) > 1:
+        if self.evaluator not in ("axisymmetric", AUTO_EVALUATOR) or len(self.base.get("inclusion", ())) > 1:
             return [*range(len(designs))]
-        own = [k for k, one in enumerate(self.keys) if one.path not in CURVE]
-        every = [tuple(values[k] for k in own) for values in designs]
-        return [*every] if len(own) < len(self.names) else [*range(len(designs))]
+        separate_columns = [k for k, variable_key in enumerate(self.keys) if variable_key.path not in CURVE_KEYS]
+        groups = [tuple(values[k] for k in separate_columns) for values in designs]
+        return [*groups] if len(separate_columns) < len(self.names) else [*range(len(designs))]
 
-    def parts(self, designs: Sequence[tuple[Value, ...]]) -> list[int]:
+    def count_parts(self, designs: Sequence[tuple[Value, ...]]) -> list[int]:
         """Return the sizes of consecutive parts of ``designs`` that are evaluated together."""
-        most = PIECE if self.evaluator == "closed-form" else MODULI
-        runs = [len(list(run)) for _, run in groupby(self.alike(designs))]
-        return [min(most, run - first) for run in runs for first in range(0, run, most)]
+        max_designs = MAX_CLOSED_FORM_DESIGNS if self.evaluator == "closed-form" else MAX_CURVE_DESIGNS
+        runs = [len(list(run)) for _, run in groupby(self.group_designs(designs))]
+        return [min(max_designs, run - first) for run in runs for first in range(0, run, max_designs)]
 
-    def load(self) -> None:
+    def warm_up(self) -> None:
         """Import the evaluator and build the scene once, so that the first row is not charged for it."""
         from solver import levels
 
-        _caught(lambda: scene_of(self.base, (), ()))
+        _catch_fault(lambda: build_scene(self.base, (), ()))
         if self.evaluator == levels.AUTO:
             import solver.planning.plan
         elif self.evaluator == "closed-form":
@@ -114,132 +114,134 @@ class Job:
         else:
             levels.evaluator(self.evaluator)
 
-    def pieces(self, designs: Sequence[tuple[Value, ...]]) -> Iterator[list[Row]]:
+    def evaluate_parts(self, designs: Sequence[tuple[Value, ...]]) -> Iterator[list[Row]]:
         """Evaluate designs part by part; yield the rows of each part, or single rows where a part cannot be evaluated together.
 
         Linear algebra uses one thread, so that results are the same to the last bit on every machine. Each design has the limits
-        ``geometry.common.resources.limits``; n designs that are evaluated together have n times its time.
+        ``geometry.common.resources.get_limits``; n designs that are evaluated together have n times its time.
 
         Raises:
             InputError: this software has another version than the job.
         """
-        from solver.linalg.threads import one_thread
+        from solver.linalg.threads import limit_to_one_thread
 
-        if version() != self.version:
-            raise InputError("version", Words(version()), f"{self.version}, on every worker as where the sweep was started")
+        if compute_version() != self.version:
+            raise InputError(
+                "version", Words(compute_version()), f"{self.version}, on every worker as where the sweep was started"
+            )
         keys = self.keys
-        with one_thread():
+        with limit_to_one_thread():
             first = 0
-            for count in self.parts(designs):
-                yield from self._answered(keys, designs[first : first + count])
+            for count in self.count_parts(designs):
+                yield from self._evaluate_part(keys, designs[first : first + count])
                 first += count
 
-    def _answered(self, keys: tuple[Key, ...], designs: Sequence[tuple[Value, ...]]) -> Iterator[list[Row]]:
+    def _evaluate_part(self, keys: tuple[Key, ...], designs: Sequence[tuple[Value, ...]]) -> Iterator[list[Row]]:
         """Evaluate a part: together if possible, else one by one."""
         start = perf_counter()
-        built = [_caught(lambda values=values: scene_of(self.base, keys, values)) for values in designs]  # type: ignore[misc]
-        together = self._together([one for one in built if isinstance(one, Scene)])
-        if together is not None:
-            results = iter(together)
-            answers = [next(results) if isinstance(one, Scene) else one for one in built]
+        scenes = [_catch_fault(lambda values=values: build_scene(self.base, keys, values)) for values in designs]  # type: ignore[misc]
+        joint_results = self._evaluate_together([scene for scene in scenes if isinstance(scene, Scene)])
+        if joint_results is not None:
+            results = iter(joint_results)
+            answers = [next(results) if isinstance(scene, Scene) else scene for scene in scenes]
             seconds = (perf_counter() - start) / len(designs)
-            yield [_row(one, seconds) for one in answers]
+            yield [_build_row(scene, seconds) for scene in answers]
             return
-        for one in built:
-            answer = self._alone(one) if isinstance(one, Scene) else one
-            yield [_row(answer, perf_counter() - start)]
+        for scene in scenes:
+            answer = self._evaluate_alone(scene) if isinstance(scene, Scene) else scene
+            yield [_build_row(answer, perf_counter() - start)]
             start = perf_counter()
 
-    def _together(self, scenes: Sequence[Scene]) -> list[Result | Exception] | None:
+    def _evaluate_together(self, scenes: Sequence[Scene]) -> list[Result | Exception] | None:
         """Evaluate several scenes together; return None if that is not possible for all of them."""
-        from solver.many import together
+        from solver.many import evaluate_together
 
         if not scenes:
             return None
-        found = _caught(lambda: together(scenes, self.evaluator, self.accuracy, linear=self.linear))
-        return None if isinstance(found, Exception) or None in found else [one for one in found if one is not None]
+        results = _catch_fault(lambda: evaluate_together(scenes, self.evaluator, self.accuracy, linear=self.linear))
+        return None if isinstance(results, Exception) or None in results else [result for result in results if result is not None]
 
-    def _alone(self, scene: Scene) -> Result | Exception:
+    def _evaluate_alone(self, scene: Scene) -> Result | Exception:
         from solver import evaluate
 
-        return _caught(lambda: evaluate(scene, evaluator=self.evaluator, accuracy=self.accuracy, linear=self.linear))
+        return _catch_fault(lambda: evaluate(scene, evaluator=self.evaluator, accuracy=self.accuracy, linear=self.linear))
 
 
-def _caught(made: Callable[[], T]) -> T | Exception:
+def _catch_fault(compute: Callable[[], T]) -> T | Exception:
     """Return the result of ``compute`` or the exception that it raised, so that the next designs are still evaluated."""
     try:
-        return made()
+        return compute()
     except Exception as fault:
         return fault
 
 
-def _row(result: Result | Exception, seconds: float) -> Row:
+def _build_row(result: Result | Exception, seconds: float) -> Row:
     """Build the row of a result, or of a design that was refused or failed."""
-    from solver.results.warnings import of_kind
+    from solver.results.warnings import select_notes
 
     if isinstance(result, Exception):
         status = "refused" if isinstance(result, InputError) else "failed"
-        return blank(status, type(result).__name__, str(result), seconds) | _stopped(result)
-    numbers = {name: getattr(result, name) for name in OUTPUTS}
+        return build_unanswered_row(status, type(result).__name__, str(result), seconds) | _find_stopping_limit(result)
+    numbers = {name: getattr(result, name) for name in RESULT_COLUMNS}
     if not all(math.isfinite(number) for number in numbers.values() if number is not None):
-        return blank("failed", "ArithmeticError", "a result is not finite", seconds)
-    details = {"plan": [asdict(one) for one in result.plan], "warnings": result.warnings}
+        return build_unanswered_row("failed", "ArithmeticError", "a result is not finite", seconds)
+    details = {"plan": [asdict(decision) for decision in result.plan], "warnings": result.warnings}
     texts = {name: json.dumps(value, allow_nan=False) for name, value in details.items()}
-    found = {"status": "ok", "evaluator": result.evaluator, "seconds": seconds} | numbers | texts
-    return dict.fromkeys(COLUMNS) | found | (_either() if of_kind(result.warnings, "limit") else {})
+    columns = {"status": "ok", "evaluator": result.evaluator, "seconds": seconds} | numbers | texts
+    return dict.fromkeys(ROW_COLUMNS) | columns | (_read_both_limits() if select_notes(result.warnings, "limit") else {})
 
 
-def _stopped(fault: Exception) -> Row:
+def _find_stopping_limit(fault: Exception) -> Row:
     """Return the limits that stopped a design: with larger ones it may have a result."""
     from solver.results.evaluator import OutOfReach
 
     if isinstance(fault, LimitReached):
-        return {"time_limit": limits().seconds} if fault.key == "time" else {"memory_limit": limits().memory}
-    return _either() if isinstance(fault, OutOfReach) and fault.stopped else {}
+        return {"time_limit": get_limits().seconds} if fault.key == "time" else {"memory_limit": get_limits().memory}
+    return _read_both_limits() if isinstance(fault, OutOfReach) and fault.stopped else {}
 
 
-def _either() -> Row:
+def _read_both_limits() -> Row:
     """Return both limits, for a design of which it is not known which one stopped it."""
-    return {"time_limit": limits().seconds, "memory_limit": limits().memory}
+    return {"time_limit": get_limits().seconds, "memory_limit": get_limits().memory}
 
 
-def blank(status: str, kind: str, reason: str, seconds: float) -> Row:
+def build_unanswered_row(status: str, kind: str, reason: str, seconds: float) -> Row:
     """Build the row of a design without a result."""
     line = " ".join(reason.split())[:2000]
-    return dict.fromkeys(COLUMNS) | {"status": status, "type": kind, "reason": line, "seconds": seconds}
+    return dict.fromkeys(ROW_COLUMNS) | {"status": status, "type": kind, "reason": line, "seconds": seconds}
 
 
 @cache
-def version() -> str:
+def compute_version() -> str:
     """Return the software's version, a digest of the sources and data on which results depend, and the versions of libraries."""
     digest = hashlib.sha256()
     for package in ("geometry", "solver"):
-        for path in sorted(path for path in (ROOT / package).rglob("*") if path.suffix in SOURCES):
-            digest.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
-    libraries = (f"{name} {_version_of(name)}" for name in LIBRARIES)
-    return " ".join((f"{_version_of('probe-design')}+{digest.hexdigest()[:12]}", *libraries))
+        for path in sorted(path for path in (SOURCE_ROOT / package).rglob("*") if path.suffix in SOURCE_SUFFIXES):
+            digest.update(path.relative_to(SOURCE_ROOT).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    libraries = (f"{name} {_find_version(name)}" for name in RESULT_LIBRARIES)
+    return " ".join((f"{_find_version('probe-design')}+{digest.hexdigest()[:12]}", *libraries))
 
 
-def _version_of(name: str) -> str:
+def _find_version(name: str) -> str:
     try:
         return metadata.version(name)
     except metadata.PackageNotFoundError:  # not installed, or run from its source folder
         return "0"
 
 
-def _digest(value: object) -> bytes:
+def _hash_json(value: object) -> bytes:
     return hashlib.sha256(json.dumps(value, sort_keys=True, separators=(",", ":")).encode()).digest()
 
 
-def _with_content(body: Mapping[str, Any]) -> dict[str, Any]:
+def _replace_surface_name(body: Mapping[str, Any]) -> dict[str, Any]:
     """Return an inclusion with the digest of its surface file in place of the file name."""
     path = Path(str(body["surface"]))
     try:
         stamp = path.stat()
-        content = _content(path, stamp.st_mtime_ns, stamp.st_size)
+        content = _digest_surface(path, stamp.st_mtime_ns, stamp.st_size)
     except (OSError, ValueError):
         content = None
     return {**body, "surface": content or f"{path}, which cannot be read"}
 
 
-_content = lru_cache(maxsize=64)(lambda path, *_: file_digest(path))  # cached by path, modification time and size
+_digest_surface = lru_cache(maxsize=64)(lambda path, *_: compute_file_digest(path))  # cached by path, modification time and size

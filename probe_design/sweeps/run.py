@@ -16,32 +16,32 @@ from typing import TYPE_CHECKING, Any
 from geometry.common.errors import InputError
 from geometry.common.files import write_text
 from geometry.common.resources import Limits
-from geometry.provenance.block import provenance
+from geometry.provenance.block import build_provenance
 from geometry.scenes.scene import Scene
-from geometry.scenes.units import SI
+from geometry.scenes.units import SI_CONTEXT
 from probe_design.sweeps.file import Sweep, read_sweep, sweep_from_dict
-from probe_design.sweeps.local_workers import LocalCrew
-from probe_design.sweeps.progress import Progress, Tell, logged
-from probe_design.sweeps.rows import MODULI, Job, Row, blank
-from probe_design.sweeps.store import Store, StoreError, writing
-from probe_design.sweeps.variables import whole
-from probe_design.sweeps.workers import Batch, Crew, CrewError, FinishedBatch, Outcome, Task
+from probe_design.sweeps.local_workers import LocalPool
+from probe_design.sweeps.progress import Progress, Tell, open_log
+from probe_design.sweeps.rows import MAX_CURVE_DESIGNS, Job, Row, build_unanswered_row
+from probe_design.sweeps.store import Store, StoreError, open_for_writing
+from probe_design.sweeps.variables import check_integer
+from probe_design.sweeps.workers import Batch, FinishedBatch, Outcome, Task, WorkerPool, WorkerPoolError
 from solver.results.notebook import Notebook
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-SECONDS = 0.5  # of work in a batch: some hundred times the cost of submitting it; a kill may lose it
-LARGEST = 2000  # designs in a batch, at most
+BATCH_TIME_S = 0.5  # of work in a batch: some hundred times the cost of submitting it; a kill may lose it
+MAX_BATCH_DESIGNS = 2000  # designs in a batch, at most
 Log = Callable[[str], None]
-ORIGIN = "provenance.json"
-FORMULAS = "closed-form"
-TRIES = 2  # workers that may die with a design alone in its batch before it counts as failed
+PROVENANCE_FILE = "provenance.json"
+FORMULA_EVALUATOR = "closed-form"
+MAX_WORKER_DEATHS = 2  # workers that may die with a design alone in its batch before it counts as failed
 
 
 @dataclass(frozen=True)
-class Swept(Notebook):
+class SweepSummary(Notebook):
     """A finished sweep.
 
     Attributes:
@@ -92,7 +92,7 @@ def sweep(
     progress: Tell | None = None,
     retry_failed: bool = False,
     notice: Log | None = None,
-) -> Swept:
+) -> SweepSummary:
     """Evaluate every design of a sweep that has no row in ``output`` yet.
 
     Args:
@@ -113,119 +113,119 @@ def sweep(
         KeyboardInterrupt: committed rows are kept.
     """
     start = monotonic()
-    checked = specification if isinstance(specification, Sweep) else _checked(specification)
+    checked_sweep = specification if isinstance(specification, Sweep) else _read_specification(specification)
     if workers is not None:
-        whole("workers", workers, 1, 1024)
+        check_integer("workers", workers, 1, 1024)
     if workers is not None and scheduler is not None:
         raise InputError("workers", workers, "none with a scheduler, which has its own")
     folder = Path(output)
-    with writing(folder) as store, logged(folder, progress) as (tell, log):
-        job = Job.of(checked)
-        say = log if notice is None else _both(log, notice)
-        if store.mended:
-            say(store.mended)
-        total, left_out = _begun(store, checked, job)
-        if stopped := store.forget_limited(checked.limits):
-            log(f"forgets {stopped} rows that smaller limits stopped, or kept from a finer result")
+    with open_for_writing(folder) as store, open_log(folder, progress) as (tell, log):
+        job = Job.from_sweep(checked_sweep)
+        log_notice = log if notice is None else _combine_logs(log, notice)
+        if store.repair_note:
+            log_notice(store.repair_note)
+        total, left_out = _begin(store, checked_sweep, job)
+        if forgotten := store.forget_limited(checked_sweep.limits):
+            log(f"forgets {forgotten} rows that smaller limits stopped, or kept from a finer result")
         if retry_failed:
             log(f"forgets {store.forget('failed')} failed rows")
-        tasks = _in_order(job, [Task(key, values, count) for count, values, key in store.missing()])
+        tasks = _order_tasks(job, [Task(key, values, count) for count, values, key in store.find_missing()])
         log(f"begins: {total} designs, {len(tasks)} to be evaluated, version {job.version}")
         if tasks:
-            processes = min(workers or _processors(), len(tasks))
-            with _crew(job, scheduler, processes, limits=checked.limits, folder=folder, log=say) as crew:
-                _Run(store, crew, tell, log, total=total, seconds=checked.limits.seconds).answer(tasks)
-        counts = store.counts()
+            processes = min(workers or _count_processors(), len(tasks))
+            with _open_pool(job, scheduler, processes, limits=checked_sweep.limits, folder=folder, log=log_notice) as pool:
+                _SweepRun(store, pool, tell, log, total=total, seconds=checked_sweep.limits.seconds).process_tasks(tasks)
+        counts = store.count_rows()
         if sum(counts.values()) != total:
             raise StoreError(f"{folder}: the store has {sum(counts.values())} rows of {total} designs: start again")
         log(f"ends: {counts}")
-    swept = Swept(folder, total, left_out, **counts, answered=len(tasks), seconds=monotonic() - start)
-    _tell_origin(swept, checked)
-    return swept
+    summary = SweepSummary(folder, total, left_out, **counts, answered=len(tasks), seconds=monotonic() - start)
+    _write_provenance(summary, checked_sweep)
+    return summary
 
 
-def _tell_origin(swept: Swept, sweep: Sweep) -> None:
+def _write_provenance(summary: SweepSummary, sweep: Sweep) -> None:
     """Write the counts and the provenance of the rows to ``provenance.json`` in the folder of the sweep."""
-    scene = Scene.model_validate(sweep.base, context=SI)
-    origin = provenance(scene, evaluator=sweep.evaluator, accuracy=sweep.accuracy, seed=sweep.sample.seed)
-    told = {name: getattr(swept, name) for name in ("designs", "left_out", "ok", "refused", "failed")}
-    write_text(swept.folder / ORIGIN, json.dumps(told | {"provenance": origin}, indent=2) + "\n")
+    scene = Scene.model_validate(sweep.base, context=SI_CONTEXT)
+    origin = build_provenance(scene, evaluator=sweep.evaluator, accuracy=sweep.accuracy, seed=sweep.sample.seed)
+    counts = {name: getattr(summary, name) for name in ("designs", "left_out", "ok", "refused", "failed")}
+    write_text(summary.folder / PROVENANCE_FILE, json.dumps(counts | {"provenance": origin}, indent=2) + "\n")
 
 
-def _both(log: Log, notice: Log) -> Log:
+def _combine_logs(log: Log, notice: Log) -> Log:
     """Return a function that logs a line and passes it to the user."""
 
-    def say(text: str) -> None:
+    def log_both(text: str) -> None:
         log(text)
         notice(text)
 
-    return say
+    return log_both
 
 
-class _Run:
+class _SweepRun:
     """One run of a sweep: gives batches to the worker pool and commits their rows."""
 
-    def __init__(self, store: Store, crew: Crew, tell: Tell, log: Log, *, total: int, seconds: float) -> None:
-        self._store, self._crew, self._tell, self._log, self._total, self._seconds = store, crew, tell, log, total, seconds
-        self._begun, self._counts = monotonic(), store.counts()
-        self._before = sum(self._counts.values())
-        self._cost = SECONDS  # seconds per row, as measured; the first batch is one design
+    def __init__(self, store: Store, pool: WorkerPool, tell: Tell, log: Log, *, total: int, seconds: float) -> None:
+        self._store, self._pool, self._tell, self._log, self._total, self._seconds = store, pool, tell, log, total, seconds
+        self._start_time, self._counts = monotonic(), store.count_rows()
+        self._initial_count = sum(self._counts.values())
+        self._cost = BATCH_TIME_S  # seconds per row, as measured; the first batch is one design
 
-    def answer(self, tasks: list[Task]) -> None:
+    def process_tasks(self, tasks: list[Task]) -> None:
         """Evaluate all tasks; return when each has a row."""
-        waiting, alone, out = deque(tasks), deque[Task](), 0
+        waiting, alone, batches_out = deque(tasks), deque[Task](), 0
         self._report()
-        while waiting or alone or out:
-            while (waiting or alone) and self._crew.free() > 0:
-                self._crew.give((alone.popleft(),) if alone else self._batch(waiting))
-                out += 1
-            answers = self._crew.take(1.0)
-            self._store.check_place()
-            for answer in answers:
-                out -= 1
-                rest, suspects = self._taken(answer)
-                waiting.extendleft(reversed(rest))
+        while waiting or alone or batches_out:
+            while (waiting or alone) and self._pool.count_free() > 0:
+                self._pool.submit((alone.popleft(),) if alone else self._take_batch(waiting))
+                batches_out += 1
+            finished = self._pool.collect(1.0)
+            self._store.check_file()
+            for finished_batch in finished:
+                batches_out -= 1
+                unstarted, suspects = self._store_outcome(finished_batch)
+                waiting.extendleft(reversed(unstarted))
                 alone.extend(suspects)
             self._report()
 
-    def _batch(self, waiting: deque[Task]) -> Batch:
+    def _take_batch(self, waiting: deque[Task]) -> Batch:
         """Take the next batch: half a second of work, less at the end so that all workers end together; groups stay whole."""
-        share = len(waiting) / (2 * max(1, self._crew.size()))
-        count = max(1, min(int(SECONDS / self._cost), LARGEST, int(share)))
+        share = len(waiting) / (2 * max(1, self._pool.count_workers()))
+        count = max(1, min(int(BATCH_TIME_S / self._cost), MAX_BATCH_DESIGNS, int(share)))
         batch = [waiting.popleft() for _ in range(min(count, len(waiting)))]
         while waiting and waiting[0].group is not None and waiting[0].group == batch[-1].group:
             batch.append(waiting.popleft())
         return tuple(batch)
 
-    def _taken(self, answer: FinishedBatch) -> tuple[list[Task], list[Task]]:
+    def _store_outcome(self, finished_batch: FinishedBatch) -> tuple[list[Task], list[Task]]:
         """Commit the rows of a batch; return its tasks that were not started, and those to be tried again, each alone."""
-        outcome, count = answer.outcome, len(answer.outcome.rows)
-        if outcome.refused:
-            raise CrewError(outcome.refused)
+        outcome, count = finished_batch.outcome, len(finished_batch.outcome.rows)
+        if outcome.refusal:
+            raise WorkerPoolError(outcome.refusal)
         if count:
-            self._commit(answer.batch[:count], outcome.rows)
+            self._commit(finished_batch.batch[:count], outcome.rows)
             cost = sum(row["seconds"] for row in outcome.rows) / count
             self._cost = max(0.5 * (self._cost + cost), 1e-6)
-        begun, rest = answer.batch[: count + outcome.held], answer.batch[count + outcome.held :]
-        again = self._again(begun[count:], outcome) if outcome.held else []
+        begun, unstarted = finished_batch.batch[: count + outcome.unfinished], finished_batch.batch[count + outcome.unfinished :]
+        retries = self._retry_held(begun[count:], outcome) if outcome.unfinished else []
         # the rest of a group whose first designs were evaluated one by one
-        broken = [task for task in rest if begun and None is not task.group == begun[-1].group]
-        return list(rest[len(broken) :]), [*again, *broken]
+        interrupted = [task for task in unstarted if begun and None is not task.group == begun[-1].group]
+        return list(unstarted[len(interrupted) :]), [*retries, *interrupted]
 
-    def _again(self, held: Batch, outcome: Outcome) -> list[Task]:
+    def _retry_held(self, tasks: Batch, outcome: Outcome) -> list[Task]:
         """Return the tasks to be tried again, each alone, after a worker ended with them; a design that ended it gets a row."""
-        why = f"longer than {self._seconds:g} s" if outcome.late else outcome.ended
-        self._log(f"a worker ended with {len(held)} designs: {why}")
-        if len(held) > 1:
-            return list(held)
-        task = held[0]
-        if outcome.late:
-            row = blank("failed", "TimeLimit", f"took {why}", self._seconds) | {"time_limit": self._seconds}
-        elif task.deaths + 1 < TRIES:
+        reason = f"longer than {self._seconds:g} s" if outcome.is_late else outcome.failure
+        self._log(f"a worker ended with {len(tasks)} designs: {reason}")
+        if len(tasks) > 1:
+            return list(tasks)
+        task = tasks[0]
+        if outcome.is_late:
+            row = build_unanswered_row("failed", "TimeLimit", f"took {reason}", self._seconds) | {"time_limit": self._seconds}
+        elif task.deaths + 1 < MAX_WORKER_DEATHS:
             return [replace(task, deaths=task.deaths + 1)]
         else:
-            row = blank("failed", "WorkerDied", f"{TRIES} times in a row, {outcome.ended}", 0.0)
-        self._commit(held, [row])
+            row = build_unanswered_row("failed", "WorkerDied", f"{MAX_WORKER_DEATHS} times in a row, {outcome.failure}", 0.0)
+        self._commit(tasks, [row])
         return []
 
     def _commit(self, batch: Batch, rows: Sequence[Row]) -> None:
@@ -237,77 +237,79 @@ class _Run:
     def _report(self) -> None:
         """Report the progress."""
         done = sum(self._counts.values())
-        rate = (done - self._before) / max(monotonic() - self._begun, 1e-9)
+        rate = (done - self._initial_count) / max(monotonic() - self._start_time, 1e-9)
         counts = (self._counts["refused"], self._counts["failed"])
-        self._tell(Progress(self._total, done, *counts, rate, self._crew.size()))
+        self._tell(Progress(self._total, done, *counts, rate, self._pool.count_workers()))
 
 
-def _in_order(job: Job, tasks: list[Task]) -> list[Task]:
+def _order_tasks(job: Job, tasks: list[Task]) -> list[Task]:
     """Return tasks by number, but with those that can be evaluated together next to each other; the closed form takes any."""
-    if job.evaluator == FORMULAS:
+    if job.evaluator == FORMULA_EVALUATOR:
         return tasks
     groups: dict[Hashable, list[Task]] = defaultdict(list)
-    for task, shared in zip(tasks, job.alike([task.values for task in tasks]), strict=True):
-        groups[shared].append(task)
-    parts = [group[first : first + MODULI] for group in groups.values() for first in range(0, len(group), MODULI)]
+    for task, group_key in zip(tasks, job.group_designs([task.values for task in tasks]), strict=True):
+        groups[group_key].append(task)
+    parts = [
+        group[first : first + MAX_CURVE_DESIGNS] for group in groups.values() for first in range(0, len(group), MAX_CURVE_DESIGNS)
+    ]
     return [replace(task, group=number) for number, part in enumerate(parts) for task in part]
 
 
-def _checked(specification: Mapping[str, Any] | Path | str) -> Sweep:
+def _read_specification(specification: Mapping[str, Any] | Path | str) -> Sweep:
     return sweep_from_dict(specification) if isinstance(specification, Mapping) else read_sweep(specification)
 
 
-def _begun(store: Store, sweep: Sweep, job: Job) -> tuple[int, int]:
+def _begin(store: Store, sweep: Sweep, job: Job) -> tuple[int, int]:
     """Store request and designs unless they are stored already; return the numbers of designs and of excluded ones."""
-    drawn = sweep.sample.count(sweep.variables)
-    digest = hashlib.sha256(repr((replace(sweep, limits=Limits()), job)).encode() + _surfaces(sweep, job)).hexdigest()
-    about = store.about()
-    if about.get("digest") != digest:
+    drawn_count = sweep.sample.count_designs(sweep.variables)
+    digest = hashlib.sha256(repr((replace(sweep, limits=Limits()), job)).encode() + _digest_surfaces(sweep, job)).hexdigest()
+    request = store.read_request()
+    if request.get("digest") != digest:
         keys = sweep.keys
-        designs = [(number, values, job.digest(keys, values)) for number, values in sweep.designs()]
-        store.begin(_about(sweep, job) | {"digest": digest, "designs": len(designs)}, designs)
-        about = {"designs": len(designs)}
-    return int(about["designs"]), drawn - int(about["designs"])
+        designs = [(number, values, job.compute_digest(keys, values)) for number, values in sweep.list_designs()]
+        store.begin(_describe_request(sweep, job) | {"digest": digest, "designs": len(designs)}, designs)
+        request = {"designs": len(designs)}
+    return int(request["designs"]), drawn_count - int(request["designs"])
 
 
-def _about(sweep: Sweep, job: Job) -> dict[str, Any]:
+def _describe_request(sweep: Sweep, job: Job) -> dict[str, Any]:
     """Return the request of a sweep as readers of the store need it."""
     grid = sweep.sample.kind == "grid"
     variables = [
         {
-            "name": one.key.name,
-            "unit": one.key.unit,
-            "shown": one.key.shown,
-            "values": list(one.values) if grid else [],
-            "log": one.log,
+            "name": variable.key.name,
+            "unit": variable.key.unit,
+            "shown": variable.key.display_unit,
+            "values": list(variable.values) if grid else [],
+            "log": variable.log,
         }
-        for one in sweep.variables
+        for variable in sweep.variables
     ]
     sample = asdict(sweep.sample)
     return {**asdict(job), "variables": variables, "sample": sample, "constraints": list(sweep.constraints)}
 
 
-def _surfaces(sweep: Sweep, job: Job) -> bytes:
+def _digest_surfaces(sweep: Sweep, job: Job) -> bytes:
     """Return a digest of the base scene with its surface files; empty if it has none."""
-    return job.digest((), ()) if any(body.get("surface") for body in sweep.base.get("inclusion", ())) else b""
+    return job.compute_digest((), ()) if any(body.get("surface") for body in sweep.base.get("inclusion", ())) else b""
 
 
 @contextmanager
-def _crew(job: Job, scheduler: str | None, workers: int, *, limits: Limits, folder: Path, log: Log) -> Iterator[Crew]:
+def _open_pool(job: Job, scheduler: str | None, workers: int, *, limits: Limits, folder: Path, log: Log) -> Iterator[WorkerPool]:
     """Open the worker pool on a Dask cluster or this computer, and close it at the end."""
-    crew: Crew
+    pool: WorkerPool
     if scheduler is None:
-        crew = LocalCrew(job, workers, limits, folder / "workers.log")
+        pool = LocalPool(job, workers, limits, folder / "workers.log")
     else:
-        from probe_design.sweeps.dask_workers import DaskCrew
+        from probe_design.sweeps.dask_workers import DaskPool
 
-        crew = DaskCrew(job, scheduler, limits, log)
+        pool = DaskPool(job, scheduler, limits, log)
     try:
-        yield crew
+        yield pool
     finally:
-        crew.close()
+        pool.close()
 
 
-def _processors() -> int:
+def _count_processors() -> int:
     """Return the number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -11,9 +11,9 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
 from probe_design.sweeps.keys import Key, Value
 
-SAMPLED = ("sobol", "latin-hypercube", "saltelli")
-KINDS = ("grid", *SAMPLED)
-MOST = 10_000_000  # designs of a sweep
+RANDOM_KINDS = ("sobol", "latin-hypercube", "saltelli")
+SAMPLE_KINDS = ("grid", *RANDOM_KINDS)
+MAX_DESIGNS = 10_000_000  # designs of a sweep
 
 
 @dataclass(frozen=True)
@@ -33,13 +33,13 @@ class Variable:
     high: float = 0.0
     log: bool = False
 
-    def at(self, share: float) -> Value:
+    def interpolate(self, fraction: float) -> Value:
         """Return the value at a fraction of the range, from 0 to 1."""
         if self.values:
-            return self.values[min(int(share * len(self.values)), len(self.values) - 1)]
+            return self.values[min(int(fraction * len(self.values)), len(self.values) - 1)]
         if self.log:
-            return float(self.low * (self.high / self.low) ** share)
-        return float(self.low + (self.high - self.low) * share)
+            return float(self.low * (self.high / self.low) ** fraction)
+        return float(self.low + (self.high - self.low) * fraction)
 
 
 @dataclass(frozen=True)
@@ -56,31 +56,37 @@ class DesignSampling:
     n: int = 0
     seed: int = 0
 
-    def designs(self, variables: tuple[Variable, ...]) -> list[tuple[Value, ...]]:
+    def draw_designs(self, variables: tuple[Variable, ...]) -> list[tuple[Value, ...]]:
         """Return the values of all variables, a tuple for each design; in a grid the last variable changes fastest.
 
         Raises:
             InputError: there are too many designs.
         """
-        count = self.count(variables)
-        if count > MOST:
-            raise InputError("sample", f"{count} designs", f"at most {MOST}")
+        count = self.count_designs(variables)
+        if count > MAX_DESIGNS:
+            raise InputError("sample", f"{count} designs", f"at most {MAX_DESIGNS}")
         if self.kind == "grid":
-            shape = tuple(len(one.values) for one in variables)
-            places = np.unravel_index(np.arange(count), shape)
-            columns = [[one.values[place] for place in at.tolist()] for one, at in zip(variables, places, strict=True)]
+            shape = tuple(len(variable.values) for variable in variables)
+            grid_indices = np.unravel_index(np.arange(count), shape)
+            columns = [
+                [variable.values[place] for place in indices.tolist()]
+                for variable, indices in zip(variables, grid_indices, strict=True)
+            ]
         else:
-            shares = self._shares(len(variables))
-            columns = [[one.at(share) for share in column] for one, column in zip(variables, shares.T.tolist(), strict=True)]
+            points = self._draw_points(len(variables))
+            columns = [
+                [variable.interpolate(fraction) for fraction in column]
+                for variable, column in zip(variables, points.T.tolist(), strict=True)
+            ]
         return list(zip(*columns, strict=True))
 
-    def count(self, variables: tuple[Variable, ...]) -> int:
+    def count_designs(self, variables: tuple[Variable, ...]) -> int:
         """Return the number of designs, without constraints."""
         if self.kind == "grid":
-            return int(np.prod([float(len(one.values)) for one in variables]))
+            return int(np.prod([float(len(variable.values)) for variable in variables]))
         return self.n * (len(variables) + 2) if self.kind == "saltelli" else self.n
 
-    def _shares(self, d: int) -> Floats:
+    def _draw_points(self, d: int) -> Floats:
         """Draw points of the unit cube, shape (designs, d)."""
         from scipy.stats import qmc
 
@@ -90,10 +96,10 @@ class DesignSampling:
             # any n is allowed; docs/guides/sweep.md recommends powers of 2
             warnings.simplefilter("ignore", UserWarning)
             points: Floats = engine.random(self.n)
-        return _saltelli(points) if self.kind == "saltelli" else points
+        return _arrange_saltelli(points) if self.kind == "saltelli" else points
 
 
-def _saltelli(points: Floats) -> Floats:
+def _arrange_saltelli(points: Floats) -> Floats:
     """Return, for each point (A, B): A, A with one variable of B for each variable in turn, B; the order that SALib expects.
 
     Saltelli et al., Computer Physics Communications 181 (2010) 259-270, table 2, radial design.
@@ -101,7 +107,7 @@ def _saltelli(points: Floats) -> Floats:
     d = points.shape[1] // 2
     a, b = points[:, :d], points[:, d:]
     block = np.repeat(a[:, None, :], d + 2, axis=1)
-    for one in range(d):
-        block[:, one + 1, one] = b[:, one]
+    for k in range(d):
+        block[:, k + 1, k] = b[:, k]
     block[:, d + 1] = b
     return block.reshape(-1, d)

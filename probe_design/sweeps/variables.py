@@ -8,15 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from geometry.common.errors import InputError, Words, one_of
-from probe_design.sweeps.keys import Key, Value, key
+from geometry.common.errors import InputError, Words, describe_choices
+from probe_design.sweeps.keys import Key, Value, find_key
 from probe_design.sweeps.samples import Variable
 
-MOST_VALUES = 1_000_000  # of one variable
-PARTS = ("values", "from", "to", "points", "scale")
+MAX_VALUES = 1_000_000  # of one variable
+VARIABLE_KEYS = ("values", "from", "to", "points", "scale")
 
 
-def variable(name: str, entry: object, base: Mapping[str, Any], *, kind: str, units_required: bool, folder: Path) -> Variable:
+def read_variable(
+    name: str, entry: object, base: Mapping[str, Any], *, kind: str, units_required: bool, folder: Path
+) -> Variable:
     """Read and check one variable.
 
     Args:
@@ -30,20 +32,20 @@ def variable(name: str, entry: object, base: Mapping[str, Any], *, kind: str, un
     Raises:
         InputError: a key or value is not allowed.
     """
-    where = key(name, base)
+    target = find_key(name, base)
     if isinstance(entry, list | tuple | np.ndarray):
         entry = {"values": entry}
     if not isinstance(entry, Mapping):
         raise InputError(name, entry, "a list of values, or a table with from and to")
     for part in entry:
-        if part not in PARTS:
-            raise InputError(f"{name}.{part}", entry[part], one_of(part, PARTS))
+        if part not in VARIABLE_KEYS:
+            raise InputError(f"{name}.{part}", entry[part], describe_choices(part, VARIABLE_KEYS))
     if "values" in entry:
-        listed = _listed(where, entry, units_required)
-        if where.path[-1] == "surface":
-            listed = tuple(str((folder / str(one)).absolute()) for one in listed)
-        return Variable(where, listed)
-    low, high = (_bound(where, entry, end, units_required) for end in ("from", "to"))
+        choices = _read_list(target, entry, units_required)
+        if target.path[-1] == "surface":
+            choices = tuple(str((folder / str(surface)).absolute()) for surface in choices)
+        return Variable(target, choices)
+    low, high = (_read_bound(target, entry, end, units_required) for end in ("from", "to"))
     scale = entry.get("scale", "linear")
     if scale not in ("linear", "log"):
         raise InputError(f"{name}.scale", scale, "'linear' or 'log'")
@@ -56,39 +58,39 @@ def variable(name: str, entry: object, base: Mapping[str, Any], *, kind: str, un
     if kind != "grid":
         if "points" in entry:
             raise InputError(f"{name}.points", entry["points"], "none except in a grid: sample.n is the number of points")
-        return Variable(where, (), low, high, scale == "log")
-    points = whole(f"{name}.points", entry.get("points"), 2, MOST_VALUES)
+        return Variable(target, (), low, high, scale == "log")
+    points = check_integer(f"{name}.points", entry.get("points"), 2, MAX_VALUES)
     values = np.geomspace(low, high, points) if scale == "log" else np.linspace(low, high, points)
     values[0], values[-1] = low, high
-    return Variable(where, tuple(values.tolist()), log=scale == "log")
+    return Variable(target, tuple(values.tolist()), log=scale == "log")
 
 
-def _listed(where: Key, table: Mapping[str, Any], units_required: bool) -> tuple[Value, ...]:
+def _read_list(target: Key, table: Mapping[str, Any], units_required: bool) -> tuple[Value, ...]:
     """Read a list of values."""
     values = table["values"].tolist() if isinstance(table["values"], np.ndarray) else table["values"]
-    if not isinstance(values, list | tuple) or not 1 <= len(values) <= MOST_VALUES or len(table) > 1:
-        raise InputError(f"{where.name}.values", values, "a list of values, alone")
-    checked = tuple(_one(where, value, f"{where.name}.values", units_required) for value in values)
-    if len({type(value) for value in checked}) > 1:
-        raise InputError(f"{where.name}.values", values, "values of one kind: numbers, texts, or true and false")
-    return checked
+    if not isinstance(values, list | tuple) or not 1 <= len(values) <= MAX_VALUES or len(table) > 1:
+        raise InputError(f"{target.name}.values", values, "a list of values, alone")
+    checked_values = tuple(_read_value(target, value, f"{target.name}.values", units_required) for value in values)
+    if len({type(value) for value in checked_values}) > 1:
+        raise InputError(f"{target.name}.values", values, "values of one kind: numbers, texts, or true and false")
+    return checked_values
 
 
-def _bound(where: Key, table: Mapping[str, Any], end: str, units_required: bool) -> float:
+def _read_bound(target: Key, table: Mapping[str, Any], end: str, units_required: bool) -> float:
     """Read one end of a range."""
     if end not in table:
-        raise InputError(f"{where.name}.{end}", Words("missing"), "from and to, or values")
-    value = _one(where, table[end], f"{where.name}.{end}", units_required)
+        raise InputError(f"{target.name}.{end}", Words("missing"), "from and to, or values")
+    value = _read_value(target, table[end], f"{target.name}.{end}", units_required)
     if not isinstance(value, float) or not np.isfinite(value):
-        raise InputError(f"{where.name}.{end}", table[end], "a finite number" + (" with its unit" if where.quantity else ""))
+        raise InputError(f"{target.name}.{end}", table[end], "a finite number" + (" with its unit" if target.quantity else ""))
     return value
 
 
-def _one(where: Key, value: object, name: str, units_required: bool) -> Value:
-    return where.value(value.item() if isinstance(value, np.generic) else value, name, units_required)
+def _read_value(target: Key, value: object, name: str, units_required: bool) -> Value:
+    return target.read_value(value.item() if isinstance(value, np.generic) else value, name, units_required)
 
 
-def whole(name: str, value: object, low: int, high: int) -> int:
+def check_integer(name: str, value: object, low: int, high: int) -> int:
     """Check an integer from ``low`` to ``high`` and return it. Raises ``InputError``."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or not low <= value <= high:
         raise InputError(name, Words("missing") if value is None else value, f"a whole number from {low} to {high}")

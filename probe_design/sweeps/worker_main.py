@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from probe_design.sweeps.keys import Value
     from probe_design.sweeps.rows import Job
 
-ENOUGH = 2.0  # seconds after which the rest of a batch is returned: rows are committed only when a batch ends
+MAX_BATCH_TIME_S = 2.0  # seconds after which the rest of a batch is returned: rows are committed only when a batch ends
 
 
 def main() -> None:
@@ -26,37 +26,37 @@ def main() -> None:
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)  # what libraries print goes to standard error
     from geometry.common.errors import InputError
-    from geometry.common.resources import Limits, limited
+    from geometry.common.resources import Limits, use_limits
     from probe_design.sweeps.rows import Job
     from solver.linalg.memory import give_back
 
-    def tell(answer: Any) -> None:
+    def send(message: Any) -> None:
         try:
-            answers.write(json.dumps(answer) + "\n")
+            answers.write(json.dumps(message) + "\n")
             answers.flush()
         except BrokenPipeError:
             os._exit(1)
 
-    told, limits = json.loads(sys.stdin.readline())
-    job = Job(**told)
-    job.load()
-    tell("ready")
-    with limited(Limits(**limits)):
+    job_fields, limits = json.loads(sys.stdin.readline())
+    job = Job(**job_fields)
+    job.warm_up()
+    send("ready")
+    with use_limits(Limits(**limits)):
         for line in sys.stdin:
             try:
-                _answer(job, json.loads(line), tell)
+                _evaluate_batch(job, json.loads(line), send)
                 give_back()
             except InputError as fault:
-                tell({"refused": str(fault)})
+                send({"refused": str(fault)})
 
 
-def _answer(job: Job, designs: list[list[Value]], tell: Callable[[Any], None]) -> None:
+def _evaluate_batch(job: Job, designs: list[list[Value]], send: Callable[[Any], None]) -> None:
     """Evaluate a batch and send its rows part by part, until the time for a batch is over."""
-    until = monotonic() + ENOUGH
-    for rows in job.pieces([tuple(values) for values in designs]):
-        enough = monotonic() > until
-        tell({"rows": rows, "enough": enough})
-        if enough:
+    deadline = monotonic() + MAX_BATCH_TIME_S
+    for rows in job.evaluate_parts([tuple(values) for values in designs]):
+        is_late = monotonic() > deadline
+        send({"rows": rows, "enough": is_late})
+        if is_late:
             return
 
 

@@ -29,7 +29,7 @@ class Task:
     group: int | None = None
 
 
-class CrewError(ProbeError):
+class WorkerPoolError(ProbeError):
     """The workers cannot run, for a reason that is not in the designs."""
 
 
@@ -49,10 +49,10 @@ class Outcome:
     """
 
     rows: tuple[Row, ...] = ()
-    held: int = 0
-    ended: str = ""
-    late: bool = False
-    refused: str = ""
+    unfinished: int = 0
+    failure: str = ""
+    is_late: bool = False
+    refusal: str = ""
 
 
 @dataclass(frozen=True)
@@ -63,22 +63,22 @@ class FinishedBatch:
     outcome: Outcome
 
 
-class Crew(Protocol):
+class WorkerPool(Protocol):
     """A pool of workers on this computer or a cluster."""
 
-    def free(self) -> int:
+    def count_free(self) -> int:
         """Return how many more batches can be submitted now."""
         ...
 
-    def size(self) -> int:
+    def count_workers(self) -> int:
         """Return the number of workers."""
         ...
 
-    def give(self, batch: Batch) -> None:
+    def submit(self, batch: Batch) -> None:
         """Give a batch to a worker."""
         ...
 
-    def take(self, seconds: float) -> list[FinishedBatch]:
+    def collect(self, seconds: float) -> list[FinishedBatch]:
         """Wait at most ``seconds`` for finished batches."""
         ...
 

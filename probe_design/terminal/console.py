@@ -9,8 +9,8 @@ from contextlib import contextmanager, nullcontext
 from shutil import get_terminal_size
 from typing import TYPE_CHECKING, Any
 
-from geometry.common.errors import one_line
-from geometry.common.limits import most
+from geometry.common.errors import to_one_line
+from geometry.common.limits import format_maximum
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from solver.planning.plan import Plan
     from solver.results.result import Curve, Result
 
-UNITS = {
+QUANTITY_UNITS = {
     "stress_inner": "Pa", "stress_outer": "Pa", "ratio": "", "log_sensitivity": "", "stiffness": "N/m", "charge_inner": "C",
     "charge_outer": "C", "error_estimate": "", "equivalent_modulus": "Pa", "residual": "",
     "frequency": "Hz", "ratio_phase": "rad", "ratio_phase_error": "rad",
@@ -32,55 +32,58 @@ UNITS = {
 CURVE_ROWS, SCAN_ROWS, MAP_ROWS = 25, 41, 20  # largest numbers of rows of a table
 
 
-def message(text: str) -> None:
+def write_message(text: str) -> None:
     """Write one line to standard error."""
-    print(f"probe-design: {one_line(text)}", file=sys.stderr, flush=True)
+    print(f"probe-design: {to_one_line(text)}", file=sys.stderr, flush=True)
 
 
 def warn(warnings: Iterable[str]) -> None:
     """Write each warning as a line to standard error."""
     for warning in warnings:
-        message(f"warning: {warning}")
+        write_message(f"warning: {warning}")
 
 
-def result_table(result: Result) -> Table:
+def build_result_table(result: Result) -> Table:
     """Return the results of one evaluation as a table; null values are left out, and a warning gives the reason."""
-    table = _table(title=f"{result.evaluator}, {result.seconds:.2g} s")
+    table = _make_table(title=f"{result.evaluator}, {result.seconds:.2g} s")
     for heading in ("quantity", "value", "unit"):
         table.add_column(heading, justify="right" if heading == "value" else "left")
     values = result.as_dict()
-    for key, unit in UNITS.items():
+    for key, unit in QUANTITY_UNITS.items():
         if values[key] is not None:
             table.add_row(key, f"{values[key]:.6g}", unit)
     for name in ("linear_limit_load", "gap_closure_load"):
         limit = getattr(result, name)
         if limit is not None:
-            table.add_row(f"{name} ({limit.how})", most(limit.force, 3), "N")
+            table.add_row(f"{name} ({limit.how})", format_maximum(limit.force, 3), "N")
     return table
 
 
-def plan_table(plan: Plan) -> Table:
+def build_plan_table(plan: Plan) -> Table:
     """Return a plan as a table, one row for each decision."""
-    from solver.results.result import LARGEST
+    from solver.results.result import MAX_EFFECT
 
-    table = _table(title=f"{plan.evaluator or 'no evaluator'}: {plan.dimension}", caption="relative changes by each feature")
+    table = _make_table(title=f"{plan.evaluator or 'no evaluator'}: {plan.dimension}", caption="relative changes by each feature")
     for heading in ("feature", "modelled", "ratio", "stresses", "stiffness"):
         table.add_column(heading, justify="left" if heading in ("feature", "modelled") else "right", no_wrap=True)
-    for one in plan.decisions:
-        effects = (one.effect, one.effect_on_stresses, one.effect_on_stiffness)
-        sizes = ("-" if effect is None else "unknown" if effect >= LARGEST else f"{effect:.2g}" for effect in effects)
-        table.add_row(one.feature, "yes" if one.modelled else "no", *sizes)
+    for decision in plan.decisions:
+        effects = (decision.effect, decision.effect_on_stresses, decision.effect_on_stiffness)
+        sizes = ("-" if effect is None else "unknown" if effect >= MAX_EFFECT else f"{effect:.2g}" for effect in effects)
+        table.add_row(decision.feature, "yes" if decision.modelled else "no", *sizes)
     return table
 
 
-def plan_lines(plan: Plan) -> list[str]:
+def list_plan_lines(plan: Plan) -> list[str]:
     """Return the reason for each decision, and the limits of the load, one line each."""
-    return [*(f"{one.feature}: {one.reason}" for one in plan.decisions), *(f"load: {line}" for line in plan.load_limits.lines)]
+    return [
+        *(f"{decision.feature}: {decision.reason}" for decision in plan.decisions),
+        *(f"load: {line}" for line in plan.load_limits.sentences),
+    ]
 
 
-def curve_table(curve: Curve) -> Table:
+def build_curve_table(curve: Curve) -> Table:
     """Return a curve as a table of at most 25 rows; null values are dashes."""
-    table = _table(title=f"{curve.evaluator}, {len(curve.ratio)} moduli in {curve.seconds:.2g} s")
+    table = _make_table(title=f"{curve.evaluator}, {len(curve.ratio)} moduli in {curve.seconds:.2g} s")
     for heading in ("youngs_modulus, Pa", "ratio", "log_sensitivity", "error_estimate"):
         table.add_column(heading, justify="right")
     step = -(-len(curve.ratio) // CURVE_ROWS)
@@ -89,14 +92,20 @@ def curve_table(curve: Curve) -> Table:
     return table
 
 
-def scan_table(scan: Scan) -> Table:
+def build_scan_table(scan: Scan) -> Table:
     """Return a scan as a table of at most 41 rows; null values are dashes."""
-    across = "y" if scan.along == "x" else "x"
-    where = f"along {scan.along} at {across} = {scan.at * 1e3:.6g} mm"
-    table = _table(title=f"{scan.evaluator}, {len(scan.ratio)} positions {where} in {scan.seconds:.2g} s")
+    cross_axis = "y" if scan.along == "x" else "x"
+    line_text = f"along {scan.along} at {cross_axis} = {scan.at * 1e3:.6g} mm"
+    table = _make_table(title=f"{scan.evaluator}, {len(scan.ratio)} positions {line_text} in {scan.seconds:.2g} s")
     for heading in ("position, mm", "ratio", "stiffness, N/m", "log_sensitivity", "error_estimate"):
         table.add_column(heading, justify="right")
-    columns = ([1e3 * at for at in scan.position], scan.ratio, scan.stiffness, scan.log_sensitivity, scan.error_estimate)
+    columns = (
+        [1e3 * position for position in scan.position],
+        scan.ratio,
+        scan.stiffness,
+        scan.log_sensitivity,
+        scan.error_estimate,
+    )
     for row in list(zip(*columns, strict=True))[:: -(-len(scan.ratio) // SCAN_ROWS)]:
         table.add_row(
             *("-" if value is None else f"{value:.{digits}g}" for value, digits in zip(row, (4, 6, 6, 4, 2), strict=True))
@@ -104,31 +113,31 @@ def scan_table(scan: Scan) -> Table:
     return table
 
 
-def threshold_table(maps: Detectability) -> Table:
+def build_threshold_table(maps: Detectability) -> Table:
     """Return a table of the smallest detected and resolved diameters at some depths; a dash where there is none."""
     noise = f"noise {maps.noise:g} on the ratio"
     title = f"{maps.evaluator}, {len(maps.depth)} depths x {len(maps.diameter)} diameters in {maps.seconds:.2g} s, {noise}"
-    table = _table(title=title)
+    table = _make_table(title=title)
     for heading in ("depth, mm", "largest that fits, mm", "detected from, mm", "resolved from, mm"):
         table.add_column(heading, justify="right")
     for depth, *columns in list(zip(maps.depth, maps.change, maps.seen, maps.resolved, strict=True))[
         :: -(-len(maps.depth) // MAP_ROWS)
     ]:
         fits = [diameter for diameter, change in zip(maps.diameter, columns[0], strict=True) if change is not None]
-        least = (next((d for d, yes in zip(maps.diameter, row, strict=True) if yes), None) for row in columns[1:])
-        row = (depth, fits[-1] if fits else None, *least)
+        smallest = (next((d for d, verdict in zip(maps.diameter, row, strict=True) if verdict), None) for row in columns[1:])
+        row = (depth, fits[-1] if fits else None, *smallest)
         table.add_row(*("-" if value is None else f"{1e3 * value:.4g}" for value in row))
     return table
 
 
-def show(table: Table) -> None:
+def show_table(table: Table) -> None:
     """Write a table to standard output; on a narrow terminal the lines are longer, so that no number is cut."""
     from probe_design.terminal.whole_table import WholeTable
 
-    rich_console(stderr=False).print(WholeTable(table), soft_wrap=True)
+    make_console(stderr=False).print(WholeTable(table), soft_wrap=True)
 
 
-def rich_console(stderr: bool = True) -> Console:
+def make_console(stderr: bool = True) -> Console:
     """Return the rich console of standard error or output; invalid sizes in ``COLUMNS`` and ``LINES`` are ignored."""
     from rich.console import Console
 
@@ -139,25 +148,25 @@ def rich_console(stderr: bool = True) -> Console:
     return Console(stderr=stderr, markup=False, emoji=False, width=width, height=height)
 
 
-def _table(title: str, caption: str | None = None) -> Table:
+def _make_table(title: str, caption: str | None = None) -> Table:
     from rich.table import Table  # imported late: --json into a file does not need rich
 
     return Table(title=title, caption=caption)
 
 
-def _terminal() -> Console | None:
+def _find_terminal() -> Console | None:
     """Return the console of standard error if it is a terminal, else None."""
-    return rich_console() if sys.stderr.isatty() else None
+    return make_console() if sys.stderr.isatty() else None
 
 
-def _plain(text: str) -> Text:
+def _make_text(text: str) -> Text:
     """Return a line as text without rich's markup."""
     from rich.text import Text
 
-    return Text(one_line(text))
+    return Text(to_one_line(text))
 
 
-def _bars(terminal: Console, transient: bool) -> Progress:
+def _make_bars(terminal: Console, transient: bool) -> Progress:
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
     text = TextColumn("{task.description}", markup=False)
@@ -166,49 +175,49 @@ def _bars(terminal: Console, transient: bool) -> Progress:
 
 
 @contextmanager
-def working(text: str) -> Iterator[None]:
+def show_spinner(text: str) -> Iterator[None]:
     """Show a spinner with a text on a terminal."""
-    terminal = _terminal()
-    with terminal.status(_plain(text)) if terminal else nullcontext():
+    terminal = _find_terminal()
+    with terminal.status(_make_text(text)) if terminal else nullcontext():
         yield
 
 
 @contextmanager
-def saying(text: str) -> Iterator[Callable[[str], None]]:
+def show_steps(text: str) -> Iterator[Callable[[str], None]]:
     """Yield a function (line) that shows the current step: next to a spinner on a terminal, as lines elsewhere."""
-    terminal = _terminal()
+    terminal = _find_terminal()
     if terminal is None:
-        yield message
+        yield write_message
         return
-    with terminal.status(_plain(text)) as status:
-        yield lambda line: status.update(_plain(f"{text}: {line}"))
+    with terminal.status(_make_text(text)) as status:
+        yield lambda line: status.update(_make_text(f"{text}: {line}"))
 
 
 @contextmanager
-def counting(text: str) -> Iterator[Callable[[int, int], None]]:
+def show_count(text: str) -> Iterator[Callable[[int, int], None]]:
     """Yield a function (done, total) that updates a progress bar on a terminal, and does nothing elsewhere."""
-    terminal = _terminal()
+    terminal = _find_terminal()
     if terminal is None:
         yield lambda done, total: None
         return
-    with _bars(terminal, transient=True) as bars:
-        task = bars.add_task(one_line(text), total=None)
+    with _make_bars(terminal, transient=True) as bars:
+        task = bars.add_task(to_one_line(text), total=None)
         yield lambda done, total: bars.update(task, completed=done, total=total)
 
 
 @contextmanager
-def stages() -> Iterator[Any]:
+def show_stages() -> Iterator[Any]:
     """Yield a function (stage, done, total) that shows a progress bar per stage, or lines without a terminal."""
-    terminal = _terminal()
+    terminal = _find_terminal()
     if terminal is None:
-        yield lambda stage, done, total: message(f"{stage}: {done} of {total}") if done in (0, total) else None
+        yield lambda stage, done, total: write_message(f"{stage}: {done} of {total}") if done in (0, total) else None
         return
-    with _bars(terminal, transient=False) as bars:
+    with _make_bars(terminal, transient=False) as bars:
         tasks: dict[str, Any] = {}
 
         def update(stage: str, done: int, total: int) -> None:
             if stage not in tasks:
-                tasks[stage] = bars.add_task(one_line(stage), total=total)
+                tasks[stage] = bars.add_task(to_one_line(stage), total=total)
             bars.update(tasks[stage], completed=done)
 
         yield update

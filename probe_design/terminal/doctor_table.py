@@ -7,17 +7,17 @@ from collections.abc import Sequence
 from rich.markup import escape
 from rich.table import Table
 
-from geometry.common.errors import one_line
+from geometry.common.errors import to_one_line
 from probe_design.doctor.finding import Finding
 
 
-def doctor_table(findings: Sequence[Finding], versions: dict[str, str | None]) -> Table:
+def build_doctor_table(findings: Sequence[Finding], versions: dict[str, str | None]) -> Table:
     """Return findings as a table, one row each, with the versions below."""
     names = ", ".join(f"{name} {number}" for name, number in versions.items() if number is not None)
     table = Table(caption=escape(names), caption_justify="left")
     table.add_column("what")
     table.add_column("state")
     table.add_column("found", overflow="fold")
-    for one in findings:
-        table.add_row(escape(one_line(one.name)), one.state, escape(one_line(one.text)))
+    for finding in findings:
+        table.add_row(escape(to_one_line(finding.name)), finding.state, escape(to_one_line(finding.text)))
     return table

@@ -6,90 +6,104 @@ from rich.table import Table
 
 from probe_design.estimation.answer import Estimate
 from probe_design.estimation.next_reading import ExpectedInterval
-from probe_design.estimation.reasons import NAMES, shown
+from probe_design.estimation.reasons import UNKNOWN_NAMES, format_value
 from probe_design.estimation.strength import Interval
 
 
-def sentence(estimate: Estimate) -> str:
+def write_sentence(estimate: Estimate) -> str:
     """Return the estimate in one or two sentences."""
-    name = NAMES.get(estimate.unknown, estimate.unknown)
+    name = UNKNOWN_NAMES.get(estimate.unknown, estimate.unknown)
     if estimate.value is not None:
-        value, interval = shown(estimate.unknown, estimate.value), _between(estimate.unknown, estimate.interval)
+        value, interval = format_value(estimate.unknown, estimate.value), _describe_interval(estimate.unknown, estimate.interval)
         return f"{name} = {value}, 95 % interval {interval}"
-    instead = [] if estimate.unknown == "depth" or estimate.depth is None else [_depth(estimate)]
+    alternatives = [] if estimate.unknown == "depth" or estimate.depth is None else [_describe_depth(estimate)]
     if estimate.strength is not None:
-        size = " (the scene's)" if estimate.strength_interval is None else _sized(estimate.strength_interval)
-        instead.append(f"strength {estimate.strength * 1e9:.4g} mm^3{size}")
-    left = f" What can be estimated: {', '.join(instead)}." if instead else ""
-    return f"{name} is not identifiable: {estimate.reason}.{left}"
+        size = " (the scene's)" if estimate.strength_interval is None else _describe_strength(estimate.strength_interval)
+        alternatives.append(f"strength {estimate.strength * 1e9:.4g} mm^3{size}")
+    alternatives_text = f" What can be estimated: {', '.join(alternatives)}." if alternatives else ""
+    return f"{name} is not identifiable: {estimate.reason}.{alternatives_text}"
 
 
-def advice(estimate: Estimate) -> list[str]:
+def list_advice(estimate: Estimate) -> list[str]:
     """Return the advice what to measure next, with expected intervals, one line each; nothing if it was not requested."""
-    found = estimate.next
-    if found is None:
+    next_reading = estimate.next
+    if next_reading is None:
         return []
-    lines = [f"next: {found.verdict}"]
-    if found.reading is not None:
-        lines += [f"  expected with {one.told}: {_expected(estimate.unknown, one)}" for one in (found.reading, *found.others[:2])]
-    if found.together is not None:
-        lines.append(f"  expected with {found.together.told}: {_expected(estimate.unknown, found.together)}")
+    lines = [f"next: {next_reading.verdict}"]
+    if next_reading.reading is not None:
+        lines += [
+            f"  expected with {expected.told}: {_describe_expected(estimate.unknown, expected)}"
+            for expected in (next_reading.reading, *next_reading.others[:2])
+        ]
+    if next_reading.together is not None:
+        lines.append(
+            f"  expected with {next_reading.together.told}: {_describe_expected(estimate.unknown, next_reading.together)}"
+        )
     return lines
 
 
-def _expected(unknown: str, one: ExpectedInterval) -> str:
-    apart = "open in most cases" if one.width is None else f"ends a factor of {one.width:.3g} apart"
-    return f"{_between(unknown, one.interval)}, {apart}; identifiable with a probability of {one.identifiable:.2g}"
+def _describe_expected(unknown: str, expected: ExpectedInterval) -> str:
+    width_text = "open in most cases" if expected.width is None else f"ends a factor of {expected.width:.3g} apart"
+    return (
+        f"{_describe_interval(unknown, expected.interval)}, {width_text}; identifiable with a probability of "
+        f"{expected.identifiable:.2g}"
+    )
 
 
-def estimate_table(estimate: Estimate) -> Table:
+def build_estimate_table(estimate: Estimate) -> Table:
     """Return an estimate as a table."""
-    table = Table(title=f"{estimate.evaluator}, {estimate.seconds:.2g} s, {_noise(estimate)}")
+    table = Table(title=f"{estimate.evaluator}, {estimate.seconds:.2g} s, {_describe_noise(estimate)}")
     for heading in ("quantity", "value", "95 % interval"):
         table.add_column(heading, justify="left" if heading == "quantity" else "right")
-    value = "not identifiable" if estimate.value is None else shown(estimate.unknown, estimate.value)
-    table.add_row(estimate.unknown, value, _between(estimate.unknown, estimate.interval))
-    table.add_row("by the noise alone", "", _between(estimate.unknown, estimate.interval_of_noise))
+    value = "not identifiable" if estimate.value is None else format_value(estimate.unknown, estimate.value)
+    table.add_row(estimate.unknown, value, _describe_interval(estimate.unknown, estimate.interval))
+    table.add_row("by the noise alone", "", _describe_interval(estimate.unknown, estimate.interval_of_noise))
     if estimate.interval_if_known is not None:
-        table.add_row("with all else known", "", _between(estimate.unknown, estimate.interval_if_known))
+        table.add_row("with all else known", "", _describe_interval(estimate.unknown, estimate.interval_if_known))
     if estimate.unknown != "depth" and estimate.depth is not None:
-        table.add_row("depth", shown("depth", estimate.depth), _optional("depth", estimate.depth_interval))
+        table.add_row("depth", format_value("depth", estimate.depth), _describe_optional("depth", estimate.depth_interval))
     if estimate.strength is not None:
-        table.add_row("strength", f"{estimate.strength * 1e9:.4g} mm^3", _sized(estimate.strength_interval, "given").strip(" ()"))
+        table.add_row(
+            "strength",
+            f"{estimate.strength * 1e9:.4g} mm^3",
+            _describe_strength(estimate.strength_interval, "given").strip(" ()"),
+        )
     if estimate.error_estimate is not None:
         table.add_row("error_estimate", f"{estimate.error_estimate:.2g}", "")
     return table
 
 
-def _noise(estimate: Estimate) -> str:
-    least, most = min(estimate.noise), max(estimate.noise)
-    rough = [f"{name} known to {100 * sd:.3g} %" for name, sd in estimate.nuisances.items()]
-    return ", ".join([f"noise {least:g}{f' to {most:g}' if most > least else ''} on the ratio", *rough])
+def _describe_noise(estimate: Estimate) -> str:
+    min_noise, max_noise = min(estimate.noise), max(estimate.noise)
+    nuisances = [f"{name} known to {100 * sd:.3g} %" for name, sd in estimate.nuisances.items()]
+    return ", ".join([f"noise {min_noise:g}{f' to {max_noise:g}' if max_noise > min_noise else ''} on the ratio", *nuisances])
 
 
-def _depth(estimate: Estimate) -> str:
+def _describe_depth(estimate: Estimate) -> str:
     assert estimate.depth is not None
-    where = " (the scene's)" if estimate.depth_interval is None else f" ({_between('depth', estimate.depth_interval)})"
-    return f"depth {shown('depth', estimate.depth)}{where}"
+    interval_text = (
+        " (the scene's)" if estimate.depth_interval is None else f" ({_describe_interval('depth', estimate.depth_interval)})"
+    )
+    return f"depth {format_value('depth', estimate.depth)}{interval_text}"
 
 
-def _optional(unknown: str, interval: Interval | None) -> str:
-    return "given" if interval is None else _between(unknown, interval)
+def _describe_optional(unknown: str, interval: Interval | None) -> str:
+    return "given" if interval is None else _describe_interval(unknown, interval)
 
 
-def _between(unknown: str, interval: Interval) -> str:
-    low, high = (None if end is None else shown(unknown, end) for end in interval)
-    return _words(low, high)
+def _describe_interval(unknown: str, interval: Interval) -> str:
+    low, high = (None if end is None else format_value(unknown, end) for end in interval)
+    return _join_ends(low, high)
 
 
-def _sized(interval: Interval | None, otherwise: str = "") -> str:
+def _describe_strength(interval: Interval | None, otherwise: str = "") -> str:
     if interval is None:
         return otherwise
     low, high = (None if end is None else f"{end * 1e9:.4g}" for end in interval)
-    return f" ({_words(low, high)} mm^3)" if low or high else " (open)"
+    return f" ({_join_ends(low, high)} mm^3)" if low or high else " (open)"
 
 
-def _words(low: str | None, high: str | None) -> str:
+def _join_ends(low: str | None, high: str | None) -> str:
     if low is None and high is None:
         return "open"
     return f"above {low}" if high is None else f"below {high}" if low is None else f"{low} to {high}"

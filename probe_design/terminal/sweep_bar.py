@@ -9,25 +9,25 @@ from time import monotonic
 from rich.progress import BarColumn, SpinnerColumn, TextColumn
 from rich.progress import Progress as Bars
 
-from probe_design.sweeps.progress import EVERY, Progress, Tell
-from probe_design.terminal.console import message, rich_console
+from probe_design.sweeps.progress import LOG_INTERVAL_S, Progress, Tell
+from probe_design.terminal.console import make_console, write_message
 
 
 @contextmanager
-def shown() -> Iterator[Tell]:
+def show_sweep() -> Iterator[Tell]:
     """Yield a function that shows the progress of a sweep on standard error."""
-    console = rich_console()
+    console = make_console()
     if console.is_terminal:
         with Bars(SpinnerColumn(), BarColumn(), TextColumn("{task.description}"), console=console, transient=True) as bars:
             task = bars.add_task("starting")
-            yield lambda state: bars.update(task, description=state.line(), completed=state.done, total=state.total)
+            yield lambda state: bars.update(task, description=state.describe(), completed=state.done, total=state.total)
         return
-    last = -EVERY
+    last_time = -LOG_INTERVAL_S
 
-    def tell(state: Progress) -> None:
-        nonlocal last
-        if monotonic() - last >= EVERY or state.done == state.total:
-            last = monotonic()
-            message(state.line())
+    def report(state: Progress) -> None:
+        nonlocal last_time
+        if monotonic() - last_time >= LOG_INTERVAL_S or state.done == state.total:
+            last_time = monotonic()
+            write_message(state.describe())
 
-    yield tell
+    yield report

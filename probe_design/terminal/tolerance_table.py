@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from geometry.scenes.catalogue import modulus_text
+from geometry.scenes.catalogue import format_modulus
 
 if TYPE_CHECKING:
     from rich.table import Table
 
     from probe_design.tolerances.budget import BudgetLine, ToleranceBudget
 
-NAMES = {
+OUTPUT_NAMES = {
     "ln_ratio": "ratio",
     "ln_ratio_over_drawn_areas": "ratio over the drawn areas",
     "ln_stiffness": "stiffness by both films",
@@ -19,7 +19,7 @@ NAMES = {
 }
 
 
-def tolerance_table(budget: ToleranceBudget) -> Table:
+def build_tolerance_table(budget: ToleranceBudget) -> Table:
     """Return a budget as a table, the largest share of variance first."""
     from rich.table import Table
 
@@ -31,35 +31,35 @@ def tolerance_table(budget: ToleranceBudget) -> Table:
         part = line.outputs["ln_ratio"]
         ends = part.total_interval
         sobol = "-" if ends is None else f"{max(ends[0], 0.0):.3f} to {ends[1]:.3f}"
-        held = "-" if line.held is None else _sd(line, line.held)
+        required = "-" if line.held is None else _format_sd(line, line.held)
         moves = f"{100 * part.contribution:.2g} %"
-        table.add_row(line.name, _drawn(line), _sd(line, line.sd), moves, f"{part.share:.3f}", sobol, held)
+        table.add_row(line.name, _format_nominal(line), _format_sd(line, line.sd), moves, f"{part.share:.3f}", sobol, required)
     return table
 
 
-def tolerance_lines(budget: ToleranceBudget) -> list[str]:
+def write_tolerance_lines(budget: ToleranceBudget) -> list[str]:
     """Return the standard deviation of each output, one line each."""
     lines = []
-    for key, one in budget.outputs.items():
+    for key, output in budget.outputs.items():
         absolute = key == "log_sensitivity"
-        sd = f"{one.sd:.3g}" if absolute else f"{100 * one.sd:.3g} %"
-        beside = "no samples beside it"
-        if one.sampled is not None and one.sampled_error is not None:
+        sd = f"{output.sd:.3g}" if absolute else f"{100 * output.sd:.3g} %"
+        sampled_text = "no samples beside it"
+        if output.sampled is not None and output.sampled_error is not None:
             scale, unit = (1.0, "") if absolute else (100.0, " %")
-            beside = f"samples {scale * one.sampled:.3g} +- {scale * one.sampled_error:.2g}{unit}"
-        size = one.error_estimate
+            sampled_text = f"samples {scale * output.sampled:.3g} +- {scale * output.sampled_error:.2g}{unit}"
+        size = output.error_estimate
         error = ", error of it not known" if size is None else f", error of it {100 * size:.2g} % at most"
-        lines.append(f"{NAMES[key]}: standard deviation {sd} to first order, {beside}{error}")
+        lines.append(f"{OUTPUT_NAMES[key]}: standard deviation {sd} to first order, {sampled_text}{error}")
     return lines
 
 
-def _drawn(line: BudgetLine) -> str:
+def _format_nominal(line: BudgetLine) -> str:
     if line.kind == "length":
         return f"{1e3 * line.value:.4g} mm"
-    return modulus_text(line.value) if line.kind == "modulus" else f"{line.value:.4g}"
+    return format_modulus(line.value) if line.kind == "modulus" else f"{line.value:.4g}"
 
 
-def _sd(line: BudgetLine, sd: float) -> str:
+def _format_sd(line: BudgetLine, sd: float) -> str:
     """Return a standard deviation as text in the unit of a workshop: um, mm or %."""
     if line.kind == "length":
         return f"{1e6 * sd:.2g} um" if sd < 1e-3 else f"{1e3 * sd:.2g} mm"

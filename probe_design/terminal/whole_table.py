@@ -7,9 +7,9 @@ from rich.measure import Measurement
 from rich.segment import Segment
 from rich.table import Table
 
-from geometry.common.errors import printable
+from geometry.common.errors import escape_unprintable
 
-_ANY = 10_000  # characters, more than any table needs
+_UNLIMITED_WIDTH = 10_000  # characters, more than any table needs
 
 
 class WholeTable:
@@ -20,11 +20,13 @@ class WholeTable:
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """Render the table. Each column gets the width of its longest word as minimum, as rich cuts words otherwise."""
-        wide = options.update(width=_ANY)
+        wide_options = options.update(width=_UNLIMITED_WIDTH)
         for column in self._table.columns:
-            words = (Measurement.get(console, wide, cell) for cell in (column.header, *column.cells))
-            column.min_width = max((one.maximum if column.no_wrap else one.minimum for one in words), default=1)
-        least = Measurement.get(console, wide, self._table).minimum
-        for part in console.render(self._table, options.update(width=max(least, options.max_width))):
-            text = part.text if part.control else "\n".join(map(printable, part.text.split("\n")))
+            words = (Measurement.get(console, wide_options, cell) for cell in (column.header, *column.cells))
+            column.min_width = max(
+                (measurement.maximum if column.no_wrap else measurement.minimum for measurement in words), default=1
+            )
+        min_width = Measurement.get(console, wide_options, self._table).minimum
+        for part in console.render(self._table, options.update(width=max(min_width, options.max_width))):
+            text = part.text if part.control else "\n".join(map(escape_unprintable, part.text.split("\n")))
             yield Segment(text, part.style, part.control)

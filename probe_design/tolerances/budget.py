@@ -27,20 +27,20 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
 from geometry.scenes.scene import Scene
 from probe_design.built_probe.bench import Bench
-from probe_design.built_probe.block_predictions import by_outer_radius
-from probe_design.tolerances.sampled import OUTPUTS, Sampled, sampled
-from probe_design.tolerances.slopes import level_of, slopes
-from probe_design.tolerances.variables import Toleranced, toleranced
+from probe_design.built_probe.block_predictions import express_by_outer_radius
+from probe_design.tolerances.sampled import OUTPUT_NAMES, SampleStatistics, sample_probes
+from probe_design.tolerances.slopes import choose_evaluator, compute_derivatives
+from probe_design.tolerances.variables import UncertainNumber, list_uncertain_numbers
 from solver import evaluator
 from solver.closed_form.level import ClosedForm
-from solver.planning.load_check import with_warning
+from solver.planning.load_check import add_load_warning
 from solver.results.result import Result
-from solver.results.warnings import of_kind
+from solver.results.warnings import select_notes
 
-ACCURACY = 1e-3  # of the finite elements that give the outputs and their derivatives
-LINEAR = 0.01  # a load for which linear elasticity is less accurate than this gives a warning
-SAMPLES = (64, 65536)  # lowest and highest number of samples
-OF_SLOPES = 5.0  # error of derivatives over that of the ratio: the bound that DESIGN states for the log-sensitivity
+NOMINAL_ACCURACY = 1e-3  # of the finite elements that give the outputs and their derivatives
+LOAD_ACCURACY = 0.01  # a load for which linear elasticity is less accurate than this gives a warning
+SAMPLE_LIMITS = (64, 65536)  # lowest and highest number of samples
+DERIVATIVE_ERROR_FACTOR = 5.0  # error of derivatives over that of the ratio: the bound that DESIGN states for the log-sensitivity
 
 
 @dataclass(frozen=True)
@@ -156,28 +156,30 @@ def tolerances(
         Refusal: no such evaluator takes the scene, or a film is not under pressure.
     """
     start = perf_counter()
-    _check(ratio, samples)
-    scene = by_heights(by_outer_radius(scene))
-    variables, level = toleranced(scene, bench, materials, given), level_of(scene)
-    told = with_warning(evaluator(level).evaluate(scene, ACCURACY), scene, LINEAR)
-    if told.ratio is None or told.ratio <= 0 or told.error_estimate is None:
+    _check_request(ratio, samples)
+    scene = split_heights(express_by_outer_radius(scene))
+    variables, evaluator_name = list_uncertain_numbers(scene, bench, materials, given), choose_evaluator(scene)
+    result = add_load_warning(evaluator(evaluator_name).evaluate(scene, NOMINAL_ACCURACY), scene, LOAD_ACCURACY)
+    if result.ratio is None or result.ratio <= 0 or result.error_estimate is None:
         raise InputError("load", "ratio", "a scene whose films are both pressed")
-    slope = slopes(scene, variables, ACCURACY)
-    moved = slope * [one.sd for one in variables]
-    why = ClosedForm().refusal(scene)
-    drawn = sampled(scene, variables, samples, seed) if why is None else None
-    notes = [str(one) for one in told.warnings]
-    if drawn is None:
+    derivatives = compute_derivatives(scene, variables, NOMINAL_ACCURACY)
+    contributions = derivatives * [item.sd for item in variables]
+    refusal = ClosedForm().refusal(scene)
+    statistics = sample_probes(scene, variables, samples, seed) if refusal is None else None
+    notes = [str(item) for item in result.warnings]
+    if statistics is None:
         notes.append(
-            f"no samples: closed-form takes {why}" if why else "no samples: the closed form has no result for some built probes"
+            f"no samples: closed-form takes {refusal}"
+            if refusal
+            else "no samples: the closed form has no result for some built probes"
         )
     return ToleranceBudget(
-        level, perf_counter() - start, ratio, {key: getattr(told, key) for key in ("ratio", "stiffness", "log_sensitivity")},
-        _scatter(moved, drawn, told), _lines(variables, slope, drawn, ratio), 0 if drawn is None else drawn.designs, tuple(notes),
+        evaluator_name, perf_counter() - start, ratio, {key: getattr(result, key) for key in ("ratio", "stiffness", "log_sensitivity")},
+        _build_scatter(contributions, statistics, result), _build_lines(variables, derivatives, statistics, ratio), 0 if statistics is None else statistics.designs, tuple(notes),
     )  # fmt: skip
 
 
-def by_heights(scene: Scene) -> Scene:
+def split_heights(scene: Scene) -> Scene:
     """Return the scene with separate heights of the blocks, which are made separately; unchanged with an elastic base."""
     height = scene.probe.height
     if height is None or not scene.probe.base.rigid:
@@ -186,62 +188,74 @@ def by_heights(scene: Scene) -> Scene:
     return Scene.model_validate(scene.model_dump(exclude_unset=True) | {"probe": probe})
 
 
-def held(sds: Floats, contributions: Floats, allowed: float) -> Floats:
+def allocate_tolerances(sds: Floats, contributions: Floats, allowed: float) -> Floats:
     """Return the standard deviations of minimum cost, eq. TO.5; infinite for numbers without contribution; shapes (v,)."""
-    size = np.abs(contributions)
-    scale = np.power(size, -2 / 3, out=np.full_like(size, np.inf), where=size > 0)
-    return np.where(size > 0, np.where(size > 0, sds, 1.0) * allowed * scale / np.sqrt((size ** (2 / 3)).sum() or 1.0), np.inf)
+    magnitude = np.abs(contributions)
+    scale = np.power(magnitude, -2 / 3, out=np.full_like(magnitude, np.inf), where=magnitude > 0)
+    return np.where(
+        magnitude > 0, np.where(magnitude > 0, sds, 1.0) * allowed * scale / np.sqrt((magnitude ** (2 / 3)).sum() or 1.0), np.inf
+    )
 
 
-def _check(ratio: float, samples: int) -> None:
+def _check_request(ratio: float, samples: int) -> None:
     if not 0 < ratio < 1:
         raise InputError("ratio", ratio, "a number above 0 and below 1, such as 0.01")
-    if not SAMPLES[0] <= samples <= SAMPLES[1] or samples & (samples - 1):
-        raise InputError("samples", samples, f"a power of 2 from {SAMPLES[0]} to {SAMPLES[1]}")
+    if not SAMPLE_LIMITS[0] <= samples <= SAMPLE_LIMITS[1] or samples & (samples - 1):
+        raise InputError("samples", samples, f"a power of 2 from {SAMPLE_LIMITS[0]} to {SAMPLE_LIMITS[1]}")
 
 
-def _scatter(moved: Floats, drawn: Sampled | None, told: Result) -> dict[str, OutputScatter]:
+def _build_scatter(contributions: Floats, statistics: SampleStatistics | None, result: Result) -> dict[str, OutputScatter]:
     """Build the scatter of the outputs that the scene has."""
-    found, model = {}, OF_SLOPES * (told.error_estimate or 0.0)
-    vague = bool(of_kind(told.warnings, "sensitivity"))
-    for k, name in enumerate(OUTPUTS):
-        if name == "log_sensitivity" and told.log_sensitivity is None:
+    scatters, model_error = {}, DERIVATIVE_ERROR_FACTOR * (result.error_estimate or 0.0)
+    is_vague = bool(select_notes(result.warnings, "sensitivity"))
+    for k, name in enumerate(OUTPUT_NAMES):
+        if name == "log_sensitivity" and result.log_sensitivity is None:
             continue
-        sd = float(np.sqrt((moved[k] ** 2).sum()))
-        if drawn is None or drawn.sd[k] == 0:
-            found[name] = OutputScatter(sd, None, None, None)
+        sd = float(np.sqrt((contributions[k] ** 2).sum()))
+        if statistics is None or statistics.sd[k] == 0:
+            scatters[name] = OutputScatter(sd, None, None, None)
             continue
-        bend = float(drawn.bend[k])
-        error = bend * float(drawn.sd_error[k] / drawn.sd[k])
-        unknown = vague and name == "log_sensitivity"  # beyond the requested accuracy, and so are its derivatives
-        found[name] = OutputScatter(sd, sd * bend, sd * error, None if unknown else abs(bend - 1) + error + model)
-    return found
+        factor = float(statistics.curvature_factor[k])
+        error = factor * float(statistics.sd_error[k] / statistics.sd[k])
+        is_unknown = is_vague and name == "log_sensitivity"  # beyond the requested accuracy, and so are its derivatives
+        scatters[name] = OutputScatter(sd, sd * factor, sd * error, None if is_unknown else abs(factor - 1) + error + model_error)
+    return scatters
 
 
-def _lines(variables: tuple[Toleranced, ...], slope: Floats, drawn: Sampled | None, ratio: float) -> tuple[BudgetLine, ...]:
+def _build_lines(
+    variables: tuple[UncertainNumber, ...], derivatives: Floats, statistics: SampleStatistics | None, ratio: float
+) -> tuple[BudgetLine, ...]:
     """Build the lines of the budget, the largest contribution to ln ratio first."""
-    sds = np.array([one.sd for one in variables])
-    moved = slope * sds
-    tight = held(sds, moved[0], ratio)
+    sds = np.array([variable.sd for variable in variables])
+    contributions = derivatives * sds
+    allocated = allocate_tolerances(sds, contributions[0], ratio)
     lines = []
-    for j, one in enumerate(variables):
-        parts = {name: _part(slope[k], moved[k], j, _indices(drawn, k, j)) for k, name in enumerate(OUTPUTS)}
-        alone = float(ratio / abs(slope[0, j])) if slope[0, j] else None
-        fields = (one.name, one.kind, one.value, one.sd, one.source)
-        lines.append(BudgetLine(*fields, held=float(tight[j]) if moved[0, j] else None, alone=alone, outputs=parts))
-    return tuple(sorted(lines, key=lambda line: -line.outputs[OUTPUTS[0]].contribution))
+    for j, variable in enumerate(variables):
+        parts = {
+            name: _build_part(derivatives[k], contributions[k], j, _read_indices(statistics, k, j))
+            for k, name in enumerate(OUTPUT_NAMES)
+        }
+        alone = float(ratio / abs(derivatives[0, j])) if derivatives[0, j] else None
+        fields = (variable.name, variable.kind, variable.value, variable.sd, variable.source)
+        lines.append(BudgetLine(*fields, held=float(allocated[j]) if contributions[0, j] else None, alone=alone, outputs=parts))
+    return tuple(sorted(lines, key=lambda line: -line.outputs[OUTPUT_NAMES[0]].contribution))
 
 
-def _part(slope: Floats, moved: Floats, j: int, indices: dict[str, Any]) -> BudgetPart:
+def _build_part(derivatives: Floats, contributions: Floats, j: int, indices: dict[str, Any]) -> BudgetPart:
     """Build the effect of number ``j`` on one output; ``slope`` and ``moved`` are rows of that output."""
-    variance = float((moved**2).sum())
-    share = float(moved[j] ** 2 / variance) if variance else 0.0
-    return BudgetPart(float(slope[j]), abs(float(moved[j])), share, **indices)
+    variance = float((contributions**2).sum())
+    share = float(contributions[j] ** 2 / variance) if variance else 0.0
+    return BudgetPart(float(derivatives[j]), abs(float(contributions[j])), share, **indices)
 
 
-def _indices(drawn: Sampled | None, k: int, j: int) -> dict[str, Any]:
+def _read_indices(statistics: SampleStatistics | None, k: int, j: int) -> dict[str, Any]:
     """Return the Sobol indices of output ``k`` and number ``j``; empty without samples."""
-    if drawn is None or drawn.sd[k] == 0:
+    if statistics is None or statistics.sd[k] == 0:
         return {}
-    low, high = (tuple(part[k, j].tolist()) for part in (drawn.first_interval, drawn.total_interval))
-    return {"first": float(drawn.first[k, j]), "total": float(drawn.total[k, j]), "first_interval": low, "total_interval": high}
+    low, high = (tuple(part[k, j].tolist()) for part in (statistics.first_interval, statistics.total_interval))
+    return {
+        "first": float(statistics.first[k, j]),
+        "total": float(statistics.total[k, j]),
+        "first_interval": low,
+        "total_interval": high,
+    }

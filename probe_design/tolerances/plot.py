@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from probe_design.pictures.formats import check_format, save
+from probe_design.pictures.formats import check_format, save_figure
 from probe_design.tolerances.budget import ToleranceBudget
 
 
-def plot(budget: ToleranceBudget, path: Path) -> Path:
+def plot_budget(budget: ToleranceBudget, path: Path) -> Path:
     """Draw a budget to a file. Returns ``path``.
 
     Raises:
@@ -30,18 +30,18 @@ def plot(budget: ToleranceBudget, path: Path) -> Path:
     left.set_yticks(rows, [line.name for line in lines])
     left.set_xlabel("change of the ratio by one standard deviation, %")
     right.plot([part.share for part in parts], rows, "s", color="tab:blue", label="share, first order")
-    drawn = [
+    with_indices = [
         (row, part) for row, part in zip(rows, parts, strict=True) if part.total is not None and part.total_interval is not None
     ]
-    if drawn:
-        total = np.array([part.total for _, part in drawn])
-        ends = np.array([part.total_interval for _, part in drawn]).T
+    if with_indices:
+        total = np.array([part.total for _, part in with_indices])
+        ends = np.array([part.total_interval for _, part in with_indices]).T
         error = np.maximum([total - ends[0], ends[1] - total], 0.0)
-        at = np.array([row for row, _ in drawn]) - 0.2
-        right.errorbar(total, at, xerr=error, fmt="o", color="tab:orange", capsize=3, label="Sobol total, 95 %")
+        positions = np.array([row for row, _ in with_indices]) - 0.2
+        right.errorbar(total, positions, xerr=error, fmt="o", color="tab:orange", capsize=3, label="Sobol total, 95 %")
     right.set_xlabel("share of the variance of ln ratio")
     right.legend(loc="lower right", fontsize=9)
     for axes in (left, right):
         axes.grid(alpha=0.3, axis="x")
     figure.suptitle(f"{budget.evaluator}: ln ratio scatters by {budget.outputs['ln_ratio'].sd:.3g}", fontsize=10)
-    return save(figure, path)
+    return save_figure(figure, path)

@@ -18,26 +18,26 @@ from scipy.stats import norm, qmc, sobol_indices, t
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
-from probe_design.tolerances.variables import GAINS, Toleranced
-from solver.closed_form.designs import PROBE, forces, parameters
+from probe_design.tolerances.variables import GAIN_NAMES, UncertainNumber
+from solver.closed_form.designs import PROBE_PARAMETERS, build_parameters, compute_forces
 
-OUTPUTS = ("ln_ratio", "ln_ratio_over_drawn_areas", "ln_stiffness", "log_sensitivity")
-PARAMETERS = {  # parameters of the closed form that each uncertain number changes
+OUTPUT_NAMES = ("ln_ratio", "ln_ratio_over_drawn_areas", "ln_stiffness", "log_sensitivity")
+DESIGN_PARAMETERS = {  # parameters of the closed form that each uncertain number changes
     "probe.inner_radius": ("inner_radius",), "probe.gap": ("gap",), "probe.outer_radius": ("outer_radius",),
     "probe.height": ("inner_height", "outer_height"), "probe.inner_height": ("inner_height",),
     "probe.outer_height": ("outer_height",), "probe.inner.youngs_modulus": ("inner_modulus",),
     "probe.inner.poisson_ratio": ("inner_poisson",), "probe.outer.youngs_modulus": ("outer_modulus",),
     "probe.outer.poisson_ratio": ("outer_poisson",),
 }  # fmt: skip
-LEVEL = 0.95  # of all intervals
-RESAMPLED = 300  # for the intervals of indices
-EACH = 128  # points: a shorter Sobol sequence samples ten dimensions poorly
-REPEATS = 8  # scrambled sequences, whose differences give the error of a standard deviation
-STEP = 1e-30  # complex: exact to rounding
+CONFIDENCE_LEVEL = 0.95  # of all intervals
+BOOTSTRAP_RESAMPLES = 300  # for the intervals of indices
+MIN_SEQUENCE_LENGTH = 128  # points: a shorter Sobol sequence samples ten dimensions poorly
+SOBOL_SEQUENCES = 8  # scrambled sequences, whose differences give the error of a standard deviation
+COMPLEX_STEP = 1e-30  # complex: exact to rounding
 
 
 @dataclass(frozen=True)
-class Sampled:
+class SampleStatistics:
     """Statistics of the four ``OUTPUT_NAMES`` over samples of built probes; v variables.
 
     Attributes:
@@ -49,7 +49,7 @@ class Sampled:
         designs: number of designs evaluated.
     """
 
-    slopes: Floats
+    derivatives: Floats
     sd: Floats
     sd_error: Floats
     first: Floats
@@ -59,13 +59,13 @@ class Sampled:
     designs: int
 
     @property
-    def bend(self) -> Floats:
+    def curvature_factor(self) -> Floats:
         """The q of eq. TO.2, shape (4,); 1 for an output that no variable affects."""
-        line = np.sqrt((self.slopes**2).sum(axis=1))
+        line = np.sqrt((self.derivatives**2).sum(axis=1))
         return np.asarray(np.divide(self.sd, line, out=np.ones_like(line), where=line > 0), dtype=float)
 
 
-def sampled(scene: Scene, variables: Sequence[Toleranced], samples: int, seed: int) -> Sampled | None:
+def sample_probes(scene: Scene, variables: Sequence[UncertainNumber], samples: int, seed: int) -> SampleStatistics | None:
     """Sample built probes with the closed form; return None if it has no finite result for some of them.
 
     Args:
@@ -74,79 +74,93 @@ def sampled(scene: Scene, variables: Sequence[Toleranced], samples: int, seed: i
         samples: n, a power of 2. Indices use n (v + 2) designs, standard deviations max(n, 1024).
         seed: of the scrambled Sobol sequences.
     """
-    outputs, d = _outputs(scene, variables), len(variables)
-    slopes = outputs(1j * STEP * np.eye(d)).imag / STEP
-    each = max(samples // REPEATS, EACH)
-    draws = [norm.ppf(qmc.Sobol(d, rng=[seed, k]).random(each)).T for k in range(REPEATS)]
-    parts = [outputs(draw) for draw in draws]
-    if not all(np.isfinite(part).all() for part in parts) or not np.isfinite(slopes).all():
+    compute_outputs, d = _build_output_function(scene, variables), len(variables)
+    derivatives = compute_outputs(1j * COMPLEX_STEP * np.eye(d)).imag / COMPLEX_STEP
+    sequence_length = max(samples // SOBOL_SEQUENCES, MIN_SEQUENCE_LENGTH)
+    draws = [norm.ppf(qmc.Sobol(d, rng=[seed, k]).random(sequence_length)).T for k in range(SOBOL_SEQUENCES)]
+    parts = [compute_outputs(draw) for draw in draws]
+    if not all(np.isfinite(part).all() for part in parts) or not np.isfinite(derivatives).all():
         return None
     sds = np.array([part.std(axis=1, ddof=1) for part in parts])
-    half = t.ppf((1 + LEVEL) / 2, REPEATS - 1) * sds.std(axis=0, ddof=1) / np.sqrt(REPEATS)
-    first, total, first_interval, total_interval = _indices(outputs, sds.mean(axis=0) > 0, d, samples, seed)
+    half_widths = t.ppf((1 + CONFIDENCE_LEVEL) / 2, SOBOL_SEQUENCES - 1) * sds.std(axis=0, ddof=1) / np.sqrt(SOBOL_SEQUENCES)
+    first, total, first_interval, total_interval = _compute_indices(compute_outputs, sds.mean(axis=0) > 0, d, samples, seed)
     if not (np.isfinite(first).all() and np.isfinite(total).all()):
         return None
     sd = np.sqrt((sds**2).mean(axis=0))
-    return Sampled(slopes, sd, half, first, total, first_interval, total_interval, designs=samples * (d + 2) + REPEATS * each)
+    return SampleStatistics(
+        derivatives,
+        sd,
+        half_widths,
+        first,
+        total,
+        first_interval,
+        total_interval,
+        designs=samples * (d + 2) + SOBOL_SEQUENCES * sequence_length,
+    )
 
 
-def _indices(
-    outputs: Callable[[Any], Any], moving: Any, d: int, samples: int, seed: int
+def _compute_indices(
+    compute_outputs: Callable[[Any], Any], moving: Any, d: int, samples: int, seed: int
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Compute first-order and total indices (4, d) and their intervals (4, d, 2); 0 for outputs that no variable affects."""
-    found = sobol_indices(func=lambda eta: outputs(eta)[moving], n=samples, dists=[norm()] * d, rng=np.random.default_rng(seed))
+    indices = sobol_indices(
+        func=lambda eta: compute_outputs(eta)[moving], n=samples, dists=[norm()] * d, rng=np.random.default_rng(seed)
+    )
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a variable without effect gives NaN: its interval is its index
-        ends = found.bootstrap(confidence_level=LEVEL, n_resamples=RESAMPLED)
+        bootstrap = indices.bootstrap(confidence_level=CONFIDENCE_LEVEL, n_resamples=BOOTSTRAP_RESAMPLES)
     parts = []
-    for index, one in ((found.first_order, ends.first_order), (found.total_order, ends.total_order)):
-        both = np.stack([one.confidence_interval.low, one.confidence_interval.high], axis=-1)
-        parts += [_spread(moving, np.asarray(index)), _spread(moving, np.where(np.isfinite(both), both, index[..., None]))]
+    for index, resampled in ((indices.first_order, bootstrap.first_order), (indices.total_order, bootstrap.total_order)):
+        interval = np.stack([resampled.confidence_interval.low, resampled.confidence_interval.high], axis=-1)
+        parts += [
+            _expand_rows(moving, np.asarray(index)),
+            _expand_rows(moving, np.where(np.isfinite(interval), interval, index[..., None])),
+        ]
     return parts[0], parts[2], parts[1], parts[3]
 
 
-def _spread(moving: Any, part: Floats) -> Floats:
+def _expand_rows(moving: Any, part: Floats) -> Floats:
     """Expand rows of the affected outputs to all outputs; 0 for the others."""
-    whole = np.zeros((len(OUTPUTS), *part.shape[1:]))
-    whole[moving] = part
-    return whole
+    expanded = np.zeros((len(OUTPUT_NAMES), *part.shape[1:]))
+    expanded[moving] = part
+    return expanded
 
 
-def _outputs(scene: Scene, variables: Sequence[Toleranced]) -> Callable[[Any], Any]:
+def _build_output_function(scene: Scene, variables: Sequence[UncertainNumber]) -> Callable[[Any], Any]:
     """Return the function eta, shape (v, n), real or complex -> the four outputs, shape (4, n)."""
-    shape, nominal = parameters(scene)
+    shape, nominal = build_parameters(scene)
 
-    def outputs(eta: Any) -> Any:
+    def compute_outputs(eta: Any) -> Any:
         columns = np.repeat(nominal[:, None], eta.shape[1], axis=1).astype(eta.dtype)
         gains = np.zeros((2, eta.shape[1]), dtype=eta.dtype)
-        for one, row in zip(variables, eta, strict=True):
-            if one.kind == "gain":
-                gains[GAINS.index(one.name)] = np.log(one.drawn(row))
-            for key in PARAMETERS.get(one.name, ()):
-                columns[PROBE.index(key)] = one.drawn(row)
-        radius, gap = PROBE.index("inner_radius"), PROBE.index("gap")
-        columns[gap] = stay_open((columns[gap] - columns[radius] + nominal[radius]) / nominal[gap]) * nominal[gap]
+        for variable, row in zip(variables, eta, strict=True):
+            if variable.kind == "gain":
+                gains[GAIN_NAMES.index(variable.name)] = np.log(variable.draw(row))
+            for key in DESIGN_PARAMETERS.get(variable.name, ()):
+                columns[PROBE_PARAMETERS.index(key)] = variable.draw(row)
+        radius, gap = PROBE_PARAMETERS.index("inner_radius"), PROBE_PARAMETERS.index("gap")
+        columns[gap] = keep_gap_open((columns[gap] - columns[radius] + nominal[radius]) / nominal[gap]) * nominal[gap]
         with np.errstate(all="ignore"):  # designs without a result become NaN
-            matrix, slope = forces(shape, columns)
-            return _read(matrix, slope, columns, gains)
+            matrix, derivatives = compute_forces(shape, columns)
+            return _compute_readings(matrix, derivatives, columns, gains)
 
-    return outputs
+    return compute_outputs
 
 
-def stay_open(gap: Any) -> Any:
+def keep_gap_open(gap: Any) -> Any:
     """Map relative gaps (gap over drawn gap) to positive ones: g for g >= 1, e^(g - 1) below; any shape, real or complex.
 
     The hole's radius is independent of the inner block's, eq. TO.6, so that the blocks of some draws would overlap.
     """
-    below = np.where(np.real(gap) < 1.0, gap, 1.0)
-    return np.where(np.real(gap) < 1.0, np.exp(below - 1.0), gap)
+    closing_gap = np.where(np.real(gap) < 1.0, gap, 1.0)
+    return np.where(np.real(gap) < 1.0, np.exp(closing_gap - 1.0), gap)
 
 
-def _read(matrix: Any, slope: Any, columns: Any, gains: Any) -> Any:
+def _compute_readings(matrix: Any, derivatives: Any, columns: Any, gains: Any) -> Any:
     """Compute the four outputs from film forces, shape (n, 2, 2), and logarithms of the gains, shape (2, n)."""
     inner, gap, outer = columns[:3]
-    totals, change = matrix.sum(axis=2).T, slope.sum(axis=2).T
-    drawn = np.log(totals[0]) - np.log(totals[1]) + gains[0] - gains[1]
+    totals, change = matrix.sum(axis=2).T, derivatives.sum(axis=2).T
+    ln_force_ratio = np.log(totals[0]) - np.log(totals[1]) + gains[0] - gains[1]
     areas = np.log(outer**2 - (inner + gap) ** 2) - 2 * np.log(inner)
     stiffness = np.log((totals * np.exp(gains)).sum(axis=0))
-    return np.stack([drawn + areas, drawn, stiffness, change[0] / totals[0] - change[1] / totals[1]])
+    return np.stack([ln_force_ratio + areas, ln_force_ratio, stiffness, change[0] / totals[0] - change[1] / totals[1]])

@@ -22,15 +22,15 @@ from threadpoolctl import threadpool_limits
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal
 from geometry.scenes.scene import Scene
-from probe_design.tolerances.variables import GAINS, GAP, RADIUS, Toleranced
-from solver.axisymmetric.gradients import Gradients, gradients
+from probe_design.tolerances.variables import GAIN_NAMES, GAP_KEY, RADIUS_KEY, UncertainNumber
+from solver.axisymmetric.gradients import Gradients, compute_gradients
 from solver.axisymmetric.level import Axisymmetric
-from solver.axisymmetric.sections import sections
-from solver.equivalent_inclusion.gradients import first_order, tumour_gradients
+from solver.axisymmetric.sections import build_sections
+from solver.equivalent_inclusion.gradients import compute_tumour_gradients, solve_first_order
 from solver.equivalent_inclusion.level import EquivalentInclusion
 
 
-def level_of(scene: Scene) -> str:
+def choose_evaluator(scene: Scene) -> str:
     """Return the name of the evaluator that computes the derivatives.
 
     Raises:
@@ -42,7 +42,7 @@ def level_of(scene: Scene) -> str:
     return "equivalent-inclusion"
 
 
-def slopes(scene: Scene, variables: Sequence[Toleranced], accuracy: float) -> Floats:
+def compute_derivatives(scene: Scene, variables: Sequence[UncertainNumber], accuracy: float) -> Floats:
     """Return the derivatives of the four outputs with respect to v uncertain numbers, per SI unit, shape (4, v).
 
     Those of the inner radius and the gap follow eq. TO.6. Off the axis, reflections of a tumour's field at the surface and the
@@ -52,51 +52,62 @@ def slopes(scene: Scene, variables: Sequence[Toleranced], accuracy: float) -> Fl
     Raises:
         Refusal: see ``choose_evaluator``; or a block's height has no derivative of its own, as an elastic base lies on both.
     """
-    names = tuple(dict.fromkeys([*(one.name for one in variables if one.kind != "gain"), GAP]))
-    found = _gradients(scene, names, accuracy)
-    inner = found.values["stress_inner"][0] * scene.probe.inner_area
-    outer = found.values["stress_outer"][0] * scene.probe.outer_area
+    names = tuple(dict.fromkeys([*(variable.name for variable in variables if variable.kind != "gain"), GAP_KEY]))
+    scene_gradients = _compute_gradients(scene, names, accuracy)
+    inner = scene_gradients.values["stress_inner"][0] * scene.probe.inner_area
+    outer = scene_gradients.values["stress_outer"][0] * scene.probe.outer_area
     shares = np.array([inner, outer]) / (inner + outer)
-    columns = [_of_gain(one, shares) if one.kind == "gain" else _of_length(scene, one.name, found) for one in variables]
+    columns = [
+        _differentiate_gain(variable, shares)
+        if variable.kind == "gain"
+        else _differentiate_length(scene, variable.name, scene_gradients)
+        for variable in variables
+    ]
     return np.array(columns).T
 
 
-def _of_length(scene: Scene, name: str, found: Gradients) -> Floats:
+def _differentiate_length(scene: Scene, name: str, scene_gradients: Gradients) -> Floats:
     """Return the derivatives of the outputs with respect to a length as the workshop makes it, SI: eq. TO.6."""
-    own = _of_number(scene, name, found)
-    return own - _of_number(scene, GAP, found) if name == RADIUS else own
+    derivative = _differentiate_number(scene, name, scene_gradients)
+    return derivative - _differentiate_number(scene, GAP_KEY, scene_gradients) if name == RADIUS_KEY else derivative
 
 
-def _gradients(scene: Scene, names: tuple[str, ...], accuracy: float) -> Gradients:
+def _compute_gradients(scene: Scene, names: tuple[str, ...], accuracy: float) -> Gradients:
     """Compute the evaluator's derivatives with respect to ``names``; refuse if one is missing."""
     with threadpool_limits(1, user_api="blas"):
-        if level_of(scene) == "equivalent-inclusion":
-            return tumour_gradients(scene, first_order(scene, sections(scene)), names)
-        found = gradients(scene, Axisymmetric().converged(scene, accuracy).sample)
-    missing = [name for name in names if name not in found.variables]
+        if choose_evaluator(scene) == "equivalent-inclusion":
+            return compute_tumour_gradients(scene, solve_first_order(scene, build_sections(scene)), names)
+        scene_gradients = compute_gradients(scene, Axisymmetric().compute_converged(scene, accuracy).sample)
+    missing = [name for name in names if name not in scene_gradients.variables]
     if missing:
         raise Refusal(missing[0], "a tolerance of its own", "a rigid base, or one height for both blocks")
-    return found
+    return scene_gradients
 
 
-def _of_number(scene: Scene, name: str, found: Gradients) -> Floats:
+def _differentiate_number(scene: Scene, name: str, scene_gradients: Gradients) -> Floats:
     """Return the derivatives of the outputs with respect to a number of the scene, SI."""
-    place = found.variables.index(name)
-    by = {output: float(part[0, place]) for output, part in found.derivatives.items()}
-    value = {output: float(part[0]) for output, part in found.values.items()}
-    ratio = by["ratio"] / value["ratio"]
+    index = scene_gradients.variables.index(name)
+    derivatives = {output: float(part[0, index]) for output, part in scene_gradients.derivatives.items()}
+    value = {output: float(part[0]) for output, part in scene_gradients.values.items()}
+    ratio = derivatives["ratio"] / value["ratio"]
     return np.array(
-        [ratio, ratio + _by_areas(scene, name), by["stiffness"] / value["stiffness"], by["log_sensitivity"]], dtype=float
+        [
+            ratio,
+            ratio + _differentiate_area_ratio(scene, name),
+            derivatives["stiffness"] / value["stiffness"],
+            derivatives["log_sensitivity"],
+        ],
+        dtype=float,
     )
 
 
-def _of_gain(one: Toleranced, shares: Floats) -> Floats:
+def _differentiate_gain(variable: UncertainNumber, shares: Floats) -> Floats:
     """Return the derivatives with respect to a gain, eq. TO.3; ``shares`` are the films' shares of the total force."""
-    place = GAINS.index(one.name)
-    return np.array([1.0 - 2 * place, 1.0 - 2 * place, shares[place], 0.0])
+    index = GAIN_NAMES.index(variable.name)
+    return np.array([1.0 - 2 * index, 1.0 - 2 * index, shares[index], 0.0])
 
 
-def _by_areas(scene: Scene, name: str) -> float:
+def _differentiate_area_ratio(scene: Scene, name: str) -> float:
     """Return the derivative of ln(A_inner / A_outer), which converts a ratio of stresses to one over the drawn areas."""
     probe = scene.probe
     ring = probe.outer_area / math.pi

@@ -15,31 +15,31 @@ from typing import Any, Literal
 
 import numpy as np
 
-from geometry.cad.materials import part_materials
-from geometry.common.errors import InputError, one_of
+from geometry.cad.materials import find_part_materials
+from geometry.common.errors import InputError, describe_choices
 from geometry.scenes.catalogue import find_material
-from geometry.scenes.probe import LENGTH
+from geometry.scenes.probe import LENGTH_QUANTITY
 from geometry.scenes.scene import Scene
-from geometry.scenes.units import fraction
-from geometry.scenes.variables import values
-from geometry.workshop.tolerance import RECTANGULAR, tolerance, written
+from geometry.scenes.units import read_fraction
+from geometry.scenes.variables import list_values
+from geometry.workshop.tolerance import DEVIATION_PER_SD, find_tolerance, format_deviation
 from probe_design.built_probe.bench import Bench, Channels, Workshop
 
 Kind = Literal["length", "modulus", "poisson_ratio", "gain"]
-GAINS = ("film.inner.gain", "film.outer.gain")
-RADIUS, GAP = "probe.inner_radius", "probe.gap"
-BLOCKS = {  # of each length: its block, and whether it crosses the parting plane of the mould
+GAIN_NAMES = ("film.inner.gain", "film.outer.gain")
+RADIUS_KEY, GAP_KEY = "probe.inner_radius", "probe.gap"
+LENGTH_BLOCKS = {  # of each length: its block, and whether it crosses the parting plane of the mould
     "probe.inner_radius": ("inner", False), "probe.gap": ("outer", False), "probe.outer_radius": ("outer", False),
     "probe.height": ("inner", True), "probe.inner_height": ("inner", True), "probe.outer_height": ("outer", True),
 }  # fmt: skip
-MM = 1e3
-LARGEST = 2.0  # standard deviation of a logarithm, at most
-SHARE = f"a relative standard deviation from 0 to {LARGEST:g}, such as 0.02 or 2 %"
-RATIO = "a standard deviation from 0 to 0.1, such as 0.003"
+MM_PER_M = 1e3
+MAX_LOG_SD = 2.0  # standard deviation of a logarithm, at most
+ALLOWED_RELATIVE_SD = f"a relative standard deviation from 0 to {MAX_LOG_SD:g}, such as 0.02 or 2 %"
+ALLOWED_POISSON_SD = "a standard deviation from 0 to 0.1, such as 0.003"
 
 
 @dataclass(frozen=True)
-class Toleranced:
+class UncertainNumber:
     """A number of the probe that varies between built probes.
 
     Attributes:
@@ -56,7 +56,7 @@ class Toleranced:
     sd: float
     source: str
 
-    def drawn(self, eta: Any) -> Any:
+    def draw(self, eta: Any) -> Any:
         """Return the value at standard normal ``eta``, eq. TO.1; real or complex, any shape."""
         if self.kind != "poisson_ratio":
             return self.value * np.exp(self.sd / self.value * eta)
@@ -66,16 +66,16 @@ class Toleranced:
         return 0.5 / (1 + np.exp(-odds - self.sd / (self.value * (1 - 2 * self.value)) * eta))
 
 
-def toleranced(
+def list_uncertain_numbers(
     scene: Scene, bench: Bench | None = None, materials: Mapping[str, str] | None = None, given: Mapping[str, Any] | None = None
-) -> tuple[Toleranced, ...]:
+) -> tuple[UncertainNumber, ...]:
     """Return the uncertain numbers of a scene's probe, which is given by its outer radius.
 
     Lengths vary by the tolerance of the process of their block (``geometry.workshop.processes``), the gap by that of the hole's
     radius. A modulus from the catalogue varies as the catalogue states, any other as a measured one.
 
     Args:
-        scene: see ``probe_design.built_probe.block_predictions.by_outer_radius``.
+        scene: see ``probe_design.built_probe.block_predictions.express_by_outer_radius``.
         bench: its ``[channels]`` give the gains, its ``[workshop]`` lengths and measured numbers; by default as above.
         materials: names in the catalogue of the materials of the blocks "inner" and "outer", for the scatter of their moduli.
         given: standard deviations by name, which replace the above: text with a unit, "5 %", or SI numbers; relative for
@@ -86,75 +86,83 @@ def toleranced(
     """
     workshop, channels = (Workshop(), Channels()) if bench is None else (bench.workshop, bench.channels)
     origin = "built-in bench" if bench is None else "bench"
-    found = {name: _of_workshop(name, value, workshop, origin) for name, value in values(scene).items() if _of_blocks(name)}
+    numbers = {
+        name: _build_number(name, value, workshop, origin) for name, value in list_values(scene).items() if _is_of_block(name)
+    }
     if bench is None:
-        found |= {name: _of_process(scene, one) for name, one in found.items() if name in BLOCKS}
-    found |= {name: Toleranced(name, "gain", 1.0, channels.gain, f"{origin}, [channels] gain") for name in GAINS}
-    for block, what in {**tabulated(scene), **(materials or {})}.items():
-        found |= _of_material(found, block, what)
+        numbers |= {name: _apply_process(scene, number) for name, number in numbers.items() if name in LENGTH_BLOCKS}
+    numbers |= {name: UncertainNumber(name, "gain", 1.0, channels.gain, f"{origin}, [channels] gain") for name in GAIN_NAMES}
+    for block, material_name in {**find_catalogue_materials(scene), **(materials or {})}.items():
+        numbers |= _apply_material(numbers, block, material_name)
     for name, entry in (given or {}).items():
-        if name not in found:
-            raise InputError("tolerance", name, one_of(name, found))
-        found[name] = replace(found[name], sd=_read(found[name], entry), source="given")
-    return tuple(found.values())
+        if name not in numbers:
+            raise InputError("tolerance", name, describe_choices(name, numbers))
+        numbers[name] = replace(numbers[name], sd=_read_sd(numbers[name], entry), source="given")
+    return tuple(numbers.values())
 
 
-def tabulated(scene: Scene) -> dict[str, str]:
+def find_catalogue_materials(scene: Scene) -> dict[str, str]:
     """Return, by block, the names of materials whose moduli come from the catalogue and are not measured."""
-    blocks = {"inner": scene.probe.inner.unmeasured, "outer": scene.probe.outer.unmeasured}
-    return {block: one.name for block, one in blocks.items() if one is not None}
+    blocks = {"inner": scene.probe.inner.unmeasured_entry, "outer": scene.probe.outer.unmeasured_entry}
+    return {block: material.name for block, material in blocks.items() if material is not None}
 
 
-def _of_process(scene: Scene, one: Toleranced) -> Toleranced:
+def _apply_process(scene: Scene, number: UncertainNumber) -> UncertainNumber:
     """Return a length with the tolerance of its block's process; radii are made as diameters."""
-    block, closure = BLOCKS[one.name]
-    process = part_materials(scene.probe)[block].process
-    radius = scene.probe.hole_radius if one.name == GAP else one.value
+    block, closure = LENGTH_BLOCKS[number.name]
+    process = find_part_materials(scene.probe)[block].process
+    radius = scene.probe.hole_radius if number.name == GAP_KEY else number.value
     factor = 1 if closure else 2
-    held = tolerance(factor * MM * radius, process=process, closure=closure)
-    sd = held.deviation / (factor * MM * RECTANGULAR)
+    process_tolerance = find_tolerance(factor * MM_PER_M * radius, process=process, closure=closure)
+    sd = process_tolerance.deviation / (factor * MM_PER_M * DEVIATION_PER_SD)
     source = (
-        f"{process}, {held.source}: \N{PLUS-MINUS SIGN}{written(held.deviation)} mm of the {'height' if closure else 'diameter'}"
+        f"{process}, {process_tolerance.source}: "
+        f"\N{PLUS-MINUS SIGN}{format_deviation(process_tolerance.deviation)} mm of the {'height' if closure else 'diameter'}"
     )
-    return replace(one, sd=sd, source=source)
+    return replace(number, sd=sd, source=source)
 
 
-def _of_blocks(name: str) -> bool:
+def _is_of_block(name: str) -> bool:
     """Return whether a number belongs to a block: films and base are bought, or hardly matter."""
     return name.startswith("probe.") and not name.startswith(("probe.film.", "probe.base.")) and name != "probe.area_ratio"
 
 
-def _of_workshop(name: str, value: float, workshop: Workshop, origin: str) -> Toleranced:
+def _build_number(name: str, value: float, workshop: Workshop, origin: str) -> UncertainNumber:
     """Build an uncertain number with the standard deviation of the bench's ``[workshop]``."""
     if name.endswith("modulus"):
-        return Toleranced(name, "modulus", value, workshop.modulus * value, f"{origin}, [workshop] modulus")
+        return UncertainNumber(name, "modulus", value, workshop.modulus * value, f"{origin}, [workshop] modulus")
     if name.endswith("poisson_ratio"):
-        return Toleranced(name, "poisson_ratio", value, workshop.poisson_ratio, f"{origin}, [workshop] poisson_ratio")
-    return Toleranced(name, "length", value, workshop.length, f"{origin}, [workshop] length")
+        return UncertainNumber(name, "poisson_ratio", value, workshop.poisson_ratio, f"{origin}, [workshop] poisson_ratio")
+    return UncertainNumber(name, "length", value, workshop.length, f"{origin}, [workshop] length")
 
 
-def _of_material(found: Mapping[str, Toleranced], block: str, what: str) -> dict[str, Toleranced]:
+def _apply_material(numbers: Mapping[str, UncertainNumber], block: str, material_name: str) -> dict[str, UncertainNumber]:
     """Return a block's modulus with the standard deviation of a material in the catalogue."""
     name = f"probe.{block}.youngs_modulus"
-    if name not in found:
-        raise InputError("material", f"{block}={what}", "inner=NAME or outer=NAME, of a block")
-    one = find_material(what)
-    if one.kind == "film" or not one.admits(found[name].value):
-        near = f"a material of about {found[name].value:.4g} Pa, as the block; {one.name} has {one.youngs_modulus:.4g} Pa"
-        raise InputError("material", f"{block}={what}", near)
-    return {name: replace(found[name], sd=one.log_sd * found[name].value, source=f"{one.name}: {one.tolerance}")}
+    if name not in numbers:
+        raise InputError("material", f"{block}={material_name}", "inner=NAME or outer=NAME, of a block")
+    material = find_material(material_name)
+    if material.kind == "film" or not material.admits(numbers[name].value):
+        allowed = (
+            f"a material of about {numbers[name].value:.4g} Pa, as the block; {material.name} has "
+            f"{material.youngs_modulus:.4g} Pa"
+        )
+        raise InputError("material", f"{block}={material_name}", allowed)
+    return {
+        name: replace(numbers[name], sd=material.log_sd * numbers[name].value, source=f"{material.name}: {material.tolerance}")
+    }
 
 
-def _read(one: Toleranced, entry: Any) -> float:
+def _read_sd(number: UncertainNumber, entry: Any) -> float:
     """Read a given standard deviation, SI."""
-    key = f"tolerance.{one.name}"
-    if one.kind == "length":
-        sd = LENGTH.read(key, entry, units_required=isinstance(entry, str)) if entry not in (0, "0") else 0.0
-        if sd > LARGEST * one.value:
-            raise InputError(key, entry, f"a length up to {LARGEST:g} times the drawn one, {one.value:.4g} m")
+    key = f"tolerance.{number.name}"
+    if number.kind == "length":
+        sd = LENGTH_QUANTITY.read(key, entry, units_required=isinstance(entry, str)) if entry not in (0, "0") else 0.0
+        if sd > MAX_LOG_SD * number.value:
+            raise InputError(key, entry, f"a length up to {MAX_LOG_SD:g} times the drawn one, {number.value:.4g} m")
         return sd
-    allowed, most = (RATIO, 0.1) if one.kind == "poisson_ratio" else (SHARE, LARGEST)
-    sd = fraction(key, entry, allowed)
-    if not 0 <= sd <= most:
+    allowed, max_sd = (ALLOWED_POISSON_SD, 0.1) if number.kind == "poisson_ratio" else (ALLOWED_RELATIVE_SD, MAX_LOG_SD)
+    sd = read_fraction(key, entry, allowed)
+    if not 0 <= sd <= max_sd:
         raise InputError(key, entry, allowed)
-    return sd if one.kind == "poisson_ratio" else sd * one.value
+    return sd if number.kind == "poisson_ratio" else sd * number.value

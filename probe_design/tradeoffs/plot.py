@@ -7,20 +7,20 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from geometry.common.errors import printable
-from probe_design.pictures.formats import save
-from probe_design.tradeoffs.rows import Row, distinct, pareto
+from geometry.common.errors import escape_unprintable
+from probe_design.pictures.formats import save_figure
+from probe_design.tradeoffs.rows import Row, find_pareto_front, remove_duplicates
 from probe_design.tradeoffs.study import Tradeoff
 
-COLOURS = {
+EVALUATOR_COLOURS = {
     "closed-form": "tab:green", "equivalent-inclusion": "tab:orange", "axisymmetric": "tab:blue", "solid": "tab:purple",
 }  # fmt: skip
-MARKERS = {"closed-form": "D", "equivalent-inclusion": "s", "axisymmetric": "o", "solid": "^"}
-FLOOR = 1e-8  # smaller errors are drawn here
-MOST_PANELS = 30  # scenes drawn; the title says if there are more
+EVALUATOR_MARKERS = {"closed-form": "D", "equivalent-inclusion": "s", "axisymmetric": "o", "solid": "^"}
+MIN_DRAWN_ERROR = 1e-8  # smaller errors are drawn here
+MAX_PANELS = 30  # scenes drawn; the title says if there are more
 
 
-def plot(study: Tradeoff, path: Path) -> Path:
+def plot_tradeoff(study: Tradeoff, path: Path) -> Path:
     """Draw a panel for each of the first 30 scenes to a .png file; returns ``path``.
 
     Raises:
@@ -29,118 +29,122 @@ def plot(study: Tradeoff, path: Path) -> Path:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    names = list(study.scenes)[:MOST_PANELS]
-    across = min(3, len(names))
-    down = -(-len(names) // across)
-    size = (max(7.5, 4.2 * across), 3.5 * down + 1.6)
+    names = list(study.scenes)[:MAX_PANELS]
+    column_count = min(3, len(names))
+    row_count = -(-len(names) // column_count)
+    size = (max(7.5, 4.2 * column_count), 3.5 * row_count + 1.6)
     figure = Figure(figsize=size, dpi=130, facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
-    grid = figure.subplots(down, across, sharex=True, sharey=True, squeeze=False)
+    grid = figure.subplots(row_count, column_count, sharex=True, sharey=True, squeeze=False)
     for axes, name in zip(grid.flat, names, strict=False):
-        _panel(axes, name, study.of(name))
+        _draw_panel(axes, name, study.find_rows(name))
     for axes in grid.flat[len(names) :]:
         axes.set_axis_off()
-    for column in range(across):
-        _bottom(grid, len(names), column).set_xlabel("time of one evaluation, s")
+    for column in range(column_count):
+        _find_bottom_axes(grid, len(names), column).set_xlabel("time of one evaluation, s")
     for axes in grid[:, 0]:
         axes.set_ylabel("relative error of the ratio")
-    left = "" if len(names) == len(study.scenes) else f" (the first {len(names)} of {len(study.scenes)} scenes)"
-    figure.suptitle(f"Speed against accuracy{left}", fontsize=13)
-    _legend(figure, study)
-    return save(figure, path)
+    remark = "" if len(names) == len(study.scenes) else f" (the first {len(names)} of {len(study.scenes)} scenes)"
+    figure.suptitle(f"Speed against accuracy{remark}", fontsize=13)
+    _draw_legend(figure, study)
+    return save_figure(figure, path)
 
 
-def _bottom(grid: Any, count: int, column: int) -> Any:
+def _find_bottom_axes(grid: Any, count: int, column: int) -> Any:
     """Return the lowest used panel of a column, with its x labels on: the panels below it may be empty."""
-    across = grid.shape[1]
-    row = (count - 1 - column) // across
+    column_count = grid.shape[1]
+    row = (count - 1 - column) // column_count
     axes = grid[row, column]
     axes.tick_params(labelbottom=True)
     return axes
 
 
-def _panel(axes: Any, name: str, rows: Sequence[Row]) -> None:
+def _draw_panel(axes: Any, name: str, rows: Sequence[Row]) -> None:
     """Draw the panel of one scene."""
-    answers = distinct(rows)
-    _front(axes, answers)
+    answers = remove_duplicates(rows)
+    _draw_front(axes, answers)
     for row in answers:
-        _answer(axes, row)
-    _labels(axes, answers)
+        _draw_row(axes, row)
+    _label_accuracies(axes, answers)
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.grid(alpha=0.25)
-    axes.set_title(printable(name), fontsize=10, parse_math=False)
-    silent = {row.evaluator for row in rows} - {row.evaluator for row in answers}
-    if silent:
+    axes.set_title(escape_unprintable(name), fontsize=10, parse_math=False)
+    unanswered = {row.evaluator for row in rows} - {row.evaluator for row in answers}
+    if unanswered:
         axes.text(
-            0.98, 0.97, f"no result: {', '.join(sorted(silent))}", transform=axes.transAxes, ha="right", va="top", fontsize=7.5,
+            0.98, 0.97, f"no result: {', '.join(sorted(unanswered))}", transform=axes.transAxes, ha="right", va="top", fontsize=7.5,
             color="0.35",
         )  # fmt: skip
 
 
-def _front(axes: Any, answers: Sequence[Row]) -> None:
+def _draw_front(axes: Any, answers: Sequence[Row]) -> None:
     """Draw the Pareto front as steps: the smallest stated error that is available within a time."""
-    front = pareto(answers)
+    front = find_pareto_front(answers)
     if not front:
         return
     x = [row.seconds_probe for row in front]
-    y = [_shown(row.stated_error) for row in front]
+    y = [_clip_error(row.stated_error) for row in front]
     axes.step([*x, 3 * (x[-1] or 0.0)], [*y, y[-1]], where="post", color="0.55", linewidth=5.0, alpha=0.35, zorder=1)
 
 
-def _answer(axes: Any, row: Row) -> None:
+def _draw_row(axes: Any, row: Row) -> None:
     """Draw one row: stated error, true error or its upper limit, and the time of the next tumour."""
-    colour, marker = COLOURS[row.evaluator], MARKERS[row.evaluator]
-    x, stated = row.seconds_probe, _shown(row.stated_error)
-    true = None if row.true_error is None else _shown(row.true_error if row.resolved else row.true_error_most)
+    colour, marker = EVALUATOR_COLOURS[row.evaluator], EVALUATOR_MARKERS[row.evaluator]
+    x, stated_error = row.seconds_probe, _clip_error(row.stated_error)
+    true = None if row.true_error is None else _clip_error(row.true_error if row.is_resolved else row.true_error_most)
     if true is not None:
-        axes.plot([x, x], [stated, true], color=colour, linewidth=0.8, alpha=0.6, zorder=2)
-        shape = marker if row.resolved else "v"
+        axes.plot([x, x], [stated_error, true], color=colour, linewidth=0.8, alpha=0.6, zorder=2)
+        shape = marker if row.is_resolved else "v"
         axes.plot(x, true, shape, markerfacecolor="white", markeredgecolor=colour, markersize=5.5, zorder=3)
     if row.seconds_tumour is not None and x is not None and row.seconds_tumour < x / 2:
-        axes.plot([row.seconds_tumour, x], [stated, stated], ":", color=colour, linewidth=1.0, zorder=2)
-        axes.plot(row.seconds_tumour, stated, "|", color=colour, markersize=8, zorder=3)
-    axes.plot(x, stated, "*" if row.reference else marker, color=colour, markersize=12 if row.reference else 6.5, zorder=4)
+        axes.plot([row.seconds_tumour, x], [stated_error, stated_error], ":", color=colour, linewidth=1.0, zorder=2)
+        axes.plot(row.seconds_tumour, stated_error, "|", color=colour, markersize=8, zorder=3)
+    axes.plot(x, stated_error, "*" if row.reference else marker, color=colour, markersize=12 if row.reference else 6.5, zorder=4)
 
 
-def _labels(axes: Any, answers: Sequence[Row]) -> None:
+def _label_accuracies(axes: Any, answers: Sequence[Row]) -> None:
     """Label points with the requested accuracy, where labels do not overlap."""
-    taken: list[tuple[float, float]] = []
+    label_places: list[tuple[float, float]] = []
     white = {"facecolor": "white", "edgecolor": "none", "alpha": 0.6, "pad": 0.3}
     for row in answers:
-        x, y = math.log10(row.seconds_probe or 1.0), math.log10(_shown(row.stated_error))
-        if row.accuracy is None or any(abs(x - other) < 0.6 and abs(y - height) < 0.35 for other, height in taken):
+        x, y = math.log10(row.seconds_probe or 1.0), math.log10(_clip_error(row.stated_error))
+        if row.accuracy is None or any(abs(x - label_x) < 0.6 and abs(y - height) < 0.35 for label_x, height in label_places):
             continue
-        taken.append((x, y))
+        label_places.append((x, y))
         axes.annotate(
             f"{row.accuracy:g}", (10**x, 10**y), xytext=(6, 4), textcoords="offset points", fontsize=7.5,
-            color=COLOURS[row.evaluator], zorder=5, bbox=white,
+            color=EVALUATOR_COLOURS[row.evaluator], zorder=5, bbox=white,
         )  # fmt: skip
 
 
-def _shown(error: float | None) -> float:
-    return math.nan if error is None else max(error, FLOOR)
+def _clip_error(error: float | None) -> float:
+    return math.nan if error is None else max(error, MIN_DRAWN_ERROR)
 
 
-def _legend(figure: Any, study: Tradeoff) -> None:
+def _draw_legend(figure: Any, study: Tradeoff) -> None:
     """Draw the legend below the panels."""
     from matplotlib.lines import Line2D
 
-    def line(label: str, marker: str = "", colour: str = "0.3", style: str = "", **more: Any) -> Line2D:
-        return Line2D([], [], marker=marker, color=colour, linestyle=style, label=label, **more)
+    def build_handle(label: str, marker: str = "", colour: str = "0.3", style: str = "", **options: Any) -> Line2D:
+        return Line2D([], [], marker=marker, color=colour, linestyle=style, label=label, **options)
 
-    levels = dict.fromkeys(row.evaluator for row in study.rows if row.ratio is not None)
+    evaluators = dict.fromkeys(row.evaluator for row in study.rows if row.ratio is not None)
     handles = [
-        line(level if level == "closed-form" else f"{level}: requested accuracy", MARKERS[level], COLOURS[level])
-        for level in levels
+        build_handle(
+            evaluator if evaluator == "closed-form" else f"{evaluator}: requested accuracy",
+            EVALUATOR_MARKERS[evaluator],
+            EVALUATOR_COLOURS[evaluator],
+        )
+        for evaluator in evaluators
     ]
     handles += [
-        line("stated error", "o"),
-        line("true error", "o", markerfacecolor="white"),
-        line("true error is below this", "v", markerfacecolor="white"),
-        line("reference", "*", markersize=11),
-        line("Pareto front of stated errors", colour="0.55", style="-", linewidth=5.0, alpha=0.35),
-        line("next tumour, same probe", "|", style=":", markersize=8),
+        build_handle("stated error", "o"),
+        build_handle("true error", "o", markerfacecolor="white"),
+        build_handle("true error is below this", "v", markerfacecolor="white"),
+        build_handle("reference", "*", markersize=11),
+        build_handle("Pareto front of stated errors", colour="0.55", style="-", linewidth=5.0, alpha=0.35),
+        build_handle("next tumour, same probe", "|", style=":", markersize=8),
     ]
     figure.legend(
         handles=handles, loc="outside lower center", ncols=3 if len(study.scenes) > 1 else 2, fontsize=8.5, frameon=False

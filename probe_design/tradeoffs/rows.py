@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 Error = Literal["stated_error", "true_error_most"]
-LEAST_SENSITIVITY = 1e-5  # smaller values are compared with this: no evaluator states a smaller error, see README
+MIN_LOG_SENSITIVITY = 1e-5  # smaller values are compared with this: no evaluator states a smaller error, see README
 
 
 @dataclass(frozen=True)
@@ -68,57 +68,57 @@ class Row:
         return Setting(self.evaluator, self.accuracy)
 
     @property
-    def held(self) -> bool:
+    def is_error_covered(self) -> bool:
         """Whether the stated error may cover the true one: it is not below ``true_error_least``."""
         return self.true_error_least is None or self.stated_error is None or self.true_error_least <= self.stated_error
 
     @property
-    def resolved(self) -> bool:
+    def is_resolved(self) -> bool:
         """Whether the true error is larger than the error of the reference."""
         return self.true_error is not None and bool(self.true_error_least)
 
 
-def judged(rows: Sequence[Row], converging: Iterable[str]) -> tuple[Row, ...]:
+def compare_with_reference(rows: Sequence[Row], converging: Iterable[str]) -> tuple[Row, ...]:
     """Add true errors to the rows of one scene: the reference is the smallest stated error of a ``converging`` evaluator.
 
     With d the relative difference from the reference, e the reference's stated error and e' its unknown true one,
 
         result / truth = (1 + d) (1 + e'), |e'| <= e,   |d| - e |1 + d| <= true error <= |d| + e |1 + d|   (TR.1)
     """
-    levels = set(converging)
-    candidates = [row for row in rows if row.evaluator in levels and row.ratio is not None and row.stated_error is not None]
+    evaluators = set(converging)
+    candidates = [row for row in rows if row.evaluator in evaluators and row.ratio is not None and row.stated_error is not None]
     if not candidates:
         return tuple(rows)
     reference = min(candidates, key=lambda row: row.stated_error or 0.0)
-    return tuple(_compared(row, reference) for row in rows)
+    return tuple(_compare_row(row, reference) for row in rows)
 
 
-def _compared(row: Row, reference: Row) -> Row:
+def _compare_row(row: Row, reference: Row) -> Row:
     """Add the true error of a row, eq. TR.1."""
     assert reference.ratio is not None
-    own = reference.stated_error or 0.0
-    same = row.evaluator == reference.evaluator
+    reference_error = reference.stated_error or 0.0
+    is_same_evaluator = row.evaluator == reference.evaluator
     if row is reference:
-        return replace(row, reference=True, same_level=True, true_error_least=0.0, true_error_most=own)
+        return replace(row, reference=True, same_level=True, true_error_least=0.0, true_error_most=reference_error)
     if row.ratio is None:
         return row
-    off = row.ratio / reference.ratio - 1
-    error, slack = abs(off), own * abs(1 + off)
-    sensitivity = _sensitivity_error(row.log_sensitivity, reference.log_sensitivity)
+    difference = row.ratio / reference.ratio - 1
+    error, slack = abs(difference), reference_error * abs(1 + difference)
+    sensitivity = _compute_sensitivity_error(row.log_sensitivity, reference.log_sensitivity)
     return replace(
-        row, same_level=same, true_error=error, true_error_least=max(0.0, error - slack), true_error_most=error + slack,
+        row, same_level=is_same_evaluator, true_error=error, true_error_least=max(0.0, error - slack), true_error_most=error + slack,
         log_sensitivity_error=sensitivity,
     )  # fmt: skip
 
 
-def _sensitivity_error(value: float | None, reference: float | None) -> float | None:
+def _compute_sensitivity_error(value: float | None, reference: float | None) -> float | None:
     """Return the error of a log-sensitivity relative to the reference, or to 1e-5 where that is smaller."""
     if value is None or reference is None:
         return None
-    return abs(value - reference) / max(abs(reference), LEAST_SENSITIVITY)
+    return abs(value - reference) / max(abs(reference), MIN_LOG_SENSITIVITY)
 
 
-def distinct(rows: Iterable[Row]) -> tuple[Row, ...]:
+def remove_duplicates(rows: Iterable[Row]) -> tuple[Row, ...]:
     """Leave out rows with the same ratio as a coarser setting of their evaluator: their times differ only by chance."""
     first: dict[tuple[str, str, float | None], Row] = {}
     for row in rows:
@@ -127,19 +127,19 @@ def distinct(rows: Iterable[Row]) -> tuple[Row, ...]:
     return tuple(first.values())
 
 
-def pareto(rows: Iterable[Row], error: Error = "stated_error") -> tuple[Row, ...]:
+def find_pareto_front(rows: Iterable[Row], error: Error = "stated_error") -> tuple[Row, ...]:
     """Return the Pareto front of ``seconds_probe`` and error, fastest first."""
     costs = [(row.seconds_probe, getattr(row, error), row) for row in rows]
-    ranked = sorted(((s, e, row) for s, e, row in costs if s is not None and e is not None), key=lambda one: one[:2])
+    ranked = sorted(((s, e, row) for s, e, row in costs if s is not None and e is not None), key=lambda cost: cost[:2])
     front: list[Row] = []
-    least = math.inf
+    min_error = math.inf
     for _, value, row in ranked:
-        if value < least:
+        if value < min_error:
             front.append(row)
-            least = value
+            min_error = value
     return tuple(front)
 
 
-def cheapest(rows: Iterable[Row], tolerance: float, error: Error = "stated_error") -> Row | None:
+def find_cheapest(rows: Iterable[Row], tolerance: float, error: Error = "stated_error") -> Row | None:
     """Return the fastest row whose error is at most ``tolerance``, or None."""
-    return next((row for row in pareto(rows, error) if getattr(row, error) <= tolerance), None)
+    return next((row for row in find_pareto_front(rows, error) if getattr(row, error) <= tolerance), None)

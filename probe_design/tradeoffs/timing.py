@@ -15,27 +15,27 @@ from time import perf_counter
 
 from geometry.common.errors import ProbeError
 from geometry.scenes.scene import Inclusion, Scene
-from geometry.tetra.cache import FOLDER
+from geometry.tetra.cache import CACHE_VARIABLE
 from probe_design.tradeoffs.rows import Row, Setting
 from solver import Result, Workspace, evaluator
-from solver.linalg.workspace import using
+from solver.linalg.workspace import use_workspace
 
-REPEATS = 9  # at most
-ENOUGH = 0.75  # s: no repeats after this total time
+MAX_REPEATS = 9  # at most
+MAX_REPEAT_TIME_S = 0.75  # s: no repeats after this total time
 
 
-def first(name: str, scene: Scene, setting: Setting) -> Row:
+def time_first_answer(name: str, scene: Scene, setting: Setting) -> Row:
     """Evaluate a scene with a setting for the first time; return its row, or the row of its refusal."""
     row = Row(name, setting.evaluator, setting.accuracy)
     try:
-        with using(Workspace()):
-            result, seconds = _timed(scene, setting)
-    except ProbeError as refused:
-        return replace(row, reason=str(refused))
-    answered = replace(row, seconds_first=seconds, seconds_probe=seconds)
+        with use_workspace(Workspace()):
+            result, seconds = _time_setting(scene, setting)
+    except ProbeError as fault:
+        return replace(row, reason=str(fault))
+    timed_row = replace(row, seconds_first=seconds, seconds_probe=seconds)
     if result.ratio is None:
-        return replace(answered, reason=next(iter(result.warnings), "no ratio"))
-    return replace(answered, ratio=result.ratio, log_sensitivity=result.log_sensitivity, stated_error=result.error_estimate)
+        return replace(timed_row, reason=next(iter(result.warnings), "no ratio"))
+    return replace(timed_row, ratio=result.ratio, log_sensitivity=result.log_sensitivity, stated_error=result.error_estimate)
 
 
 @dataclass(frozen=True)
@@ -46,43 +46,43 @@ class Times:
     tumour: tuple[float, ...] = ()
 
     @property
-    def enough(self) -> bool:
+    def is_sufficient(self) -> bool:
         """Whether no more repeats are needed."""
-        return len(self.probe) >= REPEATS or sum(self.probe + self.tumour) >= ENOUGH
+        return len(self.probe) >= MAX_REPEATS or sum(self.probe + self.tumour) >= MAX_REPEAT_TIME_S
 
 
-def timed(scene: Scene, rows: Sequence[Row]) -> tuple[Row, ...]:
+def time_repeats(scene: Scene, rows: Sequence[Row]) -> tuple[Row, ...]:
     """Repeat the settings that have a result in turns, so that other load on the machine slows all of them equally."""
     times = [Times() for _ in rows]
-    for _ in range(REPEATS):
+    for _ in range(MAX_REPEATS):
         for index, row in enumerate(rows):
-            if row.ratio is not None and not times[index].enough:
-                with using(Workspace()):
-                    times[index] = _again(scene, row, times[index])
-    return tuple(_with(row, measured) for row, measured in zip(rows, times, strict=True))
+            if row.ratio is not None and not times[index].is_sufficient:
+                with use_workspace(Workspace()):
+                    times[index] = _repeat_setting(scene, row, times[index])
+    return tuple(_add_times(row, measured_times) for row, measured_times in zip(rows, times, strict=True))
 
 
-def _again(scene: Scene, row: Row, so_far: Times) -> Times:
+def _repeat_setting(scene: Scene, row: Row, so_far: Times) -> Times:
     """Time a setting once more, with a new probe and with another tumour."""
     try:
-        probe = _timed(scene, row.setting)[1]
-        tumour = (_timed(with_other_tumours(scene), row.setting)[1],) if scene.inclusion else ()
+        probe = _time_setting(scene, row.setting)[1]
+        tumour = (_time_setting(change_tumours(scene), row.setting)[1],) if scene.inclusion else ()
     except ProbeError:  # the scene is at a limit of what the evaluator takes
         return so_far
     return Times((*so_far.probe, probe), (*so_far.tumour, *tumour))
 
 
-def _with(row: Row, times: Times) -> Row:
+def _add_times(row: Row, times: Times) -> Row:
     probe = median(times.probe) if times.probe else row.seconds_probe
     return replace(row, seconds_probe=probe, seconds_tumour=median(times.tumour) if times.tumour else None)
 
 
-def with_other_tumours(scene: Scene) -> Scene:
+def change_tumours(scene: Scene) -> Scene:
     """Return the same probe over tumours that are 2 % smaller, a little higher and 1 % stiffer: each lies inside the old one."""
-    return scene.model_copy(update={"inclusion": tuple(_other(body) for body in scene.inclusion)})
+    return scene.model_copy(update={"inclusion": tuple(_change_tumour(body) for body in scene.inclusion)})
 
 
-def _other(body: Inclusion) -> Inclusion:
+def _change_tumour(body: Inclusion) -> Inclusion:
     """Return a smaller and stiffer tumour that lies inside the old one."""
     update: dict[str, object] = {"youngs_modulus": 1.01 * body.youngs_modulus}
     if body.diameter is not None:
@@ -93,19 +93,19 @@ def _other(body: Inclusion) -> Inclusion:
     return body.model_copy(update=update)
 
 
-def _timed(scene: Scene, setting: Setting) -> tuple[Result, float]:
+def _time_setting(scene: Scene, setting: Setting) -> tuple[Result, float]:
     start = perf_counter()
     result = evaluator(setting.evaluator).evaluate(scene, 0.01 if setting.accuracy is None else setting.accuracy)
     return result, perf_counter() - start
 
 
 @contextmanager
-def no_kept_meshes() -> Iterator[None]:
+def use_empty_mesh_cache() -> Iterator[None]:
     """Use an empty folder as mesh cache within the block, so that cached meshes do not falsify times."""
-    before = os.environ.get(FOLDER)
+    old_folder = os.environ.get(CACHE_VARIABLE)
     with tempfile.TemporaryDirectory(prefix="probe-design-", ignore_cleanup_errors=True) as folder:
-        os.environ[FOLDER] = folder
+        os.environ[CACHE_VARIABLE] = folder
         try:
             yield
         finally:
-            os.environ.pop(FOLDER) if before is None else os.environ.update({FOLDER: before})
+            os.environ.pop(CACHE_VARIABLE) if old_folder is None else os.environ.update({CACHE_VARIABLE: old_folder})

@@ -8,29 +8,29 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from geometry.cad.drawing import draw
+from geometry.cad.drawing import draw_probe
 from geometry.cad.export import Writer
-from geometry.cad.export import export as write
-from geometry.cad.record import check_same
+from geometry.cad.export import export_parts as write
+from geometry.cad.record import check_same_design
 from geometry.common.files import check_writable
-from geometry.provenance.block import provenance
-from geometry.provenance.texts import toml_comment
+from geometry.provenance.block import build_provenance
+from geometry.provenance.texts import format_toml_comment
 from geometry.scenes.base_sizes import assumed_sizes
-from geometry.scenes.fit import doubts
-from geometry.scenes.probe import Probe, mm
+from geometry.scenes.fit import list_doubts
+from geometry.scenes.probe import Probe, format_mm
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_to_toml
-from geometry.workshop.mould_sizes import mould_sizes
-from geometry.workshop.package import USUAL, Casting, writers
-from probe_design.workshop.budget import check_tolerance, ratio_budget
-from probe_design.workshop.rounding import Rounding, costed, rounded
+from geometry.workshop.mould_sizes import compute_mould_sizes
+from geometry.workshop.package import DEFAULT_CASTING, Casting, build_writers
+from probe_design.workshop.budget import check_tolerance, compute_ratio_budget
+from probe_design.workshop.rounding import Rounding, add_cost, round_sizes
 
-SCENE = "scene.toml"
+SCENE_FILE = "scene.toml"
 Tell = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Exported:
+class ExportSummary:
     """The exported files and what a user needs to know about them.
 
     Attributes:
@@ -47,9 +47,9 @@ class Exported:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the JSON object of ``probe-design export``."""
-        assumed = {key: str(mm(size)) for key, size in assumed_sizes(self.scene.probe).items()}
-        found = {"files": [str(file) for file in self.files], "assumed": assumed, "remarks": list(self.remarks)}
-        return found if self.rounding is None else {**found, "rounding": self.rounding.as_dict()}
+        assumed = {key: str(format_mm(size)) for key, size in assumed_sizes(self.scene.probe).items()}
+        entries = {"files": [str(file) for file in self.files], "assumed": assumed, "remarks": list(self.remarks)}
+        return entries if self.rounding is None else {**entries, "rounding": self.rounding.as_dict()}
 
 
 def export(
@@ -59,13 +59,13 @@ def export(
     step: float | None = None,
     force: bool = False,
     tolerance: float = 0.01,
-    casting: Casting = USUAL,
-    beside: Callable[[Scene], dict[str, Writer]] = lambda scene: {},
+    casting: Casting = DEFAULT_CASTING,
+    extra_writers: Callable[[Scene], dict[str, Writer]] = lambda scene: {},
     tell: Tell = lambda text: None,
-) -> Exported:
+) -> ExportSummary:
     """Write STEP files, drawings, film patterns, moulds, lists and assembly instructions of a scene's probe into a folder.
 
-    All files are written or none; see ``geometry.cad.export.export`` and ``geometry.workshop.package.writers``.
+    All files are written or none; see ``geometry.cad.export.export_parts`` and ``geometry.workshop.package.build_writers``.
 
     Args:
         scene: of the probe.
@@ -85,32 +85,40 @@ def export(
     """
     check_writable(folder)  # fail before the work, not after it
     check_tolerance(tolerance)
-    mould_sizes(scene.probe, scene.contact.edge_radius, casting.shrinkage, casting.draft)
-    rounding = None if step is None else rounded(scene, step)
-    built = scene if rounding is None else rounding.scene
-    edge = built.contact.edge_radius
+    compute_mould_sizes(scene.probe, scene.contact.edge_radius, casting.shrinkage, casting.draft)
+    rounding = None if step is None else round_sizes(scene, step)
+    built_scene = scene if rounding is None else rounding.scene
+    edge = built_scene.contact.edge_radius
     if not force:
-        check_same(folder, built.probe, edge)
+        check_same_design(folder, built_scene.probe, edge)
     tell("tolerances of the dimensions from the ratio")
-    budget = ratio_budget(built, tolerance)
+    budget = compute_ratio_budget(built_scene, tolerance)
     if rounding is not None:
         tell("cost of the rounding")
-        rounding = costed(rounding, scene)
+        rounding = add_cost(rounding, scene)
     tell("solids, drawings, patterns and moulds")
-    files: dict[str, Writer] = {"drawing.png": partial(draw, built.probe, edge_radius=edge), **beside(built)}
-    text = toml_comment(provenance()) + scene_to_toml(built)
-    files |= {**writers(built.probe, edge, budget, casting), SCENE: partial(_write, text)}
-    paths = write(built.probe, folder, force, beside=files, edge_radius=edge)
-    remarks = [*doubts(built), *missing_films(built.probe), budget.remark, "" if rounding is None else rounding.remark]
-    return Exported(built, paths, rounding, tuple(text for text in remarks if text))
+    files: dict[str, Writer] = {
+        "drawing.png": partial(draw_probe, built_scene.probe, edge_radius=edge),
+        **extra_writers(built_scene),
+    }
+    text = format_toml_comment(build_provenance()) + scene_to_toml(built_scene)
+    files |= {**build_writers(built_scene.probe, edge, budget, casting), SCENE_FILE: partial(_write_text, text)}
+    paths = write(built_scene.probe, folder, force, other_files=files, edge_radius=edge)
+    remarks = [
+        *list_doubts(built_scene),
+        *list_missing_films(built_scene.probe),
+        budget.remark,
+        "" if rounding is None else rounding.remark,
+    ]
+    return ExportSummary(built_scene, paths, rounding, tuple(text for text in remarks if text))
 
 
-def missing_films(probe: Probe) -> tuple[str, ...]:
+def list_missing_films(probe: Probe) -> tuple[str, ...]:
     """Return the warning that a probe is built without sensors, if it is."""
     if probe.film is not None:
         return ()
     return ("the probe has no sensors: the scene has no [probe.film], so the base lies on the blocks; add that table",)
 
 
-def _write(text: str, path: Path) -> None:
+def _write_text(text: str, path: Path) -> None:
     path.write_text(text, encoding="utf-8")

@@ -8,15 +8,15 @@ from typing import Any
 
 from geometry.common.errors import InputError, Refusal, Words
 from geometry.scenes.base_sizes import base_sizes, has_flange
-from geometry.scenes.probe import LENGTH, Probe, mm
+from geometry.scenes.probe import LENGTH_QUANTITY, Probe, format_mm
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_from_dict, scene_to_dict
 from solver import Result, evaluate
 
-LEAST_WALL = 0.5e-3
+MIN_WALL_M = 0.5e-3
 """m: a wall is not rounded below this thickness, a thinner one not below its own; the limit of `optimize`."""
 
-LEVELS = (("axisymmetric", 1e-3), ("equivalent-inclusion", 1e-2), ("auto", 1e-2), ("closed-form", 1e-2))
+COST_EVALUATORS = (("axisymmetric", 1e-3), ("equivalent-inclusion", 1e-2), ("auto", 1e-2), ("closed-form", 1e-2))
 """Evaluators for the cost of a rounding, with their accuracy: the first that takes both scenes is used. What they leave out, such
 as a groove, is in their errors and the same before and after, so that a solid of several minutes would add nothing."""
 
@@ -61,12 +61,12 @@ class Rounding:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the JSON object of ``rounding``, SI units."""
-        told = asdict(self)
-        del told["scene"]
-        return told
+        entries = asdict(self)
+        del entries["scene"]
+        return entries
 
 
-def rounded(scene: Scene, step: float) -> Rounding:
+def round_sizes(scene: Scene, step: float) -> Rounding:
     """Round radii, gap, heights, groove and base of a scene's probe to multiples of ``step`` (m), without its cost.
 
     The outer radius replaces ``area_ratio``. The wall keeps its limit, see ``MIN_WALL_M``; the groove stays inside its block. The
@@ -75,35 +75,39 @@ def rounded(scene: Scene, step: float) -> Rounding:
     Raises:
         InputError: a size is below half the step, or the rounded scene is not valid.
     """
-    step = LENGTH.read("step", step, units_required=False)
-    before = _sizes(scene.probe)
-    small = min(before, key=before.__getitem__)
-    if before[small] < step / 2 or not math.isfinite(step):
-        raise InputError("step", mm(step), f"at most {mm(2 * before[small])}: {small} is {mm(before[small])}")
-    after = _kept(scene, {key: _nearest(size, step) for key, size in before.items()}, step)
+    step = LENGTH_QUANTITY.read("step", step, units_required=False)
+    sizes = _list_sizes(scene.probe)
+    smallest = min(sizes, key=sizes.__getitem__)
+    if sizes[smallest] < step / 2 or not math.isfinite(step):
+        raise InputError(
+            "step", format_mm(step), f"at most {format_mm(2 * sizes[smallest])}: {smallest} is {format_mm(sizes[smallest])}"
+        )
+    new_sizes = _restore_limits(scene, {key: _round_to_step(size, step) for key, size in sizes.items()}, step)
     changes = tuple(
-        SizeChange(key, size, after[key]) for key, size in before.items() if not math.isclose(size, after[key], rel_tol=1e-9)
+        SizeChange(key, size, new_sizes[key])
+        for key, size in sizes.items()
+        if not math.isclose(size, new_sizes[key], rel_tol=1e-9)
     )
-    return Rounding(step, _with(scene, after), changes)
+    return Rounding(step, _replace_sizes(scene, new_sizes), changes)
 
 
-def costed(rounding: Rounding, scene: Scene) -> Rounding:
+def add_cost(rounding: Rounding, scene: Scene) -> Rounding:
     """Add the results before and after to a rounding of ``scene``, by the first of ``COST_EVALUATORS`` that takes both."""
-    for name, accuracy in LEVELS:
+    for name, accuracy in COST_EVALUATORS:
         try:
-            before, after = (evaluate(one, name, accuracy, linear=True) for one in (scene, rounding.scene))
+            old_result, new_result = (evaluate(design, name, accuracy, linear=True) for design in (scene, rounding.scene))
         except Refusal as fault:
             remark = f"what the rounding costs is not known: {fault}"
             continue
-        return Rounding(rounding.step, rounding.scene, rounding.changes, _reading(before), _reading(after))
+        return Rounding(rounding.step, rounding.scene, rounding.changes, _build_cost(old_result), _build_cost(new_result))
     return Rounding(rounding.step, rounding.scene, rounding.changes, remark=remark)
 
 
-def _reading(result: Result) -> RoundingCost:
+def _build_cost(result: Result) -> RoundingCost:
     return RoundingCost(result.ratio, result.log_sensitivity, result.error_estimate, result.evaluator)
 
 
-def _sizes(probe: Probe) -> dict[str, float]:
+def _list_sizes(probe: Probe) -> dict[str, float]:
     """Return the sizes to be rounded by key, m; those of the base only where the probe has or needs them."""
     base = base_sizes(probe)
     sizes = {"probe.inner_radius": probe.inner_radius, "probe.gap": probe.gap, "probe.outer_radius": probe.tube_radius}
@@ -117,44 +121,44 @@ def _sizes(probe: Probe) -> dict[str, float]:
     return {**sizes, **(flange if has_flange(probe) else {}), "probe.base.thickness": base.thickness}
 
 
-def _nearest(size: float, step: float) -> float:
-    return _times(max(1, round(size / step)), step)
+def _round_to_step(size: float, step: float) -> float:
+    return _multiply_step(max(1, round(size / step)), step)
 
 
-def _times(count: int, step: float) -> float:
+def _multiply_step(count: int, step: float) -> float:
     """Return a multiple of the step without rounding noise: 3 times 0.1 mm is 0.3 mm, not 0.30000000000000004 mm."""
     return float(f"{count * step:.12g}")
 
 
-def _kept(scene: Scene, sizes: dict[str, float], step: float) -> dict[str, float]:
+def _restore_limits(scene: Scene, sizes: dict[str, float], step: float) -> dict[str, float]:
     """Move rounded sizes by steps until the limits between them hold again."""
     probe = scene.probe
     hole = sizes["probe.inner_radius"] + sizes["probe.gap"]
-    wall = min(LEAST_WALL, probe.tube_radius - probe.hole_radius)
+    wall = min(MIN_WALL_M, probe.tube_radius - probe.hole_radius)
     radius, flange = "probe.outer_radius", "probe.base.flange_radius"
-    sizes[radius] = max(sizes[radius], _up(hole + wall, step))
+    sizes[radius] = max(sizes[radius], _round_up(hole + wall, step))
     if flange in sizes:
         sizes[flange] = max(sizes[flange], sizes[radius])
     if probe.groove is not None:
         height = sizes.get("probe.height", sizes.get("probe.outer_height", 0.0)) - scene.contact.edge_radius
         for key, limit in (("probe.groove.width", 2 * hole), ("probe.groove.depth", height)):
-            sizes[key] = min(sizes[key], _below(limit, step))
+            sizes[key] = min(sizes[key], _round_below(limit, step))
             if sizes[key] <= 0:
-                raise InputError("step", mm(step), f"a step below {mm(limit)}, so that {key} has room")
+                raise InputError("step", format_mm(step), f"a step below {format_mm(limit)}, so that {key} has room")
     return sizes
 
 
-def _up(size: float, step: float) -> float:
+def _round_up(size: float, step: float) -> float:
     """Round a size up to a multiple of the step."""
-    return _times(math.ceil(size / step * (1 - 1e-9)), step)
+    return _multiply_step(math.ceil(size / step * (1 - 1e-9)), step)
 
 
-def _below(limit: float, step: float) -> float:
+def _round_below(limit: float, step: float) -> float:
     """Return the largest multiple of the step below a limit."""
-    return _times(math.ceil(limit / step * (1 - 1e-9)) - 1, step)
+    return _multiply_step(math.ceil(limit / step * (1 - 1e-9)) - 1, step)
 
 
-def _with(scene: Scene, sizes: dict[str, float]) -> Scene:
+def _replace_sizes(scene: Scene, sizes: dict[str, float]) -> Scene:
     """Return the scene with new sizes, checked as a file is."""
     tables = scene_to_dict(scene)
     tables["probe"].pop("area_ratio", None)
@@ -163,7 +167,7 @@ def _with(scene: Scene, sizes: dict[str, float]) -> Scene:
         table = tables
         for place in places:
             table = table.setdefault(place, {"rigid": True} if place == "base" else {})
-        table[name] = LENGTH.text(size)
+        table[name] = LENGTH_QUANTITY.format_value(size)
     try:
         return scene_from_dict(tables)
     except InputError as fault:

@@ -18,24 +18,32 @@ import numpy as np
 from geometry.common.arrays import Floats, Ints
 from geometry.common.resources import check_memory, check_time
 from geometry.meridian.frame import Kind, MeridianFineness
-from geometry.meridian.frame import kind as kind_of
-from geometry.meridian.mesh import Topology, nodes, topology
+from geometry.meridian.frame import find_kind as kind_of
+from geometry.meridian.mesh import Topology, build_topology, compute_nodes
 from geometry.meridian.section import Body, Section
 from geometry.scenes.probe import Material
 from solver.axisymmetric.condensed_system import LARGEST_RESIDUAL, System
-from solver.axisymmetric.dofs import Interface, numbering, subspace
-from solver.elements.quadrilateral import Blocks, Condensed, Geometry, geometry, lame, matrices, stiffness
-from solver.elements.rectangles import rectangles
-from solver.elements.shape_functions import Shapes, shapes
-from solver.linalg.workspace import current, kept
+from solver.axisymmetric.dofs import Interface, number_unknowns, select_subspace
+from solver.elements.quadrilateral import (
+    Blocks,
+    Condensed,
+    Geometry,
+    compute_geometry,
+    compute_lame,
+    integrate_matrices,
+    integrate_stiffness,
+)
+from solver.elements.rectangles import integrate_rectangles
+from solver.elements.shape_functions import Shapes, build_shapes
+from solver.linalg.workspace import get_workspace, keep_result
 
 Materials = Mapping[Body, Material]
-HIDDEN = 1e-12  # change of a force by rounding above which the solution is refined
-LITTLE = 1e-9  # change of a force by rounding above which a closer bound is computed
-DEPENDENT = 1e-12  # of the largest energy: directions with less count as dependent
-BLOCK = 4e6  # of element matrices processed at once: fits the processor's cache
-WHOLE = 2.6  # times the bytes of all element matrices: the peak of a process
-_mesh = kept(topology)
+MAX_HIDDEN_RELATIVE = 1e-12  # change of a force by rounding above which the solution is refined
+MAX_LOOSE_BOUND_RELATIVE = 1e-9  # change of a force by rounding above which a closer bound is computed
+DEPENDENT_RELATIVE = 1e-12  # of the largest energy: directions with less count as dependent
+BLOCK_BYTES = 4e6  # of element matrices processed at once: fits the processor's cache
+PEAK_MEMORY_FACTOR = 2.6  # times the bytes of all element matrices: the peak of a process
+_mesh = keep_result(build_topology)
 
 
 @dataclass(frozen=True)
@@ -57,7 +65,7 @@ class MeridianModel:
     interface: Interface
     mesh: Topology
     shapes: Shapes
-    at: Geometry
+    geometry: Geometry
     two_mu: Floats
     lam: Floats
     condensed: Condensed
@@ -66,19 +74,19 @@ class MeridianModel:
     @cached_property
     def recovery(self) -> Floats:
         """Matrices that give values inside elements from those on corners and edges, shape (n, 2 (p-1)^2, 8 p)."""
-        return self.condensed.recovery()
+        return self.condensed.compute_recovery()
 
-    def parts(self, chosen: Ints) -> tuple[Floats, Floats]:
+    def integrate_parts(self, chosen: Ints) -> tuple[Floats, Floats]:
         """Return matrices of some elements per unit 2 mu and lambda, shape (e, 2 s, 2 s) both; u_r before u_z. Not cached."""
         size = 2 * len(self.shapes.degrees)
-        shear, volume = matrices(self.at.of(chosen), self.shapes)
+        shear, volume = integrate_matrices(self.geometry.select(chosen), self.shapes)
         return shear.reshape(len(chosen), size, size), volume.reshape(len(chosen), size, size)
 
-    def stiffness(self, chosen: Ints) -> Blocks:
+    def build_blocks(self, chosen: Ints) -> Blocks:
         """Return the blocks of some elements' stiffness matrices with their moduli. Not cached."""
-        return stiffness(self.at.of(chosen), self.shapes, self.two_mu[chosen], self.lam[chosen])
+        return integrate_stiffness(self.geometry.select(chosen), self.shapes, self.two_mu[chosen], self.lam[chosen])
 
-    def whole(self, edge: Floats) -> Floats:
+    def recover_values(self, edge: Floats) -> Floats:
         """Return all values of the elements, (n, 2 s, k), from those on corners and edges, (n, 8 p, k)."""
         n, s, m, k = len(edge), len(self.shapes.degrees), self.shapes.skeleton, edge.shape[-1]
         out = np.empty((n, 2, s, k))
@@ -110,18 +118,18 @@ class BaseStates:
     residual: float
 
     @cached_property
-    def own(self) -> Floats:
+    def values(self) -> Floats:
         """All values of the elements, without rigid shifts, shape (n, 2 s, 2)."""
-        return self.model.whole(self.edge)
+        return self.model.recover_values(self.edge)
 
-    def slope(self, body: Body = Body.INCLUSION) -> Floats:
+    def compute_modulus_derivative(self, body: Body = Body.INCLUSION) -> Floats:
         """Return dF_ij / d ln E of a body, N/m, shape (2, 2)."""
         inside = np.flatnonzero(self.model.mesh.body == body)
         u = self.edge[inside]
-        return products(u, self.model.system.stiffness[inside] @ u)
+        return sum_products(u, self.model.system.stiffness[inside] @ u)
 
 
-def model(
+def build_model(
     section: Section, materials: Materials, interface: Interface, fineness: MeridianFineness, kind: Kind | None = None
 ) -> MeridianModel:
     """Build the model of a section on one mesh: integrate, condense and factorise the stiffness.
@@ -131,45 +139,45 @@ def model(
         LimitReached: the mesh has too many cells for the limit of memory, or the time limit is exceeded.
     """
     mesh = _mesh(kind or kind_of(section, fineness.lean), fineness)
-    functions = shapes(fineness.order)
+    functions = build_shapes(fineness.order)
     size = 16 * len(mesh.body) * (2 * len(functions.degrees)) ** 2
-    check_memory("a finer mesh", WHOLE * size)
+    check_memory("a finer mesh", PEAK_MEMORY_FACTOR * size)
     check_time("solving")
-    current().make_room(WHOLE * size)
-    at = geometry(nodes(section, mesh, functions.places), functions)
-    two_mu, lam = _moduli(mesh, materials)
-    whole = Condensed.of(integrated(mesh, at, functions, two_mu, lam), len(mesh.body))
-    system = System.of(numbering(mesh, fineness.order, interface), whole.stiffness)
+    get_workspace().make_room(PEAK_MEMORY_FACTOR * size)
+    element_geometry = compute_geometry(compute_nodes(section, mesh, functions.places), functions)
+    two_mu, lam = _collect_moduli(mesh, materials)
+    condensed = Condensed.from_blocks(integrate_elements(mesh, element_geometry, functions, two_mu, lam), len(mesh.body))
+    system = System.from_stiffness(number_unknowns(mesh, fineness.order, interface), condensed.stiffness)
     return MeridianModel(
         section,
         materials,
         interface,
         mesh=mesh,
         shapes=functions,
-        at=at,
+        geometry=element_geometry,
         two_mu=two_mu,
         lam=lam,
-        condensed=whole,
+        condensed=condensed,
         system=system,
     )
 
 
-def integrated(mesh: Topology, at: Geometry, functions: Shapes, two_mu: Floats, lam: Floats) -> Iterator[Blocks]:
+def integrate_elements(mesh: Topology, geometry: Geometry, functions: Shapes, two_mu: Floats, lam: Floats) -> Iterator[Blocks]:
     """Yield the elements' matrices in order, rectangles first, in blocks that fit the processor's cache."""
-    count, columns = max(1, int(BLOCK / (8 * (2 * len(functions.degrees)) ** 2))), mesh.columns
+    count, columns = max(1, int(BLOCK_BYTES / (8 * (2 * len(functions.degrees)) ** 2))), mesh.columns
     starts = [columns[0]]
     while starts[-1] < columns[-1]:  # complete columns, at least one
         fit = columns[columns <= starts[-1] + count][-1]
         starts.append(fit if fit > starts[-1] else columns[columns > starts[-1]][0])
     for low, high in pairwise(starts):
-        some, one = columns[(columns >= low) & (columns <= high)] - low, slice(low, high)
-        yield rectangles(at.of(one), functions, two_mu[one], lam[one], some)
+        column_starts, chosen = columns[(columns >= low) & (columns <= high)] - low, slice(low, high)
+        yield integrate_rectangles(geometry.select(chosen), functions, two_mu[chosen], lam[chosen], column_starts)
     for low in range(columns[-1], len(mesh.body), count):
-        one = slice(low, low + count)
-        yield stiffness(at.of(one), functions, two_mu[one], lam[one])
+        chosen = slice(low, low + count)
+        yield integrate_stiffness(geometry.select(chosen), functions, two_mu[chosen], lam[chosen])
 
 
-def base_states(model: MeridianModel) -> BaseStates:
+def solve_base_states(model: MeridianModel) -> BaseStates:
     """Solve both base states.
 
     Raises:
@@ -177,32 +185,34 @@ def base_states(model: MeridianModel) -> BaseStates:
     """
     system = model.system
     for passes, largest in ((1, np.inf), (2, LARGEST_RESIDUAL)):
-        found = system.solve(np.zeros((system.numbering.unknowns, 2)), system.numbering.lift, passes, largest)
-        own, unbalanced = found.own, found.unbalanced
-        forces = products(own, found.loads)
+        solution = system.solve(np.zeros((system.numbering.unknowns, 2)), system.numbering.lift, passes, largest)
+        values, unbalanced = solution.values, solution.unbalanced
+        forces = sum_products(values, solution.loads)
         # what the forces would change if the equations were met exactly
         hidden = np.abs(unbalanced.T @ system.factor.solve(unbalanced))
-        if found.residual <= LARGEST_RESIDUAL and np.all(hidden <= HIDDEN * np.abs(forces)):
+        if solution.residual <= LARGEST_RESIDUAL and np.all(hidden <= MAX_HIDDEN_RELATIVE * np.abs(forces)):
             break
-    rounding = _rounding(system.stiffness, own, forces) + hidden
-    return BaseStates(model, found.v, edge=own, shift=found.shift, forces=forces, rounding=rounding, residual=found.residual)
+    rounding = _bound_rounding(system.stiffness, values, forces) + hidden
+    return BaseStates(
+        model, solution.v, edge=values, shift=solution.shift, forces=forces, rounding=rounding, residual=solution.residual
+    )
 
 
-def _rounding(stiffness: Floats, own: Floats, forces: Floats) -> Floats:
+def _bound_rounding(stiffness: Floats, values: Floats, forces: Floats) -> Floats:
     """Return ten standard deviations of the forces if every entry of the matrices has an independent rounding error.
 
     An entry of a positive definite matrix is at most the root of the product of its two diagonal entries. That gives a bound from
     the diagonal, which is returned where it is small enough.
     """
     ten = 10 * np.finfo(float).eps
-    diagonal = np.einsum("ek,eki->ei", np.diagonal(stiffness, axis1=1, axis2=2), own**2)
-    most = ten * np.sqrt(diagonal.T @ diagonal)
-    if np.all(most <= LITTLE * np.abs(forces)):
-        return np.asarray(most)
-    return np.asarray(ten * np.sqrt(products(own**2, stiffness**2 @ own**2)))
+    diagonal = np.einsum("ek,eki->ei", np.diagonal(stiffness, axis1=1, axis2=2), values**2)
+    loose_bound = ten * np.sqrt(diagonal.T @ diagonal)
+    if np.all(loose_bound <= MAX_LOOSE_BOUND_RELATIVE * np.abs(forces)):
+        return np.asarray(loose_bound)
+    return np.asarray(ten * np.sqrt(sum_products(values**2, stiffness**2 @ values**2)))
 
 
-def lower_order(states: BaseStates, vectors: Floats, degree: int, stiffest: float = 1.0) -> Floats:
+def project_to_lower_order(states: BaseStates, vectors: Floats, degree: int, stiffest: float = 1.0) -> Floats:
     """Project states and vectors, in energy, to the space of edge functions up to a degree.
 
     Returns the elements' values, shape (n, 8 p, 2 + m) or, with ``stiffest`` above 1, (n, 8 p, 2 + m + 2).
@@ -215,19 +225,19 @@ def lower_order(states: BaseStates, vectors: Floats, degree: int, stiffest: floa
             their differences from the first come last: they describe the strain of a nearly rigid inclusion.
     """
     system, lift = states.model.system, states.model.system.numbering.lift
-    space = subspace(system.numbering, degree)
-    pushed = -system.lifted(lift)[space.unknowns]
-    forces = system.add_up(system.stiffness @ vectors)[space.unknowns]
-    found = space.factor(system.matrix).solve(np.hstack([pushed, forces]))
+    space = select_subspace(system.numbering, degree)
+    pushed = -system.compute_lift_forces(lift)[space.unknowns]
+    forces = system.assemble_forces(system.stiffness @ vectors)[space.unknowns]
+    solution = space.factor(system.matrix).solve(np.hstack([pushed, forces]))
     if stiffest > 1:
-        matrix = system.numbering.assemble(system.stiffness * in_inclusion(states.model, stiffest))
-        found = np.hstack([found, space.factor(matrix).solve(pushed) - found[:, :2]])
-    v = np.zeros((system.numbering.unknowns, found.shape[1]))
-    v[space.unknowns] = found
-    return np.concatenate([system.own(v[:, :2], lift), system.own(v[:, 2:])], axis=2)
+        matrix = system.numbering.assemble(system.stiffness * scale_inclusion(states.model, stiffest))
+        solution = np.hstack([solution, space.factor(matrix).solve(pushed) - solution[:, :2]])
+    v = np.zeros((system.numbering.unknowns, solution.shape[1]))
+    v[space.unknowns] = solution
+    return np.concatenate([system.compute_values(v[:, :2], lift), system.compute_values(v[:, 2:])], axis=2)
 
 
-def near_lower_order(states: BaseStates, degree: int) -> tuple[Floats, Floats]:
+def approximate_lower_order(states: BaseStates, degree: int) -> tuple[Floats, Floats]:
     """Approximate ``project_to_lower_order`` of both states without another factorisation.
 
     Returns the elements' values and the forces of their difference from ``states``, (n, 8 p, 2) both.
@@ -238,39 +248,39 @@ def near_lower_order(states: BaseStates, degree: int) -> tuple[Floats, Floats]:
     """
     system, outside = states.model.system, states.model.system.numbering.degrees > degree
     cut = states.edge.copy()
-    cut[:, of_degree(states.model, degree + 1)] = 0.0
+    cut[:, find_values_of_degree(states.model, degree + 1)] = 0.0
     forces = system.stiffness @ (cut - states.edge)
-    left = system.add_up(forces)
-    left[outside] = 0.0
-    v = system.factor.solve(left)
+    residual = system.assemble_forces(forces)
+    residual[outside] = 0.0
+    v = system.factor.solve(residual)
     v[outside] = 0.0
-    way = system.own(v)
-    loads = system.stiffness @ way
-    far = np.linalg.lstsq(products(way, loads), products(way, forces), rcond=DEPENDENT)[0]
-    return cut - way @ far, forces - loads @ far
+    direction = system.compute_values(v)
+    loads = system.stiffness @ direction
+    step = np.linalg.lstsq(sum_products(direction, loads), sum_products(direction, forces), rcond=DEPENDENT_RELATIVE)[0]
+    return cut - direction @ step, forces - loads @ step
 
 
-def in_inclusion(model: MeridianModel, time: float) -> Floats:
+def scale_inclusion(model: MeridianModel, time: float) -> Floats:
     """Return factors of the elements' stiffness, shape (n, 1, 1): ``time`` in the inclusion, 1 elsewhere."""
     return np.where(model.mesh.body == Body.INCLUSION, time, 1.0)[:, None, None]
 
 
-def of_degree(model: MeridianModel, degree: int) -> Ints:
+def find_values_of_degree(model: MeridianModel, degree: int) -> Ints:
     """Return the indices of the elements' values whose edge functions are of one degree."""
-    return np.flatnonzero(np.tile(_degrees(model), 2) == degree)
+    return np.flatnonzero(np.tile(_get_degrees(model), 2) == degree)
 
 
-def _degrees(model: MeridianModel) -> Ints:
+def _get_degrees(model: MeridianModel) -> Ints:
     return np.asarray(model.shapes.degrees[: model.shapes.skeleton].max(axis=1))
 
 
-def products(a: Floats, b: Floats) -> Floats:
+def sum_products(a: Floats, b: Floats) -> Floats:
     """Return sums a_i^T b_j over all elements, of arrays (n, size, i) and (n, size, j), shape (i, j)."""
     return np.asarray(a.reshape(-1, a.shape[-1]).T @ b.reshape(-1, b.shape[-1]))
 
 
-def _moduli(mesh: Topology, materials: Materials) -> tuple[Floats, Floats]:
+def _collect_moduli(mesh: Topology, materials: Materials) -> tuple[Floats, Floats]:
     moduli, ratios = np.zeros(len(Body)), np.zeros(len(Body))
     for body, material in materials.items():
         moduli[body], ratios[body] = material.youngs_modulus, material.poisson_ratio
-    return lame(moduli[mesh.body], ratios[mesh.body])
+    return compute_lame(moduli[mesh.body], ratios[mesh.body])

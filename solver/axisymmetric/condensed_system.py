@@ -13,7 +13,7 @@ from solver.axisymmetric.dofs import Numbering
 from solver.linalg.cholesky import Factor, factorise
 
 LARGEST_RESIDUAL = 1e-9  # relative, in the 2-norm; direct solves leave about 1e-16
-SMALL = 1e-12  # relative to the diagonal's part of |K| |u|: below it no closer value is computed
+MAX_LOOSE_RESIDUAL = 1e-12  # relative to the diagonal's part of |K| |u|: below it no closer value is computed
 
 
 @dataclass(frozen=True)
@@ -36,34 +36,34 @@ class System:
     factor: Factor
 
     @classmethod
-    def of(cls, numbering: Numbering, stiffness: Floats) -> System:
+    def from_stiffness(cls, numbering: Numbering, stiffness: Floats) -> System:
         """Assemble and factorise the elements' stiffness, shape (n, 8 p, 8 p)."""
         matrix = numbering.assemble(stiffness)
         return cls(numbering, stiffness, matrix, factorise(matrix, numbering.pattern))
 
-    def own(self, v: Floats, lift: Floats | float = 0.0) -> Floats:
+    def compute_values(self, v: Floats, lift: Floats | float = 0.0) -> Floats:
         """Return the elements' values of displacements v (unknowns, k) and lift, both without rigid shifts; (n, 8 p, k)."""
-        return self.unshifted(self._local(v, lift))[0]
+        return self.remove_shift(self._gather_values(v, lift))[0]
 
-    def unshifted(self, local: Floats) -> tuple[Floats, Floats]:
+    def remove_shift(self, local: Floats) -> tuple[Floats, Floats]:
         """Return elements' values (e, 8 p, k) without their rigid shifts along z, and these shifts, (e, k)."""
-        up = self.numbering.vertical
-        shift = local[:, np.argmax(up)]
-        return local - shift[:, None] * up[:, None], shift
+        unit_shift = self.numbering.vertical
+        shift = local[:, np.argmax(unit_shift)]
+        return local - shift[:, None] * unit_shift[:, None], shift
 
-    def _local(self, v: Floats, lift: Floats | float) -> Floats:
+    def _gather_values(self, v: Floats, lift: Floats | float) -> Floats:
         return np.asarray((self.numbering.gather @ v).reshape(*self.stiffness.shape[:2], v.shape[1]) + lift)
 
-    def add_up(self, forces: Floats) -> Floats:
+    def assemble_forces(self, forces: Floats) -> Floats:
         """Add the elements' forces, shape (n, 8 p, k), to those of the unknowns."""
-        return np.asarray(self.numbering.spread @ forces.reshape(self.numbering.gather.shape[0], forces.shape[-1]))
+        return np.asarray(self.numbering.scatter @ forces.reshape(self.numbering.gather.shape[0], forces.shape[-1]))
 
-    def lifted(self, lift: Floats) -> Floats:
+    def compute_lift_forces(self, lift: Floats) -> Floats:
         """Return the forces of the lift alone, shape (unknowns, k); few elements have a lift."""
-        some = np.flatnonzero(np.any(lift != 0, axis=(1, 2)))
+        elements = np.flatnonzero(np.any(lift != 0, axis=(1, 2)))
         forces = np.zeros((*self.stiffness.shape[:2], lift.shape[-1]))
-        forces[some] = self.stiffness[some] @ self.unshifted(lift[some])[0]
-        return self.add_up(forces)
+        forces[elements] = self.stiffness[elements] @ self.remove_shift(lift[elements])[0]
+        return self.assemble_forces(forces)
 
     def solve(self, forces: Floats, lift: Floats | float = 0.0, passes: int = 1, largest: float = LARGEST_RESIDUAL) -> Solution:
         """Solve K (v + lift) = forces, with iterative refinement in ``passes`` - 1 further steps.
@@ -72,25 +72,25 @@ class System:
             SolveError: the relative residual is above ``largest``, so that the solution cannot be trusted.
         """
         v = np.zeros_like(forces)
-        unbalanced = forces - self.lifted(lift) if isinstance(lift, np.ndarray) else forces
+        unbalanced = forces - self.compute_lift_forces(lift) if isinstance(lift, np.ndarray) else forces
         for _ in range(passes):
             v = v + self.factor.solve(unbalanced)
-            local = self._local(v, lift)
-            own, shift = self.unshifted(local)
-            loads = self.stiffness @ own
-            unbalanced = forces - self.add_up(loads)
+            local = self._gather_values(v, lift)
+            values, shift = self.remove_shift(local)
+            loads = self.stiffness @ values
+            unbalanced = forces - self.assemble_forces(loads)
         diagonal = np.diagonal(self.stiffness, axis1=1, axis2=2)[..., None]
-        residual = self._share(unbalanced, diagonal * np.abs(local), forces)
-        if not residual <= SMALL:
-            residual = self._share(unbalanced, np.abs(self.stiffness) @ np.abs(local), forces)
+        residual = self._compute_share(unbalanced, diagonal * np.abs(local), forces)
+        if not residual <= MAX_LOOSE_RESIDUAL:
+            residual = self._compute_share(unbalanced, np.abs(self.stiffness) @ np.abs(local), forces)
         if not residual <= largest:
             allowed = f"relative residual {residual:.1e}, allowed {largest:.0e}"
             raise SolveError(f"the linear system was not solved: {allowed}")
-        return Solution(v, own, shift, loads=loads, unbalanced=unbalanced, residual=residual)
+        return Solution(v, values, shift, loads=loads, unbalanced=unbalanced, residual=residual)
 
-    def _share(self, unbalanced: Floats, magnitude: Floats, forces: Floats) -> float:
+    def _compute_share(self, unbalanced: Floats, magnitude: Floats, forces: Floats) -> float:
         """Return the largest residual relative to the assembled ``magnitude``, (n, 8 p, k), of k solutions."""
-        scale = np.linalg.norm(self.numbering.reach @ magnitude.reshape(-1, forces.shape[-1]) + np.abs(forces), axis=0)
+        scale = np.linalg.norm(self.numbering.unsigned_scatter @ magnitude.reshape(-1, forces.shape[-1]) + np.abs(forces), axis=0)
         return float(np.max(np.linalg.norm(unbalanced, axis=0) / np.where(scale > 0, scale, 1.0)))
 
 
@@ -109,7 +109,7 @@ class Solution:
     """
 
     v: Floats
-    own: Floats
+    values: Floats
     shift: Floats
     loads: Floats
     unbalanced: Floats

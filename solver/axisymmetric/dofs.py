@@ -11,14 +11,14 @@ import numpy as np
 import scipy.sparse as sp
 
 from geometry.common.arrays import Bools, Floats, Ints
-from geometry.meridian.mesh import Topology, labels, line_label
+from geometry.meridian.mesh import Topology, compute_labels, label_line
 from geometry.meridian.section import TISSUES, Body
 from solver.linalg.cholesky import Factor, Pattern, factorise
-from solver.linalg.workspace import kept
+from solver.linalg.workspace import keep_result
 
 Interface = Literal["bonded", "frictionless", "apart"]  # apart: no ties; solver/contact handles contact
 # what vanishes on the axis of u_r, u_z (m = 0), else of u_r + u_theta, u_r - u_theta, u_z: only a translation (m = 1) does not
-AXIS = {0: (True, False), 1: (True, False, True)}
+FIXED_ON_AXIS = {0: (True, False), 1: (True, False, True)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,31 +58,31 @@ class Numbering:
 
     def assemble(self, stiffness: Floats) -> sp.csc_array:
         """Assemble the elements' matrices, shape (n, 8 p, 8 p)."""
-        matrix = copy(self._empty)  # a copy: SciPy checks the rows only once
+        matrix = copy(self._empty_matrix)  # a copy: SciPy checks the rows only once
         matrix.data = self.sums @ stiffness.ravel()
         return matrix
 
     @cached_property
-    def spread(self) -> sp.csr_array:
+    def scatter(self) -> sp.csr_array:
         """The transpose of ``gather``: from the elements' forces to those of the unknowns."""
         return self.gather.T.tocsr()
 
     @cached_property
-    def reach(self) -> sp.csr_array:
+    def unsigned_scatter(self) -> sp.csr_array:
         """``scatter`` without signs."""
-        return abs(self.spread)
+        return abs(self.scatter)
 
     @cached_property
-    def _empty(self) -> sp.csc_array:
+    def _empty_matrix(self) -> sp.csc_array:
         return sp.csc_array((np.zeros(len(self.rows)), self.rows, self.starts), shape=(self.unknowns,) * 2)
 
 
-@kept
-def numbering(mesh: Topology, order: int, interface: Interface, m: int = 0) -> Numbering:
+@keep_result
+def number_unknowns(mesh: Topology, order: int, interface: Interface, m: int = 0) -> Numbering:
     """Number the unknowns of a mesh at one polynomial order, for fields of azimuthal order m."""
     probe = ~np.isin(mesh.body, (*TISSUES, Body.INCLUSION))
-    functions, signs, ends = _functions(labels(mesh), probe, order)
-    owner, fixed, under = _ties(mesh, ends, interface, AXIS.get(m, (True, True, True)))
+    functions, signs, ends = _number_functions(compute_labels(mesh), probe, order)
+    owner, fixed, unit_shift = _find_ties(mesh, ends, interface, FIXED_ON_AXIS.get(m, (True, True, True)))
     components = owner.shape[1]
     number = np.full(owner.max() + 1, -1)
     free = np.setdiff1d(np.unique(owner), owner[fixed])
@@ -91,13 +91,18 @@ def numbering(mesh: Topology, order: int, interface: Interface, m: int = 0) -> N
     lift = np.zeros((len(functions), components, functions.shape[1], 2))
     vertical = np.zeros((components, functions.shape[1]))
     if m == 0:
-        lift[:, 1] = np.where(probe[:, None, None], 0.0, -under[functions])
+        lift[:, 1] = np.where(probe[:, None, None], 0.0, -unit_shift[functions])
         vertical[1, :4] = 1.0
-    every = np.tile(signs, components)
+    all_signs = np.tile(signs, components)
     degrees = np.repeat(ends[:, 5], components).astype(int)[free]  # ties are between functions of one degree
-    pattern = _pattern(dofs, every, len(free))
+    pattern = _build_pattern(dofs, all_signs, len(free))
     return Numbering(
-        _gather(dofs, every, len(free)), lift.reshape(len(functions), -1, 2), *pattern, every, degrees, vertical.ravel()
+        _build_gather(dofs, all_signs, len(free)),
+        lift.reshape(len(functions), -1, 2),
+        *pattern,
+        all_signs,
+        degrees,
+        vertical.ravel(),
     )
 
 
@@ -124,8 +129,8 @@ class Subspace:
         return factorise(sp.csc_array(restricted, shape=(len(self.unknowns),) * 2), self.pattern)
 
 
-@kept
-def subspace(numbering: Numbering, degree: int) -> Subspace:
+@keep_result
+def select_subspace(numbering: Numbering, degree: int) -> Subspace:
     """Return the subspace of functions of at most the given degree."""
     inside = numbering.degrees <= degree
     number: Any = np.cumsum(inside, dtype=np.int32) - 1
@@ -135,7 +140,7 @@ def subspace(numbering: Numbering, degree: int) -> Subspace:
     return Subspace(np.flatnonzero(inside), entries, number[numbering.rows[entries]], starts)
 
 
-def _functions(corners: Floats, probe: Bools, order: int) -> tuple[Ints, Floats, Floats]:
+def _number_functions(corners: Floats, probe: Bools, order: int) -> tuple[Ints, Floats, Floats]:
     """Number the functions on corners and edges, separately for probe and tissue.
 
     Returns the elements' functions and signs, shape (n, 4 p) both, and for each function its edge's two ends, or its
@@ -148,9 +153,9 @@ def _functions(corners: Floats, probe: Bools, order: int) -> tuple[Ints, Floats,
     start, end = (vertex[:, list(ends)] for ends in ((0, 1, 3, 0), (1, 2, 2, 3)))  # bottom, right, top, left, along u and v
     pairs, edge = np.unique(np.sort(np.stack([start, end], axis=-1).reshape(-1, 2), axis=1), axis=0, return_inverse=True)
     degree = np.arange(2, order + 1)
-    along = len(points) + edge.reshape(n, 4, 1) * (order - 1) + degree - 2
+    edge_functions = len(points) + edge.reshape(n, 4, 1) * (order - 1) + degree - 2
     turned = np.where((start > end)[:, :, None] & (degree % 2 == 1), -1.0, 1.0)
-    functions = np.concatenate([vertex, along.reshape(n, -1)], axis=1)
+    functions = np.concatenate([vertex, edge_functions.reshape(n, -1)], axis=1)
     signs = np.concatenate([np.ones((n, 4)), turned.reshape(n, -1)], axis=1)
     at_vertex = np.concatenate([points[:, :2], points[:, :2], points[:, 2:], np.ones((len(points), 1))], axis=1)
     at_edge = np.repeat(
@@ -159,21 +164,26 @@ def _functions(corners: Floats, probe: Bools, order: int) -> tuple[Ints, Floats,
     return functions, signs, np.concatenate([at_vertex, np.column_stack([at_edge, np.tile(degree, len(pairs))])])
 
 
-def _ties(mesh: Topology, ends: Floats, interface: Interface, axis: tuple[bool, ...]) -> tuple[Ints, Bools, Floats]:
+def _find_ties(mesh: Topology, ends: Floats, interface: Interface, axis: tuple[bool, ...]) -> tuple[Ints, Bools, Floats]:
     """Find the constraints at supports, on the axis and between blocks and tissue; u_z is the last component.
 
     Returns for each component of each function the dof that represents it and whether it is fixed, shape (functions, components),
     and the value of each function in a unit shift of the inner and the outer block, shape (functions, 2).
     """
     layout, (r0, z0, r1, z1, probe, degree) = mesh.layout, ends.T
-    surface = line_label(layout.row["surface"])
-    spans = [(line_label(low), line_label(high)) for low, high in layout.faces]
-    under = [(z0 == surface) & (z1 == surface) & (low <= r0) & (r0 <= high) & (low <= r1) & (r1 <= high) for low, high in spans]
-    on = under[0] | under[1]
+    surface = label_line(layout.row["surface"])
+    spans = [(label_line(low), label_line(high)) for low, high in layout.faces]
+    under_blocks = [
+        (z0 == surface) & (z1 == surface) & (low <= r0) & (r0 <= high) & (low <= r1) & (r1 <= high) for low, high in spans
+    ]
+    in_contact = under_blocks[0] | under_blocks[1]
     owner = np.arange(len(axis) * len(ends)).reshape(-1, len(axis))
-    keys, (below, above) = ends[:, [0, 2, 5]], (np.flatnonzero(on & (probe == side)) for side in (0, 1))
-    tissue = dict(zip(map(tuple, keys[below].tolist()), below, strict=True))
-    for k, key in zip(above, map(tuple, keys[above].tolist()), strict=True):
+    keys, (tissue_functions, probe_functions) = (
+        ends[:, [0, 2, 5]],
+        (np.flatnonzero(in_contact & (probe == side)) for side in (0, 1)),
+    )
+    tissue = dict(zip(map(tuple, keys[tissue_functions].tolist()), tissue_functions, strict=True))
+    for k, key in zip(probe_functions, map(tuple, keys[probe_functions].tolist()), strict=True):
         partner = tissue[key]
         if interface == "bonded":
             owner[k] = owner[partner]
@@ -181,37 +191,37 @@ def _ties(mesh: Topology, ends: Floats, interface: Interface, axis: tuple[bool, 
             owner[k, -1] = owner[partner, -1]
     fixed = ((r0 == 0) & (r1 == 0))[:, None] & np.array(axis)
     tops = {layout.inner[-1], layout.outer[-1]} if layout.kind.base is None else {layout.base[-1]}
-    edge_levels = [0.0, *(line_label(top) for top in tops)]
+    edge_levels = [0.0, *(label_line(top) for top in tops)]
     fixed[np.isin(z0, edge_levels) & np.isin(z1, edge_levels) & (z0 == z1)] = True
     fixed[(r0 == r1) & (z0 == z1) & (degree > 1)] = True  # edges that are points
-    shifted = [one & (degree == 1) & (interface != "apart") for one in under]
+    shifted = [mask & (degree == 1) & (interface != "apart") for mask in under_blocks]
     return owner, fixed, np.stack(shifted, axis=-1).astype(float)
 
 
-def _gather(dofs: Ints, signs: Floats, unknowns: int) -> sp.csr_array:
+def _build_gather(dofs: Ints, signs: Floats, unknowns: int) -> sp.csr_array:
     free = dofs.ravel() >= 0
     starts = np.concatenate([[0], np.cumsum(free)])
     return sp.csr_array((signs.ravel()[free], dofs.ravel()[free], starts), shape=(dofs.size, unknowns))
 
 
-def _pattern(dofs: Ints, signs: Floats, unknowns: int) -> tuple[Ints, Ints, sp.csr_array]:
+def _build_pattern(dofs: Ints, signs: Floats, unknowns: int) -> tuple[Ints, Ints, sp.csr_array]:
     """Return rows and column starts of the matrix, and the sparse matrix that sums its entries."""
     size = dofs.shape[1]
     narrow: Any = dofs.astype(np.int32)
-    row, column = (np.broadcast_to(one, (*dofs.shape, size)).ravel() for one in (narrow[:, :, None], narrow[:, None, :]))
-    some = np.flatnonzero((row >= 0) & (column >= 0))
-    some = some[_order(row.take(some), unknowns)]
-    some = some[_order(column.take(some), unknowns)]
-    row, column = row.take(some), column.take(some)
+    row, column = (np.broadcast_to(index, (*dofs.shape, size)).ravel() for index in (narrow[:, :, None], narrow[:, None, :]))
+    entries = np.flatnonzero((row >= 0) & (column >= 0))
+    entries = entries[_find_order(row.take(entries), unknowns)]
+    entries = entries[_find_order(column.take(entries), unknowns)]
+    row, column = row.take(entries), column.take(entries)
     begins = np.flatnonzero(np.append(True, (row[1:] != row[:-1]) | (column[1:] != column[:-1])))
-    row, column, ends = row.take(begins), column.take(begins), np.append(begins, len(some)).astype(np.int32)
-    both = (signs[:, :, None] * signs[:, None]).ravel().take(some)
-    sums = sp.csr_array((both, some.astype(np.int32), ends), shape=(len(begins), dofs.size * size))
+    row, column, ends = row.take(begins), column.take(begins), np.append(begins, len(entries)).astype(np.int32)
+    products = (signs[:, :, None] * signs[:, None]).ravel().take(entries)
+    sums = sp.csr_array((products, entries.astype(np.int32), ends), shape=(len(begins), dofs.size * size))
     starts: Any = np.append(0, np.cumsum(np.bincount(column, minlength=unknowns))).astype(np.int32)
     return row, starts, sums
 
 
-def _order(numbers: Ints, count: int) -> Ints:
+def _find_order(numbers: Ints, count: int) -> Ints:
     """Return the stable sorting order of numbers below ``count``, by counting, as in the transpose of a sparse matrix."""
     whole = np.array([0, len(numbers)], dtype=np.int32)
     row = sp.csr_array((np.arange(len(numbers)), numbers, whole), shape=(1, count))

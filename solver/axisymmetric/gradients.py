@@ -7,18 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.common.errors import InputError, one_of
+from geometry.common.errors import InputError, describe_choices
 from geometry.meridian.section import LAYERS, Body
 from geometry.scenes.scene import Scene
-from geometry.scenes.variables import length_derivatives, values
+from geometry.scenes.variables import compute_length_derivatives, list_values
 from solver.axisymmetric.base_states import MeridianModel
-from solver.axisymmetric.energy_derivatives import total_derivatives, variables
-from solver.axisymmetric.modulus_response import tangent
+from solver.axisymmetric.energy_derivatives import differentiate_totals, list_variables
+from solver.axisymmetric.modulus_response import compute_tangent
 from solver.axisymmetric.sample import MeshSample
 from solver.axisymmetric.state_forms import StateForms
 
-OUTPUTS = ("ratio", "stress_inner", "stress_outer", "stiffness", "log_sensitivity")
-MATERIALS = {
+OUTPUT_NAMES = ("ratio", "stress_inner", "stress_outer", "stiffness", "log_sensitivity")
+BODY_OF_MATERIAL = {
     "tissue": Body.TISSUE, "probe.inner": Body.INNER, "probe.outer": Body.OUTER, "inclusion": Body.INCLUSION,
     "probe.base": Body.BASE, "probe.film": Body.FILM, **{f"tissue.layer[{k}]": body for k, body in enumerate(LAYERS)},
 }  # fmt: skip
@@ -29,7 +29,7 @@ class Gradients:
     """Outputs at the scene's load, for k Young's moduli of the inclusion, and their derivatives.
 
     Attributes:
-        variables: keys of ``geometry.scenes.variables.values``, v of them.
+        variables: keys of ``geometry.scenes.variables.list_values``, v of them.
         values: by name of ``OUTPUT_NAMES``, SI, shape (k,).
         derivatives: by output, in SI units per SI unit of each variable, shape (k, v).
     """
@@ -39,7 +39,7 @@ class Gradients:
     derivatives: dict[str, Floats]
 
 
-def gradients(scene: Scene, sample: MeshSample, names: tuple[str, ...] | None = None) -> Gradients:
+def compute_gradients(scene: Scene, sample: MeshSample, names: tuple[str, ...] | None = None) -> Gradients:
     """Differentiate the outputs of a sample exactly, as discretised, at a fixed topology of the mesh.
 
     Derivatives of log_sensitivity take one more solve with two right sides: u' = -K^-1 K' u of both states. Lengths of a
@@ -48,24 +48,24 @@ def gradients(scene: Scene, sample: MeshSample, names: tuple[str, ...] | None = 
     Raises:
         InputError: a name is not one of the scene's variables.
     """
-    allowed = _differentiable(scene, sample)
+    allowed = _list_differentiable(scene, sample)
     chosen = allowed if names is None else names
     unknown = [name for name in chosen if name not in allowed]
     if unknown:
-        raise InputError("variable", unknown[0], one_of(unknown[0], allowed))
-    chain = np.array([by_scene(scene, sample.states.model, name) for name in chosen])  # (v, section variables)
-    logs = by_section(sample)
+        raise InputError("variable", unknown[0], describe_choices(unknown[0], allowed))
+    chain = np.array([differentiate_by_scene(scene, sample.states.model, name) for name in chosen])  # (v, section variables)
+    logs = differentiate_by_section(sample)
     totals, f = sample.totals, logs.totals  # (k, 2), (k, section variables, 2)
-    log_stress = f - areas(scene, sample.states.model)
+    log_stress = f - differentiate_areas(scene, sample.states.model)
     if scene.load.indentation is None:
-        log_stress = log_stress - _stiffness(totals, f)[..., None]
+        log_stress = log_stress - _differentiate_stiffness(totals, f)[..., None]
     logarithmic = {
         "ratio": log_stress[..., 0] - log_stress[..., 1],
         "stress_inner": log_stress[..., 0],
         "stress_outer": log_stress[..., 1],
-        "stiffness": _stiffness(totals, f),
+        "stiffness": _differentiate_stiffness(totals, f),
     }
-    outputs = _values(scene, sample)
+    outputs = _compute_outputs(scene, sample)
     derivatives = {name: outputs[name][:, None] * (change @ chain.T) for name, change in logarithmic.items()}
     derivatives["log_sensitivity"] = logs.sensitivity @ chain.T
     for change in derivatives.values():  # the variable is each value's own modulus, not that of the states
@@ -73,13 +73,13 @@ def gradients(scene: Scene, sample: MeshSample, names: tuple[str, ...] | None = 
     return Gradients(chosen, outputs, derivatives)
 
 
-def _differentiable(scene: Scene, sample: MeshSample) -> tuple[str, ...]:
+def _list_differentiable(scene: Scene, sample: MeshSample) -> tuple[str, ...]:
     """Return the scene's variables, without single heights where an elastic base lies flat on both films.
 
     There a change of one height would put a step into the base.
     """
-    level = sample.states.model.mesh.layout.kind.base == 0
-    return tuple(name for name in values(scene) if not (level and name in ("probe.inner_height", "probe.outer_height")))
+    flush = sample.states.model.mesh.layout.kind.base == 0
+    return tuple(name for name in list_values(scene) if not (flush and name in ("probe.inner_height", "probe.outer_height")))
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class SectionDerivatives:
     sensitivity: Floats
 
 
-def by_section(sample: MeshSample) -> SectionDerivatives:
+def differentiate_by_section(sample: MeshSample) -> SectionDerivatives:
     """Differentiate totals and log-sensitivities by the section's variables; the states' own change enters F' alone.
 
     F' = dF / d ln E = t u^T K_b u:  dF' = 2 u'^T dK u + t u^T dK_b u,  u' = du / d ln E (AX.7).
@@ -99,29 +99,29 @@ def by_section(sample: MeshSample) -> SectionDerivatives:
     states, t = sample.states, sample.times[:, None, None]
     spanned = sample.response
     if spanned is None and Body.INCLUSION in states.model.materials:
-        spanned = tangent(states)
+        spanned = compute_tangent(states)
     edge, size = (states.edge, np.ones(2)) if spanned is None else (spanned.edges, spanned.sizes)
-    u, du = (np.eye(2)[None], np.zeros((1, 2, 2))) if spanned is None else spanned.states_at(sample.times)
-    forms = StateForms.of(u, du, size)
+    u, du = (np.eye(2)[None], np.zeros((1, 2, 2))) if spanned is None else spanned.compute_states(sample.times)
+    forms = StateForms.choose_pairs(u, du, size)
     pairs = edge.reshape(-1, len(size)) @ forms.states.reshape(len(size), -1)
-    whole = states.model.whole(pairs.reshape(*edge.shape[:2], -1))
-    rest, inside = total_derivatives(states.model, whole.reshape(*whole.shape[:2], *forms.states.shape[1:]), Body.INCLUSION)
-    (rest, rest_changes), (inside, inside_changes) = forms.sums(rest), forms.sums(inside)
+    whole = states.model.recover_values(pairs.reshape(*edge.shape[:2], -1))
+    outside, inside = differentiate_totals(states.model, whole.reshape(*whole.shape[:2], *forms.states.shape[1:]), Body.INCLUSION)
+    (outside, outside_changes), (inside, inside_changes) = forms.sum_forms(outside), forms.sum_forms(inside)
     totals = sample.totals[:, None]
-    logs = (rest + t * inside) / totals
-    slope = rest_changes + t * (inside_changes + inside)
-    change = slope / totals - sample.slope.sum(axis=-1)[:, None] / totals * logs
+    logs = (outside + t * inside) / totals
+    slope = outside_changes + t * (inside_changes + inside)
+    change = slope / totals - sample.modulus_derivative.sum(axis=-1)[:, None] / totals * logs
     return SectionDerivatives(logs, change[..., 0] - change[..., 1])
 
 
-def _stiffness(totals: Floats, logs: Floats) -> Floats:
+def _differentiate_stiffness(totals: Floats, logs: Floats) -> Floats:
     """Return derivatives of ln of the total force, (k, v)."""
     return np.asarray((logs * totals[:, None]).sum(axis=-1) / totals.sum(axis=-1)[:, None])
 
 
-def areas(scene: Scene, model: MeridianModel) -> Floats:
+def differentiate_areas(scene: Scene, model: MeridianModel) -> Floats:
     """Return derivatives of ln of the end areas by the section's variables, shape (v, 2)."""
-    names, probe = variables(model), scene.probe
+    names, probe = list_variables(model), scene.probe
     out = np.zeros((len(names), 2))
     ring = probe.outer_area / np.pi
     out[names.index("inner_radius"), 0] = 2.0
@@ -130,15 +130,15 @@ def areas(scene: Scene, model: MeridianModel) -> Floats:
     return out
 
 
-def by_scene(scene: Scene, model: MeridianModel, name: str) -> Floats:
+def differentiate_by_scene(scene: Scene, model: MeridianModel, name: str) -> Floats:
     """Return derivatives of the section's variables (ln of lengths and moduli, Poisson's ratios) by one of the scene's."""
-    section_variables = variables(model)
+    section_variables = list_variables(model)
     out = np.zeros(len(section_variables))
-    for length, change in length_derivatives(scene).get(name, {}).items():
+    for length, change in compute_length_derivatives(scene).get(name, {}).items():
         if length in section_variables:
             out[section_variables.index(length)] = change / getattr(model.section, length)
     owner, _, quantity = name.rpartition(".")
-    body = MATERIALS.get(owner) if quantity != "adhesive_modulus" else Body.ADHESIVE
+    body = BODY_OF_MATERIAL.get(owner) if quantity != "adhesive_modulus" else Body.ADHESIVE
     if body is not None and body in model.materials and quantity in ("youngs_modulus", "poisson_ratio", "adhesive_modulus"):
         ratio = quantity == "poisson_ratio"
         key = f"{body.name.lower()}_{quantity if ratio else 'youngs_modulus'}"
@@ -146,7 +146,7 @@ def by_scene(scene: Scene, model: MeridianModel, name: str) -> Floats:
     return out
 
 
-def _values(scene: Scene, sample: MeshSample) -> dict[str, Floats]:
+def _compute_outputs(scene: Scene, sample: MeshSample) -> dict[str, Floats]:
     totals, ends = sample.totals, np.array([scene.probe.inner_area, scene.probe.outer_area])
     stiffness = totals.sum(axis=1)
     moved = scene.load.indentation
@@ -154,4 +154,4 @@ def _values(scene: Scene, sample: MeshSample) -> dict[str, Floats]:
     stress = totals * indentation[:, None] / ends
     ratio = totals[:, 0] / totals[:, 1] * ends[1] / ends[0]
     columns = (ratio, stress[:, 0], stress[:, 1], stiffness, sample.log_sensitivity)
-    return dict(zip(OUTPUTS, columns, strict=True))
+    return dict(zip(OUTPUT_NAMES, columns, strict=True))

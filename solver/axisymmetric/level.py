@@ -11,17 +11,17 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal, SolveError
 from geometry.scenes.scene import Scene
-from solver.axisymmetric.converged_forces import Converged, converged_forces
-from solver.axisymmetric.shared_designs import answers
+from solver.axisymmetric.converged_forces import Converged, compute_converged_forces
+from solver.axisymmetric.shared_designs import solve_shared_designs
 from solver.linalg.memory import keep_freed
-from solver.linalg.threads import one_thread
-from solver.linalg.workspace import in_own_workspace
-from solver.results.evaluator import Answer, FilmLevel, Tell
-from solver.results.kinds import needs_solid
+from solver.linalg.threads import limit_to_one_thread
+from solver.linalg.workspace import use_own_workspace
+from solver.results.evaluator import FilmEvaluator, FilmSolution, ProgressCallback
+from solver.results.kinds import find_geometry_refusal
 
 
 @dataclass(frozen=True)
-class Axisymmetric(FilmLevel):
+class Axisymmetric(FilmEvaluator):
     """High-order finite elements of the meridian plane: bonded or frictionless, one sphere on the axis at most."""
 
     name: str = "axisymmetric"
@@ -29,19 +29,19 @@ class Axisymmetric(FilmLevel):
 
     def refusal(self, scene: Scene) -> str | None:
         """Return why the scene is not rotationally symmetric, with the evaluator that takes it; None where it is."""
-        at = scene.placement
-        if needs_solid(scene) is not None:
-            return needs_solid(scene)
+        placement = scene.placement
+        if find_geometry_refusal(scene) is not None:
+            return find_geometry_refusal(scene)
         if len(scene.inclusion) > 1:
             return "equivalent-inclusion or closed-form for several inclusions"
         for body in scene.inclusion:
             if body.diameter is None:
                 return "equivalent-inclusion or solid for an ellipsoid"
-            if math.hypot(body.x - at.x, body.y - at.y) > 1e-9 * body.diameter:
+            if math.hypot(body.x - placement.x, body.y - placement.y) > 1e-9 * body.diameter:
                 return "equivalent-inclusion or closed-form for an inclusion off the probe's axis"
         return None
 
-    def answer(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> Answer:
+    def solve(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> FilmSolution:
         """Refine until ratio, stresses and stiffness are within ``accuracy`` and log_sensitivity within 5 times that.
 
         A curve takes one factorisation per mesh.
@@ -49,28 +49,28 @@ class Axisymmetric(FilmLevel):
         Raises:
             Refusal: the scene is not rotationally symmetric, or its equations cannot be solved in double precision.
         """
-        converged = self.converged(scene, accuracy, moduli)
-        return Answer(converged.films, converged.sample.states.residual, converged.plan, converged.notes)
+        converged = self.compute_converged(scene, accuracy, moduli)
+        return FilmSolution(converged.films, converged.sample.states.residual, converged.plan, converged.notes)
 
-    @in_own_workspace
-    def answers(self, scenes: Sequence[Scene], accuracies: Sequence[float]) -> list[Answer | InputError]:
+    @use_own_workspace
+    def solve_many(self, scenes: Sequence[Scene], accuracies: Sequence[float]) -> list[FilmSolution | InputError]:
         """Solve each scene at its accuracy, or return its refusal; all moduli and loads of a design are solved together."""
-        return answers(self.converged, self._alone, scenes, accuracies)
+        return solve_shared_designs(self.compute_converged, self._solve_or_refuse, scenes, accuracies)
 
-    @in_own_workspace
-    def converged(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> Converged:
+    @use_own_workspace
+    def compute_converged(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> Converged:
         """Return film forces with their errors at the inclusion's modulus, or at all ``moduli``.
 
         Raises:
             Refusal: see ``solve``.
         """
-        why = self.refusal(scene)
-        if why is not None:
-            raise Refusal("evaluator", self.name, why)
+        reason = self.refusal(scene)
+        if reason is not None:
+            raise Refusal("evaluator", self.name, reason)
         keep_freed()
-        with one_thread():
+        with limit_to_one_thread():
             try:
-                return converged_forces(scene, accuracy, moduli)
+                return compute_converged_forces(scene, accuracy, moduli)
             except SolveError as fault:
                 if moduli is not None and "curve from" in str(fault):
                     span = f"{np.min(moduli):g} to {np.max(moduli):g} Pa"
@@ -79,6 +79,6 @@ class Axisymmetric(FilmLevel):
                 raise Refusal("evaluator", self.name, f"{extremes} ({fault})") from fault
 
 
-def level(tell: Tell | None = None) -> Axisymmetric:
+def level(tell: ProgressCallback | None = None) -> Axisymmetric:
     """Return the evaluator; it reports no progress."""
     return Axisymmetric()

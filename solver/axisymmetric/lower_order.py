@@ -35,26 +35,33 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.meridian.mesh import interface_ends
+from geometry.meridian.mesh import find_interface_ends
 from geometry.meridian.section import Body, Section
-from solver.axisymmetric.base_states import MeridianModel, in_inclusion, lower_order, near_lower_order, of_degree, products
+from solver.axisymmetric.base_states import (
+    MeridianModel,
+    approximate_lower_order,
+    find_values_of_degree,
+    project_to_lower_order,
+    scale_inclusion,
+    sum_products,
+)
 from solver.axisymmetric.refinement import SampleErrors
 from solver.axisymmetric.sample import MeshSample
 from solver.linalg.rational_response import RationalResponse
 
-MOST = {4: 2.5, 5: 2.5, 6: 4.0, 8: 4.0}  # by order: c of eq. AX.10
-MOST_OF_OWN = {5: 2.2, 6: 2.4}  # likewise, for the state's own part of degree p
-AT_ENDS = 16.0  # c_e in cells at interfaces' ends at the tissue's side
-RATES = {4: 12.0}  # by order: k of eq. AX.11
-LEAST = 1.2  # of eq. AX.11
-NEAR = 12.0  # above it one step of descent leaves half of the energy or more
-CANCELLING = 0.1  # the factor 1/10 of eq. AX.10
-DEPENDENT = 1e-12  # of the largest energy: vectors with less count as dependent
-SAMPLED = 5  # moduli of a curve at which eq. AX.12 uses single elements
-SLOPES = 2.0  # times the change of each film's log-sensitivity by the last degree
+ERROR_FACTOR_OF_ORDER = {4: 2.5, 5: 2.5, 6: 4.0, 8: 4.0}  # by order: c of eq. AX.10
+OWN_DEGREE_FACTOR_OF_ORDER = {5: 2.2, 6: 2.4}  # likewise, for the state's own part of degree p
+INTERFACE_END_FACTOR = 16.0  # c_e in cells at interfaces' ends at the tissue's side
+RATE_FACTOR_OF_ORDER = {4: 12.0}  # by order: k of eq. AX.11
+MIN_ERROR_FACTOR = 1.2  # of eq. AX.11
+MAX_LAMBDA_OVER_TWO_MU = 12.0  # above it one step of descent leaves half of the energy or more
+CANCELLATION_FACTOR = 0.1  # the factor 1/10 of eq. AX.10
+DEPENDENT_RELATIVE = 1e-12  # of the largest energy: vectors with less count as dependent
+SAMPLED_MODULI = 5  # moduli of a curve at which eq. AX.12 uses single elements
+SENSITIVITY_FACTOR = 2.0  # times the change of each film's log-sensitivity by the last degree
 
 
-def graded_everywhere(section: Section) -> bool:
+def is_graded_everywhere(section: Section) -> bool:
     """Return whether the mesh is graded at every singular point, as eq. AX.10 requires.
 
     With films, an elastic base or round edges it is not.
@@ -74,12 +81,12 @@ class _Curve:
     values: Floats
     rational: RationalResponse | None
 
-    def at(self, times: Floats) -> Floats:
+    def compute_coefficients(self, times: Floats) -> Floats:
         """Return the coefficients of both states on the vectors at some moduli, shape (k, 2 + m, 2)."""
         out = np.zeros((len(times), self.values.shape[2], 2))
         out[:, :2] = np.eye(2)
         if self.rational is not None:
-            out[:, 2:] = self.rational.amplitudes(times)[0]
+            out[:, 2:] = self.rational.compute_amplitudes(times)[0]
         return out
 
 
@@ -96,59 +103,68 @@ class _Change:
     values: Floats
     loads: Floats
     low: _Curve
-    own: _Curve
+    whole: _Curve
 
     @classmethod
-    def of(cls, model: MeridianModel, low: _Curve, own: _Curve) -> _Change:
+    def from_curves(cls, model: MeridianModel, low: _Curve, whole: _Curve) -> _Change:
         """Build the difference of two curves; with several moduli their vectors differ, so that both sets are used."""
-        values = low.values - own.values if own.rational is None else np.concatenate([low.values, own.values], axis=2)
-        return cls(values, model.system.stiffness @ values, low, own)
+        values = low.values - whole.values if whole.rational is None else np.concatenate([low.values, whole.values], axis=2)
+        return cls(values, model.system.stiffness @ values, low, whole)
 
-    def at(self, times: Floats) -> Floats:
+    def compute_coefficients(self, times: Floats) -> Floats:
         """Return the coefficients of both states' difference on the vectors at some moduli, shape (k, m, 2)."""
-        return self.low.at(times) if self.own.rational is None else np.hstack([self.low.at(times), -self.own.at(times)])
+        return (
+            self.low.compute_coefficients(times)
+            if self.whole.rational is None
+            else np.hstack([self.low.compute_coefficients(times), -self.whole.compute_coefficients(times)])
+        )
 
-    def of_elements(self, times: Floats) -> Floats:
+    def compute_energies(self, times: Floats) -> Floats:
         """Return energies a_e(w_i, w_j) by element, (k, n, 2, 2): w at ``times``, a_e with the model's own moduli."""
-        turn = self.at(times)
-        return _pairs(_turned(self.values, turn), _turned(self.loads, turn))
+        turn = self.compute_coefficients(times)
+        return _multiply_pairs(_combine_vectors(self.values, turn), _combine_vectors(self.loads, turn))
 
 
-def order_errors(sample: MeshSample) -> SampleErrors:
+def bound_by_lower_order(sample: MeshSample) -> SampleErrors:
     """Bound the errors of a sample by its projection to the next lower order, one in ``ERROR_FACTOR_OF_ORDER``."""
-    own, order = _own(sample), sample.states.model.shapes.order
-    low = _lower(sample, own, order - 1)
-    return _errors(sample, _Change.of(sample.states.model, low, own), MOST[order], RATES.get(order))
+    whole, order = _build_curve(sample), sample.states.model.shapes.order
+    low = _project_curve(sample, whole, order - 1)
+    return _build_errors(
+        sample,
+        _Change.from_curves(sample.states.model, low, whole),
+        ERROR_FACTOR_OF_ORDER[order],
+        RATE_FACTOR_OF_ORDER.get(order),
+    )
 
 
-def near_errors(sample: MeshSample) -> SampleErrors | None:
+def bound_by_descent(sample: MeshSample) -> SampleErrors | None:
     """Bound the errors of a sample by one step of descent, in at most half of the time of a projection.
 
     None for several moduli, or where Poisson's ratio is above 0.48.
     """
-    own, order = _own(sample), sample.states.model.shapes.order
-    if own.rational is not None or np.any(sample.states.model.lam > NEAR * sample.states.model.two_mu):
+    whole, order = _build_curve(sample), sample.states.model.shapes.order
+    if whole.rational is not None or np.any(sample.states.model.lam > MAX_LAMBDA_OVER_TWO_MU * sample.states.model.two_mu):
         return None
-    values, loads = near_lower_order(sample.states, order - 1)
-    change = _Change(values - own.values, loads, _Curve(values, None), own)
-    return _errors(sample, change, MOST[order], RATES.get(order))
+    values, loads = approximate_lower_order(sample.states, order - 1)
+    change = _Change(values - whole.values, loads, _Curve(values, None), whole)
+    return _build_errors(sample, change, ERROR_FACTOR_OF_ORDER[order], RATE_FACTOR_OF_ORDER.get(order))
 
 
-def own_errors(sample: MeshSample) -> SampleErrors | None:
+def bound_by_last_degree(sample: MeshSample) -> SampleErrors | None:
     """Bound the errors of a sample by the energy of its last degree: wider bounds in a tenth of the time.
 
     None where the order is not in ``OWN_DEGREE_FACTOR_OF_ORDER``.
     """
-    own, order = _own(sample), sample.states.model.shapes.order
-    if order not in MOST_OF_OWN:
+    whole, order = _build_curve(sample), sample.states.model.shapes.order
+    if order not in OWN_DEGREE_FACTOR_OF_ORDER:
         return None
-    values = own.values.copy()
-    values[:, of_degree(sample.states.model, order)] = 0.0
-    low = _Curve(values, own.rational)
-    return _errors(sample, _Change.of(sample.states.model, low, own), MOST_OF_OWN[order])
+    values = whole.values.copy()
+    values[:, find_values_of_degree(sample.states.model, order)] = 0.0
+    low = _Curve(values, whole.rational)
+    return _build_errors(sample, _Change.from_curves(sample.states.model, low, whole), OWN_DEGREE_FACTOR_OF_ORDER[order])
 
 
-def _errors(sample: MeshSample, change: _Change, most: float, rate: float | None = None) -> SampleErrors:
+def _build_errors(sample: MeshSample, change: _Change, factor: float, rate: float | None = None) -> SampleErrors:
     """Build error bounds from a smaller space, by c of eq. AX.10 and, where changes may fall faster, k of eq. AX.11.
 
     The log-sensitivity is the difference of those of both films. The error of each is bounded by its change with the last degree
@@ -156,18 +172,20 @@ def _errors(sample: MeshSample, change: _Change, most: float, rate: float | None
     solved inaccurately widens the bounds: the exact solution has the smallest energy.
     """
     times, low = sample.times, change.low
-    energies = _energies(sample, change)
-    bound = _shares(sample, change, most, rate) * _cauchy(energies)
-    totals, slope = sample.totals, sample.slope.sum(axis=2)
-    share = _share(slope, totals)
-    lower_slope = times[:, None] * _inclusion_energies(sample, low.values, low.at(times)).sum(axis=2)
-    moved = np.abs(_share(lower_slope, totals + energies.sum(axis=2)) - share)
-    part = _share(bound, np.maximum(np.abs(totals) - bound, 0.0), np.inf)  # relative to the smallest force within the error
-    films = SLOPES * moved + np.multiply(np.abs(share), part, out=np.zeros_like(part), where=share != 0)  # 0 without variation
-    return SampleErrors(_known(bound + sample.rounding), _known(films.sum(axis=1)))
+    energies = _compute_energies(sample, change)
+    bound = _compute_shares(sample, change, factor, rate) * _bound_products(energies)
+    totals, slope = sample.totals, sample.modulus_derivative.sum(axis=2)
+    share = _divide(slope, totals)
+    lower_slope = times[:, None] * _compute_inclusion_energies(sample, low.values, low.compute_coefficients(times)).sum(axis=2)
+    moved = np.abs(_divide(lower_slope, totals + energies.sum(axis=2)) - share)
+    part = _divide(bound, np.maximum(np.abs(totals) - bound, 0.0), np.inf)  # relative to the smallest force within the error
+    films = SENSITIVITY_FACTOR * moved + np.multiply(
+        np.abs(share), part, out=np.zeros_like(part), where=share != 0
+    )  # 0 without variation
+    return SampleErrors(_replace_nan(bound + sample.rounding), _replace_nan(films.sum(axis=1)))
 
 
-def _own(sample: MeshSample) -> _Curve:
+def _build_curve(sample: MeshSample) -> _Curve:
     """Return the sample's own states."""
     states, response = sample.states, sample.response
     if response is None:
@@ -175,91 +193,95 @@ def _own(sample: MeshSample) -> _Curve:
     return _Curve(response.edges, response.rational)
 
 
-def _lower(sample: MeshSample, own: _Curve, degree: int) -> _Curve:
+def _project_curve(sample: MeshSample, whole: _Curve, degree: int) -> _Curve:
     """Project the vectors of a curve to a lower degree, and return the best states on them."""
     model = sample.states.model
-    values = lower_order(sample.states, own.values[..., 2:], degree, float(sample.times.max()))
-    if own.rational is None:
+    values = project_to_lower_order(sample.states, whole.values[..., 2:], degree, float(sample.times.max()))
+    if whole.rational is None:
         return _Curve(values, None)
     states, vectors = values[..., :2], values[..., 2:]
-    size, turn = np.linalg.eigh(products(vectors, model.system.stiffness @ vectors))
-    some = size > DEPENDENT * size[-1]
-    vectors = vectors @ (turn[:, some] / np.sqrt(size[some]))
+    size, turn = np.linalg.eigh(sum_products(vectors, model.system.stiffness @ vectors))
+    independent = size > DEPENDENT_RELATIVE * size[-1]
+    vectors = vectors @ (turn[:, independent] / np.sqrt(size[independent]))
     inside = np.flatnonzero(model.mesh.body == Body.INCLUSION)
     part = model.system.stiffness[inside] @ vectors[inside]
     nothing = np.zeros((2, 2))
-    rational = RationalResponse.of(products(vectors[inside], part), products(part, states[inside]), start=nothing, inside=nothing)
+    rational = RationalResponse.from_energies(
+        sum_products(vectors[inside], part), sum_products(part, states[inside]), start=nothing, inside=nothing
+    )
     return _Curve(np.concatenate([states, vectors @ rational.turn], axis=2), rational)
 
 
-def _inclusion_energies(sample: MeshSample, values: Floats, at: Floats) -> Floats:
+def _compute_inclusion_energies(sample: MeshSample, values: Floats, coefficients: Floats) -> Floats:
     """Return energies within the inclusion, at the modulus of ``sample.states``, shape (k, 2, 2)."""
     inside = np.flatnonzero(sample.states.model.mesh.body == Body.INCLUSION)
     part = values[inside]
-    return np.asarray(at.transpose(0, 2, 1) @ products(part, sample.states.model.system.stiffness[inside] @ part) @ at)
+    return np.asarray(
+        coefficients.transpose(0, 2, 1) @ sum_products(part, sample.states.model.system.stiffness[inside] @ part) @ coefficients
+    )
 
 
-def _energies(sample: MeshSample, change: _Change) -> Floats:
+def _compute_energies(sample: MeshSample, change: _Change) -> Floats:
     """Return energies a(w_i, w_j) at all moduli, shape (k, 2, 2)."""
-    times, at = sample.times, change.at(sample.times)
-    whole = np.asarray(at.transpose(0, 2, 1) @ products(change.values, change.loads) @ at)
-    if change.own.rational is None:
-        return whole
-    return np.asarray(whole + (times[:, None, None] - 1) * _inclusion_energies(sample, change.values, at))
+    times, coefficients = sample.times, change.compute_coefficients(sample.times)
+    energies = np.asarray(coefficients.transpose(0, 2, 1) @ sum_products(change.values, change.loads) @ coefficients)
+    if change.whole.rational is None:
+        return energies
+    return np.asarray(energies + (times[:, None, None] - 1) * _compute_inclusion_energies(sample, change.values, coefficients))
 
 
-def _shares(sample: MeshSample, change: _Change, most: float, rate: float | None = None) -> Floats:
+def _compute_shares(sample: MeshSample, change: _Change, factor: float, rate: float | None = None) -> Floats:
     """Return the first factor of eq. AX.12, which changes little with the modulus, shape (k, 2)."""
     model, order = sample.states.model, sample.states.model.shapes.order
-    times = np.ones(1) if sample.response is None else np.geomspace(sample.times.min(), sample.times.max(), SAMPLED)
-    stiffness = np.stack([in_inclusion(model, time) for time in times])
-    energies = stiffness * change.of_elements(times)
-    last = _sizes(energies)
-    left = np.full_like(last, most)
+    times = np.ones(1) if sample.response is None else np.geomspace(sample.times.min(), sample.times.max(), SAMPLED_MODULI)
+    stiffness = np.stack([scale_inclusion(model, time) for time in times])
+    energies = stiffness * change.compute_energies(times)
+    last = _compute_sizes(energies)
+    left = np.full_like(last, factor)
     if rate is not None:
-        before = _sizes(stiffness * _of_degree(model, change.low, order - 1, times))
-        left = np.clip(rate * _share(last, np.maximum(before - last, 0.0), np.inf), LEAST, left)  # eq. AX.11
-    left[:, interface_ends(model.mesh)] = AT_ENDS
-    shares = _share((left * last).sum(axis=1), _cauchy(energies.sum(axis=1)))
-    above = np.clip(np.searchsorted(times, sample.times), min(1, len(times) - 1), len(times) - 1)
-    return np.asarray(np.maximum(shares[above], shares[np.maximum(above - 1, 0)]))
+        previous = _compute_sizes(stiffness * _compute_degree_energies(model, change.low, order - 1, times))
+        left = np.clip(rate * _divide(last, np.maximum(previous - last, 0.0), np.inf), MIN_ERROR_FACTOR, left)  # eq. AX.11
+    left[:, find_interface_ends(model.mesh)] = INTERFACE_END_FACTOR
+    shares = _divide((left * last).sum(axis=1), _bound_products(energies.sum(axis=1)))
+    upper = np.clip(np.searchsorted(times, sample.times), min(1, len(times) - 1), len(times) - 1)
+    return np.asarray(np.maximum(shares[upper], shares[np.maximum(upper - 1, 0)]))
 
 
-def _of_degree(model: MeridianModel, states: _Curve, degree: int, times: Floats) -> Floats:
+def _compute_degree_energies(model: MeridianModel, states: _Curve, degree: int, times: Floats) -> Floats:
     """Return energies a_e of both states' parts of one degree, (k, n, 2, 2): states at ``times``, a_e with the model's moduli."""
-    some = of_degree(model, degree)
-    part = _turned(states.values[:, some], states.at(times))
-    return _pairs(part, model.system.stiffness[:, some[:, None], some] @ part)
+    chosen = find_values_of_degree(model, degree)
+    part = _combine_vectors(states.values[:, chosen], states.compute_coefficients(times))
+    return _multiply_pairs(part, model.system.stiffness[:, chosen[:, None], chosen] @ part)
 
 
-def _turned(values: Floats, turn: Floats) -> Floats:
+def _combine_vectors(values: Floats, turn: Floats) -> Floats:
     """Combine vectors (n, s, m) by k pairs of coefficients, (k, m, 2), to shape (n, s, 2 k)."""
     return np.asarray(values @ turn.transpose(1, 0, 2).reshape(turn.shape[1], -1))
 
 
-def _pairs(values: Floats, loads: Floats) -> Floats:
+def _multiply_pairs(values: Floats, loads: Floats) -> Floats:
     """Return products of pairs of values and loads, element by element, (n, s, 2 k) both to (k, n, 2, 2)."""
     n, s, _ = values.shape
-    a, b = (one.reshape(n, s, -1, 2).transpose(2, 0, 1, 3) for one in (values, loads))
+    a, b = (array.reshape(n, s, -1, 2).transpose(2, 0, 1, 3) for array in (values, loads))
     return np.asarray(a.transpose(0, 1, 3, 2) @ b)
 
 
-def _cauchy(energies: Floats) -> Floats:
+def _bound_products(energies: Floats) -> Floats:
     """Return the Cauchy-Schwarz bounds sqrt(a(w_i, w_i) a(W, W)) from a(w_i, w_j), (k, 2, 2) to (k, 2)."""
     return np.asarray(np.sqrt(np.abs(np.diagonal(energies, axis1=1, axis2=2) * energies.sum(axis=(1, 2))[:, None])))
 
 
-def _sizes(energies: Floats) -> Floats:
+def _compute_sizes(energies: Floats) -> Floats:
     """Return d_e of eq. AX.10 from a_e(w_i, w_j), (..., 2, 2) to (..., 2)."""
     whole, single = energies.sum(axis=(-2, -1)), np.diagonal(energies, axis1=-2, axis2=-1)
-    return np.asarray(np.abs(energies.sum(axis=-1)) + CANCELLING * np.sqrt(np.abs(single * whole[..., None])))
+    return np.asarray(np.abs(energies.sum(axis=-1)) + CANCELLATION_FACTOR * np.sqrt(np.abs(single * whole[..., None])))
 
 
-def _known(bounds: Floats) -> Floats:
+def _replace_nan(bounds: Floats) -> Floats:
     """Return bounds with infinity in place of NaN, which rounding may cause."""
     return np.where(np.isnan(bounds), np.inf, bounds)
 
 
-def _share(part: Floats, whole: Floats, otherwise: float = 0.0) -> Floats:
+def _divide(part: Floats, whole: Floats, otherwise: float = 0.0) -> Floats:
     """Return parts divided by wholes; ``otherwise`` where a whole is 0."""
     return np.divide(part, whole, out=np.full_like(whole, otherwise), where=whole != 0)

@@ -15,12 +15,12 @@ import numpy as np
 from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import SolveError
 from geometry.meridian.section import Body
-from solver.axisymmetric.base_states import BaseStates, products
+from solver.axisymmetric.base_states import BaseStates, sum_products
 from solver.linalg.rational_response import KrylovBasis, RationalResponse
 
-TOLERANCE = 1e-10  # at both ends of the range; states are accurate to its root
-MOST_STEPS = 60
-NOTHING_NEW = 1e-20  # outside the basis: vectors with less are dropped
+FORCE_TOLERANCE_RELATIVE = 1e-10  # at both ends of the range; states are accurate to its root
+MAX_STEPS = 60
+MIN_NEW_ENERGY_SHARE = 1e-20  # outside the basis: vectors with less are dropped
 
 
 @dataclass(frozen=True)
@@ -43,19 +43,19 @@ class ModulusResponse:
     edge: Floats
     rational: RationalResponse
 
-    def forces(self, t: Floats) -> tuple[Floats, Floats]:
+    def compute_forces(self, t: Floats) -> tuple[Floats, Floats]:
         """Return F and dF / d ln E for t = E / E_0 > 0, shape (n,): two arrays of shape (n, 2, 2)."""
-        return self.rational.at(t)
+        return self.rational.evaluate(t)
 
-    def states_at(self, t: Floats) -> tuple[Floats, Floats]:
+    def compute_states(self, t: Floats) -> tuple[Floats, Floats]:
         """Return coefficients of both states on (u_1, u_2, v_1 ... v_m) and their derivatives by ln E, each (n, 2 + m, 2).
 
         On v_k they are -(t - 1) c_k / (1 + (t - 1) l_k) and -t c_k / (1 + (t - 1) l_k)^2 (AX.9).
         """
-        both = np.zeros((2, len(t), 2 + len(self.rational.share), 2))
-        both[0, :, :2] = np.eye(2)
-        both[0, :, 2:], both[1, :, 2:] = self.rational.amplitudes(t)
-        return both[0], both[1]
+        coefficients = np.zeros((2, len(t), 2 + len(self.rational.share), 2))
+        coefficients[0, :, :2] = np.eye(2)
+        coefficients[0, :, 2:], coefficients[1, :, 2:] = self.rational.compute_amplitudes(t)
+        return coefficients[0], coefficients[1]
 
     @property
     def edges(self) -> Floats:
@@ -68,7 +68,7 @@ class ModulusResponse:
         return np.concatenate([np.sqrt(np.abs(np.diag(self.states.forces))), np.ones(self.edge.shape[-1])])
 
 
-def response(states: BaseStates, low: float, high: float, body: Body = Body.INCLUSION) -> ModulusResponse:
+def compute_response(states: BaseStates, low: float, high: float, body: Body = Body.INCLUSION) -> ModulusResponse:
     """Return film forces for moduli of a body from ``low`` to ``high``, as multiples of its modulus in ``states``.
 
     Raises:
@@ -78,22 +78,22 @@ def response(states: BaseStates, low: float, high: float, body: Body = Body.INCL
     if not inside.size:
         raise SolveError(f"the section has no {body.name.lower()}")
     space, ends = _BodyEnergy(states, inside), np.array([low, high])
-    tolerance = max(TOLERANCE, float(np.max(states.rounding) / np.max(np.abs(states.forces))))
-    forces = space.forces(ends)
-    for _ in range(MOST_STEPS):
+    tolerance = max(FORCE_TOLERANCE_RELATIVE, float(np.max(states.rounding) / np.max(np.abs(states.forces))))
+    forces = space.compute_forces(ends)
+    for _ in range(MAX_STEPS):
         grown = space.grow()
-        before, forces = forces, space.forces(ends)
-        change = np.abs(forces - before).max(axis=(1, 2)) / np.abs(forces).max(axis=(1, 2))
+        previous, forces = forces, space.compute_forces(ends)
+        change = np.abs(forces - previous).max(axis=(1, 2)) / np.abs(forces).max(axis=(1, 2))
         if not grown or np.all(change < tolerance):
-            return space.response(body)
+            return space.build_response(body)
     raise SolveError(f"the curve from {low:g} to {high:g} times the modulus was not found to {tolerance:.0e}")
 
 
-def tangent(states: BaseStates) -> ModulusResponse:
+def compute_tangent(states: BaseStates) -> ModulusResponse:
     """Return a response that is exact at t = 1 only: states and derivatives by ln E of the inclusion, from one solve."""
     space = _BodyEnergy(states, np.flatnonzero(states.model.mesh.body == Body.INCLUSION))
     space.grow()
-    return space.response(Body.INCLUSION)
+    return space.build_response(Body.INCLUSION)
 
 
 class _BodyEnergy:
@@ -106,22 +106,22 @@ class _BodyEnergy:
         self.gather = system.numbering.gather[(inside[:, None] * size + np.arange(size)).ravel()]
         self.local = states.edge[inside]  # u_1, u_2, v_1 ... in the body
         self.last = self.stiffness @ self.local  # K_b of the newest of them
-        self.energy = products(self.local, self.last)
-        self.basis = KrylovBasis(system.matrix, system.factor.solve, len(states.v), NOTHING_NEW)
+        self.energy = sum_products(self.local, self.last)
+        self.basis = KrylovBasis(system.matrix, system.factor.solve, len(states.v), MIN_NEW_ENERGY_SHARE)
 
     def grow(self) -> bool:
         """Add K^-1 K_b times the newest vectors to the basis; return whether any of them was independent."""
         new = self.basis.grow(np.asarray(self.gather.T @ self.last.reshape(-1, self.last.shape[2])))
         if not new.shape[1]:
             return False
-        local = self.states.model.system.unshifted((self.gather @ new).reshape(*self.local.shape[:2], -1))[0]
+        local = self.states.model.system.remove_shift((self.gather @ new).reshape(*self.local.shape[:2], -1))[0]
         self.last = self.stiffness @ local
-        across, corner = products(self.local, self.last), products(local, self.last)
+        across, corner = sum_products(self.local, self.last), sum_products(local, self.last)
         self.local = np.concatenate([self.local, local], axis=2)
         self.energy = np.concatenate([np.hstack([self.energy, across]), np.hstack([across.T, corner])])
         return True
 
-    def forces(self, t: Floats) -> Floats:
+    def compute_forces(self, t: Floats) -> Floats:
         """Return film forces on the present basis, taken as orthonormal, shape (n, 2, 2)."""
         x, energy = np.asarray(t)[:, None, None] - 1, self.energy
         share, coupling = energy[2:, 2:], energy[2:, :2]
@@ -130,8 +130,8 @@ class _BodyEnergy:
         )
         return np.asarray(self.states.forces + x * energy[:2, :2] - x**2 * across)
 
-    def response(self, body: Body) -> ModulusResponse:
+    def build_response(self, body: Body) -> ModulusResponse:
         """Return the response on the present basis."""
-        energy, edge = self.energy, self.states.model.system.own(self.basis.vectors)
-        rational = RationalResponse.of(energy[2:, 2:], energy[2:, :2], start=self.states.forces, inside=energy[:2, :2])
+        energy, edge = self.energy, self.states.model.system.compute_values(self.basis.vectors)
+        rational = RationalResponse.from_energies(energy[2:, 2:], energy[2:, :2], start=self.states.forces, inside=energy[:2, :2])
         return ModulusResponse(body, self.states, edge @ rational.turn, rational)

@@ -9,19 +9,19 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError
-from geometry.meridian.frame import kind as kind_of
+from geometry.meridian.frame import find_kind as kind_of
 from geometry.scenes.scene import Scene
-from solver.axisymmetric.refinement import LEVELS
-from solver.axisymmetric.sample import MeshSample, sample
-from solver.axisymmetric.sections import HALF_SPACE, Sections
-from solver.results.detail_compliance import details
+from solver.axisymmetric.refinement import MESH_LEVELS
+from solver.axisymmetric.sample import MeshSample, solve_on_mesh
+from solver.axisymmetric.sections import HALF_SPACE_SIZES, Sections
+from solver.results.detail_compliance import iterate_details
 from solver.results.film_forces import Bound
 from solver.results.result import Decision, Effect
 
-IN_PLANE = "film compliance", "elastic base"  # details that the meridian plane can model
-BEYOND = f"the tissue beyond {HALF_SPACE:g} probe sizes"
-SECOND_ORDER = 1 / 3  # remaining error, of the shift by the mean over cylinders
-SLACK = 1.2  # on the bracket of sides that are not round: the ratio may not be monotone in it
+IN_PLANE_DETAILS = "film compliance", "elastic base"  # details that the meridian plane can model
+OUTER_TISSUE = f"the tissue beyond {HALF_SPACE_SIZES:g} probe sizes"
+SECOND_ORDER_SHARE = 1 / 3  # remaining error, of the shift by the mean over cylinders
+BRACKET_MARGIN_FACTOR = 1.2  # on the bracket of sides that are not round: the ratio may not be monotone in it
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Change:
         """The largest relative change of the ratio."""
         return max(bound.log_ratio for bound in self.bounds)
 
-    def decision(self, accuracy: float) -> Decision:
+    def build_decision(self, accuracy: float) -> Decision:
         """Return the line of the plan for this feature."""
         totals = np.array([bound.totals for bound in self.bounds])
         with np.errstate(divide="ignore"):
@@ -54,11 +54,13 @@ class Change:
             stiffness = totals.sum(axis=1) / np.abs(self.totals.sum(axis=1))
         size = f"changes the ratio by at most about {self.effect:.2g}"
         reason = f"modelled: {size}" if self.modelled else f"left out: {size}, counted in error_estimate"
-        on = Effect(self.effect, float(stresses.max()), float(stiffness.max()))
-        return Decision.of(self.feature, self.modelled, on, accuracy, reason)
+        changes = Effect(self.effect, float(stresses.max()), float(stiffness.max()))
+        return Decision.from_effect(self.feature, self.modelled, changes, accuracy, reason)
 
 
-def omitted_changes(scene: Scene, plain: Sections, rough: Callable[[], MeshSample], moduli: Floats | None) -> Iterable[Change]:
+def bound_omitted_changes(
+    scene: Scene, plain: Sections, rough: Callable[[], MeshSample], moduli: Floats | None
+) -> Iterable[Change]:
     """Yield bounds on the effects that round blocks on a rigid base and round tissue leave out.
 
     Args:
@@ -70,18 +72,18 @@ def omitted_changes(scene: Scene, plain: Sections, rough: Callable[[], MeshSampl
     Raises:
         SolveError: the coarsest mesh cannot be solved.
     """
-    none = np.zeros(1 if moduli is None else len(moduli))
-    for detail in details(scene.probe):
-        yield Change(detail.name, tuple(detail.bound(forces) for forces in rough().forces), none, rough().totals)
+    zeros = np.zeros(1 if moduli is None else len(moduli))
+    for detail in iterate_details(scene.probe):
+        yield Change(detail.name, tuple(detail.compute_bound(forces) for forces in rough().forces), zeros, rough().totals)
     if plain.bracket:
-        yield _sides(scene, plain, rough(), moduli)
+        yield _bound_sides(scene, plain, rough(), moduli)
     if scene.tissue.shape == "half-space":
-        share = 4 / HALF_SPACE
+        share = 4 / HALF_SPACE_SIZES
         bounds = tuple(Bound(share * np.abs(totals), share) for totals in rough().totals)
-        yield Change(BEYOND, bounds, none, rough().totals)
+        yield Change(OUTER_TISSUE, bounds, zeros, rough().totals)
 
 
-def _sides(scene: Scene, plain: Sections, rough: MeshSample, moduli: Floats | None) -> Change:
+def _bound_sides(scene: Scene, plain: Sections, rough: MeshSample, moduli: Floats | None) -> Change:
     """Correct for sides of the tissue that are not round about the probe's axis, by the mean over cylinders, with a bound.
 
     F = (1 / 2 pi) Int F_cylinder(R(theta)) d theta (AX.4) is right to first order in the deviation of the sides from a circle,
@@ -95,20 +97,24 @@ def _sides(scene: Scene, plain: Sections, rough: MeshSample, moduli: Floats | No
     for section in plain.bracket:
         try:  # on a mesh of one topology errors cancel in the difference
             with np.errstate(all="ignore"):  # lengths may be in another order; the mesh then has no area
-                ends.append(sample(section, plain, scene, LEVELS[0], moduli=moduli, kind=kind))
+                ends.append(solve_on_mesh(section, plain, scene, MESH_LEVELS[0], moduli=moduli, kind=kind))
         except SolveError:
-            ends.append(sample(section, plain, scene, LEVELS[0], moduli=moduli))
+            ends.append(solve_on_mesh(section, plain, scene, MESH_LEVELS[0], moduli=moduli))
     radii = np.array([section.tissue_radius for section in (*plain.bracket[:2], plain.section, *plain.bracket[2:])])
-    every = np.array([sample.forces for sample in (*ends[:2], rough, *ends[2:])])
-    shift = pchip_interpolate(radii, every, plain.outline).mean(axis=0) - rough.forces
-    widest = SLACK * np.max([np.abs(end.totals - rough.totals) for end in ends], axis=0)
+    bracket_forces = np.array([sample.forces for sample in (*ends[:2], rough, *ends[2:])])
+    shift = pchip_interpolate(radii, bracket_forces, plain.outline).mean(axis=0) - rough.forces
+    widest = BRACKET_MARGIN_FACTOR * np.max([np.abs(end.totals - rough.totals) for end in ends], axis=0)
     part = np.minimum(widest / np.abs(rough.totals), 1.0)
     moved = rough.totals + shift.sum(axis=2)
-    brackets = SLACK * np.max([np.abs(end.totals - moved) for end in ends], axis=0)
-    totals = np.minimum(SECOND_ORDER * np.abs(shift.sum(axis=2)) + part * widest, brackets)
+    brackets = BRACKET_MARGIN_FACTOR * np.max([np.abs(end.totals - moved) for end in ends], axis=0)
+    totals = np.minimum(SECOND_ORDER_SHARE * np.abs(shift.sum(axis=2)) + part * widest, brackets)
     logs = [np.log(np.abs(end.totals / rough.totals)) @ [1.0, -1.0] for end in ends]
     shifted = np.log(np.abs(1 + shift.sum(axis=2) / rough.totals)) @ [1.0, -1.0]
-    ratios = SECOND_ORDER * np.abs(shifted) + SLACK * np.max(np.abs(logs), axis=0) * np.clip(2 * part.max(axis=1), 0.25, 1.0)
-    sensitivity_bounds = SLACK * np.max([np.abs(end.log_sensitivity - rough.log_sensitivity) for end in ends], axis=0)
+    ratios = SECOND_ORDER_SHARE * np.abs(shifted) + BRACKET_MARGIN_FACTOR * np.max(np.abs(logs), axis=0) * np.clip(
+        2 * part.max(axis=1), 0.25, 1.0
+    )
+    sensitivity_bounds = BRACKET_MARGIN_FACTOR * np.max(
+        [np.abs(end.log_sensitivity - rough.log_sensitivity) for end in ends], axis=0
+    )
     bounds = tuple(Bound(total, float(ratio)) for total, ratio in zip(totals, ratios, strict=True))
     return Change("sides that are not round", bounds, sensitivity_bounds, rough.totals, shift=shift)

@@ -16,7 +16,7 @@ from solver.axisymmetric.sample import MeshSample
 from solver.results.warnings import Note
 
 # order, layers at corners and at last the number of cells rise together: errors fall by 3 to 10 from one to the next
-LEVELS = (
+MESH_LEVELS = (
     MeridianFineness(1, 2, 3),
     MeridianFineness(1, 2, 4, lean=True),
     MeridianFineness(1, 3, 5, lean=True),
@@ -26,15 +26,15 @@ LEVELS = (
     MeridianFineness(2, 6, 8),
 )
 COARSE_ENOUGH = (3e-3, 3e-4)  # accuracies below which the first and the second mesh are left out
-LIGHT = MeridianFineness(0.7, 1, 4, lean=True)  # tried first at low accuracy
-LIGHT_FOR = 3e-3  # below it the light mesh is seldom accurate enough
-BELIEVED = 0.01  # wider bounds of the light mesh are not trusted: its changes may not yet fall
-ONE_MESH = (4, 5, 6)  # orders of meshes that bound their own errors
-CROSSED = (5, 6, 8)  # where interfaces cross the sphere: order 4 gave half of an error there
-UNSEEN_DROP = 1.5  # of errors from one mesh to the next, before it is measured
-LEAST_SHARE = 1.5  # smallest error bound, times the last change
-GUARD = 0.3  # share of the largest change that eq. AX.2 allows
-LEAST_MEMORY = 0.1  # smallest error bound, times the change before the last
+LIGHT_MESH = MeridianFineness(0.7, 1, 4, lean=True)  # tried first at low accuracy
+LIGHT_MESH_MIN_ACCURACY = 3e-3  # below it the light mesh is seldom accurate enough
+MAX_LIGHT_MESH_BOUND = 0.01  # wider bounds of the light mesh are not trusted: its changes may not yet fall
+ONE_MESH_ORDERS = (4, 5, 6)  # orders of meshes that bound their own errors
+CROSSED_SPHERE_ORDERS = (5, 6, 8)  # where interfaces cross the sphere: order 4 gave half of an error there
+ASSUMED_DECAY = 1.5  # of errors from one mesh to the next, before it is measured
+MIN_CHANGE_SHARE = 1.5  # smallest error bound, times the last change
+CANCELLATION_GUARD = 0.3  # share of the largest change that eq. AX.2 allows
+MIN_PREVIOUS_CHANGE_SHARE = 0.1  # smallest error bound, times the change before the last
 
 
 @dataclass(frozen=True)
@@ -48,11 +48,11 @@ class SampleErrors:
 def refine(
     solve: Callable[[MeridianFineness], MeshSample],
     accuracy: float,
-    good: Callable[[MeshSample, SampleErrors], bool],
-    alone: Sequence[Callable[[MeshSample], SampleErrors | None]] = (),
+    is_good: Callable[[MeshSample, SampleErrors], bool],
+    one_mesh_bounds: Sequence[Callable[[MeshSample], SampleErrors | None]] = (),
     *,
     margin: float = 1.0,
-    told: Sequence[int] = ONE_MESH,
+    one_mesh_orders: Sequence[int] = ONE_MESH_ORDERS,
 ) -> tuple[MeshSample, SampleErrors, str | None]:
     """Return the first sample that is accurate enough with its errors, or the best that could be solved.
 
@@ -72,22 +72,26 @@ def refine(
     """
     history: dict[MeridianFineness, MeshSample] = {}
     best: tuple[MeshSample, SampleErrors] | None = None
-    for level in _ladder(accuracy, bool(alone), margin == 1):
-        if alone and margin > 1 and level.order < min(told):
+    for level in _list_meshes(accuracy, bool(one_mesh_bounds), margin == 1):
+        if one_mesh_bounds and margin > 1 and level.order < min(one_mesh_orders):
             continue
         try:
-            found = solve(level)
-            if level != LIGHT:
-                history[level] = found
-            solved = [history[one] for one in LEVELS if one in history]
-            own = alone if level.order in told else ()
-            for bounds in _known(found, solved if margin == 1 or not own else [found], own, margin):
-                finest = found if level == LIGHT else solved[-1]
-                if level == LIGHT and _worst(finest, bounds) > BELIEVED:
+            mesh_sample = solve(level)
+            if level != LIGHT_MESH:
+                history[level] = mesh_sample
+            solved = [history[fineness] for fineness in MESH_LEVELS if fineness in history]
+            allowed_bounds = one_mesh_bounds if level.order in one_mesh_orders else ()
+            for bounds in _iterate_bounds(
+                mesh_sample, solved if margin == 1 or not allowed_bounds else [mesh_sample], allowed_bounds, margin
+            ):
+                finest = mesh_sample if level == LIGHT_MESH else solved[-1]
+                if level == LIGHT_MESH and _compute_worst_error(finest, bounds) > MAX_LIGHT_MESH_BOUND:
                     continue
-                if good(finest, bounds):
+                if is_good(finest, bounds):
                     return finest, bounds, None
-                if best is None or _worst(finest, bounds) < _worst(*best):  # rounding may grow from mesh to mesh
+                if best is None or _compute_worst_error(finest, bounds) < _compute_worst_error(
+                    *best
+                ):  # rounding may grow from mesh to mesh
                     best = finest, bounds
         except (SolveError, LimitReached) as fault:
             if best is None:
@@ -97,57 +101,57 @@ def refine(
     return *best, "this is the finest"
 
 
-def _ladder(accuracy: float, alone: bool, several: bool) -> Sequence[MeridianFineness]:
+def _list_meshes(accuracy: float, has_one_mesh_bounds: bool, several: bool) -> Sequence[MeridianFineness]:
     """Return the meshes to solve, in order.
 
     Where one mesh bounds its own error, the second mesh comes first. If that is not accurate enough, and bounds from several
     meshes are trusted, the cheap first mesh follows and gives another bound.
     """
-    levels = LEVELS[sum(accuracy < limit for limit in COARSE_ENOUGH) :]
-    if not alone:
+    levels = MESH_LEVELS[sum(accuracy < limit for limit in COARSE_ENOUGH) :]
+    if not has_one_mesh_bounds:
         return levels
-    return (*((LIGHT,) if accuracy >= LIGHT_FOR else ()), levels[1], *levels[:several], *levels[2:])
+    return (*((LIGHT_MESH,) if accuracy >= LIGHT_MESH_MIN_ACCURACY else ()), levels[1], *levels[:several], *levels[2:])
 
 
-def _known(
-    found: MeshSample,
+def _iterate_bounds(
+    mesh_sample: MeshSample,
     solved: Sequence[MeshSample],
-    alone: Iterable[Callable[[MeshSample], SampleErrors | None]],
+    one_mesh_bounds: Iterable[Callable[[MeshSample], SampleErrors | None]],
     margin: float,
 ) -> Iterator[SampleErrors]:
     """Yield bounds on the errors of the sample on the finest mesh: from several meshes, and from that mesh alone."""
-    light = all(found is not one for one in solved)
+    light = all(mesh_sample is not item for item in solved)
     if len(solved) > 1 and not light:
-        told = errors(solved)
-        yield SampleErrors(margin * told.totals, margin * told.sensitivity)
-    if light or found is solved[-1]:
-        yield from (bounds for one in alone if (bounds := one(found)) is not None)
+        change_bounds = bound_errors(solved)
+        yield SampleErrors(margin * change_bounds.totals, margin * change_bounds.sensitivity)
+    if light or mesh_sample is solved[-1]:
+        yield from (bounds for item in one_mesh_bounds if (bounds := item(mesh_sample)) is not None)
 
 
-def _worst(sample: MeshSample, bounds: SampleErrors) -> float:
+def _compute_worst_error(sample: MeshSample, bounds: SampleErrors) -> float:
     """Return the largest relative error bound of a film's force."""
     return float(np.max(bounds.totals / np.maximum(np.abs(sample.totals), 1e-300)))
 
 
-def errors(history: Sequence[MeshSample]) -> SampleErrors:
+def bound_errors(history: Sequence[MeshSample]) -> SampleErrors:
     """Bound the errors of the last of at least two samples by the changes between them.
 
     By Galerkin's orthogonality the error of film i's total is the energy product of the errors of state i and of the sum U of
     both states, and so at most sqrt(e_ii e_UU), e the errors of F_ii and of the stiffness (AX.2). A part of it guards
     against changes that cancel in a total by chance.
     """
-    changes = [total_change(b.forces - a.forces) for a, b in pairwise(history)]
+    changes = [compute_total_change(b.forces - a.forces) for a, b in pairwise(history)]
     sensitivity_changes = [np.abs(b.log_sensitivity - a.log_sensitivity) for a, b in pairwise(history)]
-    return SampleErrors(_remaining_error(changes) + history[-1].rounding, _remaining_error(sensitivity_changes))
+    return SampleErrors(_extrapolate_error(changes) + history[-1].rounding, _extrapolate_error(sensitivity_changes))
 
 
-def total_change(change: Floats) -> Floats:
+def compute_total_change(change: Floats) -> Floats:
     """Return the change of both totals, shape (k, 2), from the change of F_ij, shape (k, 2, 2), by eq. AX.2."""
     single, whole = np.abs(np.diagonal(change, axis1=1, axis2=2)), np.abs(change.sum(axis=(1, 2)))[:, None]
-    return np.asarray(np.maximum(np.abs(change.sum(axis=2)), GUARD * np.sqrt(single * whole)))
+    return np.asarray(np.maximum(np.abs(change.sum(axis=2)), CANCELLATION_GUARD * np.sqrt(single * whole)))
 
 
-def _remaining_error(changes: Sequence[Floats]) -> Floats:
+def _extrapolate_error(changes: Sequence[Floats]) -> Floats:
     """Bound the error that remains after the last of several changes.
 
     If errors fall by q from level to level, 1 / (q - 1) of the last change is left (AX.3). q is taken as ASSUMED_DECAY until a
@@ -155,6 +159,8 @@ def _remaining_error(changes: Sequence[Floats]) -> Floats:
     before.
     """
     if len(changes) == 1:
-        return np.asarray(changes[0] / (UNSEEN_DROP - 1))
+        return np.asarray(changes[0] / (ASSUMED_DECAY - 1))
     decay = np.clip(changes[-2] / np.maximum(changes[-1], 1e-300), 1.2, None)
-    return np.asarray(np.maximum(changes[-1] * np.maximum(LEAST_SHARE, 1 / (decay - 1)), LEAST_MEMORY * changes[-2]))
+    return np.asarray(
+        np.maximum(changes[-1] * np.maximum(MIN_CHANGE_SHARE, 1 / (decay - 1)), MIN_PREVIOUS_CHANGE_SHARE * changes[-2])
+    )

@@ -12,8 +12,8 @@ from geometry.meridian.frame import Kind, MeridianFineness
 from geometry.meridian.section import Body, Section
 from geometry.scenes.probe import Material
 from geometry.scenes.scene import Scene
-from solver.axisymmetric.base_states import BaseStates, base_states, model
-from solver.axisymmetric.modulus_response import ModulusResponse, response
+from solver.axisymmetric.base_states import BaseStates, build_model, solve_base_states
+from solver.axisymmetric.modulus_response import ModulusResponse, compute_response
 from solver.axisymmetric.sections import Sections
 
 
@@ -29,7 +29,7 @@ class MeshSample:
     """
 
     forces: Floats
-    slope: Floats
+    modulus_derivative: Floats
     states: BaseStates
     times: Floats
     response: ModulusResponse | None = None
@@ -48,15 +48,15 @@ class MeshSample:
     def log_sensitivity(self) -> Floats:
         """Log-sensitivities, shape (k,); 0 where a total is zero."""
         totals = self.totals
-        shares = np.divide(self.slope.sum(axis=2), totals, out=np.zeros_like(totals), where=totals != 0)
+        shares = np.divide(self.modulus_derivative.sum(axis=2), totals, out=np.zeros_like(totals), where=totals != 0)
         return np.asarray(shares[:, 0] - shares[:, 1])
 
 
-def sample(
+def solve_on_mesh(
     section: Section,
-    of: Sections,
+    scene_sections: Sections,
     scene: Scene,
-    level: MeridianFineness,
+    fineness: MeridianFineness,
     *,
     moduli: Floats | None = None,
     kind: Kind | None = None,
@@ -66,25 +66,25 @@ def sample(
     Raises:
         SolveError: the equations cannot be solved in double precision.
     """
-    materials, interface = dict(of.materials), scene.contact.interface
+    materials, interface = dict(scene_sections.materials), scene.contact.interface
     assert interface != "unilateral"  # refused before
     if moduli is not None:
-        shift = _middle(moduli, scene.tissue.youngs_modulus)
+        shift = _choose_middle_modulus(moduli, scene.tissue.youngs_modulus)
         ratio = scene.inclusion[0].poisson_ratio
         materials[Body.INCLUSION] = Material(youngs_modulus=shift, poisson_ratio=ratio)
     try:
-        states = base_states(model(section, materials, interface, level, kind))
+        states = solve_base_states(build_model(section, materials, interface, fineness, kind))
     except np.linalg.LinAlgError as fault:  # Poisson's ratio within rounding of 1/2
         raise SolveError(f"an element's matrix cannot be inverted: {fault}") from fault
     if moduli is None:
-        slope = states.slope() if scene.inclusion else np.zeros((2, 2))
+        slope = states.compute_modulus_derivative() if scene.inclusion else np.zeros((2, 2))
         return MeshSample(states.forces[None], slope[None], states, np.ones(1))
     times = moduli / shift
-    spanned = response(states, times.min(), times.max())
-    return MeshSample(*spanned.forces(times), states, times, spanned)
+    spanned = compute_response(states, times.min(), times.max())
+    return MeshSample(*spanned.compute_forces(times), states, times, spanned)
 
 
-def _middle(moduli: Floats, tissue: float) -> float:
+def _choose_middle_modulus(moduli: Floats, tissue: float) -> float:
     """Return the modulus at which a curve is solved: the middle of the range in which the film forces change."""
     low, high = np.clip([moduli.min(), moduli.max()], 0.01 * tissue, 100 * tissue)
     return float(np.sqrt(low * high))

@@ -13,9 +13,9 @@ from geometry.scenes.base_sizes import base_sizes
 from geometry.scenes.probe import Material
 from geometry.scenes.scene import Scene
 
-ANGLES = 1440  # directions in which the distance of the tissue's sides is computed
-HALF_SPACE = 1e6  # radius and depth of the model of a half-space, in sizes of probe and inclusion
-LEAST_CUT, TOUCHING = 1e-7, 1e-6  # of the sphere's radius; nearer interfaces move to the cut
+OUTLINE_DIRECTIONS = 1440  # directions in which the distance of the tissue's sides is computed
+HALF_SPACE_SIZES = 1e6  # radius and depth of the model of a half-space, in sizes of probe and inclusion
+MIN_CUT_RELATIVE, TOUCHING_RELATIVE = 1e-7, 1e-6  # of the sphere's radius; nearer interfaces move to the cut
 FILM_POISSON_RATIO = 0.3  # of films and adhesive; it has little effect
 
 
@@ -39,10 +39,10 @@ class Sections:
     outline: Floats
 
 
-def sections(scene: Scene) -> Sections:
+def build_sections(scene: Scene) -> Sections:
     """Return the sections of a scene on a rigid base without films."""
-    probe, tissue, at = scene.probe, scene.tissue, scene.placement
-    angle = (np.arange(ANGLES) + 0.5) * 2 * np.pi / ANGLES
+    probe, tissue, placement = scene.probe, scene.tissue, scene.placement
+    angle = (np.arange(OUTLINE_DIRECTIONS) + 0.5) * 2 * np.pi / OUTLINE_DIRECTIONS
     materials: dict[Body, Material] = {Body.TISSUE: tissue, Body.INNER: probe.inner, Body.OUTER: probe.outer}
     sphere = (0.0, 0.0)
     materials |= dict(zip(LAYERS, tissue.layer, strict=False))
@@ -52,28 +52,31 @@ def sections(scene: Scene) -> Sections:
         sphere = (scene.inclusion[0].diameter or 0.0) / 2, scene.inclusion[0].depth
     blocks = probe.inner_radius, probe.hole_radius, probe.tube_radius, probe.core_height, probe.tube_height
     if tissue.shape == "cylinder":
-        off = math.hypot(at.x, at.y)
+        offset = math.hypot(placement.x, placement.y)
         radius, depth = tissue.radius, tissue.depth
-        outline = np.sqrt(radius**2 - (off * np.sin(angle)) ** 2) - off * np.cos(angle)
+        outline = np.sqrt(radius**2 - (offset * np.sin(angle)) ** 2) - offset * np.cos(angle)
     elif tissue.shape == "block":
         radius, depth = math.sqrt(tissue.length * tissue.breadth / math.pi), tissue.depth
-        sides = ((np.cos(angle), tissue.length / 2, at.x), (np.sin(angle), tissue.breadth / 2, at.y))
+        sides = ((np.cos(angle), tissue.length / 2, placement.x), (np.sin(angle), tissue.breadth / 2, placement.y))
         # distance to the first side met; 1e-9 avoids division by 0 parallel to a side
-        outline = np.min([(half - np.sign(along) * centre) / (np.abs(along) + 1e-9) for along, half, centre in sides], axis=0)
+        outline = np.min([(half - np.sign(cosine) * centre) / (np.abs(cosine) + 1e-9) for cosine, half, centre in sides], axis=0)
     else:
-        radius = depth = HALF_SPACE * max(*blocks, sum(sphere), *layers.values())
-        outline = np.full(ANGLES, radius)
-    section = _apart_from_poles(Section(*blocks, radius, depth, *sphere, **layers, edge_radius=scene.contact.edge_radius))
+        radius = depth = HALF_SPACE_SIZES * max(*blocks, sum(sphere), *layers.values())
+        outline = np.full(OUTLINE_DIRECTIONS, radius)
+    section = _move_off_poles(Section(*blocks, radius, depth, *sphere, **layers, edge_radius=scene.contact.edge_radius))
     low, high = float(outline.min()), float(outline.max())
     bracket = (
         ()
         if high - low < 1e-9 * radius
-        else tuple(replace(section, tissue_radius=one) for one in (low, (low + radius) / 2, (radius + high) / 2, high))
+        else tuple(
+            replace(section, tissue_radius=cylinder_radius)
+            for cylinder_radius in (low, (low + radius) / 2, (radius + high) / 2, high)
+        )
     )
     return Sections(section, bracket, materials, outline)
 
 
-def _apart_from_poles(section: Section) -> Section:
+def _move_off_poles(section: Section) -> Section:
     """Move interfaces that touch the sphere slightly into it, by less than the rounding of their positions."""
     if not section.sphere_radius:
         return section
@@ -81,14 +84,14 @@ def _apart_from_poles(section: Section) -> Section:
     for body, depth in zip(LAYERS, section.interfaces, strict=False):
         for inwards in (1, -1):
             pole = section.sphere_depth - inwards * radius
-            moved = pole + inwards * LEAST_CUT * radius
-            if abs(depth - pole) < TOUCHING * radius and moved > last:
+            moved = pole + inwards * MIN_CUT_RELATIVE * radius
+            if abs(depth - pole) < TOUCHING_RELATIVE * radius and moved > last:
                 depth = moved
         thicknesses[body.name.lower()], last = depth - last, depth
     return replace(section, **thicknesses)
 
 
-def with_details(scene: Scene, plain: Sections) -> Sections:
+def add_details(scene: Scene, plain: Sections) -> Sections:
     """Add the scene's films and elastic base.
 
     Raises:

@@ -15,40 +15,43 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
-from geometry.common.resources import limited, limits, timed
+from geometry.common.resources import get_limits, start_clock, use_limits
 from geometry.meridian.frame import Kind
-from geometry.meridian.frame import kind as kind_of
+from geometry.meridian.frame import find_kind as kind_of
 from geometry.scenes.scene import Load, Scene
 from solver.axisymmetric.converged_forces import Converged
-from solver.axisymmetric.sections import sections
-from solver.results.evaluator import Answer
-from solver.results.film_forces import shortfalls
-from solver.results.warnings import Note, of_kind
+from solver.axisymmetric.sections import build_sections
+from solver.results.evaluator import FilmSolution
+from solver.results.film_forces import find_shortfalls
+from solver.results.warnings import Note, select_notes
 
-FEWEST = 6  # moduli from which a curve costs less than each alone; a curve takes three to seven times as long as one
+MIN_CURVE_MODULI = 6  # moduli from which a curve costs less than each alone; a curve takes three to seven times as long as one
 Converge = Callable[[Scene, float, Floats | None], Converged]
-Found = Answer | InputError
+SolutionOrError = FilmSolution | InputError
 
 
-def design(scene: Scene) -> Scene:
+def get_design(scene: Scene) -> Scene:
     """Return the scene with a standard modulus of the inclusion and a zero load of its kind: the key of scenes on one curve."""
     load = Load(indentation=0.0) if scene.load.indentation is not None else Load(force=0.0)
     bodies = tuple(body.model_copy(update={"youngs_modulus": 1.0}) for body in scene.inclusion)
     return scene.model_copy(update={"load": load, "inclusion": bodies})
 
 
-def smooth_kind(scene: Scene) -> tuple[Kind, Kind] | None:
+def find_smooth_kind(scene: Scene) -> tuple[Kind, Kind] | None:
     """Return a key that scenes share if their results are smooth functions of their numbers; None for a refused scene."""
     try:
-        section = sections(scene).section
+        section = build_sections(scene).section
         return kind_of(section), kind_of(section, lean=True)
     except InputError:
         return None
 
 
-def answers(
-    converge: Converge, alone: Callable[[Scene, float], Found], scenes: Sequence[Scene], accuracies: Sequence[float]
-) -> list[Found]:
+def solve_shared_designs(
+    converge: Converge,
+    solve_alone: Callable[[Scene, float], SolutionOrError],
+    scenes: Sequence[Scene],
+    accuracies: Sequence[float],
+) -> list[SolutionOrError]:
     """Solve each scene at its accuracy, or return its refusal; scenes that share a design are solved together.
 
     Args:
@@ -59,44 +62,44 @@ def answers(
     """
     groups: dict[Scene, list[int]] = defaultdict(list)
     for place, scene in enumerate(scenes):
-        groups[design(scene)].append(place)
-    every: dict[int, Found] = {}
+        groups[get_design(scene)].append(place)
+    solutions: dict[int, SolutionOrError] = {}
     for places in groups.values():
         finest = min(accuracies[place] for place in places)
         by_modulus: dict[float, list[int]] = defaultdict(list)
         for place in places:
-            by_modulus[_modulus(scenes[place])].append(place)
-        firsts = {modulus: scenes[some[0]] for modulus, some in by_modulus.items()}
-        curve = _curve(converge, firsts, finest, len(places)) if len(firsts) >= FEWEST else {}
-        for modulus, some in by_modulus.items():
-            found = curve.get(modulus) or alone(firsts[modulus], finest)
-            every |= dict.fromkeys(some, found)
-    return [every[place] for place in range(len(scenes))]
+            by_modulus[_get_modulus(scenes[place])].append(place)
+        firsts = {modulus: scenes[same_modulus[0]] for modulus, same_modulus in by_modulus.items()}
+        curve = _solve_curve(converge, firsts, finest, len(places)) if len(firsts) >= MIN_CURVE_MODULI else {}
+        for modulus, same_modulus in by_modulus.items():
+            solution = curve.get(modulus) or solve_alone(firsts[modulus], finest)
+            solutions |= dict.fromkeys(same_modulus, solution)
+    return [solutions[place] for place in range(len(scenes))]
 
 
-def _modulus(scene: Scene) -> float:
+def _get_modulus(scene: Scene) -> float:
     return scene.inclusion[0].youngs_modulus if len(scene.inclusion) == 1 else 0.0
 
 
-def _curve(converge: Converge, scenes: Mapping[float, Scene], accuracy: float, count: int) -> dict[float, Answer]:
+def _solve_curve(converge: Converge, scenes: Mapping[float, Scene], accuracy: float, count: int) -> dict[float, FilmSolution]:
     """Solve a curve for scenes by their moduli, within ``count`` times the time limit.
 
     Moduli at which the curve is not accurate enough, and their own mesh may be, are left out.
     """
     moduli = np.array(sorted(scenes))
     try:
-        with limited(replace(limits(), seconds=count * limits().seconds)), timed():
-            found = converge(scenes[moduli[0]], accuracy, moduli)
+        with use_limits(replace(get_limits(), seconds=count * get_limits().seconds)), start_clock():
+            converged = converge(scenes[moduli[0]], accuracy, moduli)
     except InputError:
         return {}
-    return dict(_by_modulus(found, scenes, moduli, accuracy))
+    return dict(_select_accurate(converged, scenes, moduli, accuracy))
 
 
-def _by_modulus(
-    found: Converged, scenes: Mapping[float, Scene], moduli: Floats, accuracy: float
-) -> Iterator[tuple[float, Answer]]:
-    residual, details = found.sample.states.residual, of_kind(found.notes, "left_out")
-    for modulus, films in zip(moduli.tolist(), found.films, strict=True):
-        short: list[Note] = shortfalls(films, films.error_under(scenes[modulus]), accuracy)
-        if not (short and found.stopped):
-            yield modulus, Answer((films,), residual, found.plan, (*details, *short))
+def _select_accurate(
+    converged: Converged, scenes: Mapping[float, Scene], moduli: Floats, accuracy: float
+) -> Iterator[tuple[float, FilmSolution]]:
+    residual, details = converged.sample.states.residual, select_notes(converged.notes, "left_out")
+    for modulus, films in zip(moduli.tolist(), converged.films, strict=True):
+        short: list[Note] = find_shortfalls(films, films.compute_max_error(scenes[modulus]), accuracy)
+        if not (short and converged.stopped):
+            yield modulus, FilmSolution((films,), residual, converged.plan, (*details, *short))

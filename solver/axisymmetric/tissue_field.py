@@ -14,16 +14,16 @@ import numpy as np
 
 from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import InputError
-from geometry.common.limits import most
-from geometry.meridian.frame import frame
-from geometry.meridian.mesh import SQUARE, nodes
+from geometry.common.limits import format_maximum
+from geometry.meridian.frame import place_lines
+from geometry.meridian.mesh import UNIT_SQUARE, compute_nodes
 from geometry.meridian.section import TISSUES
 from solver.axisymmetric.base_states import BaseStates
-from solver.elements.quadrilateral import dilations
-from solver.elements.shape_functions import functions, polynomials, pressures
+from solver.elements.quadrilateral import compute_dilations
+from solver.elements.shape_functions import evaluate_functions, evaluate_legendre, evaluate_pressures
 
-CHUNK = 20_000  # evaluated at once, which limits the memory
-NEWTON, CONVERGED = 12, 1e-13  # tolerance: last step in the unit square
+POINTS_PER_CHUNK = 20_000  # evaluated at once, which limits the memory
+MAX_NEWTON_STEPS, NEWTON_TOLERANCE = 12, 1e-13  # tolerance: last step in the unit square
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class TissueField:
 
     states: BaseStates
 
-    def at(self, r: Floats, z: Floats) -> Strains:
+    def evaluate(self, r: Floats, z: Floats) -> Strains:
         """Evaluate at points 0 <= r <= tissue radius, -tissue depth <= z <= 0 (z out of the tissue), arrays of one shape (m,).
 
         Raises:
@@ -56,52 +56,52 @@ class TissueField:
         if np.all(self.states.model.section.sphere_radius != 0):
             raise InputError("inclusion", "one", "no inclusion: the field is that of the base states without tumours")
         points = np.stack(np.broadcast_arrays(np.atleast_1d(r), np.atleast_1d(z)), axis=-1).astype(float)
-        self._check(points)
-        parts = [self._chunk(points[low : low + CHUNK]) for low in range(0, len(points), CHUNK)]
+        self._check_points(points)
+        parts = [self._evaluate_chunk(points[low : low + POINTS_PER_CHUNK]) for low in range(0, len(points), POINTS_PER_CHUNK)]
         if not parts:
             return Strains(np.zeros((0, 2, 2)), np.zeros((0, 4, 2)), np.zeros((0, 2)))
         return Strains(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
-    def _check(self, points: Floats) -> None:
+    def _check_points(self, points: Floats) -> None:
         s = self.states.model.section
         r, z = points.T
         inside = (r >= 0) & (r <= s.tissue_radius) & (z <= 0) & (z >= -s.tissue_depth)
         if not np.all(inside):
             far = points[np.flatnonzero(~inside)[0]]
-            allowed = f"0 <= r <= {most(s.tissue_radius)}, -{most(s.tissue_depth)} <= z <= 0, m"
+            allowed = f"0 <= r <= {format_maximum(s.tissue_radius)}, -{format_maximum(s.tissue_depth)} <= z <= 0, m"
             raise InputError("points", f"r = {far[0]:g}, z = {far[1]:g}", allowed)
 
-    def _chunk(self, points: Floats) -> tuple[Floats, Floats, Floats]:
+    def _evaluate_chunk(self, points: Floats) -> tuple[Floats, Floats, Floats]:
         element, places, jacobian = self.locate(points)
-        model, legendre = self.states.model, polynomials(places, self.states.model.shapes.order)
-        value, (by_u, by_v) = functions(places, model.shapes.degrees, legendre)
+        model, legendre = self.states.model, evaluate_legendre(places, self.states.model.shapes.order)
+        value, (by_u, by_v) = evaluate_functions(places, model.shapes.degrees, legendre)
         (ru, rv), (zu, zv) = jacobian.transpose(1, 2, 0)[..., None]
         determinant = ru * zv - rv * zu
         slopes = np.stack([value, (zv * by_u - zu * by_v) / determinant, (ru * by_v - rv * by_u) / determinant], axis=1)
-        u, by_r, by_z = (slopes @ self._own[element]).reshape(-1, 3, 2, 2).transpose(1, 0, 2, 3)
+        u, by_r, by_z = (slopes @ self._values[element]).reshape(-1, 3, 2, 2).transpose(1, 0, 2, 3)
         radius = points[:, :1]
         hoop = np.where(radius > 0, u[:, 0] / np.where(radius > 0, radius, 1.0), by_r[:, 0])  # u_r / r -> u_r,r on the axis
         strain = np.stack([by_r[:, 0], by_z[:, 1], hoop, (by_z[:, 0] + by_r[:, 1]) / 2], axis=1)
-        pressed = pressures(places, model.shapes.order, legendre)
-        dilation = (pressed[:, None] @ self._dilation[element])[:, 0]
+        pressed = evaluate_pressures(places, model.shapes.order, legendre)
+        dilation = (pressed[:, None] @ self._dilation_coefficients[element])[:, 0]
         return u + self.states.shift[element][:, None] * [[0.0], [1.0]], strain, dilation
 
     @cached_property
-    def _own(self) -> Floats:
+    def _values(self) -> Floats:
         """The elements' values by function, u_r and u_z of both states, shape (n, s, 4)."""
-        own = self.states.own.reshape(len(self.states.own), 2, -1, 2)
-        return np.ascontiguousarray(own.transpose(0, 2, 1, 3)).reshape(len(own), -1, 4)
+        values = self.states.values.reshape(len(self.states.values), 2, -1, 2)
+        return np.ascontiguousarray(values.transpose(0, 2, 1, 3)).reshape(len(values), -1, 4)
 
     @cached_property
-    def _dilation(self) -> Floats:
+    def _dilation_coefficients(self) -> Floats:
         """Coefficients of the pressures in each element, shape (n, k, 2)."""
-        model, own = self.states.model, self.states.own
-        table = dilations(model.at, model.shapes)[:, :, ::2]
-        return np.asarray(np.einsum("nkcs,ncsi->nki", table, own.reshape(len(own), 2, -1, 2), optimize=True))
+        model, values = self.states.model, self.states.values
+        table = compute_dilations(model.geometry, model.shapes)[:, :, ::2]
+        return np.asarray(np.einsum("nkcs,ncsi->nki", table, values.reshape(len(values), 2, -1, 2), optimize=True))
 
     def locate(self, points: Floats) -> tuple[Ints, Floats, Floats]:
         """Return for each point its element, the place in its unit square and the Jacobian d(r, z) / d(u, v), (m, 2, 2)."""
-        radii, levels, table, tissue, corners, planes = self._lookup
+        radii, levels, table, tissue, corners, planes = self._lookup_table
         r, z = points.T
         column = np.searchsorted(radii[1:-1], r, side="right")
         row = np.searchsorted(levels[1:-1], z, side="right")
@@ -109,32 +109,32 @@ class TissueField:
         a, b, c = planes[:, candidates]
         inside = (a * r[:, None, None] + b * z[:, None, None] + c).min(axis=2)
         chosen = candidates[np.arange(len(points)), np.argmax(inside, axis=1)]
-        return tissue[chosen], *_inverted(corners[chosen], points)
+        return tissue[chosen], *_invert_maps(corners[chosen], points)
 
     @cached_property
-    def _lookup(self) -> tuple[Any, ...]:
+    def _lookup_table(self) -> tuple[Any, ...]:
         """Grid lines of the tissue, and the elements in each row and column between them (repeated to one length)."""
         model = self.states.model
         layout = model.mesh.layout
-        lines = frame(model.section, layout)
+        lines = place_lines(model.section, layout)
         radii, levels = lines.radii[: layout.column["side"] + 1], lines.levels[: layout.row["surface"] + 1]
         tissue = np.flatnonzero(np.isin(model.mesh.body, TISSUES))
-        corners = nodes(model.section, model.mesh, SQUARE, tissue)
+        corners = compute_nodes(model.section, model.mesh, UNIT_SQUARE, tissue)
         low, high = corners.min(axis=1), corners.max(axis=1)
         middles = [(line[1:] + line[:-1]) / 2 for line in (radii, levels)]
         halves = [(line[1:] - line[:-1]) / 2 for line in (radii, levels)]
-        across, along = (
+        in_column, in_row = (
             (low[:, k] < (middles[k] + halves[k] * (1 - 1e-9))[:, None])
             & (high[:, k] > (middles[k] - halves[k] * (1 - 1e-9))[:, None])
             for k in (0, 1)
         )  # (columns or rows, elements)
-        candidates = [[np.flatnonzero(row & column) for column in across] for row in along]
-        most = max(len(some) for row in candidates for some in row)
-        table = np.array([[np.resize(some, most) for some in row] for row in candidates])
-        return radii, levels, table, tissue, corners, _planes(corners)
+        candidates = [[np.flatnonzero(row & column) for column in in_column] for row in in_row]
+        max_count = max(len(elements) for row in candidates for elements in row)
+        table = np.array([[np.resize(elements, max_count) for elements in row] for row in candidates])
+        return radii, levels, table, tissue, corners, _compute_planes(corners)
 
 
-def _planes(corners: Floats) -> Floats:
+def _compute_planes(corners: Floats) -> Floats:
     """Return coefficients (3, n, 4) of a r + b z + c for each side of quadrilaterals: positive inside, relative to size."""
     sides = np.roll(corners, -1, axis=1) - corners
     size = np.abs(sides).sum(axis=(1, 2))[:, None] ** 2
@@ -142,24 +142,26 @@ def _planes(corners: Floats) -> Floats:
     return np.stack([a, b, -a * corners[..., 0] - b * corners[..., 1]])
 
 
-def _inverted(corners: Floats, points: Floats) -> tuple[Floats, Floats]:
+def _invert_maps(corners: Floats, points: Floats) -> tuple[Floats, Floats]:
     """Return the places in quadrilaterals' unit squares that map to points, (m, 2), and the Jacobians there."""
     a, b, c, d = corners.transpose(1, 2, 0)
-    along, up, twist = b - a, d - a, (a - d) - (b - c)  # the map a + u along + v up + u v twist
+    edge_u, edge_v, twist = b - a, d - a, (a - d) - (b - c)  # the map a + u along + v up + u v twist
     u = v = np.full(len(points), 0.5)
-    for _ in range(NEWTON):
-        by_u, by_v = along + v * twist, up + u * twist
-        off = points.T - a - u * by_u - v * up
+    for _ in range(MAX_NEWTON_STEPS):
+        by_u, by_v = edge_u + v * twist, edge_v + u * twist
+        residual = points.T - a - u * by_u - v * edge_v
         determinant = by_u[0] * by_v[1] - by_u[1] * by_v[0]
-        step = np.stack([off[0] * by_v[1] - off[1] * by_v[0], by_u[0] * off[1] - by_u[1] * off[0]]) / determinant
+        step = (
+            np.stack([residual[0] * by_v[1] - residual[1] * by_v[0], by_u[0] * residual[1] - by_u[1] * residual[0]]) / determinant
+        )
         u, v = u + step[0], v + step[1]
-        if not twist.any() or np.abs(step).max(initial=0.0) <= CONVERGED:
+        if not twist.any() or np.abs(step).max(initial=0.0) <= NEWTON_TOLERANCE:
             break
     u, v = np.clip(u, 0.0, 1.0), np.clip(v, 0.0, 1.0)
-    return np.stack([u, v], axis=1), np.stack([along + v * twist, up + u * twist], axis=-1).transpose(1, 0, 2)
+    return np.stack([u, v], axis=1), np.stack([edge_u + v * twist, edge_v + u * twist], axis=-1).transpose(1, 0, 2)
 
 
-def jacobian(corners: Any, places: Any) -> Any:
+def compute_jacobian(corners: Any, places: Any) -> Any:
     """Return d(r, z) / d(u, v) of quadrilaterals, (m, 4, 2), at places in their unit squares, (m, 2); shape (m, 2, 2)."""
     u, v = places[:, :1], places[:, 1:]
     a, b, c, d = np.moveaxis(corners, 1, 0)

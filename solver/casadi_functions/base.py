@@ -10,7 +10,7 @@ import numpy as np
 from geometry.common.arrays import Floats
 
 
-class Differentiated(casadi.Callback):  # type: ignore[misc]
+class DifferentiableFunction(casadi.Callback):  # type: ignore[misc]
     """A casadi function from a vector x to a vector y with dy/dx; subclasses define ``compute`` and then call ``begin``.
 
     Values at the last x are kept. Set IPOPT's option ``hessian_approximation = "limited-memory"``; keep a reference as long as
@@ -24,15 +24,15 @@ class Differentiated(casadi.Callback):  # type: ignore[misc]
         self.jacobians: list[_Jacobian] = []
         self.construct(name, {"enable_fd": False})
 
-    def values(self, x: Floats) -> tuple[Floats, Floats]:
+    def compute(self, x: Floats) -> tuple[Floats, Floats]:
         """Return y and dy/dx, shapes (outputs,) and (outputs, inputs); NaN where undefined, so that IPOPT steps back."""
         raise NotImplementedError
 
-    def at(self, argument: Any) -> tuple[Floats, Floats]:
+    def compute_cached(self, argument: Any) -> tuple[Floats, Floats]:
         """Return ``compute`` at x, from memory for the last x."""
         x = np.array(argument, dtype=float).ravel()
         if self.last is None or not np.array_equal(self.last[0], x):
-            self.last = x, self.values(x)
+            self.last = x, self.compute(x)
         return self.last[1]
 
     def get_n_in(self) -> int:  # noqa: D102
@@ -49,7 +49,7 @@ class Differentiated(casadi.Callback):  # type: ignore[misc]
 
     def eval(self, arg: list[Any]) -> list[Any]:
         """Return y at x."""
-        return [casadi.DM(self.at(arg[0])[0])]
+        return [casadi.DM(self.compute_cached(arg[0])[0])]
 
     def has_jacobian(self) -> bool:  # noqa: D102
         return True
@@ -62,9 +62,9 @@ class Differentiated(casadi.Callback):  # type: ignore[misc]
 class _Jacobian(casadi.Callback):  # type: ignore[misc]
     """The Jacobian dy/dx as a casadi function of x and y."""
 
-    def __init__(self, of: Differentiated, name: str, options: dict[str, Any]) -> None:
+    def __init__(self, function: DifferentiableFunction, name: str, options: dict[str, Any]) -> None:
         super().__init__()
-        self.of = of
+        self.function = function
         self.construct(name, options)
 
     def get_n_in(self) -> int:
@@ -74,10 +74,10 @@ class _Jacobian(casadi.Callback):  # type: ignore[misc]
         return 1
 
     def get_sparsity_in(self, i: int) -> Any:
-        return self.of.get_sparsity_in(0) if i == 0 else self.of.get_sparsity_out(0)
+        return self.function.get_sparsity_in(0) if i == 0 else self.function.get_sparsity_out(0)
 
     def get_sparsity_out(self, i: int) -> Any:
-        return casadi.Sparsity.dense(self.of.outputs, self.of.inputs)
+        return casadi.Sparsity.dense(self.function.outputs, self.function.inputs)
 
     def eval(self, arg: list[Any]) -> list[Any]:
-        return [casadi.DM(self.of.at(arg[0])[1])]
+        return [casadi.DM(self.function.compute_cached(arg[0])[1])]

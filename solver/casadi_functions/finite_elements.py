@@ -12,21 +12,21 @@ from geometry.common.errors import ProbeError
 from geometry.meridian.frame import Kind, MeshTopology
 from geometry.scenes.base_sizes import base_sizes
 from geometry.scenes.scene import Scene
-from geometry.scenes.units import SI
-from geometry.scenes.variables import changed
-from solver.axisymmetric.gradients import Gradients, gradients
+from geometry.scenes.units import SI_CONTEXT
+from geometry.scenes.variables import replace_values
+from solver.axisymmetric.gradients import Gradients, compute_gradients
 from solver.axisymmetric.level import Axisymmetric
-from solver.axisymmetric.sample import sample
-from solver.axisymmetric.sections import Sections, sections, with_details
-from solver.casadi_functions.base import Differentiated
-from solver.equivalent_inclusion.gradients import first_order, tumour_gradients
+from solver.axisymmetric.sample import solve_on_mesh
+from solver.axisymmetric.sections import Sections, add_details, build_sections
+from solver.casadi_functions.base import DifferentiableFunction
+from solver.equivalent_inclusion.gradients import compute_tumour_gradients, solve_first_order
 from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.results.result import Decision
 
-OUTPUTS = ("ratio", "stress_inner", "stress_outer", "log_sensitivity")
+OUTPUT_NAMES = ("ratio", "stress_inner", "stress_outer", "log_sensitivity")
 
 
-class FilmCallback(Differentiated):
+class FilmCallback(DifferentiableFunction):
     """Ratio, stress_inner, stress_outer and log_sensitivity of a scene as functions of some of its numbers x, SI.
 
     The mesh that meets the accuracy at the scene itself is used throughout: its nodes move smoothly with x, and so do the
@@ -35,7 +35,7 @@ class FilmCallback(Differentiated):
 
     Args:
         scene: where x starts; of a kind that ``axisymmetric`` takes.
-        variables: keys of ``geometry.scenes.variables.values``.
+        variables: keys of ``geometry.scenes.variables.list_values``.
         accuracy: of the outputs at the scene itself, see ``solver.evaluate``.
 
     Raises:
@@ -45,47 +45,47 @@ class FilmCallback(Differentiated):
 
     def __init__(self, scene: Scene, variables: tuple[str, ...], accuracy: float = 0.01) -> None:
         super().__init__()
-        self.scene, self.variables = _explicit(scene), variables
-        layout, plan = self.started(accuracy)
+        self.scene, self.variables = _write_defaults(scene), variables
+        layout, plan = self.solve_start(accuracy)
         self.kind, self.fineness = layout.kind, layout.fineness
-        self.layered = any(one.modelled for one in plan)
-        self.begin("films", len(variables), len(OUTPUTS))
+        self.layered = any(decision.modelled for decision in plan)
+        self.begin("films", len(variables), len(OUTPUT_NAMES))
 
-    def started(self, accuracy: float) -> tuple[MeshTopology, tuple[Decision, ...]]:
+    def solve_start(self, accuracy: float) -> tuple[MeshTopology, tuple[Decision, ...]]:
         """Solve the scene itself and check the variables; return the mesh and the plan of details."""
-        start = Axisymmetric().converged(self.scene, accuracy)
-        gradients(self.scene, start.sample, self.variables)
+        start = Axisymmetric().compute_converged(self.scene, accuracy)
+        compute_gradients(self.scene, start.sample, self.variables)
         return start.sample.states.model.mesh.layout, start.plan
 
-    def solved(self, scene: Scene, of: Sections, kind: Kind | None) -> Gradients:
+    def differentiate(self, scene: Scene, scene_sections: Sections, kind: Kind | None) -> Gradients:
         """Return the outputs and derivatives of one design, on a mesh of the given kind or of its own.
 
         Raises:
             ProbeError: the design cannot be solved on that mesh.
         """
-        mesh_sample = sample(of.section, of, scene, self.fineness, kind=kind)
-        return gradients(scene, mesh_sample, self.variables)
+        mesh_sample = solve_on_mesh(scene_sections.section, scene_sections, scene, self.fineness, kind=kind)
+        return compute_gradients(scene, mesh_sample, self.variables)
 
-    def values(self, x: Floats) -> tuple[Floats, Floats]:
+    def compute(self, x: Floats) -> tuple[Floats, Floats]:
         """Return the outputs and their derivatives at x; NaN where the scene is invalid or cannot be solved."""
-        solution = self._solved(x)
+        solution = self._try_differentiate(x)
         if solution is None:
-            return np.full(len(OUTPUTS), np.nan), np.full((len(OUTPUTS), len(x)), np.nan)
-        values = [solution.values[name][0] for name in OUTPUTS]
-        return np.array(values), np.array([solution.derivatives[name][0] for name in OUTPUTS])
+            return np.full(len(OUTPUT_NAMES), np.nan), np.full((len(OUTPUT_NAMES), len(x)), np.nan)
+        values = [solution.values[name][0] for name in OUTPUT_NAMES]
+        return np.array(values), np.array([solution.derivatives[name][0] for name in OUTPUT_NAMES])
 
-    def _solved(self, x: Floats) -> Gradients | None:
+    def _try_differentiate(self, x: Floats) -> Gradients | None:
         try:
-            scene = changed(self.scene, dict(zip(self.variables, x.tolist(), strict=True)))
-            of = sections(scene)
+            scene = replace_values(self.scene, dict(zip(self.variables, x.tolist(), strict=True)))
+            scene_sections = build_sections(scene)
         except (ProbeError, ValueError):
             return None
         if self.layered:
-            of = with_details(scene, of)
+            scene_sections = add_details(scene, scene_sections)
         for kind in (self.kind, None):
             try:
                 with threadpool_limits(1, user_api="blas"):
-                    return self.solved(scene, of, kind)
+                    return self.differentiate(scene, scene_sections, kind)
             except ProbeError:
                 continue
         return None
@@ -101,23 +101,23 @@ class TumourCallback(FilmCallback):
         Refusal: the evaluator cannot take the scene.
     """
 
-    def started(self, accuracy: float) -> tuple[MeshTopology, tuple[Decision, ...]]:
+    def solve_start(self, accuracy: float) -> tuple[MeshTopology, tuple[Decision, ...]]:
         """See ``FilmCallback``."""
-        base = EquivalentInclusion().prepared(self.scene, accuracy)
-        tumour_gradients(self.scene, first_order(self.scene, sections(self.scene)), self.variables)
+        base = EquivalentInclusion().prepare(self.scene, accuracy)
+        compute_tumour_gradients(self.scene, solve_first_order(self.scene, build_sections(self.scene)), self.variables)
         return base.field.states.model.mesh.layout, base.plan
 
-    def solved(self, scene: Scene, of: Sections, kind: Kind | None) -> Gradients:
+    def differentiate(self, scene: Scene, scene_sections: Sections, kind: Kind | None) -> Gradients:
         """Return the outputs and derivatives of one design, on a mesh of the given kind or of its own.
 
         Raises:
             ProbeError: the design cannot be solved on that mesh.
         """
         EquivalentInclusion().check(scene)
-        return tumour_gradients(scene, first_order(scene, of, self.fineness, kind), self.variables)
+        return compute_tumour_gradients(scene, solve_first_order(scene, scene_sections, self.fineness, kind), self.variables)
 
 
-def _explicit(scene: Scene) -> Scene:
+def _write_defaults(scene: Scene) -> Scene:
     """Return the scene with default values that follow from other numbers set, so that they stay constant as x moves.
 
     These are the sizes of the base and the modulus of the adhesive.
@@ -127,4 +127,4 @@ def _explicit(scene: Scene) -> Scene:
         data["probe"]["base"] |= asdict(base_sizes(probe))
     if probe.film is not None and probe.film.adhesive_thickness > 0:
         data["probe"]["film"]["adhesive_modulus"] = probe.film.adhesive_modulus or probe.film.youngs_modulus
-    return Scene.model_validate(data, context=SI)
+    return Scene.model_validate(data, context=SI_CONTEXT)

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 
 Array = Any  # numpy array of floats, or of complex numbers on the way to a derivative
-STORED = Path(__file__).with_name("bessel.npy")
+STORED_VALUES_FILE = Path(__file__).with_name("bessel.npy")
 STORED_ORDERS = 10  # the orders that ``off_axis`` needs, and one more for the derivative
-STEPS = 8  # steps of the table per unit of the argument
-END = 1024
-SLAB = 16384  # values at a time, so that the work arrays stay in the processor's cache
+STEPS_PER_UNIT = 8  # steps of the table per unit of the argument
+MAX_ARGUMENT = 1024
+VALUES_PER_SLAB = 16384  # values at a time, so that the work arrays stay in the processor's cache
 
 
 def bessel(x: Array, orders: int = 2, first: int = 0) -> Array:
@@ -26,72 +26,74 @@ def bessel(x: Array, orders: int = 2, first: int = 0) -> Array:
 
     No scene's waves have larger arguments.
     """
-    return _between(x, [_cylindrical(order) for order in range(first, orders)])
+    return _interpolate(x, [_fit_cylindrical(order) for order in range(first, orders)])
 
 
-def spherical(x: Array, orders: int) -> Array:
+def spherical_bessel(x: Array, orders: int) -> Array:
     """Return the spherical Bessel functions j_0, ..., j_(orders-1) of x from 0 to ``MAX_ARGUMENT``; shape (orders, *x.shape)."""
-    return _between(x, [_spherical(order) for order in range(orders)])
+    return _interpolate(x, [_fit_spherical(order) for order in range(orders)])
 
 
-def _between(x: Array, tables: list[Any]) -> Array:
+def _interpolate(x: Array, tables: list[Any]) -> Array:
     flat = x.reshape(-1)
-    outside = ~((flat.real >= 0) & (flat.real < END))
+    outside = ~((flat.real >= 0) & (flat.real < MAX_ARGUMENT))
     if outside.any():
         flat = np.where(outside, 0, flat)
     interpolated = np.empty((len(tables), x.size), dtype=x.dtype)
-    for k in range(0, x.size, SLAB):
-        steps = flat[k : k + SLAB] * STEPS
-        at = steps.real.astype(np.intp)
-        rest = steps - at
+    for k in range(0, x.size, VALUES_PER_SLAB):
+        steps = flat[k : k + VALUES_PER_SLAB] * STEPS_PER_UNIT
+        index = steps.real.astype(np.intp)
+        fraction = steps - index
         for kind, cubics in zip(interpolated, tables, strict=True):
-            value = kind[k : k + SLAB]
-            np.multiply(cubics[0].take(at, mode="clip"), rest, out=value)  # without checking bounds anew
+            value = kind[k : k + VALUES_PER_SLAB]
+            np.multiply(cubics[0].take(index, mode="clip"), fraction, out=value)  # without checking bounds anew
             for c in cubics[1:3]:
-                value += c.take(at, mode="clip")
-                value *= rest
-            value += cubics[3].take(at, mode="clip")
+                value += c.take(index, mode="clip")
+                value *= fraction
+            value += cubics[3].take(index, mode="clip")
     interpolated[:, outside] = np.nan
     return interpolated.reshape(len(tables), *x.shape)
 
 
 @lru_cache(maxsize=32)
-def _cylindrical(order: int) -> Any:
+def _fit_cylindrical(order: int) -> Any:
     """Fit the cubics of J_n from its values and its derivative (J_(n-1) - J_(n+1)) / 2."""
-    before = _values(0, order - 1) if order else -_values(0, 1)
-    return _cubics(_values(0, order), (before - _values(0, order + 1)) / 2)
+    lower_order = _get_table_values(0, order - 1) if order else -_get_table_values(0, 1)
+    return _fit_cubics(_get_table_values(0, order), (lower_order - _get_table_values(0, order + 1)) / 2)
 
 
 @lru_cache(maxsize=32)
-def _spherical(order: int) -> Any:
+def _fit_spherical(order: int) -> Any:
     """Fit the cubics of j_n from its values and its derivative j_(n-1) - (n+1) j_n / x; at x = 0 it is 1/3 for n = 1, else 0."""
-    value = _values(1, order)
+    value = _get_table_values(1, order)
     if order == 0:
-        return _cubics(value, -_values(1, 1))
-    x = np.arange(1.0, END * STEPS + 1) / STEPS
-    return _cubics(value, np.append(1 / 3 if order == 1 else 0.0, _values(1, order - 1)[1:] - (order + 1) * value[1:] / x))
+        return _fit_cubics(value, -_get_table_values(1, 1))
+    x = np.arange(1.0, MAX_ARGUMENT * STEPS_PER_UNIT + 1) / STEPS_PER_UNIT
+    return _fit_cubics(
+        value, np.append(1 / 3 if order == 1 else 0.0, _get_table_values(1, order - 1)[1:] - (order + 1) * value[1:] / x)
+    )
 
 
-def _cubics(value: Any, slope: Any) -> Any:
+def _fit_cubics(value: Any, slope: Any) -> Any:
     """Return coefficients of the cubics through values and slopes, highest power first, shape (4, steps)."""
-    rise, slope = np.diff(value), slope / STEPS
+    rise, slope = np.diff(value), slope / STEPS_PER_UNIT
     bend = slope[:-1] + slope[1:] - 2 * rise
     return np.stack([bend, rise - slope[:-1] - bend, slope[:-1], value[:-1]])
 
 
-def _values(kind: int, order: int) -> Any:
+def _get_table_values(kind: int, order: int) -> Any:
     """Return J_n (kind 0) or j_n (kind 1) at the steps from 0 to ``MAX_ARGUMENT``, shape (steps + 1,)."""
-    return _stored()[kind, order] if order < STORED_ORDERS else made(kind, order)
+    return _load_stored_values()[kind, order] if order < STORED_ORDERS else compute_table_values(kind, order)
 
 
-def made(kind: int, order: int) -> Any:
+def compute_table_values(kind: int, order: int) -> Any:
     """Compute J_n (kind 0) or j_n (kind 1) at the table's steps with scipy; scenes need stored orders only."""
     from scipy.special import jv, spherical_jn
 
-    return (jv, spherical_jn)[kind](order, np.arange(END * STEPS + 1.0) / STEPS)
+    return (jv, spherical_jn)[kind](order, np.arange(MAX_ARGUMENT * STEPS_PER_UNIT + 1.0) / STEPS_PER_UNIT)
 
 
 @cache
-def _stored() -> Any:
+def _load_stored_values() -> Any:
     """Load the stored values of both kinds, shape (2, STORED_ORDERS, steps + 1)."""
-    return np.load(STORED)
+    return np.load(STORED_VALUES_FILE)

@@ -37,26 +37,26 @@ from numpy.polynomial import Polynomial, legendre
 
 from solver.closed_form.bessel import Array
 from solver.closed_form.block_functions import (
-    AXIAL,
-    FINE_AXIAL,
-    RADIAL,
+    AXIAL_FUNCTIONS,
+    FINE_AXIAL_FUNCTIONS,
+    RADIAL_FUNCTIONS,
     AxialIntegrals,
     RadialIntegrals,
-    axial_integrals,
-    radial_integrals,
+    interpolate_axial_integrals,
+    interpolate_radial_integrals,
 )
 
 
-def _polynomials() -> Any:
+def _build_polynomials() -> Any:
     """Return coefficients by powers of s of P_i, of their derivatives and their integrals over s; shape (3 functions, powers)."""
-    P = [legendre.Legendre(row, domain=[0, 1]) for row in np.eye(RADIAL)]
+    P = [legendre.Legendre(row, domain=[0, 1]) for row in np.eye(RADIAL_FUNCTIONS)]
     kinds = [P, [p.deriv() for p in P], [p.integ(lbnd=0) for p in P]]
     rows = [[p.convert(kind=Polynomial).coef for p in kind] for kind in kinds]
     rows[2] = [row[1:] for row in rows[2]]
-    return np.array([np.pad(row, (0, RADIAL - len(row))) for kind in rows for row in kind])
+    return np.array([np.pad(row, (0, RADIAL_FUNCTIONS - len(row))) for kind in rows for row in kind])
 
 
-_POLYNOMIALS = _polynomials()
+_POLYNOMIAL_COEFFICIENTS = _build_polynomials()
 
 
 @dataclass(frozen=True)
@@ -103,30 +103,30 @@ class ElasticBlocks:
         return self.start[:, None] + self.width[:, None] * np.asarray(y)
 
 
-def end_compliance(block: ElasticBlocks, bonded: bool) -> Array:
+def compute_end_compliance(block: ElasticBlocks, bonded: bool) -> Array:
     """Compute the work of each unit load on the end displacements by each other, m^5/N, shape (n, loads, loads).
 
     Pressures come before shears; the functions of the shears are multiplied by r / radius.
     """
     wall = None if block.hole is None else block.width / block.radius
-    across = radial_integrals(wall, block.fine)
-    along = axial_integrals(block.steepness, FINE_AXIAL if block.fine else AXIAL)
+    transverse = interpolate_radial_integrals(wall, block.fine)
+    axial = interpolate_axial_integrals(block.steepness, FINE_AXIAL_FUNCTIONS if block.fine else AXIAL_FUNCTIONS)
     slender = block.height / block.width
-    pressures, shears = len(across.pressed), len(across.sheared)
-    on_u = np.zeros((pressures + shears, len(across.strain), len(along.gg), len(slender)), dtype=slender.dtype)
-    on_u[pressures:] = across.sheared[:, :, None]
-    on_modes = np.zeros((pressures + shears, len(across.slope), len(along.end), len(slender)), dtype=slender.dtype)
-    on_modes[:pressures] = across.pressed[:, :, None] * along.end
-    system = reduced(block.nu, slender, (across, along), (on_u, on_modes))
-    mu = _softened(block, bonded) / (2 * (1 + block.nu))
-    return system.compliance(system.answer) * (block.width * block.width * block.radius / mu)[:, None, None]
+    pressures, shears = len(transverse.pressed), len(transverse.sheared)
+    on_u = np.zeros((pressures + shears, len(transverse.strain), len(axial.gg), len(slender)), dtype=slender.dtype)
+    on_u[pressures:] = transverse.sheared[:, :, None]
+    on_modes = np.zeros((pressures + shears, len(transverse.slope), len(axial.end), len(slender)), dtype=slender.dtype)
+    on_modes[:pressures] = transverse.pressed[:, :, None] * axial.end
+    system = build_ritz_system(block.nu, slender, (transverse, axial), (on_u, on_modes))
+    mu = _correct_modulus(block, bonded) / (2 * (1 + block.nu))
+    return system.compute_compliance(system.amplitudes) * (block.width * block.width * block.radius / mu)[:, None, None]
 
 
-def radial(radius: Array, r: Array) -> tuple[Array, Array, Array]:
+def evaluate_radial_functions(radius: Array, r: Array) -> tuple[Array, Array, Array]:
     """Return P_i, dP_i/dr and U_i / r (eq. CF.8) of discs at distances r (n, k) > 0 from the axis, shapes (n, functions, k)."""
     s = (r / radius[:, None]) ** 2
-    powers = np.stack([1 + 0 * s, *accumulate([s] * (RADIAL - 1), np.multiply)], axis=1)
-    P, slope, U = np.split(_POLYNOMIALS @ powers, 3, axis=1)
+    powers = np.stack([1 + 0 * s, *accumulate([s] * (RADIAL_FUNCTIONS - 1), np.multiply)], axis=1)
+    P, slope, U = np.split(_POLYNOMIAL_COEFFICIENTS @ powers, 3, axis=1)
     return P, slope * (2 * s / r)[:, None], U * (r / 2)[:, None]
 
 
@@ -145,24 +145,24 @@ class RitzSystem:
     S: Array
     E: Array
     C: Array
-    felt: Array
+    mode_coupling: Array
     C_over_D: Array
 
     @property
-    def answer(self) -> Array:
+    def amplitudes(self) -> Array:
         """Amounts a of the u under unit loads, shape (n, u, loads)."""
         return np.linalg.solve(self.S, self.E.swapaxes(1, 2))
 
-    def compliance(self, answer: Array) -> Array:
+    def compute_compliance(self, amplitudes: Array) -> Array:
         """Return the compliance B K^-1 B^T from the amounts a, shape (n, loads, loads)."""
-        return self.E @ answer + self.C @ self.C_over_D.swapaxes(1, 2)
+        return self.E @ amplitudes + self.C @ self.C_over_D.swapaxes(1, 2)
 
-    def modes(self, answer: Array) -> Array:
+    def compute_mode_amplitudes(self, amplitudes: Array) -> Array:
         """Return the amounts of the modes that belong to the amounts a of the u, shape (n, modes, loads)."""
-        return self.C_over_D.swapaxes(1, 2) + self.felt.swapaxes(1, 2) @ answer
+        return self.C_over_D.swapaxes(1, 2) + self.mode_coupling.swapaxes(1, 2) @ amplitudes
 
 
-def reduced(
+def build_ritz_system(
     nu: Array, slender: Array, integrals: tuple[RadialIntegrals, AxialIntegrals], loads: tuple[Array, Array]
 ) -> RitzSystem:
     """Build the reduced Ritz system of eq. CF.23.
@@ -173,36 +173,41 @@ def reduced(
         integrals: across the blocks and along them.
         loads: work of l loads on each u and mode, shapes (l, U_i, g_j, n) and (l, P_i, f_j, n).
     """
-    across, along = integrals
-    share, bent = 1 - 2 * nu, (across.slope * (slender * slender))[:, None]
-    soft = slender / ((2 - 2 * nu) * along.slope + share * bent)  # D^-1 over the share
+    transverse, axial = integrals
+    share, bent = 1 - 2 * nu, (transverse.slope * (slender * slender))[:, None]
+    soft = slender / ((2 - 2 * nu) * axial.slope + share * bent)  # D^-1 over the share
     on_u, on_modes = (part.reshape(len(part), -1, len(nu)) for part in loads)
-    u, modes = len(across.strain) * len(along.gg), on_modes.shape[1]
+    u, modes = len(transverse.strain) * len(axial.gg), on_modes.shape[1]
     rows = np.empty((u, u + 4 * modes, len(nu)), dtype=soft.dtype)  # blocks last, which is fast for all but products
-    _own(across, along, slender, rows[:, :u].reshape(len(across.strain), len(along.gg), len(across.strain), len(along.gg), -1))
-    V, T, raised, felt = (
-        part.reshape(len(across.strain), len(along.gg), *soft.shape) for part in np.split(rows[:, u:], 4, axis=1)
+    _write_shear_stiffness(
+        transverse,
+        axial,
+        slender,
+        rows[:, :u].reshape(len(transverse.strain), len(axial.gg), len(transverse.strain), len(axial.gg), -1),
     )
-    np.multiply(across.widened[:, None, :, None], along.g_dmode[None, :, None], out=V)
-    np.multiply(across.turned[:, None, :, None], -along.dg_mode[None, :, None], out=T)
-    np.multiply((2 + bent / along.slope) * V + T, 2 * nu * soft, out=raised)
-    np.multiply(2 * nu * V - share * T, soft, out=felt)
+    V, T, raised, mode_coupling = (
+        part.reshape(len(transverse.strain), len(axial.gg), *soft.shape) for part in np.split(rows[:, u:], 4, axis=1)
+    )
+    np.multiply(transverse.widened[:, None, :, None], axial.g_dmode[None, :, None], out=V)
+    np.multiply(transverse.turned[:, None, :, None], -axial.dg_mode[None, :, None], out=T)
+    np.multiply((2 + bent / axial.slope) * V + T, 2 * nu * soft, out=raised)
+    np.multiply(2 * nu * V - share * T, soft, out=mode_coupling)
     full = np.ascontiguousarray(rows.transpose(2, 0, 1))
     worked = np.concatenate([on_u, on_modes, on_modes * (soft * share).reshape(modes, -1)], axis=1).transpose(2, 0, 1).copy()
-    products, felt, C = full[:, :, u : u + 2 * modes], full[:, :, u + 3 * modes :], worked[:, :, u : u + modes]
+    products, mode_coupling, C = full[:, :, u : u + 2 * modes], full[:, :, u + 3 * modes :], worked[:, :, u : u + modes]
     S = full[:, :, :u] + products @ full[:, :, u + 2 * modes :].swapaxes(1, 2)
-    return RitzSystem(S, worked[:, :, :u] + C @ felt.swapaxes(1, 2), C, felt, worked[:, :, u + modes :])
+    return RitzSystem(S, worked[:, :, :u] + C @ mode_coupling.swapaxes(1, 2), C, mode_coupling, worked[:, :, u + modes :])
 
 
-def _own(across: RadialIntegrals, along: AxialIntegrals, slender: Array, U: Array) -> None:
+def _write_shear_stiffness(transverse: RadialIntegrals, axial: AxialIntegrals, slender: Array, U: Array) -> None:
     """Write the stiffness of the u without lambda into U, shape (U_i, g_j, U_i, g_j, n)."""
-    np.multiply(across.strain[:, None, :, None], (along.gg * slender)[None, :, None], out=U)
-    U += across.slide[:, None, :, None] * (along.dg_dg / slender)[None, :, None]
+    np.multiply(transverse.strain[:, None, :, None], (axial.gg * slender)[None, :, None], out=U)
+    U += transverse.slide[:, None, :, None] * (axial.dg_dg / slender)[None, :, None]
 
 
 # fraction by which the functions are too stiff, with w the width:
 # (2 nu)^power / (tall h/w (w/radius)^(3/2) + constant + flat w/h) (CF.10)
-_STIFF = {
+_STIFFNESS_EXCESS_FIT = {
     (True, True): (4.05, 3.97, 4.51, 5.92),
     (True, False): (8.24, 8.17, 1.89, 4.89),
     (False, True): (1.65, 8.19, 1.58, 7.06),
@@ -210,7 +215,7 @@ _STIFF = {
 }  # (tall, constant, flat, power) for solid or tube; bonded or frictionless
 
 
-def _softened(block: ElasticBlocks, bonded: bool) -> Array:
+def _correct_modulus(block: ElasticBlocks, bonded: bool) -> Array:
     """Return E reduced by eq. CF.10, because few functions are too stiff: they leave out the singularities of the corners.
 
     Fitted to finite elements of 300 blocks on stiff ground by ``benchmarks/closed_form/blocks.py``; the remaining error is
@@ -218,6 +223,6 @@ def _softened(block: ElasticBlocks, bonded: bool) -> Array:
     """
     if block.fine:
         return block.E
-    tall, constant, flat, power = _STIFF[block.hole is None, bonded]
+    tall, constant, flat, power = _STIFFNESS_EXCESS_FIT[block.hole is None, bonded]
     slender, thin = block.height / block.width, block.width / block.radius
     return block.E / (1 + (2 * block.nu) ** power / (tall * slender * thin**1.5 + constant + flat / slender))

@@ -19,22 +19,25 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from solver.closed_form.bessel import Array
-from solver.closed_form.tractions import COARSE, FINE, Loads
+from solver.closed_form.tractions import COARSE_LOADS, FINE_LOADS, Loads
 from solver.linalg.piecewise import PiecewisePolynomials
 
-RADIAL, FINE_RADIAL = 3, 5  # functions P_i
-AXIAL, FINE_AXIAL = 2, 3  # functions g_j
-HEIGHTS, TABLE_HEIGHTS = 10, 48  # nodes of quadrature along the height: of fields, and of the tables, tall blocks among them
-POINTS, FINE_POINTS = 6, 10  # across the wall
-RING_POINTS = 4  # on each ring of a load
-DEGREE = 10  # degree of the tables' polynomials
-LAYER = 2.0  # decay times height: the table is linear in it below, logarithmic above
-LONGEST = 16.0  # of ln(1 + decay x height / LAYER): blocks ten million times as tall as wide
-ABOVE = 1.01  # tubes' numbers are smooth in the logarithm of this less wall / radius
+RADIAL_FUNCTIONS, FINE_RADIAL_FUNCTIONS = 3, 5  # functions P_i
+AXIAL_FUNCTIONS, FINE_AXIAL_FUNCTIONS = 2, 3  # functions g_j
+HEIGHT_NODES, TABLE_HEIGHT_NODES = (
+    10,
+    48,
+)  # nodes of quadrature along the height: of fields, and of the tables, tall blocks among them
+WALL_NODES, FINE_WALL_NODES = 6, 10  # across the wall
+NODES_PER_RING = 4  # on each ring of a load
+TABLE_DEGREE = 10  # degree of the tables' polynomials
+DECAY_LOG_SCALE = 2.0  # decay times height: the table is linear in it below, logarithmic above
+MAX_LOG_DECAY = 16.0  # of ln(1 + decay x height / LAYER): blocks ten million times as tall as wide
+WALL_LOG_OFFSET = 1.01  # tubes' numbers are smooth in the logarithm of this less wall / radius
 
 
 @dataclass(frozen=True)
-class Along:
+class AxialFunctions:
     """The g_j and f_j, and their derivatives by zeta / h, at Gauss's zeta; blocks last.
 
     Shapes (nodes, n) of zeta and the weights, (n,) of ``steep``, and (functions, nodes, n).
@@ -48,22 +51,22 @@ class Along:
     f: Array
     df: Array
 
-    def take(self, which: Any) -> Along:
+    def take(self, which: Any) -> AxialFunctions:
         """Return the functions of the blocks with indices ``which``."""
-        return Along(*(getattr(self, part.name)[..., which] for part in fields(self)))
+        return AxialFunctions(*(getattr(self, part.name)[..., which] for part in fields(self)))
 
-    def at(self, share: Array) -> tuple[Array, ...]:
+    def interpolate(self, share: Array) -> tuple[Array, ...]:
         """Return g, dg, f and df at fractions (n, k) of the height, shapes (n, functions, k)."""
         steep = self.steep[:, None]
         y = np.arctanh((2 * share - 1) * np.tanh(steep)) / steep
         nodes = len(self.zeta)
-        between = (legendre.legvander(y, nodes - 1) @ _RULES[nodes].series).swapaxes(1, 2)
-        return tuple(values.transpose(2, 0, 1) @ between for values in (self.g, self.dg, self.f, self.df))
+        interpolation = (legendre.legvander(y, nodes - 1) @ _HEIGHT_RULES[nodes].series).swapaxes(1, 2)
+        return tuple(values.transpose(2, 0, 1) @ interpolation for values in (self.g, self.dg, self.f, self.df))
 
 
-def along_height(height: Array, steepness: Array, axial: int, nodes: int = HEIGHTS) -> Along:
+def build_axial_functions(height: Array, steepness: Array, axial: int, nodes: int = HEIGHT_NODES) -> AxialFunctions:
     """Build ``axial`` functions g_j and one f_j more for blocks of heights (n,) and decays times heights ``steepness`` (n,)."""
-    rule = _RULES[nodes]
+    rule = _HEIGHT_RULES[nodes]
     y, weight = rule.y[:, None], rule.weight[:, None]
     steep = 0.5 * np.log(1 + 0.5 * steepness) + 1e-3  # nodes as dense at both ends as the functions need
     turn, whole = np.tanh(steep * y), np.tanh(steep)
@@ -71,17 +74,17 @@ def along_height(height: Array, steepness: Array, axial: int, nodes: int = HEIGH
     dz = (steep / (2 * whole)) * (1 - turn * turn)
     last = np.exp(-steepness)
     loss = 1 - last
-    near, far = np.exp(-steepness * share), np.exp(steepness * (share - 1))
-    top, fade = (1 - far) / loss, (near - last) / loss
-    dtop, dfade = -steepness / loss * far, -steepness / loss * near
+    tissue_end_decay, base_end_decay = np.exp(-steepness * share), np.exp(steepness * (share - 1))
+    top, fade = (1 - base_end_decay) / loss, (tissue_end_decay - last) / loss
+    dtop, dfade = -steepness / loss * base_end_decay, -steepness / loss * tissue_end_decay
     powers = [1 + 0 * top, *accumulate([fade] * (axial - 1), np.multiply)]
     g = np.stack([top * power for power in powers])
     dg = np.stack([dtop * power for power in powers])
     for j in range(1, axial):
         dg[j] += j * top * powers[j - 1] * dfade
-    df = np.stack([0 * share - 1, (last - far) / loss, *g[1:]])  # -1, g_0 - 1 and the other g_j
+    df = np.stack([0 * share - 1, (last - base_end_decay) / loss, *g[1:]])  # -1, g_0 - 1 and the other g_j
     f = np.concatenate([(1 - share)[None], -(rule.remaining @ (df[1:] * dz))])
-    return Along(height * share, weight * (height * dz), steep, g, dg, f, df)
+    return AxialFunctions(height * share, weight * (height * dz), steep, g, dg, f, df)
 
 
 @dataclass(frozen=True)
@@ -100,7 +103,7 @@ class HeightRule:
     remaining: Any
 
 
-def _rule(nodes: int) -> HeightRule:
+def _build_height_rule(nodes: int) -> HeightRule:
     y, weight = legendre.leggauss(nodes)
     P, n = legendre.legvander(y, nodes), np.arange(1, nodes)
     series = (np.arange(nodes)[:, None] + 0.5) * P[:, :-1].T * weight
@@ -108,7 +111,7 @@ def _rule(nodes: int) -> HeightRule:
     return HeightRule(y, weight, series, ahead @ series)
 
 
-_RULES = {nodes: _rule(nodes) for nodes in (HEIGHTS, TABLE_HEIGHTS)}
+_HEIGHT_RULES = {nodes: _build_height_rule(nodes) for nodes in (HEIGHT_NODES, TABLE_HEIGHT_NODES)}
 
 
 @dataclass(frozen=True)
@@ -132,31 +135,37 @@ class AxialIntegrals:
     modes: Array
 
 
-def axial_integrals(steepness: Array, axial: int) -> AxialIntegrals:
+def interpolate_axial_integrals(steepness: Array, axial: int) -> AxialIntegrals:
     """Interpolate the axial integrals for decays times heights (n,); NaN where blocks are far taller than wide."""
-    return AxialIntegrals(*_axial_table(axial)(np.log1p(steepness / LAYER)))
+    return AxialIntegrals(*_build_axial_table(axial)(np.log1p(steepness / DECAY_LOG_SCALE)))
 
 
 @cache
-def _axial_table(axial: int) -> PiecewisePolynomials:
-    return PiecewisePolynomials(lambda x: made_along(LAYER * np.expm1(x), axial), 0.0, 0.25, int(LONGEST / 0.25), DEGREE)
+def _build_axial_table(axial: int) -> PiecewisePolynomials:
+    return PiecewisePolynomials(
+        lambda x: compute_axial_integrals(DECAY_LOG_SCALE * np.expm1(x), axial),
+        0.0,
+        0.25,
+        int(MAX_LOG_DECAY / 0.25),
+        TABLE_DEGREE,
+    )
 
 
-def made_along(steepness: Any, axial: int) -> list[Any]:
+def compute_axial_integrals(steepness: Any, axial: int) -> list[Any]:
     """Compute the fields of ``AxialIntegrals`` by quadrature, blocks along the first axis."""
-    along = along_height(np.ones_like(steepness), steepness, axial, TABLE_HEIGHTS)
-    g, dg, f, df = along.g, along.dg, along.f, along.df
+    functions = build_axial_functions(np.ones_like(steepness), steepness, axial, TABLE_HEIGHT_NODES)
+    g, dg, f, df = functions.g, functions.dg, functions.f, functions.df
 
-    def products(one: Any, other: Any) -> Any:
-        return np.einsum("iqn,jqn,qn->nij", one, other, along.weight)
+    def integrate_products(left: Any, right: Any) -> Any:
+        return np.einsum("iqn,jqn,qn->nij", left, right, functions.weight)
 
-    f_end = -(along.weight * df).sum(axis=1).T
-    slope, modes = _modes(products(f, f), products(df, df), f_end)
-    of_modes = [products(one, other) @ modes for one, other in ((g, df), (dg, f))]
-    return [products(g, g), products(dg, dg), *of_modes, slope, (f_end[:, None] @ modes)[:, 0], modes]
+    f_end = -(functions.weight * df).sum(axis=1).T
+    slope, modes = _find_modes(integrate_products(f, f), integrate_products(df, df), f_end)
+    of_modes = [integrate_products(left, right) @ modes for left, right in ((g, df), (dg, f))]
+    return [integrate_products(g, g), integrate_products(dg, dg), *of_modes, slope, (f_end[:, None] @ modes)[:, 0], modes]
 
 
-def _modes(squares: Any, slopes: Any, end: Any) -> tuple[Any, Any]:
+def _find_modes(squares: Any, slopes: Any, end: Any) -> tuple[Any, Any]:
     """Find modes (columns) with unit integrals of squares, positive at ``end``; return their slopes' integrals and the modes."""
     low = np.linalg.inv(np.linalg.cholesky(squares))
     slope, turn = np.linalg.eigh(low @ slopes @ low.swapaxes(1, 2))
@@ -189,74 +198,84 @@ class RadialIntegrals:
     modes: Array
 
 
-def radial_integrals(wall: Array | None, fine: bool) -> RadialIntegrals:
+def interpolate_radial_integrals(wall: Array | None, fine: bool) -> RadialIntegrals:
     """Interpolate the radial integrals of tubes for walls over outer radii (n,); of a disc where ``wall`` is None, then n = 1."""
-    return _disc(fine) if wall is None else RadialIntegrals(*_wall_table(fine)(np.log(ABOVE - wall)))
-
-
-@cache
-def _disc(fine: bool) -> RadialIntegrals:
-    return RadialIntegrals(*(np.moveaxis(part, 0, -1) for part in made_across(np.ones(1), True, fine)))
-
-
-@cache
-def _wall_table(fine: bool) -> PiecewisePolynomials:
-    start = np.log(ABOVE - 1)
-    return PiecewisePolynomials(
-        lambda x: made_across(ABOVE - np.exp(x), False, fine), start, (np.log(ABOVE) - start) / 10, 10, DEGREE
+    return (
+        _compute_disc_integrals(fine)
+        if wall is None
+        else RadialIntegrals(*_build_wall_table(fine)(np.log(WALL_LOG_OFFSET - wall)))
     )
 
 
-def made_across(wall: Any, solid: bool, fine: bool) -> list[Any]:
+@cache
+def _compute_disc_integrals(fine: bool) -> RadialIntegrals:
+    return RadialIntegrals(*(np.moveaxis(part, 0, -1) for part in compute_radial_integrals(np.ones(1), True, fine)))
+
+
+@cache
+def _build_wall_table(fine: bool) -> PiecewisePolynomials:
+    start = np.log(WALL_LOG_OFFSET - 1)
+    return PiecewisePolynomials(
+        lambda x: compute_radial_integrals(WALL_LOG_OFFSET - np.exp(x), False, fine),
+        start,
+        (np.log(WALL_LOG_OFFSET) - start) / 10,
+        10,
+        TABLE_DEGREE,
+    )
+
+
+def compute_radial_integrals(wall: Any, solid: bool, fine: bool) -> list[Any]:
     """Compute the fields of ``RadialIntegrals`` by quadrature, blocks along the first axis."""
-    radial, points, loads = (FINE_RADIAL, FINE_POINTS, FINE.loads) if fine else (RADIAL, POINTS, COARSE.loads)
+    radial, points, loads = (
+        (FINE_RADIAL_FUNCTIONS, FINE_WALL_NODES, FINE_LOADS.loads) if fine else (RADIAL_FUNCTIONS, WALL_NODES, COARSE_LOADS.loads)
+    )
     hole = 1 / wall - 1
-    y, weight = _gauss((0.0, 1.0), points)
-    P, slope, r, u = _functions(y, hole, radial, solid)
+    y, weight = _build_gauss_rule((0.0, 1.0), points)
+    P, slope, r, u = _evaluate_functions(y, hole, radial, solid)
     ring = 2 * np.pi * wall[:, None] * r * weight
     hoop = u / r[:, None]
     volume = np.concatenate([P[:, :0] if solid else 0 * P[:, :1], P], axis=1)  # d(r u)/dr / r
 
-    def products(one: Any, other: Any) -> Any:
-        return (one * ring[:, None]) @ other.swapaxes(1, 2)
+    def integrate_products(left: Any, right: Any) -> Any:
+        return (left * ring[:, None]) @ right.swapaxes(1, 2)
 
-    squares, slopes = products(P, P), products(slope, slope)
-    across, modes = _modes(squares, slopes, np.ones((1, radial)))
+    squares, slopes = integrate_products(P, P), integrate_products(slope, slope)
+    slope_integrals, modes = _find_modes(squares, slopes, np.ones((1, radial)))
     rr = volume - hoop
-    strain = 2 * (products(rr, rr) + products(hoop, hoop))
-    pressed, sheared = _loaded(hole, wall, loads[0 if solid else 1], radial)
-    of_modes = [products(one, other) @ modes for one, other in ((volume, P), (u, slope))]
-    return [strain, products(u, u), *of_modes, across, pressed @ modes, sheared, modes]
+    strain = 2 * (integrate_products(rr, rr) + integrate_products(hoop, hoop))
+    pressed, sheared = _integrate_loads(hole, wall, loads[0 if solid else 1], radial)
+    of_modes = [integrate_products(left, right) @ modes for left, right in ((volume, P), (u, slope))]
+    return [strain, integrate_products(u, u), *of_modes, slope_integrals, pressed @ modes, sheared, modes]
 
 
-def _loaded(hole: Any, wall: Any, loads: Loads, radial: int) -> tuple[Any, Any]:
+def _integrate_loads(hole: Any, wall: Any, loads: Loads, radial: int) -> tuple[Any, Any]:
     """Return the work of the pressures on the P_i and of the shears on the u, shapes (m, loads, functions)."""
-    y, weight = _gauss(tuple(loads.cuts), RING_POINTS)
-    P, _, r, u = _functions(y, hole, radial, loads.solid)
+    y, weight = _build_gauss_rule(tuple(loads.cuts), NODES_PER_RING)
+    P, _, r, u = _evaluate_functions(y, hole, radial, loads.solid)
     ring = 2 * np.pi * wall[:, None] * r * weight
-    pressure, shear = (np.repeat(values, RING_POINTS, axis=0).T for values in (loads.pressure, loads.shear))
+    pressure, shear = (np.repeat(values, NODES_PER_RING, axis=0).T for values in (loads.pressure, loads.shear))
     return (pressure * ring[:, None]) @ P.swapaxes(1, 2), (shear * (ring * r * wall[:, None])[:, None]) @ u.swapaxes(1, 2)
 
 
-def _gauss(cuts: tuple[float, ...], points: int) -> tuple[Any, Any]:
+def _build_gauss_rule(cuts: tuple[float, ...], points: int) -> tuple[Any, Any]:
     """Return Gauss's nodes and weights with ``points`` nodes in each interval between the cuts."""
     x, weight = legendre.leggauss(points)
     parts, low = np.diff(cuts)[:, None], np.array(cuts)[:-1, None]
     return (low + parts * (x + 1) / 2).ravel(), (parts * weight / 2).ravel()
 
 
-def _functions(y: Any, hole: Any, radial: int, solid: bool) -> tuple[Any, Any, Any, Any]:
+def _evaluate_functions(y: Any, hole: Any, radial: int, solid: bool) -> tuple[Any, Any, Any, Any]:
     """Return P_i, dP_i/dr, r and u = U_i / r at fractions y of walls of width 1, shapes (m, functions, points), r (m, points)."""
     x, weight = legendre.leggauss(6)
     x, weight = (x + 1) / 2, weight / 2
     polynomials = [legendre.Legendre(row, domain=[0, 1]) for row in np.eye(radial)]
     inside = np.multiply.outer(y, x)
     values = np.array([p(inside**2 if solid else inside) for p in polynomials]) * weight
-    at, scale = (y**2, 2 * y) if solid else (y, 1 + 0 * y)
-    P, slope = np.array([p(at) for p in polynomials]), np.array([p.deriv()(at) * scale for p in polynomials])
+    argument, scale = (y**2, 2 * y) if solid else (y, 1 + 0 * y)
+    P, slope = np.array([p(argument) for p in polynomials]), np.array([p.deriv()(argument) * scale for p in polynomials])
     r, hole = hole[:, None] + y, hole[:, None, None]
     u = y * (hole * values.sum(axis=2) + (values * inside).sum(axis=2)) / r[:, None]  # Int_0^y P r dy
     if not solid:
         u = np.concatenate([(hole + 1) / r[:, None], u], axis=1)
-    every = np.broadcast_to(P, (len(r), *P.shape)), np.broadcast_to(slope, (len(r), *slope.shape))
-    return *every, r, u
+    repeated = np.broadcast_to(P, (len(r), *P.shape)), np.broadcast_to(slope, (len(r), *slope.shape))
+    return *repeated, r, u

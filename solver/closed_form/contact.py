@@ -22,25 +22,33 @@ import numpy as np
 
 from geometry.common.resources import check_time
 from solver.closed_form.bessel import Array
-from solver.closed_form.block_compliance import ElasticBlocks, end_compliance
-from solver.closed_form.half_space import ring_work
-from solver.closed_form.inclusions import polarised
-from solver.closed_form.lateral_boundary import Sides, cut_waves, free_sides
-from solver.closed_form.layer import Waves, floor_compliance, waves
-from solver.closed_form.layered_spheres import inside
-from solver.closed_form.layered_works import disc_compliances, layered_works, stiffest
+from solver.closed_form.block_compliance import ElasticBlocks, compute_end_compliance
+from solver.closed_form.half_space import compute_disc_works
+from solver.closed_form.inclusions import build_loaded_spheres
+from solver.closed_form.lateral_boundary import Sides, build_cut_waves, solve_free_sides
+from solver.closed_form.layer import Waves, compute_floor_compliance, solve_waves
+from solver.closed_form.layered_spheres import build_sphere_in_layer
+from solver.closed_form.layered_works import compute_disc_compliances, compute_layered_works, find_stiffest
 from solver.closed_form.off_axis import Disc
 from solver.closed_form.surface_images import SphereArray
-from solver.closed_form.tractions import areas, between_waves, circles, joined, long_waves, of_rings, pair_loads
+from solver.closed_form.tractions import (
+    build_wave_rule,
+    combine_disc_works,
+    compute_load_areas,
+    join_works,
+    list_disc_radii,
+    select_pair_loads,
+    transform_long_waves,
+)
 from solver.layers.stack import TissueLayer
 
 if TYPE_CHECKING:
     from solver.closed_form.tractions import Pair
 
-REACH = 10.0  # exponent at which the integrals over wave numbers are cut off
+INTEGRAL_REACH = 10.0  # exponent at which the integrals over wave numbers are cut off
 FLOOR_REACH = 6.0
-LEAST_WAY = 0.1  # in radii, for a sphere that an interface cuts; ``level`` refuses such scenes
-NODES_PER_WAVE, LONG = 0.35, 8  # nodes per wave number times outermost radius, and those that long waves need
+MIN_PATH_RADII = 0.1  # in radii, for a sphere that an interface cuts; ``level`` refuses such scenes
+NODES_PER_WAVE, MIN_WAVE_NODES = 0.35, 8  # nodes per wave number times outermost radius, and those that long waves need
 
 
 @dataclass(frozen=True)
@@ -128,27 +136,29 @@ def solve_contact(
         layer_nodes: of those for its layers.
         shared: which designs have the same blocks and tissue.
     """
-    C, A, sides = _without_spheres(blocks, tissue, (side_nodes, layer_nodes), bonded, shared)
+    C, A, sides = _assemble_without_spheres(blocks, tissue, (side_nodes, layer_nodes), bonded, shared)
     if tissue.depth is not None or spheres:
-        firm = stiffest(tissue.stack) if tissue.layers else tissue
-        k, loads, weights = _waves(blocks, tissue, spheres, nodes, bonded)
-        field = waves(k, tissue.depth, firm.nu)
+        firm = find_stiffest(tissue.stack) if tissue.layers else tissue
+        k, loads, weights = _choose_waves(blocks, tissue, spheres, nodes, bonded)
+        field = solve_waves(k, tissue.depth, firm.nu)
         if tissue.depth is not None:
-            C = C + _floor(field, loads, weights, firm.E / (2 * (1 + firm.nu)))
-    before, rest, slope, softer, marked = np.linalg.solve(C, A), 0.0, np.zeros_like(A[:, :2]), C, None
+            C = C + _compute_floor_works(field, loads, weights, firm.E / (2 * (1 + firm.nu)))
+    bare_tractions, higher_moments, slope, softened, target_body = np.linalg.solve(C, A), 0.0, np.zeros_like(A[:, :2]), C, None
     for index, sphere in enumerate(spheres):
         check_time("inclusions")
-        layer, disc = tissue.stack[sphere.layer], None if sphere.on_axis else _disc(blocks, tissue, layer_nodes)
-        echoed = inside(sphere, k, weights, tissue.stack, tissue.depth is not None) if tissue.faces else None
-        body = polarised(sphere, field, loads, weights, E=layer.E, nu=layer.nu, disc=disc, sides=sides, inside=echoed)
-        forces, by_log = body.rest(before)
-        softer, rest = softer - body.works, rest + forces
+        layer, disc = tissue.stack[sphere.layer], None if sphere.on_axis else _build_disc(blocks, tissue, layer_nodes)
+        in_layer = build_sphere_in_layer(sphere, k, weights, tissue.stack, tissue.depth is not None) if tissue.faces else None
+        body = build_loaded_spheres(
+            sphere, field, loads, weights, E=layer.E, nu=layer.nu, disc=disc, sides=sides, inside=in_layer
+        )
+        forces, by_log = body.compute_higher_moments(bare_tractions)
+        softened, higher_moments = softened - body.works, higher_moments + forces
         if index == target:
-            marked, slope = body, by_log
-    tractions = np.linalg.solve(softer, A) if spheres else before
-    forces = A.swapaxes(1, 2) @ tractions + rest
-    slope = slope if marked is None else slope + marked.slope(tractions)
-    return ContactSolution(forces, slope, softer, A, tractions)
+            target_body, slope = body, by_log
+    tractions = np.linalg.solve(softened, A) if spheres else bare_tractions
+    forces = A.swapaxes(1, 2) @ tractions + higher_moments
+    slope = slope if target_body is None else slope + target_body.compute_log_modulus_derivative(tractions)
+    return ContactSolution(forces, slope, softened, A, tractions)
 
 
 @dataclass(frozen=True)
@@ -159,70 +169,72 @@ class Shared:
     which: Any
 
 
-def _without_spheres(
+def _assemble_without_spheres(
     blocks: Pair, tissue: Tissue, nodes: tuple[int, int], bonded: bool, shared: Shared | None
 ) -> tuple[Array, Array, Sides | None]:
     """Return C without the floor, A, and the sides; equal blocks and tissues are computed once."""
     if shared is not None:
         inner, outer = (block.take(shared.first) for block in blocks)
-        C, A, sides = _without_spheres((inner, outer), tissue.take(shared.first), nodes, bonded, None)
+        C, A, sides = _assemble_without_spheres((inner, outer), tissue.take(shared.first), nodes, bonded, None)
         return C[shared.which], A[shared.which], None if sides is None else sides.take(shared.which)
-    works = _works(blocks, tissue, nodes[1], bonded)
-    C = joined(works) if bonded else works[0]
-    _add_ends(C, blocks, bonded)
-    sides = _sides(blocks, tissue, nodes[0], bonded) if nodes[0] else None
-    return C if sides is None else C + sides.work, areas(blocks, C), sides
+    works = _compute_works(blocks, tissue, nodes[1], bonded)
+    C = join_works(works) if bonded else works[0]
+    _add_end_compliances(C, blocks, bonded)
+    sides = _compute_sides(blocks, tissue, nodes[0], bonded) if nodes[0] else None
+    return C if sides is None else C + sides.work, compute_load_areas(blocks, C), sides
 
 
-def _add_ends(C: Array, blocks: Pair, bonded: bool) -> None:
+def _add_end_compliances(C: Array, blocks: Pair, bonded: bool) -> None:
     """Add the compliance of the blocks' ends to C; pressures of both blocks come before shears of both."""
-    loads = pair_loads(blocks).loads
-    counts = [loads[0].pressure.shape[1], loads[1].pressure.shape[1], *(one.shear.shape[1] for one in loads if bonded)]
+    loads = select_pair_loads(blocks).loads
+    counts = [loads[0].pressure.shape[1], loads[1].pressure.shape[1], *(load.shear.shape[1] for load in loads if bonded)]
     places = np.split(np.arange(sum(counts)), np.cumsum(counts)[:-1])
-    for block, own in zip(blocks, (places[::2], places[1::2]), strict=True):
-        at = np.concatenate(own)
-        C[:, at[:, None], at] += end_compliance(block, bonded)[:, : len(at), : len(at)]
+    for block, parts in zip(blocks, (places[::2], places[1::2]), strict=True):
+        index = np.concatenate(parts)
+        C[:, index[:, None], index] += compute_end_compliance(block, bonded)[:, : len(index), : len(index)]
 
 
-def _works(blocks: Pair, tissue: Tissue, layer_nodes: int, bonded: bool) -> list[Array]:
+def _compute_works(blocks: Pair, tissue: Tissue, layer_nodes: int, bonded: bool) -> list[Array]:
     """Return works of pressures, shears and pressures on shears, without the floor, from those of discs."""
     if tissue.layers:
-        return layered_works(blocks, tissue.stack, tissue.depth, layer_nodes, bonded)
-    return of_rings(blocks, ring_work(*circles(blocks), tissue.mu, tissue.nu))
+        return compute_layered_works(blocks, tissue.stack, tissue.depth, layer_nodes, bonded)
+    return combine_disc_works(blocks, compute_disc_works(*list_disc_radii(blocks), tissue.mu, tissue.nu))
 
 
-def _waves(
+def _choose_waves(
     blocks: Pair, tissue: Tissue, spheres: Sequence[SphereArray], nodes: int, bonded: bool
 ) -> tuple[Array, tuple[Array, Array], Array]:
     """Choose the wave numbers; return them, the transforms of the loads, shapes (n, q, loads), and the weights k dk."""
-    reaches = [REACH / _way(sphere, tissue) for sphere in spheres]
-    reach = reduce(_larger, reaches) if reaches else FLOOR_REACH / tissue.depth
-    across = blocks[1].radius + reduce(_larger, [sphere.offset for sphere in spheres], 0 * blocks[1].radius)
-    resolved = (nodes - LONG) / (NODES_PER_WAVE * across)  # shorter waves do not matter for a sphere tiny beside the probe
+    reaches = [INTEGRAL_REACH / _find_shortest_path(sphere, tissue) for sphere in spheres]
+    reach = reduce(_choose_larger, reaches) if reaches else FLOOR_REACH / tissue.depth
+    across = blocks[1].radius + reduce(_choose_larger, [sphere.offset for sphere in spheres], 0 * blocks[1].radius)
+    resolved = (nodes - MIN_WAVE_NODES) / (
+        NODES_PER_WAVE * across
+    )  # shorter waves do not matter for a sphere tiny beside the probe
     reach = np.where(reach.real < resolved.real, reach, resolved)
-    share, weight = between_waves(nodes)
+    share, weight = build_wave_rule(nodes)
     k = reach[:, None] * share
-    return k, long_waves(blocks, k, bonded), k * reach[:, None] * weight
+    return k, transform_long_waves(blocks, k, bonded), k * reach[:, None] * weight
 
 
-def _way(sphere: SphereArray, tissue: Tissue) -> Array:
+def _find_shortest_path(sphere: SphereArray, tissue: Tissue) -> Array:
     """Return the shortest path from a sphere's quadrature to the surface, or to another face and back, m."""
-    way = sphere.depth - 0.8 * sphere.radius
+    path = sphere.depth - 0.8 * sphere.radius
     for face in tissue.faces:
-        least = np.where(face.real < sphere.depth.real, sphere.depth - face, face - sphere.depth) - 0.8 * sphere.radius
-        way = -_larger(-way, -2 * _larger(least, LEAST_WAY * sphere.radius))
-    return way
+        face_path = np.where(face.real < sphere.depth.real, sphere.depth - face, face - sphere.depth) - 0.8 * sphere.radius
+        path = -_choose_larger(-path, -2 * _choose_larger(face_path, MIN_PATH_RADII * sphere.radius))
+    return path
 
 
-def _sides(blocks: Pair, tissue: Tissue, nodes: int, bonded: bool) -> Sides:
+def _compute_sides(blocks: Pair, tissue: Tissue, nodes: int, bonded: bool) -> Sides:
     """Compute what free sides add to the works, eq. CF.11."""
-    k, weights = cut_waves(tissue.radius, blocks[1].radius, nodes)
-    E, nu = _column(tissue)
+    k, weights = build_cut_waves(tissue.radius, blocks[1].radius, nodes)
+    E, nu = _average_column(tissue)
     cylinder = ElasticBlocks(None, tissue.radius, tissue.depth, E, nu)
-    return free_sides(waves(k, tissue.depth, nu), long_waves(blocks, k, bonded), weights, cylinder)
+    return solve_free_sides(solve_waves(k, tissue.depth, nu), transform_long_waves(blocks, k, bonded), weights, cylinder)
 
 
-def _column(tissue: Tissue) -> tuple[Array, Array]:
+def _average_column(tissue: Tissue) -> tuple[Array, Array]:
     """Return modulus and Poisson's ratio of one material whose column shortens and widens as that of the layers."""
     if not tissue.layers:
         return tissue.E, tissue.nu
@@ -231,31 +243,36 @@ def _column(tissue: Tissue) -> tuple[Array, Array]:
     return tissue.depth / whole, sum(share * layer.nu for share, layer in zip(shortening, tissue.stack, strict=True)) / whole
 
 
-def _disc(blocks: Pair, tissue: Tissue, layer_nodes: int) -> Disc:
+def _build_disc(blocks: Pair, tissue: Tissue, layer_nodes: int) -> Disc:
     """Build the disc that stands for both ends: each has the compliance of a half-space, averaged over the areas."""
     area = blocks[0].area + blocks[1].area
 
-    def ends(share: float) -> Array:
+    def compute_end_compliance(share: float) -> Array:
         return sum(block.area / area * (1 - share * block.nu) * 2 * (1 + block.nu) / block.E for block in blocks)
 
     if tissue.layers:
-        pressed, sheared = disc_compliances(
+        pressed, sheared = compute_disc_compliances(
             blocks[1].radius, (*tissue.layers, TissueLayer(None, tissue.E, tissue.nu)), layer_nodes
         )
-        return Disc(blocks[1].radius, pressed + ends(1.0)[:, None], sheared + ends(0.5)[:, None])
-    pressed, sheared = (1 - tissue.nu) / tissue.mu + ends(1.0), (1 - tissue.nu / 2) / tissue.mu + ends(0.5)
+        return Disc(
+            blocks[1].radius, pressed + compute_end_compliance(1.0)[:, None], sheared + compute_end_compliance(0.5)[:, None]
+        )
+    pressed, sheared = (
+        (1 - tissue.nu) / tissue.mu + compute_end_compliance(1.0),
+        (1 - tissue.nu / 2) / tissue.mu + compute_end_compliance(0.5),
+    )
     return Disc(blocks[1].radius, pressed, sheared)
 
 
-def _larger(one: Array, other: Array) -> Array:
+def _choose_larger(first: Array, second: Array) -> Array:
     """Return the value with the larger real part; complex steps have no other order."""
-    return np.where(one.real > other.real, one, other)
+    return np.where(first.real > second.real, first, second)
 
 
-def _floor(field: Waves, loads: tuple[Array, Array], weights: Array, mu: Array) -> Array:
+def _compute_floor_works(field: Waves, loads: tuple[Array, Array], weights: Array, mu: Array) -> Array:
     """Return what the floor adds to C: 2 pi times the integral of loads times the floor's compliance (eq. CF.6) k dk."""
     scale = (np.pi / mu)[:, None, None]
-    parts = [weights[:, :, None] * part[:, :, None] for part in floor_compliance(field)]
+    parts = [weights[:, :, None] * part[:, :, None] for part in compute_floor_compliance(field)]
     p, q = loads
     pt, qt = p.swapaxes(1, 2), q.swapaxes(1, 2)
-    return scale * joined((pt @ (parts[0] * p), qt @ (parts[1] * q), pt @ (parts[2] * q)))
+    return scale * join_works((pt @ (parts[0] * p), qt @ (parts[1] * q), pt @ (parts[2] * q)))

@@ -19,28 +19,38 @@ from geometry.common.arrays import Floats
 from geometry.scenes.scene import Inclusion, Scene
 from solver.closed_form.bessel import Array
 from solver.closed_form.block_compliance import ElasticBlocks
-from solver.closed_form.contact import FLOOR_REACH, LONG, NODES_PER_WAVE, REACH, ContactSolution, Shared, solve_contact
+from solver.closed_form.contact import (
+    FLOOR_REACH,
+    INTEGRAL_REACH,
+    MIN_WAVE_NODES,
+    NODES_PER_WAVE,
+    ContactSolution,
+    Shared,
+    solve_contact,
+)
 from solver.closed_form.contact import Tissue as TissueArray
-from solver.closed_form.lateral_boundary import side_nodes, side_radius
-from solver.closed_form.layered_works import layer_nodes
+from solver.closed_form.lateral_boundary import compute_side_radius, count_side_nodes
+from solver.closed_form.layered_works import count_layer_nodes
 from solver.closed_form.surface_images import SphereArray
-from solver.layers.materials import material_layers
+from solver.layers.materials import list_material_layers
 from solver.layers.stack import TissueLayer
 from solver.linalg.memory import keep_freed
 
-PROBE = (
+PROBE_PARAMETERS = (
     "inner_radius", "gap", "outer_radius", "inner_height", "outer_height",
     "inner_modulus", "inner_poisson", "outer_modulus", "outer_poisson",
 )  # fmt: skip
-TISSUE = ("tissue_depth", "tissue_radius", "tissue_modulus", "tissue_poisson")
-BALL = ("radius", "depth", "offset", "modulus", "poisson")
-LAYER = ("layer_thickness", "layer_modulus", "layer_poisson")
-MOST = 256  # nodes of the integrals over wave numbers
-LEAST_ROOM = 0.05  # gap between a sphere's points and a face, in its diameters; ``level`` refuses smaller ones
-CHUNK = 520  # designs at a time, so that the work arrays stay in the processor's cache; a power of two would share cache lines
+TISSUE_PARAMETERS = ("tissue_depth", "tissue_radius", "tissue_modulus", "tissue_poisson")
+SPHERE_PARAMETERS = ("radius", "depth", "offset", "modulus", "poisson")
+LAYER_PARAMETERS = ("layer_thickness", "layer_modulus", "layer_poisson")
+MAX_WAVE_NODES = 256  # nodes of the integrals over wave numbers
+MIN_FACE_GAP_DIAMETERS = 0.05  # gap between a sphere's points and a face, in its diameters; ``level`` refuses smaller ones
+DESIGNS_PER_CHUNK = (
+    520  # designs at a time, so that the work arrays stay in the processor's cache; a power of two would share cache lines
+)
 
 
-_ODD = np.sqrt(np.arange(2.0, 64.0))  # weights of the sum by which equal probes and tissues are recognised
+_HASH_WEIGHTS = np.sqrt(np.arange(2.0, 64.0))  # weights of the sum by which equal probes and tissues are recognised
 
 
 @dataclass(frozen=True)
@@ -72,44 +82,50 @@ class Shape:
     fine: bool = False
 
     @property
-    def homes(self) -> tuple[int, ...]:
+    def sphere_layers(self) -> tuple[int, ...]:
         """The layer that holds each inclusion; 0 for all where ``places`` is empty."""
         return self.places or (0,) * len(self.on_axis)
 
 
-def _answer(shape: Shape, p: Array, share: bool) -> ContactSolution:
+def _solve_columns(shape: Shape, p: Array, share: bool) -> ContactSolution:
     """Solve the contact for parameters p, shape (parameters, n)."""
-    r2, gap, ro, hi, ho, ei, ni, eo, no, depth, side, et, nt = p[: len(PROBE) + len(TISSUE)]
-    bodies, layers = split(shape, p)
+    r2, gap, ro, hi, ho, ei, ni, eo, no, depth, side, et, nt = p[: len(PROBE_PARAMETERS) + len(TISSUE_PARAMETERS)]
+    bodies, layers = split_parameters(shape, p)
     blocks = ElasticBlocks(None, r2, hi, ei, ni, shape.fine), ElasticBlocks(r2 + gap, ro, ho, eo, no, shape.fine)
     tissue = TissueArray(depth if shape.bounded else None, et, nt, side, tuple(TissueLayer(*layer) for layer in layers))
     spheres = [
         SphereArray(b[0], b[1], offset=b[2], E=b[3], nu=b[4], on_axis=on_axis, layer=place)
-        for b, on_axis, place in zip(bodies, shape.on_axis, shape.homes, strict=True)
+        for b, on_axis, place in zip(bodies, shape.on_axis, shape.sphere_layers, strict=True)
     ]
     nodes = {"nodes": shape.nodes, "side_nodes": shape.side_nodes, "layer_nodes": shape.layer_nodes}
-    shared = _shared(np.concatenate([p[: len(PROBE) + len(TISSUE)], layers.reshape(-1, p.shape[1])])) if share else None
+    shared = (
+        _find_shared(np.concatenate([p[: len(PROBE_PARAMETERS) + len(TISSUE_PARAMETERS)], layers.reshape(-1, p.shape[1])]))
+        if share
+        else None
+    )
     return solve_contact(blocks, tissue, spheres, target=shape.target, bonded=shape.bonded, shared=shared, **nodes)
 
 
-def _shared(rows: Array) -> Shared | None:
+def _find_shared(rows: Array) -> Shared | None:
     """Find equal columns by a weighted sum of their numbers, then compare them; None where fewer than half repeat."""
     with np.errstate(invalid="ignore"):
-        _, first, which = np.unique(_ODD[: len(rows)] @ rows, return_index=True, return_inverse=True)
+        _, first, which = np.unique(_HASH_WEIGHTS[: len(rows)] @ rows, return_index=True, return_inverse=True)
     if 2 * len(first) > rows.shape[1] or not (rows[:, first[which]] == rows).all():
         return None
     return Shared(first, which)
 
 
-def split(shape: Shape, values: Array) -> tuple[Array, Array]:
+def split_parameters(shape: Shape, values: Array) -> tuple[Array, Array]:
     """Return views of the parameters of inclusions, shape (inclusions, 5, n), and of layers, shape (layers, 3, n)."""
-    after = len(PROBE) + len(TISSUE)
-    end = after + len(BALL) * len(shape.on_axis)
-    bodies, layers = values[after:end], values[end:]
-    return bodies.reshape(-1, len(BALL), *values.shape[1:]), layers.reshape(-1, len(LAYER), *values.shape[1:])
+    start = len(PROBE_PARAMETERS) + len(TISSUE_PARAMETERS)
+    end = start + len(SPHERE_PARAMETERS) * len(shape.on_axis)
+    bodies, layers = values[start:end], values[end:]
+    return bodies.reshape(-1, len(SPHERE_PARAMETERS), *values.shape[1:]), layers.reshape(
+        -1, len(LAYER_PARAMETERS), *values.shape[1:]
+    )
 
 
-def forces(shape: Shape, values: Array) -> tuple[Floats, Floats]:
+def compute_forces(shape: Shape, values: Array) -> tuple[Floats, Floats]:
     """Evaluate many designs at once, about 25 000 a second on one core with one inclusion on the axis.
 
     Args:
@@ -122,36 +138,36 @@ def forces(shape: Shape, values: Array) -> tuple[Floats, Floats]:
         Young's modulus (zero without a target), both of shape (n, 2, 2). Designs outside the formulas' range are not refused;
         where the equations are singular the values are NaN.
     """
-    parts = list(answers(shape, values, share=True))
+    parts = list(iterate_solutions(shape, values, share=True))
     return np.concatenate([part.forces for part in parts]), np.concatenate([part.slope for part in parts])
 
 
-def answers(shape: Shape, values: Array, *, share: bool = False) -> Iterator[ContactSolution]:
+def iterate_solutions(shape: Shape, values: Array, *, share: bool = False) -> Iterator[ContactSolution]:
     """Yield the contact solutions of the designs, some designs at a time.
 
     With ``share``, what designs with the same probe and tissue have in common is computed once; rounding then differs slightly.
     """
     values = np.asarray(values)
-    chunk = CHUNK // 2 if shape.layers else CHUNK  # layers take more waves
+    chunk = DESIGNS_PER_CHUNK // 2 if shape.layers else DESIGNS_PER_CHUNK  # layers take more waves
     if values.shape[1] >= chunk:
         keep_freed()
     for k in range(0, values.shape[1], chunk):
         try:
-            yield _answer(shape, values[:, k : k + chunk], share)
+            yield _solve_columns(shape, values[:, k : k + chunk], share)
         except np.linalg.LinAlgError:
-            yield from (_alone(shape, column) for column in values[:, k : k + chunk].T)
+            yield from (_solve_alone(shape, column) for column in values[:, k : k + chunk].T)
 
 
-def _alone(shape: Shape, column: Array) -> ContactSolution:
+def _solve_alone(shape: Shape, column: Array) -> ContactSolution:
     """Solve one design; NaN if its equations are singular."""
     try:
-        return _answer(shape, column[:, None], share=False)
+        return _solve_columns(shape, column[:, None], share=False)
     except np.linalg.LinAlgError:
-        none, no_loads = np.full((1, 2, 2), np.nan, dtype=column.dtype), np.full((1, 1, 2), np.nan)
-        return ContactSolution(none, none, np.full((1, 1, 1), np.nan), no_loads, no_loads)
+        nan_forces, no_loads = np.full((1, 2, 2), np.nan, dtype=column.dtype), np.full((1, 1, 2), np.nan)
+        return ContactSolution(nan_forces, nan_forces, np.full((1, 1, 1), np.nan), no_loads, no_loads)
 
 
-def gradients(shape: Shape, values: Floats, which: Sequence[int]) -> tuple[Floats, Floats]:
+def compute_gradients(shape: Shape, values: Floats, which: Sequence[int]) -> tuple[Floats, Floats]:
     """Return forces of one design and their derivatives by some of its parameters, by complex steps: exact to rounding.
 
     Args:
@@ -164,11 +180,11 @@ def gradients(shape: Shape, values: Floats, which: Sequence[int]) -> tuple[Float
     """
     steps = np.zeros((len(values), len(which)), dtype=complex)
     steps[list(which), range(len(which))] = 1e-30j * np.abs(values[list(which)])
-    complex_forces = np.stack(forces(shape, values[:, None] + steps), axis=1)
+    complex_forces = np.stack(compute_forces(shape, values[:, None] + steps), axis=1)
     return complex_forces[0].real, complex_forces.imag / (1e-30 * np.abs(values[list(which)]))[:, None, None, None]
 
 
-def parameters(scene: Scene, *, merged: bool = True) -> tuple[Shape, Floats]:
+def build_parameters(scene: Scene, *, merged: bool = True) -> tuple[Shape, Floats]:
     """Return the formula's structure for a scene and the values of its parameters, SI.
 
     Layers of one material are one, unless ``merged`` is False: then every layer of the scene has its parameters.
@@ -177,37 +193,37 @@ def parameters(scene: Scene, *, merged: bool = True) -> tuple[Shape, Floats]:
     values = [probe.inner_radius, probe.gap, probe.tube_radius, probe.core_height, probe.tube_height]
     for block in (probe.inner, probe.outer):
         values += [block.youngs_modulus, block.poisson_ratio]
-    depth, side = (1.0, 1.0) if tissue.shape == "half-space" else (tissue.depth, side_radius(tissue))
+    depth, side = (1.0, 1.0) if tissue.shape == "half-space" else (tissue.depth, compute_side_radius(tissue))
     values += [depth, side, tissue.youngs_modulus, tissue.poisson_ratio]
-    offsets = [_offset(scene, body) for body in scene.inclusion]
+    offsets = [_compute_offset(scene, body) for body in scene.inclusion]
     for body, offset in zip(scene.inclusion, offsets, strict=True):
         values += [(body.diameter or 0.0) / 2, body.depth, offset, body.youngs_modulus, body.poisson_ratio]
     on_axis = tuple(offset <= 1e-9 * (body.diameter or 1.0) for body, offset in zip(scene.inclusion, offsets, strict=True))
     bonded, bounded = scene.contact.interface == "bonded", tissue.shape != "half-space"
-    sides = side_nodes(probe.tube_radius, depth, side) if bounded else 0
-    layers = material_layers(tissue, merged)
+    sides = count_side_nodes(probe.tube_radius, depth, side) if bounded else 0
+    layers = list_material_layers(tissue, merged)
     for layer in layers:
         values += layer
     faces = list(accumulate(layer[0] for layer in layers))
     places = tuple(bisect(faces, body.depth) for body in scene.inclusion)
     places = places if any(places) else ()
-    nodes = _nodes(scene, faces), layer_nodes(probe.tube_radius, layers[0][0]) if layers else 0
+    nodes = _count_wave_nodes(scene, faces), count_layer_nodes(probe.tube_radius, layers[0][0]) if layers else 0
     return Shape(on_axis, scene.target, nodes[0], bonded, bounded, sides, places, len(layers), nodes[1]), np.array(values)
 
 
-def _nodes(scene: Scene, faces: list[float]) -> int:
+def _count_wave_nodes(scene: Scene, faces: list[float]) -> int:
     """Return how many nodes resolve the shallowest sphere, its reflections in other faces, and the waves across the probe."""
     faces = faces if scene.tissue.shape == "half-space" else [*faces, scene.tissue.depth]
-    reach = [REACH / (body.depth - 0.4 * (body.diameter or 0.0)) for body in scene.inclusion]
+    reach = [INTEGRAL_REACH / (body.depth - 0.4 * (body.diameter or 0.0)) for body in scene.inclusion]
     for body in scene.inclusion:
         size = body.diameter or 0.0
-        reach += [REACH / 2 / max(abs(body.depth - face) - 0.4 * size, LEAST_ROOM * size) for face in faces]
+        reach += [INTEGRAL_REACH / 2 / max(abs(body.depth - face) - 0.4 * size, MIN_FACE_GAP_DIAMETERS * size) for face in faces]
     if scene.tissue.shape != "half-space":
         reach.append(FLOOR_REACH / scene.tissue.depth)
-    across = scene.probe.tube_radius + max((_offset(scene, body) for body in scene.inclusion), default=0.0)
-    needed = LONG + NODES_PER_WAVE * max(reach, default=0.0) * across
-    return min(MOST, 2 * math.ceil(needed / 2))
+    across = scene.probe.tube_radius + max((_compute_offset(scene, body) for body in scene.inclusion), default=0.0)
+    needed = MIN_WAVE_NODES + NODES_PER_WAVE * max(reach, default=0.0) * across
+    return min(MAX_WAVE_NODES, 2 * math.ceil(needed / 2))
 
 
-def _offset(scene: Scene, body: Inclusion) -> float:
+def _compute_offset(scene: Scene, body: Inclusion) -> float:
     return math.hypot(body.x - scene.placement.x, body.y - scene.placement.y)

@@ -18,20 +18,20 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
-from solver.closed_form.error_features import features
-from solver.results.detail_compliance import details
+from solver.closed_form.error_features import compute_features
+from solver.results.detail_compliance import iterate_details
 from solver.results.film_forces import Bound
 
-LEAST_SENSITIVITY = 5e-6  # absolute; half of the smallest log-sensitivity error that matters
-QUANTITIES = ("ratio", "inner", "outer", "sensitivity")  # ln(ratio), the logarithms of both totals, the log-sensitivity
+MIN_SENSITIVITY_ERROR = 5e-6  # absolute; half of the smallest log-sensitivity error that matters
+BOUNDED_QUANTITIES = ("ratio", "inner", "outer", "sensitivity")  # ln(ratio), the logarithms of both totals, the log-sensitivity
 
 
 @cache
-def weights() -> dict[str, dict[str, float]]:
+def read_weights() -> dict[str, dict[str, float]]:
     """Read the weights of eq. CF.19 by quantity and feature; the file names the scenes, margin and command they come from."""
     text = resources.files("solver.closed_form").joinpath("error_weights.json").read_text(encoding="utf-8")
-    found: dict[str, dict[str, float]] = json.loads(text)["weights"]
-    return found
+    weights: dict[str, dict[str, float]] = json.loads(text)["weights"]
+    return weights
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class StatedErrors:
     log_totals: Floats
     sensitivity: float
 
-    def bound(self, totals: Floats) -> Bound:
+    def compute_bound(self, totals: Floats) -> Bound:
         """Return by how much totals (2,), N/m, may be too large: their logarithms are bounded, so true totals are not zero."""
         return Bound(-np.expm1(-self.log_totals) * totals, self.log_ratio)
 
@@ -52,14 +52,14 @@ class StatedErrors:
         return float(np.expm1(min(max(self.log_ratio, *self.log_totals), 700.0)))
 
 
-def errors(scene: Scene, forces: Floats, slopes: Floats) -> StatedErrors:
+def bound_errors(scene: Scene, forces: Floats, slopes: Floats) -> StatedErrors:
     """Bound the errors for a scene (eq. CF.19) and add those of groove, film and base; see ``compute_features`` for arguments."""
-    found = features(scene, forces, slopes)
+    feature_values = compute_features(scene, forces, slopes)
     ratio, inner, outer, sensitivity = (
-        sum(weights()[kind].get(name, 0.0) * float(values[place]) for name, values in found.items())
-        for place, kind in enumerate(QUANTITIES)
+        sum(read_weights()[kind].get(name, 0.0) * float(values[place]) for name, values in feature_values.items())
+        for place, kind in enumerate(BOUNDED_QUANTITIES)
     )
-    detail_bounds = [detail.bound(forces[0]) for detail in details(scene.probe)]
+    detail_bounds = [detail.compute_bound(forces[0]) for detail in iterate_details(scene.probe)]
     films = np.array([inner, outer]) + sum(bound.totals for bound in detail_bounds) / forces[0].sum(axis=1)
-    sensitivity += LEAST_SENSITIVITY
+    sensitivity += MIN_SENSITIVITY_ERROR
     return StatedErrors(min(ratio, inner + outer) + sum(bound.log_ratio for bound in detail_bounds), films, sensitivity)

@@ -27,7 +27,7 @@ import numpy as np
 from solver.closed_form.bessel import Array
 
 # of 1, 1-m, (1-m)^2, ..., and of (1-m)^2 ln(1-m) times these; a row for eq. CF.2, one for eq. CF.3
-SMOOTH = np.array(
+SMOOTH_COEFFICIENTS = np.array(
     [
         [0.8488263631567752, 0.21220647065535247, 0.031189412413625252, 0.006030299734585957, -0.03572775378188735,
          -0.05198317025349299, -0.010541621897366208],
@@ -35,16 +35,16 @@ SMOOTH = np.array(
          -0.36813753411974115, -0.08041427840727479],
     ]
 )  # fmt: skip
-SINGULAR = np.array(
+LOG_COEFFICIENTS = np.array(
     [
         [0.07954570354798648, 0.09739770490697422, 0.08472206382706339, 0.033964803163423714, 0.0027701325779476943],
         [0.3180387990898221, 0.5390864869706673, 0.5692102310811746, 0.25035743876576055, 0.021288618994470987],
     ]
 )
-TINY = 1e-200  # keeps the logarithm finite where its factor is zero
+LOG_OFFSET = 1e-200  # keeps the logarithm finite where its factor is zero
 
 
-def ring_work(circles: Array, radius: Array, mu: Array, nu: Array) -> tuple[Array, Array, Array]:
+def compute_disc_works(circles: Array, radius: Array, mu: Array, nu: Array) -> tuple[Array, Array, Array]:
     """Return the works between discs, eqs. CF.2-CF.5, of pressures, shears, and pressures (rows) on shears.
 
     Args:
@@ -57,36 +57,36 @@ def ring_work(circles: Array, radius: Array, mu: Array, nu: Array) -> tuple[Arra
         three arrays of shape (n, k, k).
     """
     size = circles.shape[1]
-    low, high = _upper(size)
+    low, high = _index_upper_triangle(size)
     rows, reach = circles.T.copy(), radius.T.copy()  # designs last: whole rows are picked and placed
     a, b = rows[low], rows[high]
-    rest = (b - a) * (b + a) / (b * b)  # 1 - m without cancellation
-    smooth, singular = _power_series(rest, SMOOTH), _power_series(rest, SINGULAR)
-    series = smooth + rest * rest * np.log(rest + TINY) * singular
+    complement = (b - a) * (b + a) / (b * b)  # 1 - m without cancellation
+    smooth, singular = _evaluate_polynomials(complement, SMOOTH_COEFFICIENTS), _evaluate_polynomials(complement, LOG_COEFFICIENTS)
+    series = smooth + complement * complement * np.log(complement + LOG_OFFSET) * singular
     soft, mixed = 2 * np.pi / mu * (1 - nu), -np.pi / mu * (1 - 2 * nu)
     square = a * a  # and no higher power: numpy is slow with those
     pressure = soft / 2 * square * b * series[0]
     shear = soft / 8 * square * square * b / (reach[low] * reach[high]) * series[1]
-    cross = np.empty((size, size, len(mu)), dtype=rest.dtype)
-    cross[low, high] = mixed / 8 * square * b * b / reach[high] * (1 + rest)
+    cross = np.empty((size, size, len(mu)), dtype=complement.dtype)
+    cross[low, high] = mixed / 8 * square * b * b / reach[high] * (1 + complement)
     cross[high, low] = mixed / 8 * square * square / reach[low]
-    return _symmetric(pressure, size), _symmetric(shear, size), cross.transpose(2, 0, 1)
+    return _fill_symmetric(pressure, size), _fill_symmetric(shear, size), cross.transpose(2, 0, 1)
 
 
 @lru_cache(maxsize=4)
-def _upper(size: int) -> tuple[Any, Any]:
+def _index_upper_triangle(size: int) -> tuple[Any, Any]:
     return np.triu_indices(size)
 
 
-def _symmetric(values: Array, size: int) -> Array:
+def _fill_symmetric(values: Array, size: int) -> Array:
     """Build symmetric matrices from their upper triangles, shape (n, size, size)."""
-    low, high = _upper(size)
+    low, high = _index_upper_triangle(size)
     full = np.empty((size, size, values.shape[1]), dtype=values.dtype)
     full[low, high] = full[high, low] = values
     return full.transpose(2, 0, 1)
 
 
-def _power_series(x: Array, coefficients: Any) -> Array:
+def _evaluate_polynomials(x: Array, coefficients: Any) -> Array:
     """Evaluate several polynomials (rows of coefficients, lowest power first) at x; shape (polynomials, *x.shape)."""
     powers = np.empty((coefficients.shape[1], x.size), dtype=x.dtype)
     powers[0], powers[1] = 1, x.ravel()

@@ -25,21 +25,21 @@ import numpy as np
 from solver.closed_form.bessel import Array
 from solver.closed_form.lateral_boundary import Sides
 from solver.closed_form.layer import Waves
-from solver.closed_form.layered_spheres import Inside
-from solver.closed_form.off_axis import Disc, off_axis_response, shifted_waves
+from solver.closed_form.layered_spheres import SphereInLayer
+from solver.closed_form.off_axis import Disc, compute_off_axis_response, shift_waves
 from solver.closed_form.surface_images import (
-    ASIDE,
-    MOMENTS,
-    NEAR,
-    TO_MOMENTS,
+    AXIAL_MOMENTS,
+    MOMENT_WEIGHTS,
+    OFF_AXIS_POINTS,
+    ON_AXIS_POINTS,
     BallQuadrature,
-    Nearby,
     SphereArray,
-    image,
-    nearby,
-    tissue_strain,
+    SphereWaves,
+    compute_sphere_waves,
+    compute_surface_image,
+    compute_tissue_strain,
 )
-from solver.inclusions.eshelby import strengths
+from solver.inclusions.eshelby import compute_strengths
 from solver.layers.stack import Matrix
 
 
@@ -63,8 +63,8 @@ class LoadedSpheres:
 
     sphere: SphereArray
     points: BallQuadrature
-    near: Nearby
-    beside: Array | None
+    sphere_waves: SphereWaves
+    axis_distance: Array | None
     loads: tuple[Array, Array]
     sides: tuple[Array, Array] | None
     moments: Array
@@ -81,15 +81,15 @@ class LoadedSpheres:
     @cached_property
     def form(self) -> Array:
         """V K of eq. CF.14: eq. CF.13 on the moments."""
-        return self.volume * moment_form(*self.strength, self.moments.shape[1])
+        return self.volume * build_moment_form(*self.strength, self.moments.shape[1])
 
     @cached_property
     def form_by_log(self) -> Array:
         """Derivative of V K by ln E of the sphere."""
-        return self.volume * moment_form(*self.strength_by_log, self.moments.shape[1])
+        return self.volume * build_moment_form(*self.strength_by_log, self.moments.shape[1])
 
     @cached_property
-    def answered(self) -> Array:
+    def effective_moments(self) -> Array:
         """D^-1 M of eq. CF.14, shape (n, moments, m)."""
         D = np.eye(self.moments.shape[1]) + (self.image / self.volume) @ self.form
         return np.linalg.solve(D, self.moments)
@@ -97,14 +97,14 @@ class LoadedSpheres:
     @property
     def works(self) -> Array:
         """Work of unit loads on each other through the sphere: M^T V K D^-1 M of eq. CF.14, shape (n, m, m)."""
-        return self.moments.swapaxes(1, 2) @ (self.form @ self.answered)
+        return self.moments.swapaxes(1, 2) @ (self.form @ self.effective_moments)
 
-    def slope(self, tractions: Array) -> Array:
+    def compute_log_modulus_derivative(self, tractions: Array) -> Array:
         """Return the forces' derivative by ln E (eq. CF.14) under tractions t' (n, m, 2), shape (n, 2, 2)."""
-        y = self.answered @ tractions
+        y = self.effective_moments @ tractions
         return y.swapaxes(1, 2) @ self.form_by_log @ y
 
-    def rest(self, tractions: Array) -> tuple[Array, Array]:
+    def compute_higher_moments(self, tractions: Array) -> tuple[Array, Array]:
         """Return the part of eq. CF.13 beyond the moments under tractions t (n, m, 2), its derivative by ln E; both (n, 2, 2)."""
         moments = self.moments @ tractions
         pressures = self.loads[0].shape[2]
@@ -113,9 +113,9 @@ class LoadedSpheres:
             rows @ load.swapaxes(1, 2) for rows, load in zip((t[:, :, :pressures], t[:, :, pressures:]), self.loads, strict=True)
         )
         if self.arriving is not None:
-            pp, pq, qp, qq = (np.broadcast_to(part, self.near.waves.k.shape)[:, None] for part in self.arriving)
+            pp, pq, qp, qq = (np.broadcast_to(part, self.sphere_waves.waves.k.shape)[:, None] for part in self.arriving)
             pressed, sheared = pp * pressed + pq * sheared, qp * pressed + qq * sheared
-        strain = tissue_strain(self.near, (pressed, sheared), self.beside)
+        strain = compute_tissue_strain(self.sphere_waves, (pressed, sheared), self.axis_distance)
         if self.sides is not None:
             strain += ((self.sides[1] @ tractions).swapaxes(1, 2) @ self.sides[0].swapaxes(1, 2)).reshape(strain.shape)
         weight = self.points.weight
@@ -126,14 +126,14 @@ class LoadedSpheres:
         squares = (counts * flat) @ flat.swapaxes(1, 2)
         turned = moments.swapaxes(1, 2)
 
-        def beyond(strength: tuple[Array, Array], form: Array) -> Array:
+        def compute_excess(strength: tuple[Array, Array], form: Array) -> Array:
             k_v, k_d = (part[:, None, None] for part in strength)
             return self.volume * ((k_v - k_d / 3) * traces + k_d * squares) - turned @ form @ moments
 
-        return beyond(self.strength, self.form), beyond(self.strength_by_log, self.form_by_log)
+        return compute_excess(self.strength, self.form), compute_excess(self.strength_by_log, self.form_by_log)
 
 
-def polarised(
+def build_loaded_spheres(
     sphere: SphereArray,
     waves: Waves,
     loads: tuple[Array, Array],
@@ -143,7 +143,7 @@ def polarised(
     nu: Array,
     disc: Disc | None,
     sides: Sides | None = None,
-    inside: Inside | None = None,
+    inside: SphereInLayer | None = None,
 ) -> LoadedSpheres:
     """Build spheres under a probe's loads, in tissue of modulus E and Poisson's ratio nu, shapes (n,).
 
@@ -158,53 +158,79 @@ def polarised(
         sides: of the tissue, where they are near.
         inside: the sphere in its layer, of which E and nu are, None on half-spaces of one material; ``waves`` are but numbers.
     """
-    near = nearby(sphere, waves) if inside is None else inside.near
+    sphere_waves = compute_sphere_waves(sphere, waves) if inside is None else inside.sphere_waves
     scaled = (weights * ((1 + nu) / E)[:, None])[:, :, None]
     weighed = loads[0] * scaled, loads[1] * scaled
-    points, moments, beside = NEAR, near.moments, None
-    across, aside = sphere.radius[:, None] * NEAR.x, sphere.radius[:, None] * 0
+    points, moments, axis_distance = ON_AXIS_POINTS, sphere_waves.moments, None
+    x_from_axis, y_from_axis = sphere.radius[:, None] * ON_AXIS_POINTS.x, sphere.radius[:, None] * 0
     if not sphere.on_axis:
-        points, share = ASIDE, shifted_waves(waves.k, sphere.offset)
-        across, aside = sphere.offset[:, None] + sphere.radius[:, None] * ASIDE.x, sphere.radius[:, None] * ASIDE.y
-        moments, beside = (moments[0] * share, moments[1] * share), np.sqrt(across**2 + aside**2)
+        points, share = OFF_AXIS_POINTS, shift_waves(waves.k, sphere.offset)
+        x_from_axis, y_from_axis = (
+            sphere.offset[:, None] + sphere.radius[:, None] * OFF_AXIS_POINTS.x,
+            sphere.radius[:, None] * OFF_AXIS_POINTS.y,
+        )
+        moments, axis_distance = (moments[0] * share, moments[1] * share), np.sqrt(x_from_axis**2 + y_from_axis**2)
     dipoles = np.concatenate([moments[0] @ weighed[0], moments[1] @ weighed[1]], axis=2)
     walls = None
     if sides is not None:
-        added = sides.strain(across if beside is None else beside, sphere.depth[:, None] - sphere.radius[:, None] * NEAR.z)
+        added = sides.compute_strain(
+            x_from_axis if axis_distance is None else axis_distance,
+            sphere.depth[:, None] - sphere.radius[:, None] * ON_AXIS_POINTS.z,
+        )
         added = added if inside is None else added * (sides.tissue.E / E)[:, None, None]  # of the column's stress
-        walls = added, sides.taken
-        dipoles = dipoles + (TO_MOMENTS @ added if sphere.on_axis else _moments(added, across, aside)) @ sides.taken
+        walls = added, sides.side_works
+        dipoles = (
+            dipoles
+            + (MOMENT_WEIGHTS @ added if sphere.on_axis else _compute_moments(added, x_from_axis, y_from_axis)) @ sides.side_works
+        )
     mu = E / (2 * (1 + nu))
-    G = image(sphere, waves, near, weights, mu=mu, nu=nu) if inside is None else inside.image
+    G = compute_surface_image(sphere, waves, sphere_waves, weights, mu=mu, nu=nu) if inside is None else inside.image
     if disc is not None:
         volume = (4 * np.pi / 3 * sphere.radius**3)[:, None, None]
-        G = G - volume * off_axis_response(sphere, near, waves.k, weights, disc=disc, mu=mu, bonded=loads[1].shape[2] > 0)
-    whole = strengths(E, nu, sphere.E, sphere.nu)
+        G = G - volume * compute_off_axis_response(
+            sphere, sphere_waves, waves.k, weights, disc=disc, mu=mu, bonded=loads[1].shape[2] > 0
+        )
+    whole = compute_strengths(E, nu, sphere.E, sphere.nu)
     return LoadedSpheres(
-        sphere, points, near, beside, weighed, walls, dipoles, G, *whole, None if inside is None else inside.arriving
+        sphere,
+        points,
+        sphere_waves,
+        axis_distance,
+        weighed,
+        walls,
+        dipoles,
+        G,
+        *whole,
+        None if inside is None else inside.arriving,
     )
 
 
-def _moments(strain: Array, across: Array, aside: Array) -> Array:
+def _compute_moments(strain: Array, x_from_axis: Array, y_from_axis: Array) -> Array:
     """Return all moments of strains (n, 4 points, l) at ``OFF_AXIS_POINTS``, given their coordinates from the probe's axis."""
-    parts = strain.reshape(len(strain), 4, across.shape[1], -1)
-    r, x, y, z, w = np.sqrt(across**2 + aside**2), ASIDE.x, ASIDE.y, ASIDE.z, ASIDE.weight
-    c, s = across / r, aside / r
-    fixed, even, odd = np.stack([w, 5 * w * z, 5 * w * x]), c * c - s * s, 2 * c * s
-    both, zz = fixed @ parts[:, 0], fixed @ parts[:, 2]
+    parts = strain.reshape(len(strain), 4, x_from_axis.shape[1], -1)
+    r, x, y, z, w = (
+        np.sqrt(x_from_axis**2 + y_from_axis**2),
+        OFF_AXIS_POINTS.x,
+        OFF_AXIS_POINTS.y,
+        OFF_AXIS_POINTS.z,
+        OFF_AXIS_POINTS.weight,
+    )
+    c, s = x_from_axis / r, y_from_axis / r
+    fixed, cos_2phi, sin_2phi = np.stack([w, 5 * w * z, 5 * w * x]), c * c - s * s, 2 * c * s
+    in_plane, zz = fixed @ parts[:, 0], fixed @ parts[:, 2]
     slides = np.stack([2.5 * w * (c * x + s * y), w * c, 5 * w * z * c], axis=1) @ parts[:, 3]
-    crossed = np.stack([1.25 * w * (even * x + odd * y), w * even], axis=1) @ parts[:, 1]
-    centre = np.stack([both[:, :2], zz[:, :2]], axis=2).reshape(len(both), 4, -1)
-    return np.concatenate([centre, slides, both[:, 2:], zz[:, 2:], crossed], axis=1)
+    crossed = np.stack([1.25 * w * (cos_2phi * x + sin_2phi * y), w * cos_2phi], axis=1) @ parts[:, 1]
+    centre = np.stack([in_plane[:, :2], zz[:, :2]], axis=2).reshape(len(in_plane), 4, -1)
+    return np.concatenate([centre, slides, in_plane[:, 2:], zz[:, 2:], crossed], axis=1)
 
 
-def moment_form(k_v: Array, k_d: Array, size: int) -> Array:
+def build_moment_form(k_v: Array, k_d: Array, size: int) -> Array:
     """Build the form K of eq. CF.15, that is eq. CF.13 on the moments, shape (n, size, size)."""
     K = np.zeros((len(k_d), size, size), dtype=k_d.dtype)
-    both = k_v - k_d / 3
-    for start, times in ((0, 1.0), (2, 0.2), (7, 0.2))[: 2 if size == MOMENTS else 3]:  # the mean of zeta^2 is R^2 / 5
-        K[:, start, start], K[:, start + 1, start + 1] = times * (both + k_d / 2), times * (both + k_d)
-        K[:, start, start + 1] = K[:, start + 1, start] = times * both
-    for i, times in ((4, 0.8), (5, 2.0), (6, 0.4), (9, 0.8), (10, 0.5))[: 1 if size == MOMENTS else 5]:
+    trace_coefficient = k_v - k_d / 3
+    for start, times in ((0, 1.0), (2, 0.2), (7, 0.2))[: 2 if size == AXIAL_MOMENTS else 3]:  # the mean of zeta^2 is R^2 / 5
+        K[:, start, start], K[:, start + 1, start + 1] = times * (trace_coefficient + k_d / 2), times * (trace_coefficient + k_d)
+        K[:, start, start + 1] = K[:, start + 1, start] = times * trace_coefficient
+    for i, times in ((4, 0.8), (5, 2.0), (6, 0.4), (9, 0.8), (10, 0.5))[: 1 if size == AXIAL_MOMENTS else 5]:
         K[:, i, i] = times * k_d
     return K

@@ -23,44 +23,54 @@ from numpy.polynomial import legendre
 
 from geometry.scenes.scene import BlockTissue, CylinderTissue
 from solver.closed_form.bessel import Array, bessel
-from solver.closed_form.block_compliance import ElasticBlocks, radial, reduced
-from solver.closed_form.block_functions import AXIAL, RADIAL, Along, along_height, axial_integrals, radial_integrals
-from solver.closed_form.layer import Waves, fields
+from solver.closed_form.block_compliance import ElasticBlocks, build_ritz_system, evaluate_radial_functions
+from solver.closed_form.block_functions import (
+    AXIAL_FUNCTIONS,
+    RADIAL_FUNCTIONS,
+    AxialFunctions,
+    build_axial_functions,
+    interpolate_axial_integrals,
+    interpolate_radial_integrals,
+)
+from solver.closed_form.layer import Waves, compute_fields
 
-BLUR = 0.35  # of the distance from the probe to the cut
-LEAST_BLUR = 0.08  # of the cut's radius
-REACH = 5.0  # wave numbers times blur
+BLUR_RELATIVE = 0.35  # of the distance from the probe to the cut
+MIN_BLUR_RELATIVE = 0.08  # of the cut's radius
+WAVE_REACH = 5.0  # wave numbers times blur
 NODES_PER_WAVE = 0.4  # times wave number and the cut's radius, beyond eight
-NEAR, SLENDER = 4.0, 0.2  # sides farther than so many outer radii matter where depth x outer radius / radius^2 is larger
+NEAR_SIDE_RADII, MAX_SLENDERNESS = (
+    4.0,
+    0.2,
+)  # sides farther than so many outer radii matter where depth x outer radius / radius^2 is larger
 
 
-def side_radius(tissue: CylinderTissue | BlockTissue) -> float:
+def compute_side_radius(tissue: CylinderTissue | BlockTissue) -> float:
     """Return the radius of the cylinder of equal cross-section, m."""
     return tissue.radius if tissue.shape == "cylinder" else math.sqrt(tissue.length * tissue.breadth / math.pi)
 
 
-def side_nodes(outer: float, depth: float, radius: float) -> int:
+def count_side_nodes(outer: float, depth: float, radius: float) -> int:
     """Return how many waves to use, in steps of 4; 0 where sides change the totals by less than about 6 %."""
-    if radius > NEAR * outer and depth * outer < SLENDER * radius**2:
+    if radius > NEAR_SIDE_RADII * outer and depth * outer < MAX_SLENDERNESS * radius**2:
         return 0
-    return 4 * math.ceil((8 + NODES_PER_WAVE * REACH / max(BLUR * (1 - outer / radius), LEAST_BLUR)) / 4)
+    return 4 * math.ceil((8 + NODES_PER_WAVE * WAVE_REACH / max(BLUR_RELATIVE * (1 - outer / radius), MIN_BLUR_RELATIVE)) / 4)
 
 
-def cut_waves(radius: Array, outer: Array, nodes: int) -> tuple[Array, Array]:
+def build_cut_waves(radius: Array, outer: Array, nodes: int) -> tuple[Array, Array]:
     """Return wave numbers, 1/m, and the weights k dk with the smoothing, shapes (n, nodes)."""
-    way, least = BLUR * (radius - outer), LEAST_BLUR * radius
-    width = np.where(way.real > least.real, way, least)[:, None]
-    share, weight = _shares(nodes)
-    reach = REACH / width
+    gap_width, min_width = BLUR_RELATIVE * (radius - outer), MIN_BLUR_RELATIVE * radius
+    width = np.where(gap_width.real > min_width.real, gap_width, min_width)[:, None]
+    share, weight = _build_wave_rule(nodes)
+    reach = WAVE_REACH / width
     k = reach * share
     return k, k * (reach * weight)
 
 
 @lru_cache(maxsize=16)
-def _shares(nodes: int) -> tuple[Any, Any]:
+def _build_wave_rule(nodes: int) -> tuple[Any, Any]:
     """Return wave numbers as fractions of their maximum, and their weights with the smoothing."""
     s, weight = legendre.leggauss(nodes)
-    return (s + 1) / 2, weight / 2 * np.exp(-((REACH * (s + 1) / 4) ** 2))
+    return (s + 1) / 2, weight / 2 * np.exp(-((WAVE_REACH * (s + 1) / 4) ** 2))
 
 
 @dataclass(frozen=True)
@@ -76,34 +86,37 @@ class Sides:
 
     work: Array
     tissue: ElasticBlocks
-    along: Along
+    axial_functions: AxialFunctions
     sink: Array
     widen: Array
-    taken: Array
+    side_works: Array
 
     def take(self, which: Any) -> Sides:
         """Return the sides of the designs with indices ``which``."""
-        tissue, along = self.tissue.take(which), self.along.take(which)
-        return Sides(self.work[which], tissue, along, self.sink[which], self.widen[which], self.taken[which])
+        tissue, axial_functions = self.tissue.take(which), self.axial_functions.take(which)
+        return Sides(self.work[which], tissue, axial_functions, self.sink[which], self.widen[which], self.side_works[which])
 
-    def strain(self, r: Array, z: Array) -> Array:
+    def compute_strain(self, r: Array, z: Array) -> Array:
         """Return strains rr + hoop, rr - hoop, zz, rz under unit works at r (n, k), equally many per depth z; (n, 4 k, works)."""
-        P, slope, over = radial(self.tissue.radius, r)
-        each = r.shape[1] // z.shape[1]
-        g, dg, f, df = (np.repeat(values, each, axis=2) for values in self.along.at(z / self.tissue.height[:, None]))
+        P, slope, u_over_r = evaluate_radial_functions(self.tissue.radius, r)
+        points_per_depth = r.shape[1] // z.shape[1]
+        g, dg, f, df = (
+            np.repeat(values, points_per_depth, axis=2)
+            for values in self.axial_functions.interpolate(z / self.tissue.height[:, None])
+        )
         h = self.tissue.height[:, None, None]
-        widening, turn = (_products(across, g) @ self.widen for across in (P, P - 2 * over / r[:, None]))
-        sinking = -_products(P, df / h) @ self.sink
-        slide = (_products(over, dg / h) @ self.widen - _products(slope, f) @ self.sink) / 2
+        widening, turn = (_multiply_functions(radial_part, g) @ self.widen for radial_part in (P, P - 2 * u_over_r / r[:, None]))
+        sinking = -_multiply_functions(P, df / h) @ self.sink
+        slide = (_multiply_functions(u_over_r, dg / h) @ self.widen - _multiply_functions(slope, f) @ self.sink) / 2
         return np.concatenate([widening, turn, sinking, slide], axis=1)
 
 
-def _products(across: Array, along: Array) -> Array:
+def _multiply_functions(radial_part: Array, axial: Array) -> Array:
     """Return products of all functions of the radius with all functions of the height, shape (n, k, functions)."""
-    return (across[:, :, None] * along[:, None]).reshape(len(across), -1, across.shape[2]).swapaxes(1, 2)
+    return (radial_part[:, :, None] * axial[:, None]).reshape(len(radial_part), -1, radial_part.shape[2]).swapaxes(1, 2)
 
 
-def free_sides(field: Waves, loads: tuple[Array, Array], weights: Array, tissue: ElasticBlocks) -> Sides:
+def solve_free_sides(field: Waves, loads: tuple[Array, Array], weights: Array, tissue: ElasticBlocks) -> Sides:
     """Compute the effect of free sides, eq. CF.11.
 
     Args:
@@ -112,16 +125,20 @@ def free_sides(field: Waves, loads: tuple[Array, Array], weights: Array, tissue:
         weights: k dk of the waves, the smoothing included, shape (n, q).
         tissue: the cylinder, as a disc.
     """
-    column, along = _column(tissue), along_height(tissue.height, tissue.steepness, AXIAL)
-    R, dz = tissue.radius[:, None, None], along.weight.T[:, :, None]
-    at_cut, heights = _at_cut(field, loads, weights, tissue, along.zeta.T), along.zeta.shape[0]
+    column, axial_functions = _solve_column(tissue), build_axial_functions(tissue.height, tissue.steepness, AXIAL_FUNCTIONS)
+    R, dz = tissue.radius[:, None, None], axial_functions.weight.T[:, :, None]
+    at_cut, heights = _compute_cut_fields(field, loads, weights, tissue, axial_functions.zeta.T), axial_functions.zeta.shape[0]
     ringed = at_cut[:, : 2 * heights] * np.concatenate([2 * np.pi * R * dz] * 2, axis=1)
     lost = -(ringed.swapaxes(1, 2) @ at_cut[:, 2 * heights :])
-    taken = np.concatenate(
-        [along.f.transpose(2, 0, 1) @ ringed[:, heights:], -R / 2 * (along.g.transpose(2, 0, 1) @ ringed[:, :heights])], axis=1
+    side_works = np.concatenate(
+        [
+            axial_functions.f.transpose(2, 0, 1) @ ringed[:, heights:],
+            -R / 2 * (axial_functions.g.transpose(2, 0, 1) @ ringed[:, :heights]),
+        ],
+        axis=1,
     )
-    added = taken.swapaxes(1, 2) @ (column.work @ taken)
-    return Sides((lost + lost.swapaxes(1, 2)) / 2 + added, tissue, along, column.sink, column.widen, taken)
+    added = side_works.swapaxes(1, 2) @ (column.work @ side_works)
+    return Sides((lost + lost.swapaxes(1, 2)) / 2 + added, tissue, axial_functions, column.sink, column.widen, side_works)
 
 
 @dataclass(frozen=True)
@@ -140,42 +157,42 @@ class TissueColumn:
     widen: Array
 
 
-def _column(tissue: ElasticBlocks) -> TissueColumn:
-    across, along, slender = (
-        radial_integrals(None, False),
-        axial_integrals(tissue.steepness, AXIAL),
+def _solve_column(tissue: ElasticBlocks) -> TissueColumn:
+    transverse, axial, slender = (
+        interpolate_radial_integrals(None, False),
+        interpolate_axial_integrals(tissue.steepness, AXIAL_FUNCTIONS),
         tissue.height / tissue.radius,
     )
-    n, works = len(slender), 2 * AXIAL + 1
-    on_u = np.zeros((works, RADIAL, AXIAL, n), dtype=slender.dtype)
-    on_modes = np.zeros((works, RADIAL, AXIAL + 1, n), dtype=slender.dtype)
-    for j in range(AXIAL):
-        on_u[AXIAL + 1 + j, 0, j] = 1.0
-    on_modes[: AXIAL + 1] = across.modes.sum(axis=0)[:, None] * along.modes[:, None]
-    system = reduced(tissue.nu, slender, (across, along), (on_u, on_modes))
+    n, works = len(slender), 2 * AXIAL_FUNCTIONS + 1
+    on_u = np.zeros((works, RADIAL_FUNCTIONS, AXIAL_FUNCTIONS, n), dtype=slender.dtype)
+    on_modes = np.zeros((works, RADIAL_FUNCTIONS, AXIAL_FUNCTIONS + 1, n), dtype=slender.dtype)
+    for j in range(AXIAL_FUNCTIONS):
+        on_u[AXIAL_FUNCTIONS + 1 + j, 0, j] = 1.0
+    on_modes[: AXIAL_FUNCTIONS + 1] = transverse.modes.sum(axis=0)[:, None] * axial.modes[:, None]
+    system = build_ritz_system(tissue.nu, slender, (transverse, axial), (on_u, on_modes))
     size = tissue.radius[:, None, None]
-    unit = np.concatenate([1 + 0 * size] * (AXIAL + 1) + [1 / size] * AXIAL, axis=2)
-    answer, scale = system.answer, unit / (size * (tissue.E / (2 * (1 + tissue.nu)))[:, None, None])
-    modes = system.modes(answer).reshape(n, RADIAL, AXIAL + 1, works)
-    by_height = along.modes.transpose(2, 0, 1)[:, None] @ modes
-    sink = (across.modes[:, :, 0] @ by_height.reshape(n, RADIAL, -1)).reshape(modes.shape)
-    work = system.compliance(answer) * scale * unit.swapaxes(1, 2)
-    return TissueColumn(work, sink.reshape(n, -1, works) * scale, answer * (scale / size))
+    unit = np.concatenate([1 + 0 * size] * (AXIAL_FUNCTIONS + 1) + [1 / size] * AXIAL_FUNCTIONS, axis=2)
+    amplitudes, scale = system.amplitudes, unit / (size * (tissue.E / (2 * (1 + tissue.nu)))[:, None, None])
+    modes = system.compute_mode_amplitudes(amplitudes).reshape(n, RADIAL_FUNCTIONS, AXIAL_FUNCTIONS + 1, works)
+    by_height = axial.modes.transpose(2, 0, 1)[:, None] @ modes
+    sink = (transverse.modes[:, :, 0] @ by_height.reshape(n, RADIAL_FUNCTIONS, -1)).reshape(modes.shape)
+    work = system.compute_compliance(amplitudes) * scale * unit.swapaxes(1, 2)
+    return TissueColumn(work, sink.reshape(n, -1, works) * scale, amplitudes * (scale / size))
 
 
-def _at_cut(field: Waves, loads: tuple[Array, Array], weights: Array, tissue: ElasticBlocks, z: Array) -> Array:
+def _compute_cut_fields(field: Waves, loads: tuple[Array, Array], weights: Array, tissue: ElasticBlocks, z: Array) -> Array:
     """Return stresses rr and rz, outward and downward displacements at the cut at depths z (n, p), shape (n, 4 p, m)."""
     nu, mu, R, k, weight = tissue.nu, tissue.E / (2 * (1 + tissue.nu)), tissue.radius, field.k.T.copy(), weights.T.copy()
-    zero, one = bessel(k * R) * weight
-    over = one / (k * R)
-    shares = zero - over, -2 * nu * zero, over * (R / (2 * mu)), zero / (2 * mu * k)
+    J0, J1 = bessel(k * R) * weight
+    J1_over_kR = J1 / (k * R)
+    shares = J0 - J1_over_kR, -2 * nu * J0, J1_over_kR * (R / (2 * mu)), J0 / (2 * mu * k)
     kinds = []
-    for load, (outwards, both, across, downwards) in zip(loads, fields(field, z, mirrored=True), strict=True):
-        rows = np.empty((4, *across.shape), dtype=across.dtype)
+    for load, (outwards, b_sum, shear_strain, downwards) in zip(loads, compute_fields(field, z, mirrored=True), strict=True):
+        rows = np.empty((4, *shear_strain.shape), dtype=shear_strain.dtype)
         np.multiply(outwards, shares[0], out=rows[0])
-        rows[0] += both * shares[1]
-        for row, part, share in zip(rows[1:], (across, outwards, downwards), (one, *shares[2:]), strict=True):
+        rows[0] += b_sum * shares[1]
+        for row, part, share in zip(rows[1:], (shear_strain, outwards, downwards), (J1, *shares[2:]), strict=True):
             np.multiply(part, share, out=row)
-        rows = rows.reshape(-1, *across.shape[1:])
+        rows = rows.reshape(-1, *shear_strain.shape[1:])
         kinds.append(np.ascontiguousarray(rows.transpose(2, 0, 1)) @ load)
     return np.concatenate(kinds, axis=2)

@@ -21,7 +21,7 @@ import numpy as np
 from solver.closed_form.bessel import Array
 from solver.layers.stack import Echo, TissueLayer
 
-Ways = tuple[Array, Array]
+WavePair = tuple[Array, Array]
 
 
 @dataclass(frozen=True)
@@ -43,20 +43,20 @@ class Waves:
     by_shear: tuple[Array, ...]
 
 
-def waves(k: Array, depth: Array | None, nu: Array) -> Waves:
+def solve_waves(k: Array, depth: Array | None, nu: Array) -> Waves:
     """Solve eq. CF.7: coefficients of waves k (n, q) on layers of depth (n,) (None: half-spaces), Poisson's ratios nu (n,)."""
     nu = nu[:, None]
-    near, even = 2 * (1 - nu), 1 - 2 * nu
+    pressure_factor, shear_factor = 2 * (1 - nu), 1 - 2 * nu
     if depth is None:
-        loads = ((-even / k, 1 / k), ((2 - 2 * nu) / k, -1 / k))  # the inverse of eq. CF.7 without its last terms
+        loads = ((-shear_factor / k, 1 / k), ((2 - 2 * nu) / k, -1 / k))  # the inverse of eq. CF.7 without its last terms
         return Waves(k, None, nu, *loads)
     depth = depth[:, None]
     m, x = 3 - 4 * nu, k * depth
     fade = np.exp(-2 * x)
     c4 = (2 / m + 0 * x, (2 * x + m) / m)  # by c1 and by c2
     c3 = ((2 * x - m) * c4[0] / 2, (m + (2 * x - m) * c4[1]) / 2)
-    top = [1 + (c3[0] + near * c4[0]) * fade, near + (c3[1] + near * c4[1]) * fade]
-    side = [1 - (c3[0] + even * c4[0]) * fade, even - (c3[1] + even * c4[1]) * fade]
+    top = [1 + (c3[0] + pressure_factor * c4[0]) * fade, pressure_factor + (c3[1] + pressure_factor * c4[1]) * fade]
+    side = [1 - (c3[0] + shear_factor * c4[0]) * fade, shear_factor - (c3[1] + shear_factor * c4[1]) * fade]
     determinant = k * (top[0] * side[1] - top[1] * side[0])
     potentials = []
     for c1, c2 in ((side[1] / determinant, -side[0] / determinant), (-top[1] / determinant, top[0] / determinant)):
@@ -64,7 +64,7 @@ def waves(k: Array, depth: Array | None, nu: Array) -> Waves:
     return Waves(k, depth, nu, *potentials)
 
 
-def floor_compliance(waves: Waves) -> tuple[Array, Array, Array]:
+def compute_floor_compliance(waves: Waves) -> tuple[Array, Array, Array]:
     """Return the floor's change of the surface's w by p, u by q and w by q, times 2 mu; shapes (n, q)."""
     nu, k = waves.nu, waves.k
     m, fade = 3 - 4 * nu, np.exp(-2 * k * waves.depth)
@@ -75,7 +75,7 @@ def floor_compliance(waves: Waves) -> tuple[Array, Array, Array]:
     return w_by_p, u_by_q, w_by_q
 
 
-def fields(waves: Waves, z: Array, *, mirrored: bool = False) -> list[tuple[Array, ...]]:
+def compute_fields(waves: Waves, z: Array, *, mirrored: bool = False) -> list[tuple[Array, ...]]:
     """Return k U, b + b', (dU/dz - k W)/2 and k W at depths z, under unit pressure and under unit shear, times 2 mu.
 
     With a = (c1 + c2 t) e^-t, b = c2 e^-t and a' = (c3 - c4 t) e^(t-2x), b' = c4 e^(t-2x) they are k times a + a', b + b',
@@ -92,26 +92,28 @@ def fields(waves: Waves, z: Array, *, mirrored: bool = False) -> list[tuple[Arra
     k, nu = waves.k.T.copy(), waves.nu[:, 0]
     t = k * z.T[:, None]
     fade = np.exp(-t)
-    down, up = (fade, t * fade), None
+    downward, upward = (fade, t * fade), None
     if waves.depth is not None:
         x = k * waves.depth[:, 0]
-        back = np.exp(-x) * fade[::-1] if mirrored else np.exp(t - 2 * x)
-        up = back, t * back
-    found = []
+        rising_fade = np.exp(-x) * fade[::-1] if mirrored else np.exp(t - 2 * x)
+        upward = rising_fade, t * rising_fade
+    results = []
     for load in (waves.by_pressure, waves.by_shear):
         c = [k * part.T for part in load]
-        b, a = c[1] * down[0], c[0] * down[0]
-        a += c[1] * down[1]
-        whole, both, apart, lower = a, b, b, a
-        if up is not None:
-            other, raised = c[3] * up[0], c[2] * up[0]
-            raised -= c[3] * up[1]
-            whole, both, apart, lower = a + raised, b + other, b - other, a - raised
-        found.append((whole, both, (2 * nu - 1) * apart - lower, (3 - 4 * nu) * apart + lower))
-    return found
+        b, a = c[1] * downward[0], c[0] * downward[0]
+        a += c[1] * downward[1]
+        whole, b_sum, b_difference, lower = a, b, b, a
+        if upward is not None:
+            upward_b, raised = c[3] * upward[0], c[2] * upward[0]
+            raised -= c[3] * upward[1]
+            whole, b_sum, b_difference, lower = a + raised, b + upward_b, b - upward_b, a - raised
+        results.append((whole, b_sum, (2 * nu - 1) * b_difference - lower, (3 - 4 * nu) * b_difference + lower))
+    return results
 
 
-def strain_amplitudes(load: Sequence[Array], down: Ways, up: Ways | None, even: Array) -> tuple[Array, Array, Array]:
+def compute_strain_amplitudes(
+    load: Sequence[Array], downward: WavePair, upward: WavePair | None, two_nu_minus_1: Array
+) -> tuple[Array, Array, Array]:
     """Return k U, dW/dz and (dU/dz - k W)/2 of eq. CF.6, with averages of the exponentials in place of the exponentials.
 
     Args:
@@ -120,31 +122,31 @@ def strain_amplitudes(load: Sequence[Array], down: Ways, up: Ways | None, even: 
         upward: (averages of) e^(t-2x) and t e^(t-2x); None on a half-space.
         two_nu_minus_1: 2 nu - 1; all arrays broadcast.
     """
-    b = load[1] * down[0]
-    a = load[0] * down[0] + load[1] * down[1]
-    if up is None:
-        bent = even * b
+    b = load[1] * downward[0]
+    a = load[0] * downward[0] + load[1] * downward[1]
+    if upward is None:
+        bent = two_nu_minus_1 * b
         return a, 2 * bent - a, bent - a
-    other = load[3] * up[0]
-    raised = load[2] * up[0] - load[3] * up[1]
+    upward_b = load[3] * upward[0]
+    raised = load[2] * upward[0] - load[3] * upward[1]
     whole = a + raised
-    return whole, 2 * even * (b + other) - whole, even * (b - other) + raised - a
+    return whole, 2 * two_nu_minus_1 * (b + upward_b) - whole, two_nu_minus_1 * (b - upward_b) + raised - a
 
 
-def waves_inside(k: Array, layer: TissueLayer, echo: Echo) -> Waves:
+def build_waves_in_layer(k: Array, layer: TissueLayer, echo: Echo) -> Waves:
     """Build the waves (eq. CF.6) in a layer among others, z from its top, under unit downward waves a (eq. LY.1) at the top.
 
     ``by_pressure`` is by a = (1, 0) with its echo from below, ``by_shear`` by a = (0, 1).
     """
     nu = layer.nu[:, None]
-    even, near = 1 - 2 * nu, 2 - 2 * nu
-    down = ((-even / k, 1 / k), (near / k, -1 / k))
-    if echo.far is None:
-        return Waves(k, None, nu, *down)
-    r, x = echo.far, echo.way
+    shear_factor, pressure_factor = 1 - 2 * nu, 2 - 2 * nu
+    downward = ((-shear_factor / k, 1 / k), (pressure_factor / k, -1 / k))
+    if echo.far_echo is None:
+        return Waves(k, None, nu, *downward)
+    r, x = echo.far_echo, echo.path
     columns = []
-    for (c1, c2), (p, q) in zip(down, ((1 + x, x), (-x, 1 - x)), strict=True):
+    for (c1, c2), (p, q) in zip(downward, ((1 + x, x), (-x, 1 - x)), strict=True):
         bp, bq = r[0] * p + r[2] * q, r[2] * p + r[1] * q
         c4 = (bq + bp) / k
-        columns.append((c1, c2, -(near * bq + even * bp) / k + x * c4, c4))
+        columns.append((c1, c2, -(pressure_factor * bq + shear_factor * bp) / k + x * c4, c4))
     return Waves(k, layer.thickness[:, None], nu, *columns)

@@ -20,38 +20,38 @@ from itertools import pairwise
 import numpy as np
 
 from solver.closed_form.bessel import Array
-from solver.closed_form.layer import waves_inside
+from solver.closed_form.layer import build_waves_in_layer
 from solver.closed_form.surface_images import (
-    ALL,
-    MOMENTS,
-    Nearby,
+    ALL_MOMENTS,
+    AXIAL_MOMENTS,
     SphereArray,
-    crossed_image,
-    half_space_moments,
-    nearby,
+    SphereWaves,
+    compute_crossed_image,
+    compute_half_space_moments,
+    compute_sphere_waves,
 )
 from solver.layers.stack import (
-    FREE,
+    FREE_SURFACE,
     Echo,
     Matrix,
     Symmetric,
     TissueLayer,
-    arriving,
-    echo,
-    echoes,
-    inverted,
-    product,
-    reflected,
+    compute_arriving,
+    compute_echo,
+    compute_echoes,
+    compute_reflection,
+    invert_matrix,
+    multiply_matrices,
 )
-from solver.layers.vertical_shear import ShearEchoes, shear_echoes
+from solver.layers.vertical_shear import ShearEchoes, compute_shear_echoes
 
 # signs of the moments seen in a horizontal mirror
-MIRRORED = np.array([1, 1, -1, -1, -1, -1, 1, 1, 1, 1, 1])
-BESIDE = slice(MOMENTS, ALL - 1)
+MIRROR_SIGNS = np.array([1, 1, -1, -1, -1, -1, 1, 1, 1, 1, 1])
+OFF_AXIS_ROWS = slice(AXIAL_MOMENTS, ALL_MOMENTS - 1)
 
 
 @dataclass(frozen=True)
-class Inside:
+class SphereInLayer:
     """A sphere in its layer.
 
     Attributes:
@@ -60,104 +60,114 @@ class Inside:
         image: G of eq. CF.21, shape (n, moments, moments).
     """
 
-    near: Nearby
+    sphere_waves: SphereWaves
     arriving: Matrix
     image: Array
 
 
-def inside(sphere: SphereArray, k: Array, weights: Array, layers: Sequence[TissueLayer], rigid: bool) -> Inside:
+def build_sphere_in_layer(
+    sphere: SphereArray, k: Array, weights: Array, layers: Sequence[TissueLayer], rigid: bool
+) -> SphereInLayer:
     """Build a sphere in the layer ``sphere.layer``, for waves k with weights k dk, shapes (n, q)."""
-    layer, above = layers[sphere.layer], layers[: sphere.layer]
-    below = echoes(k, layers, rigid)
-    a, own = arriving(below, sphere.layer), below[sphere.layer]
-    local = replace(sphere, depth=sphere.depth - sum(one.thickness for one in above))
-    down = nearby(local, waves_inside(k, layer, own))
-    up, turned_up = (None, None) if own.far is None else _from_below(local, layer, down)
-    top = _thrown_back(k, layers[: sphere.layer + 1])
+    layer, upper_layers = layers[sphere.layer], layers[: sphere.layer]
+    layer_echoes = compute_echoes(k, layers, rigid)
+    a, own_echo = compute_arriving(layer_echoes, sphere.layer), layer_echoes[sphere.layer]
+    local = replace(sphere, depth=sphere.depth - sum(upper.thickness for upper in upper_layers))
+    downward = compute_sphere_waves(local, build_waves_in_layer(k, layer, own_echo))
+    upward, turned_up = (None, None) if own_echo.far_echo is None else _compute_upward_moments(local, layer, downward)
+    top = _compute_top_reflection(k, layers[: sphere.layer + 1])
     scale = weights * k * ((4 * np.pi / 3 * sphere.radius**3) / (16 * np.pi * (1 - layer.nu) * layer.mu[:, 0]))[:, None]
-    G, turned = _image(down.moments, up, own, top, scale), None
+    G, turned = _compute_image(downward.moments, upward, own_echo, top, scale), None
     if not sphere.on_axis:
-        shear = shear_echoes(k, layers, sphere.layer, rigid)
-        turned = down.turned if turned_up is None else down.turned + turned_up * (shear.far * shear.fade)[:, None, :]
-        G = G + _turned_image(turned, turned_up, shear, (1 - layer.nu)[:, None] * scale)
-        G[:, -1, -1] += crossed_image(sphere, layer.mu[:, 0], layer.nu) - _crossed_waves(sphere, layer, down, scale)
+        shear = compute_shear_echoes(k, layers, sphere.layer, rigid)
+        turned = downward.turned if turned_up is None else downward.turned + turned_up * (shear.far * shear.fade)[:, None, :]
+        G = G + _compute_turned_image(turned, turned_up, shear, (1 - layer.nu)[:, None] * scale)
+        G[:, -1, -1] += compute_crossed_image(sphere, layer.mu[:, 0], layer.nu) - _sum_crossed_waves(
+            sphere, layer, downward, scale
+        )
         turned = turned * shear.arriving[:, None, :]
-    return Inside(replace(down, moments=_by_loads(down.moments, a), turned=turned), a, G)
+    return SphereInLayer(replace(downward, moments=_convert_to_loads(downward.moments, a), turned=turned), a, G)
 
 
-def _from_below(local: SphereArray, layer: TissueLayer, down: Nearby) -> tuple[tuple[Array, Array], Array | None]:
+def _compute_upward_moments(
+    local: SphereArray, layer: TissueLayer, downward: SphereWaves
+) -> tuple[tuple[Array, Array], Array | None]:
     """Return moments under unit waves that run up from the layer's bottom: those of the mirrored sphere under mirrored loads."""
-    way = down.waves.k * (layer.thickness - local.depth)[:, None]
-    (pressed, sheared), turned = half_space_moments(down.ball, way, layer.nu, local.on_axis)
-    signs = MIRRORED[: pressed.shape[1], None]
+    way = downward.waves.k * (layer.thickness - local.depth)[:, None]
+    (pressed, sheared), turned = compute_half_space_moments(downward.ball, way, layer.nu, local.on_axis)
+    signs = MIRROR_SIGNS[: pressed.shape[1], None]
     return (signs * pressed, -signs * sheared), None if turned is None else -signs * turned
 
 
-def _thrown_back(k: Array, layers: Sequence[TissueLayer]) -> Symmetric:
+def _compute_top_reflection(k: Array, layers: Sequence[TissueLayer]) -> Symmetric:
     """Return R of eq. CF.21 at the top of the last of the layers: eq. LY.2 in a mirror, from the free surface on."""
-    far = FREE
-    for layer, below in pairwise(layers):
-        far = reflected(below, layer, echo(k, layer, far).near)
+    far = FREE_SURFACE
+    for layer, lower in pairwise(layers):
+        far = compute_reflection(lower, layer, compute_echo(k, layer, far).near_echo)
     return far[0], far[1], -far[2]
 
 
-def _image(down: tuple[Array, Array], up: tuple[Array, Array] | None, own: Echo, top: Symmetric, scale: Array) -> Array:
+def _compute_image(
+    downward: tuple[Array, Array], upward: tuple[Array, Array] | None, own_echo: Echo, top: Symmetric, scale: Array
+) -> Array:
     """Return the image G of eq. CF.21 for pressures and shears."""
-    G = _quadratic(down, _returning(own.near, top), scale)
-    return G if up is None or own.far is None else G - _quadratic(up, own.far, scale)
+    G = _sum_quadratic_form(downward, _compute_returning(own_echo.near_echo, top), scale)
+    return G if upward is None or own_echo.far_echo is None else G - _sum_quadratic_form(upward, own_echo.far_echo, scale)
 
 
-def _returning(near: Symmetric | None, top: Symmetric) -> Symmetric:
+def _compute_returning(near_echo: Symmetric | None, top: Symmetric) -> Symmetric:
     """Return -(1 - R N)^-1 R of eq. CF.21: the waves that come back down from the layer's top."""
-    if near is None:
+    if near_echo is None:
         return -top[0], -top[1], -top[2]
     R = top[0], top[2], top[2], top[1]
-    RN = product(R, (near[0], near[2], near[2], near[1]))
-    pp, pq, qp, qq = product(inverted((1 - RN[0], -RN[1], -RN[2], 1 - RN[3])), R)
+    RN = multiply_matrices(R, (near_echo[0], near_echo[2], near_echo[2], near_echo[1]))
+    pp, pq, qp, qq = multiply_matrices(invert_matrix((1 - RN[0], -RN[1], -RN[2], 1 - RN[3])), R)
     return -pp, -qq, -(pq + qp) / 2
 
 
-def _quadratic(moments: tuple[Array, Array], form: Symmetric, scale: Array) -> Array:
+def _sum_quadratic_form(moments: tuple[Array, Array], form: Symmetric, scale: Array) -> Array:
     """Return the sum over waves of scale times m form m^T, moments m of different angles apart; shape (n, moments, moments)."""
     pp, qq, pq = (np.broadcast_to(scale * part, scale.shape)[:, None, :] for part in form)
     p, q = moments
     left = p * pp + q * pq, p * pq + q * qq
-    return _apart(lambda rows: sum(a[:, rows] @ b[:, rows].swapaxes(1, 2) for a, b in zip(left, moments, strict=True)), p)
+    return _assemble_by_angle(
+        lambda rows: sum(a[:, rows] @ b[:, rows].swapaxes(1, 2) for a, b in zip(left, moments, strict=True)), p
+    )
 
 
-def _apart(block: Callable[[slice], Array], like: Array) -> Array:
+def _assemble_by_angle(block: Callable[[slice], Array], like: Array) -> Array:
     """Assemble blocks by angle: axisymmetric moments once, those as cos and as cos of twice the angle twice."""
     size = like.shape[1]
-    if size == MOMENTS:
-        return block(slice(0, MOMENTS))
+    if size == AXIAL_MOMENTS:
+        return block(slice(0, AXIAL_MOMENTS))
     G = np.zeros((len(like), size, size), dtype=like.dtype)
-    G[:, :MOMENTS, :MOMENTS] = block(slice(0, MOMENTS))
-    for rows in (BESIDE, slice(ALL - 1, ALL)):
+    G[:, :AXIAL_MOMENTS, :AXIAL_MOMENTS] = block(slice(0, AXIAL_MOMENTS))
+    for rows in (OFF_AXIS_ROWS, slice(ALL_MOMENTS - 1, ALL_MOMENTS)):
         G[:, rows, rows] = 2 * block(rows)
     return G
 
 
-def _turned_image(down: Array, up: Array | None, shear: ShearEchoes, scale: Array) -> Array:
+def _compute_turned_image(downward: Array, upward: Array | None, shear: ShearEchoes, scale: Array) -> Array:
     """Return the image G of eq. CF.21 for shear about the vertical."""
 
-    def block(rows: slice) -> Array:
-        image = (down[:, rows] * (scale * shear.returning)[:, None, :]) @ down[:, rows].swapaxes(1, 2)
-        if up is None:
+    def compute_block(rows: slice) -> Array:
+        image = (downward[:, rows] * (scale * shear.returning)[:, None, :]) @ downward[:, rows].swapaxes(1, 2)
+        if upward is None:
             return image
-        return image - (up[:, rows] * (scale * shear.far)[:, None, :]) @ up[:, rows].swapaxes(1, 2)
+        return image - (upward[:, rows] * (scale * shear.far)[:, None, :]) @ upward[:, rows].swapaxes(1, 2)
 
-    return _apart(block, down)
+    return _assemble_by_angle(compute_block, downward)
 
 
-def _crossed_waves(sphere: SphereArray, layer: TissueLayer, down: Nearby, scale: Array) -> Array:
+def _sum_crossed_waves(sphere: SphereArray, layer: TissueLayer, downward: SphereWaves, scale: Array) -> Array:
     """Return eq. CF.16 as the sum over the waves, for the layer's material alone: layers do not change the sum's error."""
     nu = layer.nu[:, None]
-    plain, times = (part[:, 0] for part in down.ball.down(down.waves.k * sphere.depth[:, None]))
+    plain, times = (part[:, 0] for part in downward.ball.average_downward(downward.waves.k * sphere.depth[:, None]))
     pressed, sheared = (times + (2 * nu - 1) * plain) / 2, ((2 - 2 * nu) * plain - times) / 2
     return 2 * (scale * (pressed**2 + sheared**2 + (1 - nu) * plain**2)).sum(axis=1)
 
 
-def _by_loads(moments: tuple[Array, Array], a: Matrix) -> tuple[Array, Array]:
+def _convert_to_loads(moments: tuple[Array, Array], a: Matrix) -> tuple[Array, Array]:
     """Convert moments under unit waves a into moments under unit loads at the surface."""
     pp, pq, qp, qq = (part if np.ndim(part) == 0 else part[:, None, :] for part in a)
     return moments[0] * pp + moments[1] * qp, moments[0] * pq + moments[1] * qq

@@ -16,29 +16,36 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal
-from geometry.common.resources import LimitReached, limited, limits, timed
+from geometry.common.resources import LimitReached, get_limits, start_clock, use_limits
 from geometry.scenes.probe import Material
 from geometry.scenes.scene import Inclusion, Scene
-from solver.closed_form.designs import PROBE, TISSUE, Shape, answers, parameters, split
-from solver.closed_form.error_bound import StatedErrors, errors
-from solver.closed_form.error_features import CHANGED, STEP
-from solver.layers.materials import material_layers
-from solver.layers.measures import squeezed
-from solver.linalg.workspace import in_own_workspace
-from solver.results.evaluator import Answer, FilmLevel, Tell
-from solver.results.film_forces import FilmForces, shortfalls
-from solver.results.kinds import needs_solid
+from solver.closed_form.designs import (
+    PROBE_PARAMETERS,
+    TISSUE_PARAMETERS,
+    Shape,
+    build_parameters,
+    iterate_solutions,
+    split_parameters,
+)
+from solver.closed_form.error_bound import StatedErrors, bound_errors
+from solver.closed_form.error_features import MODULUS_STEP_FACTOR, PARAMETER_VARIANTS
+from solver.layers.materials import list_material_layers
+from solver.layers.measures import compute_squeeze
+from solver.linalg.workspace import use_own_workspace
+from solver.results.evaluator import FilmEvaluator, FilmSolution, ProgressCallback
+from solver.results.film_forces import FilmForces, find_shortfalls
+from solver.results.kinds import find_geometry_refusal
 
-LEAST_COVER = 0.1  # of an inclusion, in its diameters
-LARGEST_ERROR = 2.9  # of ln(ratio): scenes with a larger bound are refused
-LARGEST_RESIDUAL = 1e-10
-LEAST_DEPTH = 0.1  # of the tissue, in outer radii
+MIN_COVER_DIAMETERS = 0.1  # of an inclusion, in its diameters
+MAX_LOG_RATIO_ERROR = 2.9  # of ln(ratio): scenes with a larger bound are refused
+MAX_RESIDUAL = 1e-10
+MIN_DEPTH_OUTER_RADII = 0.1  # of the tissue, in outer radii
 # Poisson's ratios up to which rounding, in differences of terms that go with 1 / (1 - 2 nu), stays below a seventh of the stated
 # errors; in tissue with a tumour it grows with the third power, and is beyond them from 0.4999999 on. ``tests`` hold both.
-LARGEST_RATIO = {"tissue": 0.499999, "block": 0.499999999999}
+MAX_POISSON_RATIO = {"tissue": 0.499999, "block": 0.499999999999}
 FAR_SIDE_NODES = 16  # for sides as near as none that are left out
-LARGEST_SQUEEZE = 50.0  # see ``solver.layers.measures``: beyond it totals are up to nine times too small
-BROKEN = "axisymmetric, as the formulas break down for this scene"
+MAX_SQUEEZE = 50.0  # see ``solver.layers.measures``: beyond it totals are up to nine times too small
+BROKEN_FORMULAS_ADVICE = "axisymmetric, as the formulas break down for this scene"
 
 
 @dataclass(frozen=True)
@@ -51,7 +58,7 @@ class ClosedFormForces:
 
 
 @dataclass(frozen=True)
-class ClosedForm(FilmLevel):
+class ClosedForm(FilmEvaluator):
     """Two elastic blocks on an elastic layer, spheres by equivalent inclusion with their image: a first look, and the search."""
 
     name: str = "closed-form"
@@ -59,88 +66,95 @@ class ClosedForm(FilmLevel):
 
     def refusal(self, scene: Scene) -> str | None:
         """Return which evaluator to use instead, and why, for scenes that the formulas do not cover; else None."""
-        if needs_solid(scene) is not None:
-            return needs_solid(scene)
+        if find_geometry_refusal(scene) is not None:
+            return find_geometry_refusal(scene)
         if any(body.diameter is None for body in scene.inclusion):
             return "equivalent-inclusion or solid for an ellipsoid"
-        if any(body.depth - body.diameter / 2 < LEAST_COVER * body.diameter for body in scene.inclusion if body.diameter):
-            return f"axisymmetric for an inclusion covered by less than {LEAST_COVER:g} of its diameter"
-        if any(_at_an_interface(body, scene) for body in scene.inclusion):
-            return f"axisymmetric or solid for an inclusion nearer to an interface of layers than {LEAST_COVER:g} of its diameter"
-        if scene.tissue.shape != "half-space" and scene.tissue.depth < LEAST_DEPTH * scene.probe.tube_radius:
-            return f"axisymmetric for tissue thinner than {LEAST_DEPTH:g} outer radii"
-        if squeezed(scene) > LARGEST_SQUEEZE:
+        if any(body.depth - body.diameter / 2 < MIN_COVER_DIAMETERS * body.diameter for body in scene.inclusion if body.diameter):
+            return f"axisymmetric for an inclusion covered by less than {MIN_COVER_DIAMETERS:g} of its diameter"
+        if any(_is_near_interface(body, scene) for body in scene.inclusion):
+            return (
+                "axisymmetric or solid for an inclusion nearer to an interface of layers than "
+                f"{MIN_COVER_DIAMETERS:g} of its diameter"
+            )
+        if scene.tissue.shape != "half-space" and scene.tissue.depth < MIN_DEPTH_OUTER_RADII * scene.probe.tube_radius:
+            return f"axisymmetric for tissue thinner than {MIN_DEPTH_OUTER_RADII:g} outer radii"
+        if compute_squeeze(scene) > MAX_SQUEEZE:
             return "axisymmetric for a layer that blocks squeeze because it is thin and softer than its neighbours"
-        return nearly_incompressible(scene)
+        return explain_incompressible_refusal(scene)
 
-    def answer(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> Answer:
+    def solve(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> FilmSolution:
         """Solve the scene with the formulas, with a warning where their error bound is above ``accuracy``.
 
         Raises:
             Refusal: the scene is of another kind, or the formulas break down.
         """
-        scenes = [scene] if moduli is None else [_with_modulus(scene, one) for one in moduli.tolist()]
-        every = []
-        for one in self.films(scenes):
-            if isinstance(one, InputError):
-                raise one
-            every.append(one)
-        worst = max(every, key=lambda one: one.errors.largest)
-        notes = tuple(shortfalls(worst.films, worst.errors.largest, accuracy))
-        return Answer(tuple(one.films for one in every), max(one.residual for one in every), notes=notes)
+        scenes = [scene] if moduli is None else [_replace_target_modulus(scene, item) for item in moduli.tolist()]
+        solutions = []
+        for item in self.compute_films(scenes):
+            if isinstance(item, InputError):
+                raise item
+            solutions.append(item)
+        worst = max(solutions, key=lambda item: item.errors.largest)
+        notes = tuple(find_shortfalls(worst.films, worst.errors.largest, accuracy))
+        return FilmSolution(tuple(item.films for item in solutions), max(item.residual for item in solutions), notes=notes)
 
-    @in_own_workspace
-    def answers(self, scenes: Sequence[Scene], accuracies: Sequence[float]) -> list[Answer | InputError]:
+    @use_own_workspace
+    def solve_many(self, scenes: Sequence[Scene], accuracies: Sequence[float]) -> list[FilmSolution | InputError]:
         """Solve each scene at its accuracy, or return its refusal; scenes of one structure are solved at once."""
         try:
-            with limited(replace(limits(), seconds=len(scenes) * limits().seconds)), timed():
-                found = self.films(scenes)
+            with use_limits(replace(get_limits(), seconds=len(scenes) * get_limits().seconds)), start_clock():
+                solutions = self.compute_films(scenes)
         except LimitReached:
-            return super().answers(scenes, accuracies)
-        pairs = zip(found, accuracies, strict=True)
-        return [one if isinstance(one, InputError) else _answer(one, accuracy) for one, accuracy in pairs]
+            return super().solve_many(scenes, accuracies)
+        pairs = zip(solutions, accuracies, strict=True)
+        return [
+            solution if isinstance(solution, InputError) else _build_answer(solution, accuracy) for solution, accuracy in pairs
+        ]
 
-    @in_own_workspace
-    def films(self, scenes: Sequence[Scene]) -> list[ClosedFormForces | InputError]:
+    @use_own_workspace
+    def compute_films(self, scenes: Sequence[Scene]) -> list[ClosedFormForces | InputError]:
         """Return the film forces of each scene with their error bounds, or its refusal."""
-        every: dict[int, ClosedFormForces | InputError] = {}
+        solutions: dict[int, ClosedFormForces | InputError] = {}
         groups: dict[Shape, list[tuple[int, Floats]]] = defaultdict(list)
         for place, scene in enumerate(scenes):
-            why = self.refusal(scene)
-            if why is not None:
-                every[place] = Refusal("evaluator", self.name, why)
+            reason = self.refusal(scene)
+            if reason is not None:
+                solutions[place] = Refusal("evaluator", self.name, reason)
                 continue
-            shape, values = parameters(scene)
+            shape, values = build_parameters(scene)
             groups[shape].append((place, values))
         for shape, group in groups.items():
-            stacked = variants(shape, [values for _, values in group])
-            for (place, _), *one in zip(group, *stacked, strict=True):
-                every[place] = self._bounded(scenes[place], *one)
-        return [every[place] for place in range(len(scenes))]
+            stacked = compute_variants(shape, [values for _, values in group])
+            for (place, _), *arrays in zip(group, *stacked, strict=True):
+                solutions[place] = self._bound_solution(scenes[place], *arrays)
+        return [solutions[place] for place in range(len(scenes))]
 
-    def _bounded(self, scene: Scene, forces: Floats, slopes: Floats, residuals: Floats) -> ClosedFormForces | InputError:
+    def _bound_solution(self, scene: Scene, forces: Floats, slopes: Floats, residuals: Floats) -> ClosedFormForces | InputError:
         """Return a scene's film forces with error bounds from its variants, or the refusal where the formulas break down."""
-        if not (np.all(np.isfinite(forces)) and np.all(forces.sum(axis=2) > 0) and np.all(residuals < LARGEST_RESIDUAL)):
-            return Refusal("evaluator", self.name, BROKEN)
-        error = errors(scene, forces, slopes)
-        if error.log_ratio > LARGEST_ERROR:
-            return Refusal("evaluator", self.name, BROKEN)
+        if not (np.all(np.isfinite(forces)) and np.all(forces.sum(axis=2) > 0) and np.all(residuals < MAX_RESIDUAL)):
+            return Refusal("evaluator", self.name, BROKEN_FORMULAS_ADVICE)
+        error = bound_errors(scene, forces, slopes)
+        if error.log_ratio > MAX_LOG_RATIO_ERROR:
+            return Refusal("evaluator", self.name, BROKEN_FORMULAS_ADVICE)
         slope = slopes[0] if scene.target is not None else None
-        films = FilmForces(forces[0], error.bound(forces[0].sum(axis=1)), slope, error.sensitivity)
+        films = FilmForces(forces[0], error.compute_bound(forces[0].sum(axis=1)), slope, error.sensitivity)
         return ClosedFormForces(films, error, float(residuals[0]))
 
 
-def _answer(forces: ClosedFormForces, accuracy: float) -> Answer:
-    return Answer((forces.films,), forces.residual, notes=tuple(shortfalls(forces.films, forces.errors.largest, accuracy)))
+def _build_answer(forces: ClosedFormForces, accuracy: float) -> FilmSolution:
+    return FilmSolution(
+        (forces.films,), forces.residual, notes=tuple(find_shortfalls(forces.films, forces.errors.largest, accuracy))
+    )
 
 
-def _at_an_interface(body: Inclusion, scene: Scene) -> bool:
+def _is_near_interface(body: Inclusion, scene: Scene) -> bool:
     """Return whether two layers of different materials meet in a sphere, or nearer to it than ``MIN_COVER_DIAMETERS``."""
-    faces = accumulate(layer[0] for layer in material_layers(scene.tissue))
-    return any(abs(body.depth - face) < (0.5 + LEAST_COVER) * (body.diameter or 0.0) for face in faces)
+    faces = accumulate(layer[0] for layer in list_material_layers(scene.tissue))
+    return any(abs(body.depth - face) < (0.5 + MIN_COVER_DIAMETERS) * (body.diameter or 0.0) for face in faces)
 
 
-def nearly_incompressible(scene: Scene) -> str | None:
+def explain_incompressible_refusal(scene: Scene) -> str | None:
     """Return which Poisson's ratio is too near to 0.5 for the formulas in double precision, and its limit; else None."""
     probe = scene.probe
     bodies: dict[str, tuple[str, Material]] = {
@@ -150,12 +164,12 @@ def nearly_incompressible(scene: Scene) -> str | None:
     }
     bodies |= {f"tissue.layer[{index}]": ("tissue", layer) for index, layer in enumerate(scene.tissue.layer)}
     for key, (kind, body) in bodies.items():
-        if body.poisson_ratio > LARGEST_RATIO[kind] and (scene.inclusion or kind == "block"):
-            return f"{key}.poisson_ratio up to {LARGEST_RATIO[kind]:.12g}, or another evaluator"
+        if body.poisson_ratio > MAX_POISSON_RATIO[kind] and (scene.inclusion or kind == "block"):
+            return f"{key}.poisson_ratio up to {MAX_POISSON_RATIO[kind]:.12g}, or another evaluator"
     return None
 
 
-def _with_modulus(scene: Scene, modulus: float) -> Scene:
+def _replace_target_modulus(scene: Scene, modulus: float) -> Scene:
     """Return the scene with another Young's modulus of its target, Pa."""
     bodies = list(scene.inclusion)
     target = scene.target or 0
@@ -163,7 +177,7 @@ def _with_modulus(scene: Scene, modulus: float) -> Scene:
     return scene.model_copy(update={"inclusion": tuple(bodies)})
 
 
-def variants(shape: Shape, values: Sequence[Floats]) -> tuple[Floats, Floats, Floats]:
+def compute_variants(shape: Shape, values: Sequence[Floats]) -> tuple[Floats, Floats, Floats]:
     """Return forces, slopes and residuals of designs and of the variants for their error bounds, ordered as ``ALL_VARIANTS``.
 
     Args:
@@ -174,45 +188,46 @@ def variants(shape: Shape, values: Sequence[Floats]) -> tuple[Floats, Floats, Fl
         two arrays of shape (designs, variants, 2, 2), not finite or not positive where the formulas break down, and one of
         shape (designs, variants).
     """
-    columns = np.concatenate([_variants(shape, one) for one in values], axis=1)
-    plain = _asked(shape, columns)
-    other = _asked(other_sides(shape), columns) if shape.bounded else plain
-    finer = _asked(replace(shape, fine=True), columns)
+    columns = np.concatenate([_build_variants(shape, part) for part in values], axis=1)
+    plain = _solve_variants(shape, columns)
+    changed_sides = _solve_variants(toggle_sides(shape), columns) if shape.bounded else plain
+    finer = _solve_variants(replace(shape, fine=True), columns)
     forces, slopes, residuals = (
-        np.concatenate([one, two[:, :1], three[:, :1]], axis=1) for one, two, three in zip(plain, other, finer, strict=True)
+        np.concatenate([part, sides_part[:, :1], finer_part[:, :1]], axis=1)
+        for part, sides_part, finer_part in zip(plain, changed_sides, finer, strict=True)
     )
     return forces, slopes, residuals
 
 
-def _asked(shape: Shape, columns: Floats) -> tuple[Floats, Floats, Floats]:
+def _solve_variants(shape: Shape, columns: Floats) -> tuple[Floats, Floats, Floats]:
     """Return forces, slopes and residuals of the variants of designs that have other parameters."""
     with np.errstate(all="ignore"):
-        parts = [(one.forces, one.slope, one.residual) for one in answers(shape, columns)]
+        parts = [(solution.forces, solution.slope, solution.residual) for solution in iterate_solutions(shape, columns)]
         forces, slopes, residuals = (np.concatenate(part) for part in zip(*parts, strict=True))
-    size = -1, len(CHANGED)
+    size = -1, len(PARAMETER_VARIANTS)
     return forces.reshape(*size, 2, 2), slopes.reshape(*size, 2, 2), residuals.reshape(size)
 
 
-def other_sides(shape: Shape) -> Shape:
+def toggle_sides(shape: Shape) -> Shape:
     """Return the structure that models the sides which ``shape`` leaves out, or leaves out those that it models."""
     return replace(shape, side_nodes=0 if shape.side_nodes else FAR_SIDE_NODES)
 
 
-def _variants(shape: Shape, values: Floats) -> Floats:
+def _build_variants(shape: Shape, values: Floats) -> Floats:
     """Return the parameters of the variants ``PARAMETER_VARIANTS`` as columns."""
-    own = values[len(PROBE) + len(TISSUE) - 2 : len(PROBE) + len(TISSUE)]
+    own_material = values[len(PROBE_PARAMETERS) + len(TISSUE_PARAMETERS) - 2 : len(PROBE_PARAMETERS) + len(TISSUE_PARAMETERS)]
     columns = {"scene": values}
     for name in ("inner_modulus", "outer_modulus"):
         columns[name] = values.copy()
-        columns[name][PROBE.index(name)] *= STEP
+        columns[name][PROBE_PARAMETERS.index(name)] *= MODULUS_STEP_FACTOR
     columns["no inclusions"] = values.copy()
-    bodies, layers = split(shape, columns["no inclusions"])
-    materials = [*layers[:, 1:], own]
-    for body, place in zip(bodies, shape.homes, strict=True):
+    bodies, layers = split_parameters(shape, columns["no inclusions"])
+    materials = [*layers[:, 1:], own_material]
+    for body, place in zip(bodies, shape.sphere_layers, strict=True):
         body[-2:] = materials[place]
-    return np.stack([columns[name] for name in CHANGED], axis=1)
+    return np.stack([columns[name] for name in PARAMETER_VARIANTS], axis=1)
 
 
-def level(tell: Tell | None = None) -> ClosedForm:
+def level(tell: ProgressCallback | None = None) -> ClosedForm:
     """Return the evaluator; it reports no progress."""
     return ClosedForm()

@@ -28,10 +28,10 @@ from typing import Any
 
 import numpy as np
 
-from solver.closed_form.bessel import Array, bessel, spherical
-from solver.closed_form.surface_images import ALL, MOMENTS, Nearby, SphereArray
+from solver.closed_form.bessel import Array, bessel, spherical_bessel
+from solver.closed_form.surface_images import ALL_MOMENTS, AXIAL_MOMENTS, SphereArray, SphereWaves
 
-ORDERS, DEGREE = 6, 8  # maximum n and l: two less change the log-sensitivity of a sphere under the rim by up to 8 %
+MAX_ORDER, MAX_DEGREE = 6, 8  # maximum n and l: two less change the log-sensitivity of a sphere under the rim by up to 8 %
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Disc:
     sheared: Array
 
 
-def shifted_waves(k: Array, offset: Array) -> Array:
+def shift_waves(k: Array, offset: Array) -> Array:
     """Return the amount of each moment of ``SphereWaves`` in a wave J_0 about the probe's axis, shape (n, moments, q).
 
     Args:
@@ -54,20 +54,20 @@ def shifted_waves(k: Array, offset: Array) -> Array:
         offset: d, shape (n,).
     """
     J = bessel(k * offset[:, None], 3)
-    return _rows(J[0], -2 * J[1], 2 * J[2])
+    return _repeat_for_moments(J[0], -2 * J[1], 2 * J[2])
 
 
-def off_axis_response(
+def compute_off_axis_response(
     sphere: SphereArray,
-    near: Nearby,
+    sphere_waves: SphereWaves,
     k: Array,
     weights: Array,
     *,
     disc: Disc,
     mu: Array,
     bonded: bool,
-    orders: int = ORDERS,
-    degree: int = DEGREE,
+    orders: int = MAX_ORDER,
+    degree: int = MAX_DEGREE,
 ) -> Array:
     """Compute the response S of the blocks to an off-axis sphere, eq. CF.18, shape (n, moments, moments).
 
@@ -83,17 +83,24 @@ def off_axis_response(
         degree: the largest l.
     """
     J = bessel(k * sphere.offset[:, None], orders + 3)
-    j = spherical(k * disc.radius[:, None], degree + 1) * (weights / (2 * mu)[:, None])  # the moments are times 2 mu
+    j = spherical_bessel(k * disc.radius[:, None], degree + 1) * (weights / (2 * mu)[:, None])  # the moments are times 2 mu
     j *= np.sqrt((2 * np.arange(degree + 1) + 1) / np.pi**2)[:, None, None]
-    pairs = _pairs(orders, degree)
-    p, (less, more) = near.moments[0], _sheared(near)
-    even = np.concatenate([p[:, :MOMENTS], p[:, -1:], less[:, MOMENTS:-1], more[:, MOMENTS:-1]], axis=1)
-    odd = np.concatenate([near.moments[1][:, :MOMENTS], p[:, MOMENTS:-1], less[:, -1:], more[:, -1:]], axis=1)
-    v = _answered(pairs, *(rows @ pairs.products(J, j, at).transpose(1, 2, 0) for at, rows in enumerate((even, odd))))
+    pairs = _build_pairs(orders, degree)
+    p, (difference_waves, sum_waves) = sphere_waves.moments[0], _combine_shear(sphere_waves)
+    even_rows = np.concatenate(
+        [p[:, :AXIAL_MOMENTS], p[:, -1:], difference_waves[:, AXIAL_MOMENTS:-1], sum_waves[:, AXIAL_MOMENTS:-1]], axis=1
+    )
+    odd_rows = np.concatenate(
+        [sphere_waves.moments[1][:, :AXIAL_MOMENTS], p[:, AXIAL_MOMENTS:-1], difference_waves[:, -1:], sum_waves[:, -1:]], axis=1
+    )
+    v = _assemble_responses(
+        pairs,
+        *(rows @ pairs.compute_products(J, j, parity).transpose(1, 2, 0) for parity, rows in enumerate((even_rows, odd_rows))),
+    )
     share = np.concatenate(
         [
-            (2 * disc.radius)[:, None] / _of_degree(disc.pressed, pairs.pressed),
-            disc.radius[:, None] / _of_degree(disc.sheared, pairs.sheared),
+            (2 * disc.radius)[:, None] / _select_degrees(disc.pressed, pairs.pressed),
+            disc.radius[:, None] / _select_degrees(disc.sheared, pairs.sheared),
         ],
         axis=1,
     )
@@ -102,10 +109,10 @@ def off_axis_response(
     return (v * share[:, None]) @ v.swapaxes(1, 2)
 
 
-def _sheared(near: Nearby) -> tuple[Array, Array]:
+def _combine_shear(sphere_waves: SphereWaves) -> tuple[Array, Array]:
     """Return moments under waves of shear in the plane minus, and plus, those under shear about the vertical."""
-    turned = near.turned
-    return near.moments[1] - turned, near.moments[1] + turned
+    turned = sphere_waves.turned
+    return sphere_waves.moments[1] - turned, sphere_waves.moments[1] + turned
 
 
 @dataclass(frozen=True)
@@ -123,11 +130,11 @@ class Pairs:
     degrees: tuple[tuple[tuple[int, slice], ...], ...]
     pressed: Any
     sheared: Any
-    at: Any
+    positions: Any
     sign: Any
     added: Any
 
-    def products(self, J: Array, j: Array, parity: int) -> Array:
+    def compute_products(self, J: Array, j: Array, parity: int) -> Array:
         """Return the products J_m j_l of one parity, shape (products, n, q)."""
         degrees = self.degrees[parity]
         table = np.empty((degrees[-1][1].stop, *J.shape[1:]), dtype=np.result_type(J, j))
@@ -137,31 +144,31 @@ class Pairs:
 
 
 @lru_cache(maxsize=4)
-def _pairs(orders: int, degree: int) -> Pairs:
-    degrees = tuple(tuple(_degrees(orders, degree, parity)) for parity in (0, 1))
+def _build_pairs(orders: int, degree: int) -> Pairs:
+    degrees = tuple(tuple(_iterate_degrees(orders, degree, parity)) for parity in (0, 1))
     places = {
-        (m, first + 2 * at): place.start + at
-        for found in degrees
-        for m, (first, place) in enumerate(found)
-        for at in range(place.stop - place.start)
+        (m, first + 2 * position): place.start + position
+        for parity_degrees in degrees
+        for m, (first, place) in enumerate(parity_degrees)
+        for position in range(place.stop - place.start)
     }
 
-    def columns(step: int) -> list[tuple[int, int]]:
+    def list_columns(step: int) -> list[tuple[int, int]]:
         return [(n, ell) for n in range(1, orders + 1) for ell in range(n + step, degree + 1, 2)]
 
-    pressed, less, more = columns(0), columns(1), columns(-1)
-    every = pressed + less + more
+    pressed, difference_columns, sum_columns = list_columns(0), list_columns(1), list_columns(-1)
+    all_columns = pressed + difference_columns + sum_columns
     return Pairs(
         degrees,
         np.array([ell for _, ell in pressed]),
-        np.array([ell for _, ell in less + more]),
-        at=np.array([[places[abs(n + step), ell] for n, ell in every] for step in (0, -1, 1, -2, 2)]),
-        sign=np.where([n == 1 for n, _ in every], -1.0, 1.0),  # J_-1 = -J_1
-        added=np.arange(len(less + more)) >= len(less),
+        np.array([ell for _, ell in difference_columns + sum_columns]),
+        positions=np.array([[places[abs(n + step), ell] for n, ell in all_columns] for step in (0, -1, 1, -2, 2)]),
+        sign=np.where([n == 1 for n, _ in all_columns], -1.0, 1.0),  # J_-1 = -J_1
+        added=np.arange(len(difference_columns + sum_columns)) >= len(difference_columns),
     )
 
 
-def _degrees(orders: int, degree: int, parity: int) -> Iterator[tuple[int, slice]]:
+def _iterate_degrees(orders: int, degree: int, parity: int) -> Iterator[tuple[int, slice]]:
     """Yield for each m the first l of the parity that a column needs, and the slice of its products."""
     start = 0
     for m in range(orders + 3):
@@ -172,29 +179,35 @@ def _degrees(orders: int, degree: int, parity: int) -> Iterator[tuple[int, slice
         start += count
 
 
-def _answered(pairs: Pairs, even: Array, odd: Array) -> Array:
+def _assemble_responses(pairs: Pairs, even_rows: Array, odd_rows: Array) -> Array:
     """Assemble v of eq. CF.18 from the integrals with the products of both parities, shape (n, moments, columns)."""
     count, minus = len(pairs.pressed), len(pairs.pressed) + int(np.sum(~pairs.added))
     p, s, sub, add = slice(0, count), slice(count, None), slice(count, minus), slice(minus, None)
-    same, before, after, second, beyond = pairs.at
-    sym, once = slice(0, MOMENTS), slice(MOMENTS, 2 * MOMENTS)
-    less, more = even[:, MOMENTS + 1 : 2 * MOMENTS + 1], even[:, 2 * MOMENTS + 1 :]
-    v = np.empty((len(even), ALL, len(same)), dtype=even.dtype)
-    v[:, sym, p], v[:, sym, s] = even[:, sym].take(same[p], axis=2), odd[:, sym].take(same[s], axis=2)
-    v[:, once, p] = odd[:, once].take(before[p], axis=2) - odd[:, once].take(after[p], axis=2)
-    v[:, once, sub] = less.take(before[sub], axis=2) - more.take(after[sub], axis=2)
-    v[:, once, add] = more.take(before[add], axis=2) - less.take(after[add], axis=2)
-    twice = (p, even[:, MOMENTS], even[:, MOMENTS]), (sub, odd[:, -2], odd[:, -1]), (add, odd[:, -1], odd[:, -2])
-    for columns, one, other in twice:
-        v[:, -1, columns] = pairs.sign[columns] * one.take(second[columns], axis=1) + other.take(beyond[columns], axis=1)
+    same_order, order_below, order_above, two_below, two_above = pairs.positions
+    sym, once = slice(0, AXIAL_MOMENTS), slice(AXIAL_MOMENTS, 2 * AXIAL_MOMENTS)
+    difference_rows, sum_rows = even_rows[:, AXIAL_MOMENTS + 1 : 2 * AXIAL_MOMENTS + 1], even_rows[:, 2 * AXIAL_MOMENTS + 1 :]
+    v = np.empty((len(even_rows), ALL_MOMENTS, len(same_order)), dtype=even_rows.dtype)
+    v[:, sym, p], v[:, sym, s] = even_rows[:, sym].take(same_order[p], axis=2), odd_rows[:, sym].take(same_order[s], axis=2)
+    v[:, once, p] = odd_rows[:, once].take(order_below[p], axis=2) - odd_rows[:, once].take(order_above[p], axis=2)
+    v[:, once, sub] = difference_rows.take(order_below[sub], axis=2) - sum_rows.take(order_above[sub], axis=2)
+    v[:, once, add] = sum_rows.take(order_below[add], axis=2) - difference_rows.take(order_above[add], axis=2)
+    twice = (
+        (p, even_rows[:, AXIAL_MOMENTS], even_rows[:, AXIAL_MOMENTS]),
+        (sub, odd_rows[:, -2], odd_rows[:, -1]),
+        (add, odd_rows[:, -1], odd_rows[:, -2]),
+    )
+    for columns, lower_part, upper_part in twice:
+        v[:, -1, columns] = pairs.sign[columns] * lower_part.take(two_below[columns], axis=1) + upper_part.take(
+            two_above[columns], axis=1
+        )
     return v
 
 
-def _of_degree(compliance: Array, degrees: Any) -> Array:
+def _select_degrees(compliance: Array, degrees: Any) -> Array:
     """Return the compliance at each of the degrees, shape (n, degrees); one value may serve all."""
     return np.repeat(compliance[:, None], len(degrees), axis=1) if compliance.ndim == 1 else compliance[:, degrees]
 
 
-def _rows(symmetrical: Array, once: Array, twice: Array) -> Array:
+def _repeat_for_moments(symmetrical: Array, once: Array, twice: Array) -> Array:
     """Return one row for each moment: five symmetrical about the sphere's axis, five as cos, one as cos of twice the angle."""
-    return np.stack([symmetrical] * MOMENTS + [once] * MOMENTS + [twice], axis=1)
+    return np.stack([symmetrical] * AXIAL_MOMENTS + [once] * AXIAL_MOMENTS + [twice], axis=1)

@@ -26,9 +26,12 @@ from typing import Any
 import numpy as np
 
 from solver.closed_form.bessel import Array, bessel
-from solver.closed_form.layer import Waves, strain_amplitudes
+from solver.closed_form.layer import Waves, compute_strain_amplitudes
 
-MOMENTS, ALL = 5, 11  # about the sphere's vertical axis: a, z, a zeta, z zeta, rz rho; and xz, xz zeta, a x, z x, tau; xx - yy
+AXIAL_MOMENTS, ALL_MOMENTS = (
+    5,
+    11,
+)  # about the sphere's vertical axis: a, z, a zeta, z zeta, rz rho; and xz, xz zeta, a x, z x, tau; xx - yy
 
 
 @dataclass(frozen=True)
@@ -57,18 +60,18 @@ class BallQuadrature:
     weight: Any
 
 
-def points(turns: Any) -> BallQuadrature:
+def build_ball_quadrature(turns: Any) -> BallQuadrature:
     """Build a quadrature of the unit ball: Gauss in radius cubed and cosine of the polar angle, midpoints in the azimuth.
 
     The order is: above before below the centre, the pairs of ``PAIR_RADII`` and ``PAIR_HEIGHTS``, the azimuths ``turns`` (rad).
     """
-    x, z, weight = (one[:, None] for one in (ACROSS, RISE, WEIGHT))
+    x, z, weight = (part[:, None] for part in (PAIR_RADII, PAIR_HEIGHTS, PAIR_WEIGHTS))
     sign, turn = np.array([1.0, -1.0])[:, None, None], np.asarray(turns)
     kinds = np.broadcast_arrays(x * np.cos(turn) + 0 * sign, x * np.sin(turn) + 0 * sign, z * sign, weight / len(turns))
     return BallQuadrature(*(kind.ravel() for kind in kinds))
 
 
-def _pairs() -> tuple[Any, Any, Any]:
+def _build_point_pairs() -> tuple[Any, Any, Any]:
     """Return distances from the vertical axis, heights above and below the centre, and weights of pairs of points (4,)."""
     cubes, cube_weights = np.polynomial.legendre.leggauss(2)
     cosines, cosine_weights = (part[2:] for part in np.polynomial.legendre.leggauss(4))
@@ -76,30 +79,33 @@ def _pairs() -> tuple[Any, Any, Any]:
     return (rho * np.sqrt(1 - c**2)).ravel(), (rho * c).ravel(), np.outer(cube_weights, cosine_weights).ravel() / 4
 
 
-TURNS = 3
-ACROSS, RISE, WEIGHT = _pairs()
-NEAR, ASIDE = points(np.zeros(1)), points((np.arange(TURNS) + 0.5) * np.pi / TURNS)
+AZIMUTHS = 3
+PAIR_RADII, PAIR_HEIGHTS, PAIR_WEIGHTS = _build_point_pairs()
+ON_AXIS_POINTS, OFF_AXIS_POINTS = (
+    build_ball_quadrature(np.zeros(1)),
+    build_ball_quadrature((np.arange(AZIMUTHS) + 0.5) * np.pi / AZIMUTHS),
+)
 
 
-def _moment_weights() -> Any:
+def _build_moment_weights() -> Any:
     """Build the matrix from strains in a vertical half-plane to the five moments about the sphere's axis, shape (5, 4 points)."""
-    w, none = NEAR.weight, 0 * NEAR.weight
-    rows = [(w, 0), (w, 2), (5 * w * NEAR.z, 0), (5 * w * NEAR.z, 2), (2.5 * w * NEAR.x, 3)]
-    return np.array([np.concatenate([weight if i == which else none for i in range(4)]) for weight, which in rows])
+    w, zeros = ON_AXIS_POINTS.weight, 0 * ON_AXIS_POINTS.weight
+    rows = [(w, 0), (w, 2), (5 * w * ON_AXIS_POINTS.z, 0), (5 * w * ON_AXIS_POINTS.z, 2), (2.5 * w * ON_AXIS_POINTS.x, 3)]
+    return np.array([np.concatenate([weight if i == which else zeros for i in range(4)]) for weight, which in rows])
 
 
-TO_MOMENTS = _moment_weights()
+MOMENT_WEIGHTS = _build_moment_weights()
 
 
-def _average_weights() -> Any:
+def _build_average_weights() -> Any:
     """Build the matrix from even and odd parts times J0 and J1 at the pairs of points to the averages of ``BallWaves``."""
-    w, x, z, none = WEIGHT, ACROSS, RISE, 0 * WEIGHT
-    even = [(w, none, none, none), (none, 5 * w * z, none, none), (none, none, 2.5 * w * x, none)]
-    odd = [(none, w * z, none, none), (5 * w * z * z, none, none, none), (none, none, none, 2.5 * w * x * z)]
-    return np.array([np.concatenate(row) for row in even + odd])
+    w, x, z, zeros = PAIR_WEIGHTS, PAIR_RADII, PAIR_HEIGHTS, 0 * PAIR_WEIGHTS
+    even_rows = [(w, zeros, zeros, zeros), (zeros, 5 * w * z, zeros, zeros), (zeros, zeros, 2.5 * w * x, zeros)]
+    odd_rows = [(zeros, w * z, zeros, zeros), (5 * w * z * z, zeros, zeros, zeros), (zeros, zeros, zeros, 2.5 * w * x * z)]
+    return np.array([np.concatenate(row) for row in even_rows + odd_rows])
 
 
-_AVERAGES = _average_weights()
+_AVERAGE_WEIGHTS = _build_average_weights()
 
 
 @dataclass(frozen=True)
@@ -114,42 +120,42 @@ class BallWaves:
         size: s, shape (n, q).
     """
 
-    zero: Array
-    one: Array
+    J0: Array
+    J1: Array
     raised: Array
     sunk: Array
-    even: Array
-    odd: Array
+    even_averages: Array
+    odd_averages: Array
     size: Array
 
-    def down(self, way: Array) -> tuple[Array, Array]:
+    def average_downward(self, way: Array) -> tuple[Array, Array]:
         """Return averages of e^-t and t e^-t, where t is ``way`` (n, q) at the centre and decreases upwards; two (n, 3, q)."""
         fade, way = np.exp(self.size - way)[:, None], way[:, None]
-        plain = fade * self.even
-        return plain, way * plain - fade * self.odd
+        plain = fade * self.even_averages
+        return plain, way * plain - fade * self.odd_averages
 
-    def up(self, way: Array, across: Array) -> tuple[Array, Array]:
+    def average_upward(self, way: Array, across: Array) -> tuple[Array, Array]:
         """Return averages of e^(t - 2x) and t e^(t - 2x), t as for downward waves, x = ``across`` = k times thickness (n, q)."""
-        fade, way = MIRROR * np.exp(self.size + way - 2 * across)[:, None], way[:, None]
-        plain = fade * self.even
-        return plain, way * plain + fade * self.odd
+        fade, way = AVERAGE_MIRROR_SIGNS * np.exp(self.size + way - 2 * across)[:, None], way[:, None]
+        plain = fade * self.even_averages
+        return plain, way * plain + fade * self.odd_averages
 
 
-MIRROR = np.array([1.0, -1.0, 1.0])[:, None]
+AVERAGE_MIRROR_SIGNS = np.array([1.0, -1.0, 1.0])[:, None]
 
 
-def ball_waves(sphere: SphereArray, k: Array) -> BallWaves:
+def compute_ball_waves(sphere: SphereArray, k: Array) -> BallWaves:
     """Compute the waves about the spheres for wave numbers k (n, q), 1/m."""
     s = k * sphere.radius[:, None]
-    zero, one = bessel(s[:, None] * ACROSS[:, None])
-    raised, sunk = np.exp(s[:, None] * (RISE - 1)[:, None]), np.exp(s[:, None] * (-RISE - 1)[:, None])
-    even, odd = raised + sunk, raised - sunk
-    averages = _AVERAGES @ np.concatenate([even * zero, odd * zero, even * one, odd * one], axis=1)
-    return BallWaves(zero, one, raised, sunk, averages[:, :3], s[:, None] * averages[:, 3:], s)
+    J0, J1 = bessel(s[:, None] * PAIR_RADII[:, None])
+    raised, sunk = np.exp(s[:, None] * (PAIR_HEIGHTS - 1)[:, None]), np.exp(s[:, None] * (-PAIR_HEIGHTS - 1)[:, None])
+    sums, differences = raised + sunk, raised - sunk
+    averages = _AVERAGE_WEIGHTS @ np.concatenate([sums * J0, differences * J0, sums * J1, differences * J1], axis=1)
+    return BallWaves(J0, J1, raised, sunk, averages[:, :3], s[:, None] * averages[:, 3:], s)
 
 
 @dataclass(frozen=True)
-class Nearby:
+class SphereWaves:
     """Moments of the strain about a sphere under waves of pressure and of shear, times 2 mu.
 
     Attributes:
@@ -169,30 +175,34 @@ class Nearby:
     turned: Array | None
 
 
-def nearby(sphere: SphereArray, waves: Waves) -> Nearby:
+def compute_sphere_waves(sphere: SphereArray, waves: Waves) -> SphereWaves:
     """Compute the moments about spheres under waves of the tissue."""
-    k, ball = waves.k, ball_waves(sphere, waves.k)
+    k, ball = waves.k, compute_ball_waves(sphere, waves.k)
     way = k * sphere.depth[:, None]
-    down, up = ball.down(way), None if waves.depth is None else ball.up(way, k * waves.depth)
-    even, moments = (2 * waves.nu - 1)[:, :, None], []
+    downward, upward = ball.average_downward(way), None if waves.depth is None else ball.average_upward(way, k * waves.depth)
+    two_nu_minus_1, moments = (2 * waves.nu - 1)[:, :, None], []
     for load in (waves.by_pressure, waves.by_shear):
-        rows = strain_amplitudes([(k * part)[:, None] for part in load], down, up, even)
-        moments.append(_moments(rows, sphere.on_axis))
-    return Nearby(ball, waves, sphere.depth, (moments[0], moments[1]), None if sphere.on_axis else _turned(down[0]))
+        rows = compute_strain_amplitudes([(k * part)[:, None] for part in load], downward, upward, two_nu_minus_1)
+        moments.append(_stack_moments(rows, sphere.on_axis))
+    return SphereWaves(
+        ball, waves, sphere.depth, (moments[0], moments[1]), None if sphere.on_axis else _compute_turned_moments(downward[0])
+    )
 
 
-def half_space_moments(ball: BallWaves, way: Array, nu: Array, on_axis: bool) -> tuple[tuple[Array, Array], Array | None]:
+def compute_half_space_moments(ball: BallWaves, way: Array, nu: Array, on_axis: bool) -> tuple[tuple[Array, Array], Array | None]:
     """Compute ``moments`` and ``turned`` of ``SphereWaves`` on half-spaces; ``way`` is k times the depth, (n, q)."""
-    down, even, one = ball.down(way), (1 - 2 * nu)[:, None, None], np.ones(1)
-    loads = ((-even, one), (1 + even, -one))
-    pressed, sheared = (_moments(strain_amplitudes(load, down, None, -even), on_axis) for load in loads)
-    return (pressed, sheared), None if on_axis else _turned(down[0])
+    downward, one_minus_2nu, ones = ball.average_downward(way), (1 - 2 * nu)[:, None, None], np.ones(1)
+    loads = ((-one_minus_2nu, ones), (1 + one_minus_2nu, -ones))
+    pressed, sheared = (
+        _stack_moments(compute_strain_amplitudes(load, downward, None, -one_minus_2nu), on_axis) for load in loads
+    )
+    return (pressed, sheared), None if on_axis else _compute_turned_moments(downward[0])
 
 
-def _moments(strain: tuple[Array, Array, Array], on_axis: bool) -> Array:
+def _stack_moments(strain: tuple[Array, Array, Array], on_axis: bool) -> Array:
     """Stack the moments from the averages (n, 3, q) of rr + hoop, zz and rz, shape (n, moments, q)."""
     a, zz, rz = strain
-    rows = np.empty((len(a), MOMENTS if on_axis else ALL, a.shape[2]), dtype=a.dtype)
+    rows = np.empty((len(a), AXIAL_MOMENTS if on_axis else ALL_MOMENTS, a.shape[2]), dtype=a.dtype)
     rows[:, 0:4:2], rows[:, 1:4:2], rows[:, 4] = a[:, :2], zz[:, :2], rz[:, 2]
     if not on_axis:
         np.multiply(rz[:, :2], -0.5, out=rows[:, 5:7])
@@ -202,14 +212,14 @@ def _moments(strain: tuple[Array, Array, Array], on_axis: bool) -> Array:
     return rows
 
 
-def _turned(plain: Array) -> Array:
+def _compute_turned_moments(plain: Array) -> Array:
     """Compute all moments under waves of shear about the vertical on a half-space, as sin, the last as sin 2, times 2 mu."""
-    rows = np.zeros((len(plain), ALL, plain.shape[2]), dtype=plain.dtype)
+    rows = np.zeros((len(plain), ALL_MOMENTS, plain.shape[2]), dtype=plain.dtype)
     rows[:, 5:7], rows[:, 9], rows[:, 10] = plain[:, :2] / 2, plain[:, 2] / 2, -plain[:, 0]
     return rows
 
 
-def tissue_strain(near: Nearby, loads: tuple[Array, Array], beside: Array | None) -> Array:
+def compute_tissue_strain(sphere_waves: SphereWaves, loads: tuple[Array, Array], axis_distance: Array | None) -> Array:
     """Return the strains rr + hoop, rr - hoop, zz, rz at all points under l loads of pressure and of shear; (n, l, 4, points).
 
     At a height z above the centre, in radii, a wave has (A + A' z) e^sz of what runs down and (R + R' z) e^-sz of what runs up.
@@ -219,90 +229,96 @@ def tissue_strain(near: Nearby, loads: tuple[Array, Array], beside: Array | None
         loads: so much of each wave, two arrays (n, l, q); in ``waves`` inside layers, of what runs down at the top of its layer.
         axis_distance: of ``OFF_AXIS_POINTS`` from the waves' axis, m, shape (n, points); None where that is the sphere's.
     """
-    even = 2 * near.waves.nu[:, :, None] - 1
-    (a, slope, b), up = _running(near, loads)
-    kinds = [[a, slope, b], [a, slope], [even * b - a, -slope]]
-    if up is not None:
-        raised, rise, other = up
-        kinds = [[*kinds[0], *up], [*kinds[1], raised, rise], [*kinds[2], raised - even * other, rise]]
+    two_nu_minus_1 = 2 * sphere_waves.waves.nu[:, :, None] - 1
+    (a, slope, b), upward = _compute_running_waves(sphere_waves, loads)
+    kinds = [[a, slope, b], [a, slope], [two_nu_minus_1 * b - a, -slope]]
+    if upward is not None:
+        raised, rise, upward_b = upward
+        kinds = [[*kinds[0], *upward], [*kinds[1], raised, rise], [*kinds[2], raised - two_nu_minus_1 * upward_b, rise]]
     n, count, _ = a.shape
     parts = []
-    for waves, kind in zip(_circles(near, beside), kinds, strict=True):
+    for waves, kind in zip(_iterate_bessel_factors(sphere_waves, axis_distance), kinds, strict=True):
         sums = np.concatenate(kind, axis=1) @ waves.swapaxes(1, 2)
         parts.append(np.moveaxis(sums.reshape(n, len(kind), count, 2, -1), 1, 0))
-    z = (NEAR.z if beside is None else ASIDE.z).reshape(2, -1)
+    z = (ON_AXIS_POINTS.z if axis_distance is None else OFF_AXIS_POINTS.z).reshape(2, -1)
     strain = np.empty((n, count, 4, 2, z.shape[1]), dtype=a.dtype)
     for place, part in ((0, parts[0]), (1, parts[1]), (3, parts[2])):
         strain[:, :, place] = part[0] + z * part[1]
-    strain[:, :, 2] = 2 * even[:, :, None] * parts[0][2] - strain[:, :, 0]
-    if up is not None:
-        for place, part, at in ((0, parts[0], 3), (1, parts[1], 2), (3, parts[2], 2)):
-            risen = part[at, :, :, ::-1] + z * part[at + 1, :, :, ::-1]
+    strain[:, :, 2] = 2 * two_nu_minus_1[:, :, None] * parts[0][2] - strain[:, :, 0]
+    if upward is not None:
+        for place, part, index in ((0, parts[0], 3), (1, parts[1], 2), (3, parts[2], 2)):
+            risen = part[index, :, :, ::-1] + z * part[index + 1, :, :, ::-1]
             strain[:, :, place] += risen
             if place == 0:
-                strain[:, :, 2] += 2 * even[:, :, None] * parts[0][5][:, :, ::-1] - risen
+                strain[:, :, 2] += 2 * two_nu_minus_1[:, :, None] * parts[0][5][:, :, ::-1] - risen
     return strain.reshape(n, count, 4, -1)
 
 
-def _running(near: Nearby, loads: tuple[Array, Array]) -> tuple[tuple[Array, ...], tuple[Array, ...] | None]:
+def _compute_running_waves(
+    sphere_waves: SphereWaves, loads: tuple[Array, Array]
+) -> tuple[tuple[Array, ...], tuple[Array, ...] | None]:
     """Return A, A' and the part of c2 e^-t alone of downward waves, and R, R' and the part of c4 of upward ones, (n, l, q)."""
-    waves, size = near.waves, near.ball.size
-    way = waves.k * near.depth[:, None]
+    waves, size = sphere_waves.waves, sphere_waves.ball.size
+    way = waves.k * sphere_waves.depth[:, None]
     sums = [
         (waves.k * p)[:, None] * loads[0] + (waves.k * q)[:, None] * loads[1]
         for p, q in zip(waves.by_pressure, waves.by_shear, strict=True)
     ]
     fade, way = np.exp(size - way)[:, None], way[:, None]
     b, size = fade * sums[1], size[:, None]
-    down = fade * sums[0] + way * b, -size * b, b
+    downward = fade * sums[0] + way * b, -size * b, b
     if waves.depth is None:
-        return down, None
-    back = np.exp(near.ball.size - waves.k * (2 * waves.depth - near.depth[:, None]))[:, None]
-    other = back * sums[3]
-    return down, (back * sums[2] - way * other, size * other, other)
+        return downward, None
+    rising_fade = np.exp(sphere_waves.ball.size - waves.k * (2 * waves.depth - sphere_waves.depth[:, None]))[:, None]
+    upward_b = rising_fade * sums[3]
+    return downward, (rising_fade * sums[2] - way * upward_b, size * upward_b, upward_b)
 
 
-def _circles(near: Nearby, beside: Array | None) -> Iterator[Array]:
+def _iterate_bessel_factors(sphere_waves: SphereWaves, axis_distance: Array | None) -> Iterator[Array]:
     """Yield J0, J0 - 2 J1/x and J1 at the points' distances from the waves' axis, times e^(s z - s), shapes (n, points, q)."""
-    ball = near.ball
-    if beside is None:
-        zero, one, x = ball.zero[:, :, None], ball.one[:, :, None], (ball.size[:, None] * ACROSS[:, None])[:, :, None]
+    ball = sphere_waves.ball
+    if axis_distance is None:
+        J0, J1, x = ball.J0[:, :, None], ball.J1[:, :, None], (ball.size[:, None] * PAIR_RADII[:, None])[:, :, None]
     else:
-        r = beside[:, : beside.shape[1] // 2]  # the same above and below
-        x = near.waves.k[:, None] * r[:, :, None]
-        zero, one, x = (part.reshape(len(r), len(ACROSS), -1, x.shape[2]) for part in (*bessel(x), x))
-    for kind in (zero, zero - 2 * one / x, one):
-        found = np.empty((len(x), 2, *x.shape[1:]), dtype=x.dtype)
-        np.multiply(kind, ball.raised[:, :, None], out=found[:, 0])
-        np.multiply(kind, ball.sunk[:, :, None], out=found[:, 1])
-        yield found.reshape(len(x), -1, x.shape[3])
+        r = axis_distance[:, : axis_distance.shape[1] // 2]  # the same above and below
+        x = sphere_waves.waves.k[:, None] * r[:, :, None]
+        J0, J1, x = (part.reshape(len(r), len(PAIR_RADII), -1, x.shape[2]) for part in (*bessel(x), x))
+    for kind in (J0, J0 - 2 * J1 / x, J1):
+        values = np.empty((len(x), 2, *x.shape[1:]), dtype=x.dtype)
+        np.multiply(kind, ball.raised[:, :, None], out=values[:, 0])
+        np.multiply(kind, ball.sunk[:, :, None], out=values[:, 1])
+        yield values.reshape(len(x), -1, x.shape[3])
 
 
-def image(sphere: SphereArray, waves: Waves, near: Nearby, weights: Array, *, mu: Array, nu: Array) -> Array:
+def compute_surface_image(
+    sphere: SphereArray, waves: Waves, sphere_waves: SphereWaves, weights: Array, *, mu: Array, nu: Array
+) -> Array:
     """Compute the image G (eqs. CF.15, CF.16) for spheres in half-spaces of shear modulus mu and Poisson's ratio nu (n,).
 
     Its shape is (n, moments, moments). ``weights`` are k dk of the waves, shape (n, q).
     """
     volume = 4 * np.pi / 3 * sphere.radius**3
-    up = weights * waves.k * (volume / (16 * np.pi * (1 - nu) * mu))[:, None]  # the fields are times 2 mu
-    if near.turned is None:
-        return _gram(near.moments[0], up) + _gram(near.moments[1], up)
-    G = np.zeros((len(mu), ALL, ALL), dtype=up.dtype)
-    beside = slice(MOMENTS, ALL - 1)
-    for g in near.moments:
-        G[:, :MOMENTS, :MOMENTS] = G[:, :MOMENTS, :MOMENTS] + _gram(g[:, :MOMENTS], up)
-        G[:, beside, beside] = G[:, beside, beside] + _gram(g[:, beside], 2 * up)
-    G[:, beside, beside] = G[:, beside, beside] + _gram(near.turned[:, beside], 4 * (1 - nu)[:, None] * up / 2)
-    G[:, -1, -1] = crossed_image(sphere, mu, nu)
+    factor = weights * waves.k * (volume / (16 * np.pi * (1 - nu) * mu))[:, None]  # the fields are times 2 mu
+    if sphere_waves.turned is None:
+        return _compute_gram(sphere_waves.moments[0], factor) + _compute_gram(sphere_waves.moments[1], factor)
+    G = np.zeros((len(mu), ALL_MOMENTS, ALL_MOMENTS), dtype=factor.dtype)
+    off_axis_rows = slice(AXIAL_MOMENTS, ALL_MOMENTS - 1)
+    for g in sphere_waves.moments:
+        G[:, :AXIAL_MOMENTS, :AXIAL_MOMENTS] = G[:, :AXIAL_MOMENTS, :AXIAL_MOMENTS] + _compute_gram(g[:, :AXIAL_MOMENTS], factor)
+        G[:, off_axis_rows, off_axis_rows] = G[:, off_axis_rows, off_axis_rows] + _compute_gram(g[:, off_axis_rows], 2 * factor)
+    G[:, off_axis_rows, off_axis_rows] = G[:, off_axis_rows, off_axis_rows] + _compute_gram(
+        sphere_waves.turned[:, off_axis_rows], 4 * (1 - nu)[:, None] * factor / 2
+    )
+    G[:, -1, -1] = compute_crossed_image(sphere, mu, nu)
     return G
 
 
-def crossed_image(sphere: SphereArray, mu: Array, nu: Array) -> Array:
+def compute_crossed_image(sphere: SphereArray, mu: Array, nu: Array) -> Array:
     """Compute the image of the mean of xx-yy, eq. CF.16, shape (n,)."""
     share = (sphere.radius / sphere.depth) ** 2
     crossed = 0.75 - nu / 2 + nu**2 - 0.6 * (0.5 + nu) * share + 0.225 * share**2
     return share**1.5 / (12 * (1 - nu) * mu) * crossed
 
 
-def _gram(g: Array, weight: Array) -> Array:
+def _compute_gram(g: Array, weight: Array) -> Array:
     return (g * weight[:, None, :]) @ g.swapaxes(1, 2)

@@ -51,7 +51,7 @@ class Loads:
         x = (legendre.leggauss(self.points)[0] + 1) / 2
         return np.sqrt(x) if self.solid else x
 
-    def concentrated(self, values: Any) -> Any:
+    def compute_transform_weights(self, values: Any) -> Any:
         """Build the matrix from a wave at ``radii`` to its integrals r dr / width with the functions, shape (radii, functions).
 
         A disc's carry the factor r, a tube's leave it to the wave's values.
@@ -63,12 +63,12 @@ class Loads:
         return weights / (2 * self.radii[:, None]) if self.solid else weights
 
 
-def batched_matmul(many: Any, one: Any) -> Any:
+def batched_matmul(matrices: Any, matrix: Any) -> Any:
     """Multiply matrices (n, i, j) by one matrix (j, k) as a single product, which is faster than n products."""
-    return (many.reshape(-1, len(one)) @ one).reshape(*many.shape[:-1], -1)
+    return (matrices.reshape(-1, len(matrix)) @ matrix).reshape(*matrices.shape[:-1], -1)
 
 
-def _means(cuts: Any, function: Any) -> Any:
+def _average_on_rings(cuts: Any, function: Any) -> Any:
     """Return means of a function over the rings, by a rule exact for inverse square roots at both ends of (0, 1)."""
     angle, weight = legendre.leggauss(8)
     low, high = (np.arccos(1 - 2 * c)[:, None] for c in (cuts[:-1], cuts[1:]))
@@ -77,8 +77,8 @@ def _means(cuts: Any, function: Any) -> Any:
     return (function(y) * jacobian) @ weight / ((jacobian) @ weight)
 
 
-_SOLID = (lambda y: 1 + 0 * y, lambda y: (1 - y**2) ** -0.5, lambda y: y**2, lambda y: y**4)
-_TUBE = (lambda y: y**-0.5, lambda y: (1 - y) ** -0.5, lambda y: 1 + 0 * y, lambda y: y, lambda y: y**2)
+_DISC_FUNCTIONS = (lambda y: 1 + 0 * y, lambda y: (1 - y**2) ** -0.5, lambda y: y**2, lambda y: y**4)
+_TUBE_FUNCTIONS = (lambda y: y**-0.5, lambda y: (1 - y) ** -0.5, lambda y: 1 + 0 * y, lambda y: y, lambda y: y**2)
 
 
 @dataclass(frozen=True)
@@ -93,48 +93,57 @@ class PairLoads:
 
     loads: tuple[Loads, Loads]
     discs: tuple[Any, Any]
-    concentrated: tuple[Any, Any]
+    transform_weights: tuple[Any, Any]
 
 
-def _pair(rings: int, points: int, pressures: int, shears: int) -> PairLoads:
+def _build_pair_loads(rings: int, points: int, pressures: int, shears: int) -> PairLoads:
     """Build loads with so many rings and radii per block and functions under the disc; a tube has one pressure more."""
     step = np.arange(rings + 1) / rings
     disc, tube = 1 - (1 - step) ** 3, step**3 / (step**3 + (1 - step) ** 3)
-    own = _loads(points, disc, _SOLID[:pressures], _SOLID[:shears], True)
-    other = _loads(points, tube, _TUBE[: pressures + 1], _TUBE[:shears], False)
-    return PairLoads((own, other), _discs(own, other), _concentrated(own, other))
+    disc_loads = _build_loads(points, disc, _DISC_FUNCTIONS[:pressures], _DISC_FUNCTIONS[:shears], True)
+    tube_loads = _build_loads(points, tube, _TUBE_FUNCTIONS[: pressures + 1], _TUBE_FUNCTIONS[:shears], False)
+    return PairLoads(
+        (disc_loads, tube_loads), _build_disc_matrices(disc_loads, tube_loads), _build_transform_weights(disc_loads, tube_loads)
+    )
 
 
-def _loads(points: int, cuts: Any, pressures: Any, shears: Any, solid: bool) -> Loads:
-    pressure, shear = (np.array([_means(cuts, f) for f in kind]).T for kind in (pressures, shears))
+def _build_loads(points: int, cuts: Any, pressures: Any, shears: Any, solid: bool) -> Loads:
+    pressure, shear = (np.array([_average_on_rings(cuts, f) for f in kind]).T for kind in (pressures, shears))
     return Loads(points, cuts, pressure, shear, solid)
 
 
-def _discs(solid: Loads, tube: Loads) -> tuple[Any, Any]:
+def _build_disc_matrices(solid: Loads, tube: Loads) -> tuple[Any, Any]:
     count = len(solid.cuts) - 1
     inner = (np.eye(count + 1) - np.eye(count + 1, k=1))[1:, 1:]
     outer = np.vstack([-np.eye(count), np.zeros(count)]) + np.vstack([np.zeros(count), np.eye(count)])
     kinds = ((solid.pressure, tube.pressure), (solid.shear, tube.shear))
-    pressure, shear = (diagonal(((inner @ own)[None], (outer @ other)[None]))[0] for own, other in kinds)
+    pressure, shear = (
+        build_block_diagonal(((inner @ disc_values)[None], (outer @ tube_values)[None]))[0] for disc_values, tube_values in kinds
+    )
     return pressure, shear
 
 
-def _concentrated(solid: Loads, tube: Loads) -> tuple[Any, Any]:
+def _build_transform_weights(solid: Loads, tube: Loads) -> tuple[Any, Any]:
     kinds = ((solid.pressure, tube.pressure), (solid.shear, tube.shear))
-    pressure, shear = (diagonal((solid.concentrated(own)[None], tube.concentrated(other)[None]))[0] for own, other in kinds)
+    pressure, shear = (
+        build_block_diagonal(
+            (solid.compute_transform_weights(disc_values)[None], tube.compute_transform_weights(tube_values)[None])
+        )[0]
+        for disc_values, tube_values in kinds
+    )
     return pressure, shear
 
 
-def pair_loads(blocks: Pair) -> PairLoads:
+def select_pair_loads(blocks: Pair) -> PairLoads:
     """Return the fine or the coarse load functions, as the blocks ask for."""
-    return FINE if blocks[0].fine else COARSE
+    return FINE_LOADS if blocks[0].fine else COARSE_LOADS
 
 
-def areas(blocks: Pair, like: Array) -> Array:
+def compute_load_areas(blocks: Pair, like: Array) -> Array:
     """Return the force of each unit load on each block, m^2, shape (n, loads, 2); ``like`` has n and the number of loads."""
     areas = np.zeros((len(like), like.shape[1], 2), dtype=like.dtype)
     row = 0
-    for i, (block, loads) in enumerate(zip(blocks, pair_loads(blocks).loads, strict=True)):
+    for i, (block, loads) in enumerate(zip(blocks, select_pair_loads(blocks).loads, strict=True)):
         r = block.radii(loads.cuts)
         rings = np.pi * block.width[:, None] * np.diff(loads.cuts) * (r[:, 1:] + r[:, :-1])
         areas[:, row : row + loads.pressure.shape[1], i] = rings @ loads.pressure
@@ -142,38 +151,38 @@ def areas(blocks: Pair, like: Array) -> Array:
     return areas
 
 
-def joined(works: Sequence[Array]) -> Array:
+def join_works(works: Sequence[Array]) -> Array:
     """Join the works of pressures, shears and pressures on shears to one symmetric matrix."""
     pressure, shear, cross = works
-    above = np.concatenate([pressure, cross], axis=2)
-    return np.concatenate([above, np.concatenate([cross.swapaxes(1, 2), shear], axis=2)], axis=1)
+    top_rows = np.concatenate([pressure, cross], axis=2)
+    return np.concatenate([top_rows, np.concatenate([cross.swapaxes(1, 2), shear], axis=2)], axis=1)
 
 
-def diagonal(parts: tuple[Array, Array]) -> Array:
+def build_block_diagonal(parts: tuple[Array, Array]) -> Array:
     """Build block-diagonal matrices from two arrays of matrices (n, i, j)."""
-    one, other = parts
-    n, a, b = one.shape
-    full = np.zeros((n, a + other.shape[1], b + other.shape[2]), dtype=one.dtype)
-    full[:, :a, :b], full[:, a:, b:] = one, other
+    first, second = parts
+    n, a, b = first.shape
+    full = np.zeros((n, a + second.shape[1], b + second.shape[2]), dtype=first.dtype)
+    full[:, :a, :b], full[:, a:, b:] = first, second
     return full
 
 
-def circles(blocks: Pair) -> tuple[Array, Array]:
+def list_disc_radii(blocks: Pair) -> tuple[Array, Array]:
     """Return the radii of the discs whose differences are the rings, and the radius of each disc's block, shapes (n, discs)."""
-    inner, outer = (block.radii(loads.cuts) for block, loads in zip(blocks, pair_loads(blocks).loads, strict=True))
+    inner, outer = (block.radii(loads.cuts) for block, loads in zip(blocks, select_pair_loads(blocks).loads, strict=True))
     count = inner.shape[1] - 1
     radius = np.stack([block.radius for block in blocks], axis=1)[:, [0] * count + [1] * (count + 2 - 1)]
     return np.concatenate([inner[:, 1:], outer], axis=1), radius
 
 
-def of_rings(blocks: Pair, works: Sequence[Array]) -> list[Array]:
+def combine_disc_works(blocks: Pair, works: Sequence[Array]) -> list[Array]:
     """Combine the works of discs to works of the loads: of pressures, shears, pressures on shears."""
-    pressure, shear = pair_loads(blocks).discs
+    pressure, shear = select_pair_loads(blocks).discs
     sides = ((pressure, pressure), (shear, shear), (pressure, shear))
-    return [_combined(work, left, right) for work, (left, right) in zip(works, sides, strict=True)]
+    return [_combine_works(work, left, right) for work, (left, right) in zip(works, sides, strict=True)]
 
 
-def _combined(work: Array, left: Any, right: Any) -> Array:
+def _combine_works(work: Array, left: Any, right: Any) -> Array:
     """Return left^T work right for matrices ``work`` (n, i, j) whose axis n is last in memory."""
     rows = work.transpose(1, 2, 0)
     halves = (left.T @ rows.reshape(len(left), -1)).reshape(-1, *rows.shape[1:])
@@ -181,31 +190,31 @@ def _combined(work: Array, left: Any, right: Any) -> Array:
 
 
 @lru_cache(maxsize=64)
-def between_waves(nodes: int, powers: tuple[float, float, float] = (0.2, 0.8, 0.0)) -> tuple[Any, Any]:
+def build_wave_rule(nodes: int, powers: tuple[float, float, float] = (0.2, 0.8, 0.0)) -> tuple[Any, Any]:
     """Return wave numbers as fractions of their maximum, denser among long waves, and their weights, from Gauss's rule."""
     s, weight = legendre.leggauss(nodes)
     s = (s + 1) / 2
-    one, two, three = powers
-    return s * (one + s * (two + s * three)), (one + s * (2 * two + s * 3 * three)) * weight / 2
+    linear, quadratic, cubic = powers
+    return s * (linear + s * (quadratic + s * cubic)), (linear + s * (2 * quadratic + s * 3 * cubic)) * weight / 2
 
 
-def long_waves(blocks: Pair, k: Array, bonded: bool) -> tuple[Array, Array]:
+def transform_long_waves(blocks: Pair, k: Array, bonded: bool) -> tuple[Array, Array]:
     """Return Hankel transforms of pressures and shears (no shears unless bonded) at long waves k (n, q); shapes (n, q, loads)."""
-    pair = pair_loads(blocks)
+    pair = select_pair_loads(blocks)
     radii = np.concatenate([block.radii(loads.radii) for block, loads in zip(blocks, pair.loads, strict=True)], axis=1)
     points = radii.shape[1] // 2
-    zero, one = bessel(k[:, :, None] * radii[:, None, :])
+    J0, J1 = bessel(k[:, :, None] * radii[:, None, :])
     outer = np.repeat(np.stack([block.radius for block in blocks], axis=1), points, axis=1)
     rings = radii * np.repeat(np.stack([block.width for block in blocks], axis=1), points, axis=1)
-    pressure = batched_matmul(zero * rings[:, None, :], pair.concentrated[0])
+    pressure = batched_matmul(J0 * rings[:, None, :], pair.transform_weights[0])
     if not bonded:
         return pressure, pressure[:, :, :0]
-    return pressure, batched_matmul(one * (rings * radii / outer)[:, None, :], pair.concentrated[1])
+    return pressure, batched_matmul(J1 * (rings * radii / outer)[:, None, :], pair.transform_weights[1])
 
 
-def all_waves(blocks: Pair, k: Array, bonded: bool) -> tuple[Array, Array]:
+def transform_all_waves(blocks: Pair, k: Array, bonded: bool) -> tuple[Array, Array]:
     """Return Hankel transforms of pressures and shears at waves of any length: those of the rings themselves."""
-    (c, radius), discs = circles(blocks), pair_loads(blocks).discs
+    (c, radius), discs = list_disc_radii(blocks), select_pair_loads(blocks).discs
     kinds = bessel(k[:, :, None] * c[:, None, :], 3 if bonded else 2, first=1)
     pressure = batched_matmul(kinds[0] * c[:, None, :] / k[:, :, None], discs[0])
     if not bonded:
@@ -213,16 +222,16 @@ def all_waves(blocks: Pair, k: Array, bonded: bool) -> tuple[Array, Array]:
     return pressure, batched_matmul(kinds[1] * (c * c / radius)[:, None, :] / k[:, :, None], discs[1])
 
 
-def own_products(blocks: Pair) -> tuple[Array, Array]:
+def integrate_load_products(blocks: Pair) -> tuple[Array, Array]:
     """Integrate products of two pressures, and of two shears, over the ends; shapes (n, p, p) and (n, s, s), m^2."""
     pressures: list[Array] = []
     shears: list[Array] = []
-    for block, loads in zip(blocks, pair_loads(blocks).loads, strict=True):
+    for block, loads in zip(blocks, select_pair_loads(blocks).loads, strict=True):
         square = block.radii(loads.cuts) ** 2
         discs = np.pi * square, np.pi / 2 * (square / block.radius[:, None]) ** 2
         for products, disc, values in zip((pressures, shears), discs, (loads.pressure, loads.shear), strict=True):
             products.append(values.T @ (np.diff(disc, axis=1)[:, :, None] * values))
-    return diagonal((pressures[0], pressures[1])), diagonal((shears[0], shears[1]))
+    return build_block_diagonal((pressures[0], pressures[1])), build_block_diagonal((shears[0], shears[1]))
 
 
-COARSE, FINE = _pair(6, 4, 3, 2), _pair(12, 6, 4, 3)
+COARSE_LOADS, FINE_LOADS = _build_pair_loads(6, 4, 3, 2), _build_pair_loads(12, 6, 4, 3)

@@ -35,32 +35,32 @@ class Assembly:
     pattern: Pattern
 
     @classmethod
-    def of(cls, numbering: Numbering, pairs: Sequence[Pair]) -> Assembly:
+    def from_pairs(cls, numbering: Numbering, pairs: Sequence[Pair]) -> Assembly:
         """Find the matrix entries that the elements and these pairs of lines may need."""
         n = numbering.unknowns
-        own = np.repeat(np.arange(n), np.diff(numbering.starts)) * n + numbering.rows
-        keys = [own]
+        element_keys = np.repeat(np.arange(n), np.diff(numbering.starts)) * n + numbering.rows
+        keys = [element_keys]
         for pair in pairs:
-            free = _unknowns(numbering, pair)
+            free = _find_unknowns(numbering, pair)
             keys.append((free[:, None] * n + free).ravel())
-        every = np.unique(np.concatenate(keys))
-        return cls(numbering, every, np.searchsorted(every, own), Pattern())
+        all_keys = np.unique(np.concatenate(keys))
+        return cls(numbering, all_keys, np.searchsorted(all_keys, element_keys), Pattern())
 
-    def tangent(self, stiffness: Floats, contact: sp.csr_array | None) -> sp.csc_array:
+    def assemble_tangent(self, stiffness: Floats, contact: sp.csr_array | None) -> sp.csc_array:
         """Return the sparse sum of the elements' stiffness, (n, 8 p, 8 p), and the contact stiffness on the elements' values."""
         n, data = self.numbering.unknowns, np.zeros(len(self.keys))
         data[self.places] = self.numbering.assemble(stiffness).data
         if contact is not None:
             gather = self.numbering.gather
-            more = sp.coo_array(gather.T @ contact @ gather)
-            rows, columns = (index.astype(np.int64) for index in more.coords)
-            np.add.at(data, np.searchsorted(self.keys, columns * n + rows), more.data)
+            contact_entries = sp.coo_array(gather.T @ contact @ gather)
+            rows, columns = (index.astype(np.int64) for index in contact_entries.coords)
+            np.add.at(data, np.searchsorted(self.keys, columns * n + rows), contact_entries.data)
         starts = np.searchsorted(self.keys, np.arange(n + 1) * n)
         return sp.csc_array((data, (self.keys % n).astype(np.int32), starts.astype(np.int32)), shape=(n, n))
 
 
-def _unknowns(numbering: Numbering, pair: Pair) -> Ints:
+def _find_unknowns(numbering: Numbering, pair: Pair) -> Ints:
     """Return the unknowns that move the two lines of a pair."""
     width = numbering.signs.shape[1]
-    own = np.concatenate([(line.element[:, None, None] * width + line.values).ravel() for line in (pair.slave, pair.master)])
-    return np.unique(numbering.gather[np.unique(own)].indices).astype(np.int64)
+    values = np.concatenate([(line.element[:, None, None] * width + line.values).ravel() for line in (pair.slave, pair.master)])
+    return np.unique(numbering.gather[np.unique(values)].indices).astype(np.int64)

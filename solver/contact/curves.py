@@ -9,12 +9,15 @@ from numpy.polynomial import legendre
 
 from geometry.common.arrays import Bools, Floats, Ints
 from geometry.common.errors import SolveError
-from geometry.meridian.mesh import SIDES, Topology, labels, line_label
+from geometry.meridian.mesh import ELEMENT_SIDES, Topology, compute_labels, label_line
 from geometry.meridian.section import TISSUES, Body
-from solver.elements.shape_functions import edge_functions, polynomials
-from solver.linalg.workspace import kept_table
+from solver.elements.shape_functions import evaluate_edge_functions, evaluate_legendre
+from solver.linalg.workspace import keep_table
 
-PASSES, CLOSE = 30, 1e-13  # of Newton's search for a point on an edge; the tolerance is relative to the edge's rise
+MAX_NEWTON_PASSES, HEIGHT_TOLERANCE_RELATIVE = (
+    30,
+    1e-13,
+)  # of Newton's search for a point on an edge; the tolerance is relative to the edge's rise
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +36,7 @@ class BoundaryLine:
     signs: Floats
     place: Floats
 
-    def reversed(self) -> BoundaryLine:
+    def reverse(self) -> BoundaryLine:
         """Return the same line, started at its other end."""
         swap = [1, 0, *range(2, self.order + 1)]
         odd = np.where((np.arange(self.order + 1) > 2) & (np.arange(self.order + 1) % 2 == 1), -1.0, 1.0)
@@ -41,18 +44,18 @@ class BoundaryLine:
             self.element[::-1], self.values[::-1][..., swap], (self.signs * odd)[::-1][..., swap], self.place[::-1][..., swap]
         )
 
-    def part(self, start: int, end: int | None = None) -> BoundaryLine:
+    def take_edges(self, start: int, end: int | None = None) -> BoundaryLine:
         """Return the line of the edges ``start`` to ``end``."""
-        some = slice(start, end)
-        return BoundaryLine(self.element[some], self.values[some], self.signs[some], self.place[some])
+        edges = slice(start, end)
+        return BoundaryLine(self.element[edges], self.values[edges], self.signs[edges], self.place[edges])
 
-    def followed_by(self, other: BoundaryLine) -> BoundaryLine:
+    def join(self, line: BoundaryLine) -> BoundaryLine:
         """Return this line continued by one that begins where it ends."""
         return BoundaryLine(
-            np.concatenate([self.element, other.element]),
-            np.concatenate([self.values, other.values]),
-            np.concatenate([self.signs, other.signs]),
-            np.concatenate([self.place, other.place]),
+            np.concatenate([self.element, line.element]),
+            np.concatenate([self.values, line.values]),
+            np.concatenate([self.signs, line.signs]),
+            np.concatenate([self.place, line.place]),
         )
 
     @property
@@ -65,12 +68,12 @@ class BoundaryLine:
         """Lengths of the undeformed edges, m, shape (k,)."""
         return np.asarray(np.linalg.norm(self.place[:, :, 1] - self.place[:, :, 0], axis=1))
 
-    def positions(self, own: Floats) -> Floats:
+    def compute_positions(self, displacements: Floats) -> Floats:
         """Return the coefficients of the deformed edges, m, shape (k, 2, p + 1), from the elements' displacements, (n, 8 p)."""
-        return np.asarray(self.place + self.signs[:, None] * own[self.element[:, None, None], self.values])
+        return np.asarray(self.place + self.signs[:, None] * displacements[self.element[:, None, None], self.values])
 
 
-def lines_of(mesh: Topology, corners: Floats, order: int) -> dict[str, BoundaryLine]:
+def find_lines(mesh: Topology, corners: Floats, order: int) -> dict[str, BoundaryLine]:
     """Return the lines that may touch, by name: walls run upwards, lines along the surface run outwards.
 
     Walls are "inner wall", "hole wall" and "tube wall". On the surface, the blocks have "inner face" and "tube face"; the tissue
@@ -83,18 +86,18 @@ def lines_of(mesh: Topology, corners: Floats, order: int) -> dict[str, BoundaryL
         corners: corners of the elements in the undeformed section, m, shape (n, 4, 2).
         order: polynomial order of the elements.
     """
-    at = labels(mesh)
-    column = {name: line_label(number) for name, number in mesh.layout.column.items()}
-    (_, inner_edge), (hole_edge, tube_edge) = (tuple(map(line_label, ends)) for ends in mesh.layout.faces)
-    surface = line_label(mesh.layout.row["surface"])
+    corner_labels = compute_labels(mesh)
+    column = {name: label_line(number) for name, number in mesh.layout.column.items()}
+    (_, inner_edge), (hole_edge, tube_edge) = (tuple(map(label_line, ends)) for ends in mesh.layout.faces)
+    surface = label_line(mesh.layout.row["surface"])
     tissue = np.isin(mesh.body, TISSUES)
     inner, outer = (mesh.body == body for body in (Body.INNER, Body.OUTER))
 
-    def vertical(chosen: Bools, name: str) -> BoundaryLine:
-        return _curve(at, corners, chosen, order, axis=0, line=column[name], start=-np.inf, end=np.inf)
+    def find_vertical(selection: Bools, name: str) -> BoundaryLine:
+        return _find_line(corner_labels, corners, selection, order, axis=0, line=column[name], start=-np.inf, end=np.inf)
 
-    def level(chosen: Bools, start: float, end: float) -> BoundaryLine:
-        return _curve(at, corners, chosen, order, axis=1, line=surface, start=start, end=end)
+    def find_horizontal(selection: Bools, start: float, end: float) -> BoundaryLine:
+        return _find_line(corner_labels, corners, selection, order, axis=1, line=surface, start=start, end=end)
 
     axis, inner_wall, hole, tube, side = (column[name] for name in ("axis", "inner", "hole", "tube", "side"))
     lips = {
@@ -102,30 +105,30 @@ def lines_of(mesh: Topology, corners: Floats, order: int) -> dict[str, BoundaryL
         "hole lip": (outer, hole, hole_edge),
         "tube lip": (outer, tube_edge, tube),
     }
-    return {name: level(*where) for name, where in lips.items() if mesh.layout.kind.edges} | {
-        "inner wall": vertical(inner, "inner"),
-        "hole wall": vertical(outer, "hole"),
-        "tube wall": vertical(outer, "tube"),
-        "inner face": level(inner, axis, inner_wall),
-        "tube face": level(outer, hole, tube),
-        "under inner": level(tissue, axis, inner_wall),
-        "strip": level(tissue, inner_wall, hole),
-        "under tube": level(tissue, hole, tube),
-        "top": level(tissue, tube, side),
-        "open strip": level(tissue, inner_edge, hole_edge),
-        "open top": level(tissue, tube_edge, side),
+    return {name: find_horizontal(*arguments) for name, arguments in lips.items() if mesh.layout.kind.edges} | {
+        "inner wall": find_vertical(inner, "inner"),
+        "hole wall": find_vertical(outer, "hole"),
+        "tube wall": find_vertical(outer, "tube"),
+        "inner face": find_horizontal(inner, axis, inner_wall),
+        "tube face": find_horizontal(outer, hole, tube),
+        "under inner": find_horizontal(tissue, axis, inner_wall),
+        "strip": find_horizontal(tissue, inner_wall, hole),
+        "under tube": find_horizontal(tissue, hole, tube),
+        "top": find_horizontal(tissue, tube, side),
+        "open strip": find_horizontal(tissue, inner_edge, hole_edge),
+        "open top": find_horizontal(tissue, tube_edge, side),
     }
 
 
-def _curve(
-    at: Floats, corners: Floats, chosen: Bools, order: int, *, axis: int, line: float, start: float, end: float
+def _find_line(
+    corner_labels: Floats, corners: Floats, selection: Bools, order: int, *, axis: int, line: float, start: float, end: float
 ) -> BoundaryLine:
     """Return the edges of selected elements on one line of the mesh, in rising order along it."""
-    element, values, signs, place, along = [], [], [], [], []
+    element, values, signs, place, low_labels = [], [], [], [], []
     m = 4 * order
-    for n in np.flatnonzero(chosen & (np.sum(at[..., axis] == line, axis=1) > 1)):
-        for k, (a, b) in enumerate(SIDES):
-            ends = at[n, [a, b]]
+    for n in np.flatnonzero(selection & (np.sum(corner_labels[..., axis] == line, axis=1) > 1)):
+        for k, (a, b) in enumerate(ELEMENT_SIDES):
+            ends = corner_labels[n, [a, b]]
             low, high = sorted(ends[:, 1 - axis])
             if not np.all(ends[:, axis] == line) or low < start or high > end:
                 continue
@@ -139,44 +142,44 @@ def _curve(
             values.append(np.stack([functions, m + functions]))
             signs.append(sign)
             place.append(coefficients)
-            along.append(low)
-    order_along = np.argsort(along)
+            low_labels.append(low)
+    order_along = np.argsort(low_labels)
     return BoundaryLine(*(np.array(x)[order_along] for x in (element, values, signs, place)))
 
 
-@kept_table
-def gauss(order: int) -> tuple[Floats, Floats]:
+@keep_table
+def tabulate_gauss(order: int) -> tuple[Floats, Floats]:
     """Return weights (g,) and functions (g, p + 1) of an edge at its p + 1 Gauss points.
 
     More points would constrain the edge more than it can move.
     """
     x, w = legendre.leggauss(order + 1)
     x, w = np.asarray((x + 1) / 2), np.asarray(w / 2)
-    return w, functions(x, order)[0]
+    return w, evaluate_functions(x, order)[0]
 
 
-def functions(x: Floats, order: int) -> tuple[Floats, Floats, Floats]:
+def evaluate_functions(x: Floats, order: int) -> tuple[Floats, Floats, Floats]:
     """Return an edge's functions and their first and second derivatives at x, from 0 to 1; shape (..., p + 1) each."""
-    value, slope, bend = _powers(order)
+    value, slope, bend = _tabulate_powers(order)
     powers = np.vander(x, order + 1, increasing=True)
     return powers @ value, powers @ slope, powers @ bend
 
 
-@kept_table
-def _powers(order: int) -> tuple[Floats, Floats, Floats]:
+@keep_table
+def _tabulate_powers(order: int) -> tuple[Floats, Floats, Floats]:
     """Return the coefficients, in powers of x, of an edge's functions and of their first and second derivatives.
 
     Three arrays of shape (p + 1, p + 1), powers first.
     """
-    at = np.linspace(0, 1, order + 1)
-    told = edge_functions(at, polynomials(at, order))[0]
-    value = np.asarray(np.linalg.solve(np.vander(at, order + 1, increasing=True), told), dtype=float)
+    places = np.linspace(0, 1, order + 1)
+    values = evaluate_edge_functions(places, evaluate_legendre(places, order))[0]
+    value = np.asarray(np.linalg.solve(np.vander(places, order + 1, increasing=True), values), dtype=float)
     rise = np.diag(np.arange(1.0, order + 1), 1)
     return value, rise @ value, rise @ rise @ value
 
 
 @dataclass(frozen=True)
-class Found:
+class LinePoints:
     """Points of a line at given heights t: the edge, (j,), its functions and their derivatives there, (j, p + 1) each."""
 
     edge: Ints
@@ -185,7 +188,7 @@ class Found:
     bend: Floats
 
 
-def find(heights: Floats, wanted: Floats) -> tuple[Found, Bools]:
+def find_points(heights: Floats, wanted: Floats) -> tuple[LinePoints, Bools]:
     """Find the points of a line at the heights ``wanted``, (j,); the line's height t is given by coefficients, (k, p + 1).
 
     Returns the points for the heights that the line reaches, and a mask of these heights.
@@ -199,26 +202,28 @@ def find(heights: Floats, wanted: Floats) -> tuple[Found, Bools]:
     t = wanted[inside]
     edge = highest.searchsorted(t, side="right") - 1
     rises = np.diff(knots)[edge]
-    coefficients = (heights @ _powers(order)[0].T)[edge].T
-    x = _reached(coefficients, t, np.clip((t - knots[edge]) / rises, 0.0, 1.0), CLOSE * np.abs(rises))
-    value, slope, bend = functions(x, order)
+    coefficients = (heights @ _tabulate_powers(order)[0].T)[edge].T
+    x = _solve_polynomials(
+        coefficients, t, np.clip((t - knots[edge]) / rises, 0.0, 1.0), HEIGHT_TOLERANCE_RELATIVE * np.abs(rises)
+    )
+    value, slope, bend = evaluate_functions(x, order)
     if not np.all((slope * heights[edge]).sum(axis=1) > 0):
         raise SolveError("a wall folds over")
-    return Found(edge, value, slope, bend), inside
+    return LinePoints(edge, value, slope, bend), inside
 
 
-def _reached(coefficients: Floats, wanted: Floats, x: Floats, close: Floats) -> Floats:
+def _solve_polynomials(coefficients: Floats, wanted: Floats, x: Floats, close: Floats) -> Floats:
     """Return where polynomials (coefficients of rising powers, (p + 1, j)) equal ``wanted``, by Newton's method from x."""
     low, high = np.zeros_like(x), np.ones_like(x)
-    for _ in range(PASSES):
-        off, rise = coefficients[-1], np.zeros_like(x)
+    for _ in range(MAX_NEWTON_PASSES):
+        residual, rise = coefficients[-1], np.zeros_like(x)
         for c in coefficients[-2::-1]:
-            rise, off = rise * x + off, off * x + c
-        off = off - wanted
-        if np.all(np.abs(off) <= close):
+            rise, residual = rise * x + residual, residual * x + c
+        residual = residual - wanted
+        if np.all(np.abs(residual) <= close):
             break
-        low, high = np.where(off <= 0, x, low), np.where(off >= 0, x, high)
+        low, high = np.where(residual <= 0, x, low), np.where(residual >= 0, x, high)
         with np.errstate(divide="ignore", invalid="ignore"):
-            step = x - off / rise
+            step = x - residual / rise
         x = np.where((step > low) & (step < high), step, (low + high) / 2)
     return x

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from geometry.common.arrays import Floats
-from solver.contact.hyperelasticity import TT, Hyperelastic, Stress, change_of_volume
+from solver.contact.hyperelasticity import TT, Hyperelastic, Stress, compute_volume_change
 from solver.elements.quadrilateral import Geometry
 from solver.elements.shape_functions import Shapes
 from solver.elements.unit_square import UnitSquare
@@ -75,55 +75,55 @@ class Elements:
     square: UnitSquare
 
     @classmethod
-    def of(cls, at: Geometry, functions: Shapes, material: Hyperelastic) -> Elements:
+    def from_geometry(cls, geometry: Geometry, functions: Shapes, material: Hyperelastic) -> Elements:
         """Build the elements from their geometry, shape functions and materials."""
-        return cls(functions, material, UnitSquare.of(at, functions))
+        return cls(functions, material, UnitSquare.from_geometry(geometry, functions))
 
-    def at_rest(self) -> ElementValues:
+    def build_rest_values(self) -> ElementValues:
         """Return the values of the undeformed elements: zeros."""
         n = len(self.square.weight)
         return ElementValues(np.zeros((n, 2 * len(self.shapes.degrees))), np.zeros((n, self.shapes.pressure.shape[1])))
 
-    def least_volume(self, u: Floats) -> float:
+    def compute_min_volume_ratio(self, u: Floats) -> float:
         """Return the minimum volume ratio J = det F of all Gauss points."""
-        return 1 + float(change_of_volume(self.square.gradients(u)).min())
+        return 1 + float(compute_volume_change(self.square.compute_gradients(u)).min())
 
-    def largest_stretch(self, u: Floats) -> float:
+    def compute_max_stretch(self, u: Floats) -> float:
         """Return the maximum |lambda - 1| of the principal stretches lambda at all Gauss points."""
-        h = self.square.gradients(u)
-        a, b, c, d = (h[k] + one for k, one in enumerate((1.0, 0.0, 0.0, 1.0)))
+        h = self.square.compute_gradients(u)
+        a, b, c, d = (h[k] + identity for k, identity in enumerate((1.0, 0.0, 0.0, 1.0)))
         plus, minus = np.hypot(a + d, b - c) / 2, np.hypot(a - d, b + c) / 2  # singular values: plus + minus, plus - minus
         return float(max(np.abs(plus + minus - 1).max(), np.abs(plus - minus - 1).max(), np.abs(h[TT]).max()))
 
-    def energy(self, state: ElementValues) -> float:
+    def compute_energy(self, state: ElementValues) -> float:
         """Return the stored energy, J."""
-        stored = self.material.stored(self.square.gradients(state.u), state.p @ self.shapes.pressure.T)
+        stored = self.material.compute_energy_density(self.square.compute_gradients(state.u), state.p @ self.shapes.pressure.T)
         return float((self.square.weight * stored).sum())
 
-    def tangent(self, state: ElementValues) -> tuple[Balance, Floats, Elimination]:
+    def linearise(self, state: ElementValues) -> tuple[Balance, Floats, Elimination]:
         """Linearise about a state: return forces, stiffness on corners and edges, (n, 8 p, 8 p), and elimination."""
-        stress, p = self.material.stress(self.square.gradients(state.u)), state.p @ self.shapes.pressure.T
-        dilation, compliance = self.material.dilation(p)
+        stress, p = self.material.compute_stress(self.square.compute_gradients(state.u)), state.p @ self.shapes.pressure.T
+        dilation, compliance = self.material.compute_dilation(p)
         N, w, m = self.shapes.pressure, self.square.weight, self.shapes.pressure.shape[1]
-        across = self.square.moments(w * self.square.turned(stress.cofactor))
+        across = self.square.sum_moments(w * self.square.turn_stress(stress.cofactor))
         mass = ((w * compliance) @ self._pressures).reshape(-1, m, m)
         by_gap = np.asarray(np.linalg.inv(mass), dtype=float)
         by_u = by_gap @ across
-        K = self.square.stiffness(self._turned_tangent(stress, p)) + across.transpose(0, 2, 1) @ by_u
-        (ee, ei), (_, ii) = self._blocks(K)
+        K = self.square.sum_stiffness(self._compute_turned_tangent(stress, p)) + across.transpose(0, 2, 1) @ by_u
+        (ee, ei), (_, ii) = self._split_blocks(K)
         by_force = np.asarray(-np.linalg.inv(ii), dtype=float)
         by_edge = by_force @ ei.transpose(0, 2, 1)
-        out = Elimination(by_edge, by_u, by_force, by_gap)
-        balance = self._condensed(self._forces(stress, p), (w * (stress.change - dilation)) @ N, out)
-        return balance, ee + ei @ by_edge, out
+        elimination = Elimination(by_edge, by_u, by_force, by_gap)
+        balance = self._eliminate(self._compute_forces(stress, p), (w * (stress.change - dilation)) @ N, elimination)
+        return balance, ee + ei @ by_edge, elimination
 
-    def balance(self, state: ElementValues, near: Elimination) -> Balance:
+    def compute_balance(self, state: ElementValues, elimination: Elimination) -> Balance:
         """Return the forces in a state, with the elimination of a state near it."""
-        stress, p = self.material.stress(self.square.gradients(state.u)), state.p @ self.shapes.pressure.T
-        gap = (self.square.weight * (stress.change - self.material.dilation(p)[0])) @ self.shapes.pressure
-        return self._condensed(self._forces(stress, p), gap, near)
+        stress, p = self.material.compute_stress(self.square.compute_gradients(state.u)), state.p @ self.shapes.pressure.T
+        gap = (self.square.weight * (stress.change - self.material.compute_dilation(p)[0])) @ self.shapes.pressure
+        return self._eliminate(self._compute_forces(stress, p), gap, elimination)
 
-    def by_modulus(self, state: ElementValues, near: Elimination, target: Floats) -> Floats:
+    def compute_modulus_derivative(self, state: ElementValues, elimination: Elimination, target: Floats) -> Floats:
         """Return the derivative of the forces on corners and edges, (n, 8 p), with respect to ln E of the target.
 
         ``target`` is its share of each element, shape (n, 1), or of each Gauss point's circle about the axis, (n, q).
@@ -132,27 +132,29 @@ class Elements:
 
             d stress / d ln E = stress without the pressure's share,   d (dU*/dp) / d ln E = -p d2U*/dp2     (CT.3)
         """
-        stress, p = self.material.stress(self.square.gradients(state.u)), state.p @ self.shapes.pressure.T
-        compliance = self.material.dilation(p)[1]
+        stress, p = self.material.compute_stress(self.square.compute_gradients(state.u)), state.p @ self.shapes.pressure.T
+        compliance = self.material.compute_dilation(p)[1]
         weight = self.square.weight * target
         gap = (weight * p * compliance) @ self.shapes.pressure
-        return self._condensed(self.square.forces(self.square.turned(weight * stress.first_piola)), gap, near).forces
+        return self._eliminate(
+            self.square.sum_forces(self.square.turn_stress(weight * stress.first_piola)), gap, elimination
+        ).forces
 
-    def moved(
-        self, state: ElementValues, by: Elimination, edge: Floats, at: Balance | None = None, share: float = 1.0
+    def move(
+        self, state: ElementValues, elimination: Elimination, edge: Floats, balance: Balance | None = None, share: float = 1.0
     ) -> ElementValues:
         """Return the values after corners and edges change by ``edge``, (n, 8 p).
 
         With a balance given, interior values and pressures also take their Newton corrections; ``share`` scales the step.
         """
-        inner = (by.inner_by_edge @ edge[..., None])[..., 0]
-        if at is not None:
-            inner += at.inner
+        inner = (elimination.inner_by_edge @ edge[..., None])[..., 0]
+        if balance is not None:
+            inner += balance.inner
         n, m = len(edge), self.shapes.skeleton
         step = np.concatenate([edge.reshape(n, 2, m), inner.reshape(n, 2, -1)], axis=2).reshape(n, -1)
-        pressure = (by.pressure_by_u @ step[..., None])[..., 0]
-        if at is not None:
-            pressure += at.pressure
+        pressure = (elimination.pressure_by_u @ step[..., None])[..., 0]
+        if balance is not None:
+            pressure += balance.pressure
         return ElementValues(state.u + share * step, state.p + share * pressure)
 
     @cached_property
@@ -161,23 +163,23 @@ class Elements:
         N = self.shapes.pressure
         return np.asarray((N[:, :, None] * N[:, None]).reshape(len(N), -1))
 
-    def _forces(self, stress: Stress, p: Floats) -> Floats:
+    def _compute_forces(self, stress: Stress, p: Floats) -> Floats:
         """Return the forces on all displacements, (n, 2 s), of stresses and pressures p."""
-        return self.square.forces(self.square.turned(self.square.weight * (stress.first_piola + p * stress.cofactor)))
+        return self.square.sum_forces(self.square.turn_stress(self.square.weight * (stress.first_piola + p * stress.cofactor)))
 
-    def _turned_tangent(self, stress: Stress, p: Floats) -> Floats:
+    def _compute_turned_tangent(self, stress: Stress, p: Floats) -> Floats:
         """Return the derivative of the stresses at fixed pressure p, weights included, as ``UnitSquare.stiffness`` takes it."""
         square, w = self.square, self.square.weight
-        c, h = square.turned(stress.cofactor), square.turned(w * stress.half)
+        c, h = square.turn_stress(stress.cofactor), square.turn_stress(w * stress.cofactor_coefficient)
         D = np.empty((5, *c.shape))
         for i in range(5):
             for j in range(i, 5):
                 D[i, j] = c[i] * h[j]
                 D[i, j] += h[i] * c[j]
         if stress.bend is not None:
-            x = square.turned(stress.distortion)
+            x = square.turn_stress(stress.distortion)
             D += (w * stress.bend * x)[:, None] * x
-        unit = w * stress.unit * square.turned_unit()
+        unit = w * stress.identity_coefficient * square.turn_unit_matrix()
         D[0, 0] += unit[0]
         D[2, 2] += unit[0]
         D[0, 1] += unit[1]
@@ -186,31 +188,31 @@ class Elements:
         D[3, 3] += unit[2]
         D[4, 4] += unit[3]
         # d2J/dh2: the hoop stretch couples in-plane gradients; their cofactors over it couple them to the hoop
-        volume = w * (stress.volume + p)
+        volume = w * (stress.hessian_coefficient + p)
         flat = volume * stress.F[TT] * (square.xr * square.yz - square.xz * square.yr)
         D[0, 3] += flat
         D[1, 2] -= flat
-        D[:4, 4] += volume * square.over / stress.F[TT] * c[:4]
+        D[:4, 4] += volume * square.inverse_radius / stress.F[TT] * c[:4]
         D[4, 2:4] = D[2:4, 4]
         return D
 
-    def _blocks(self, K: Floats) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
+    def _split_blocks(self, K: Floats) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
         """Split a stiffness into its blocks of corners and edges, e, and of interior values, i."""
         n, m = len(K), self.shapes.skeleton
         parts = K.reshape(n, 2, K.shape[1] // 2, 2, -1)
         e, i = slice(0, m), slice(m, None)
 
-        def block(a: slice, b: slice) -> Floats:
+        def take_block(a: slice, b: slice) -> Floats:
             part = parts[:, :, a, :, b]
             return part.reshape(n, 2 * part.shape[2], -1)
 
-        return (block(e, e), block(e, i)), (block(i, e), block(i, i))
+        return (take_block(e, e), take_block(e, i)), (take_block(i, e), take_block(i, i))
 
-    def _condensed(self, internal: Floats, gap: Floats, near: Elimination) -> Balance:
+    def _eliminate(self, internal: Floats, gap: Floats, elimination: Elimination) -> Balance:
         """Eliminate pressures and interior values from forces, (n, 2 s), and volume residuals, (n, m)."""
         n, m = len(gap), self.shapes.skeleton
-        pressure = (near.pressure_by_gap @ gap[..., None])[..., 0]
-        parts = (internal + (gap[:, None] @ near.pressure_by_u)[:, 0]).reshape(n, 2, -1)
+        pressure = (elimination.pressure_by_gap @ gap[..., None])[..., 0]
+        parts = (internal + (gap[:, None] @ elimination.pressure_by_u)[:, 0]).reshape(n, 2, -1)
         edge, inside = parts[:, :, :m].reshape(n, -1), parts[:, :, m:].reshape(n, -1)
-        inner = (near.inner_by_force @ inside[..., None])[..., 0]
-        return Balance(edge + (inside[:, None] @ near.inner_by_edge)[:, 0], internal, inner, pressure)
+        inner = (elimination.inner_by_force @ inside[..., None])[..., 0]
+        return Balance(edge + (inside[:, None] @ elimination.inner_by_edge)[:, 0], internal, inner, pressure)

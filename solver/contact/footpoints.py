@@ -8,12 +8,12 @@ import numpy as np
 import scipy.sparse as sp
 
 from geometry.common.arrays import Bools, Floats, Ints
-from solver.contact.curves import Found, find, gauss
+from solver.contact.curves import LinePoints, find_points, tabulate_gauss
 from solver.contact.pairs import Pair
 
 
 @dataclass(frozen=True)
-class Feet:
+class PointGaps:
     """Gaps of all points of a pair's slave line.
 
     Attributes:
@@ -22,45 +22,48 @@ class Feet:
     """
 
     pair: Pair
-    own: Floats
+    displacements: Floats
     gap: Floats
     place: Floats
-    found: Found
+    master_points: LinePoints
     inside: Bools
 
     @classmethod
-    def of(cls, pair: Pair, own: Floats) -> Feet:
+    def from_displacements(cls, pair: Pair, displacements: Floats) -> PointGaps:
         """Compute the gaps for displacements of the elements, m, shape (n, 8 p).
 
         Raises:
             SolveError: a line folds over.
         """
-        value = gauss(pair.slave.order)[1]
-        t, s = np.einsum("ac,kcp,gp->akg", pair.axes, pair.slave.positions(own), value).reshape(2, -1)
-        mt, ms = np.einsum("ac,kcp->akp", pair.axes, pair.master.positions(own))
-        found, inside = find(mt, t)
-        s = s + pair.slave_edge.taken(pair.along)[0]
+        value = tabulate_gauss(pair.slave.order)[1]
+        t, s = np.einsum("ac,kcp,gp->akg", pair.axes, pair.slave.compute_positions(displacements), value).reshape(2, -1)
+        mt, ms = np.einsum("ac,kcp->akp", pair.axes, pair.master.compute_positions(displacements))
+        master_points, inside = find_points(mt, t)
+        s = s + pair.slave_edge.compute_removed_height(pair.slave_places)[0]
         gap, place, lengths = np.full(len(t), np.inf), np.full(len(t), np.nan), pair.master.lengths
         starts = np.cumsum(lengths) - lengths
-        place[inside] = starts[found.edge] + lengths[found.edge] * found.value[:, 1]  # x itself
-        height = np.einsum("jp,jp->j", found.value, ms[found.edge]) + pair.master_edge.taken(place[inside])[0]
+        place[inside] = starts[master_points.edge] + lengths[master_points.edge] * master_points.value[:, 1]  # x itself
+        height = (
+            np.einsum("jp,jp->j", master_points.value, ms[master_points.edge])
+            + pair.master_edge.compute_removed_height(place[inside])[0]
+        )
         gap[inside] = pair.sign * (height - s[inside])
-        return cls(pair, own, gap, place, found, inside)
+        return cls(pair, displacements, gap, place, master_points, inside)
 
-    def chosen(self, active: Bools) -> Footpoints:
+    def select_points(self, active: Bools) -> Footpoints:
         """Return selected points with their derivatives; ``active``, (points,), selects among those that the master reaches."""
-        pair, here = self.pair, active[self.inside]
-        at = self.found.edge[here]
-        value, slope, bend = (x[here] for x in (self.found.value, self.found.slope, self.found.bend))
-        mt, ms = np.einsum("ac,kcp->akp", pair.axes, pair.master.positions(self.own))
-        rise, run = (np.einsum("jp,jp->j", slope, x[at]) for x in (ms, mt))
-        length = pair.master.lengths[at]
-        _, tilt, curve = pair.master_edge.taken(self.place[active])
+        pair, selection = self.pair, active[self.inside]
+        master_edges = self.master_points.edge[selection]
+        value, slope, bend = (x[selection] for x in (self.master_points.value, self.master_points.slope, self.master_points.bend))
+        mt, ms = np.einsum("ac,kcp->akp", pair.axes, pair.master.compute_positions(self.displacements))
+        rise, run = (np.einsum("jp,jp->j", slope, x[master_edges]) for x in (ms, mt))
+        length = pair.master.lengths[master_edges]
+        _, tilt, curve = pair.master_edge.compute_removed_height(self.place[active])
         k = np.asarray((rise + length * tilt) / run)
-        curl = (np.einsum("jp,jp->j", bend, ms[at] - k[:, None] * mt[at]) + length**2 * curve) / run
-        on_slave = gauss(pair.slave.order)[1]
+        curl = (np.einsum("jp,jp->j", bend, ms[master_edges] - k[:, None] * mt[master_edges]) + length**2 * curve) / run
+        on_slave = tabulate_gauss(pair.slave.order)[1]
         edge, point = (np.asarray(x) for x in np.divmod(np.flatnonzero(active), len(on_slave)))
-        return Footpoints(pair, edge, at, on_slave[point], value, slope, k, run, curl)
+        return Footpoints(pair, edge, master_edges, on_slave[point], value, slope, k, run, curl)
 
 
 @dataclass(frozen=True)
@@ -75,8 +78,8 @@ class Footpoints:
     """
 
     pair: Pair
-    edge: Ints
-    at: Ints
+    slave_edges: Ints
+    master_edges: Ints
     on_slave: Floats
     on_master: Floats
     slope: Floats
@@ -96,63 +99,67 @@ class Footpoints:
         return np.asarray((T + self.k[:, None] * S) / self.stretch[:, None])
 
     @property
-    def across(self) -> Floats:
+    def opening_direction(self) -> Floats:
         """Direction, normal to the master, in which it moves to open the gap, shape (j, 2)."""
         T, S = self.pair.axes
         return np.asarray(S - self.k[:, None] * T)
 
-    def apart(self, direction: Floats) -> Floats:
+    def compute_relative_motion(self, direction: Floats) -> Floats:
         """Return the slave's motion relative to the master along directions (j, 2), by both lines' values, (j, 4 (p + 1))."""
-        return _joined(direction[:, :, None] * self.on_slave[:, None], -direction[:, :, None] * self.on_master[:, None])
+        return _join(direction[:, :, None] * self.on_slave[:, None], -direction[:, :, None] * self.on_master[:, None])
 
-    def turned(self, direction: Floats) -> Floats:
+    def compute_tangent_change(self, direction: Floats) -> Floats:
         """Return the change of the master's x derivative along directions (j, 2), by both lines' values."""
         moved = direction[:, :, None] * self.slope[:, None]
-        return _joined(np.zeros_like(moved), moved)
+        return _join(np.zeros_like(moved), moved)
 
     @property
-    def opening(self) -> Floats:
+    def gap_derivative(self) -> Floats:
         """Derivative of the gap g with respect to both lines' values, (j, 4 (p + 1))."""
-        return -self.pair.sign * self.apart(self.across)
+        return -self.pair.sign * self.compute_relative_motion(self.opening_direction)
 
     @property
-    def along(self) -> Floats:
+    def place_derivative(self) -> Floats:
         """Derivative of the position x with respect to both lines' values, (j, 4 (p + 1))."""
-        return np.asarray(self.apart(np.broadcast_to(self.pair.axes[0], self.across.shape)) / self.run[:, None])
+        return np.asarray(
+            self.compute_relative_motion(np.broadcast_to(self.pair.axes[0], self.opening_direction.shape)) / self.run[:, None]
+        )
 
     @property
-    def tilt(self) -> Floats:
+    def slope_derivative(self) -> Floats:
         """Derivative of the slope k with respect to both lines' values, (j, 4 (p + 1))."""
-        return np.asarray(self.turned(self.across) / self.run[:, None] + self.curl[:, None] * self.along)
+        return np.asarray(
+            self.compute_tangent_change(self.opening_direction) / self.run[:, None] + self.curl[:, None] * self.place_derivative
+        )
 
-    def opening_twice(self) -> Floats:
+    def compute_gap_hessian(self) -> Floats:
         """Return the second derivative of the gap with respect to both lines' values, (j, 4 (p + 1), 4 (p + 1))."""
-        along, turn = self.along, self.turned(self.across)
-        bend = (self.run * self.curl)[:, None, None] * outer(along, along)
-        return np.asarray(self.pair.sign * (outer(along, turn) + outer(turn, along) + bend))
+        place_change, turn = self.place_derivative, self.compute_tangent_change(self.opening_direction)
+        bend = (self.run * self.curl)[:, None, None] * outer_product(place_change, place_change)
+        return np.asarray(self.pair.sign * (outer_product(place_change, turn) + outer_product(turn, place_change) + bend))
 
-    def assembled(self, forces: Floats, stiffness: Floats, width: int, size: int) -> tuple[Floats, sp.csr_array]:
+    def assemble(self, forces: Floats, stiffness: Floats, width: int, size: int) -> tuple[Floats, sp.csr_array]:
         """Assemble both lines' forces and stiffness into those of all elements' values, ``width`` for each, ``size`` in all."""
-        index, signs = self._numbers(width)
+        index, signs = self._find_indices(width)
         pulls = np.asarray(np.bincount(index.ravel(), weights=(signs * forces).ravel(), minlength=size), dtype=float)
         rows, columns = np.broadcast_arrays(index[:, :, None], index[:, None, :])
-        values = (stiffness * outer(signs, signs)).ravel()
+        values = (stiffness * outer_product(signs, signs)).ravel()
         return pulls, sp.csr_array(sp.coo_array((values, (rows.ravel(), columns.ravel())), shape=(size, size)))
 
-    def _numbers(self, width: int) -> tuple[Ints, Floats]:
+    def _find_indices(self, width: int) -> tuple[Ints, Floats]:
         """Return the indices of both lines' values among all elements' values, and their signs, shape (j, 4 (p + 1)) each."""
-        parts = ((self.pair.slave, self.edge), (self.pair.master, self.at))
+        parts = ((self.pair.slave, self.slave_edges), (self.pair.master, self.master_edges))
         places = [line.element[k, None, None] * width + line.values[k] for line, k in parts]
         signs = [np.broadcast_to(line.signs[k][:, None], place.shape) for (line, k), place in zip(parts, places, strict=True)]
         index = np.concatenate([place.reshape(len(place), -1) for place in places], axis=1)
-        return index, _joined(*signs)
+        return index, _join(*signs)
 
 
-def outer(a: Floats, b: Floats) -> Floats:
+def outer_product(a: Floats, b: Floats) -> Floats:
     """Return the outer products of vectors: (j, n) and (j, m) give (j, n, m)."""
     return np.asarray(a[:, :, None] * b[:, None, :])
 
 
-def _joined(slave: Floats, master: Floats) -> Floats:
+def _join(slave: Floats, master: Floats) -> Floats:
     """Join rows over the slave's and the master's values to one row, (j, 4 (p + 1))."""
     return np.concatenate([slave.reshape(len(slave), -1), master.reshape(len(master), -1)], axis=1)

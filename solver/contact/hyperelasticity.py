@@ -24,7 +24,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 
-LEAST_LAM = 1e-3  # of mu: the rest of a more compressible material's bulk modulus needs no pressure unknown
+MIN_LAM_RELATIVE = 1e-3  # of mu: the rest of a more compressible material's bulk modulus needs no pressure unknown
 RR, RZ, ZR, ZZ, TT = range(5)  # components of the displacement gradient, first axis: u_r,r, u_r,z, u_z,r, u_z,z, u_r / r
 
 
@@ -57,19 +57,19 @@ class Stress:
     bulk: Floats
 
     @property
-    def unit(self) -> Floats:
+    def identity_coefficient(self) -> Floats:
         """Coefficient of the identity in the tangent, Pa."""
         return 2 * self.weight
 
     @property
-    def half(self) -> Floats:
+    def cofactor_coefficient(self) -> Floats:
         """Partner of dJ/dF in the tangent, Pa; half of the product, because its transpose is added."""
         J = 1 + self.change
-        own = 5 * self.weight * (self.F**2).sum(axis=0) / (9 * J**2) + self.bulk / 4 * (1 + 1 / J**2)
-        return np.asarray(own * self.cofactor - (4 * self.weight / (3 * J)) * self.F)
+        coefficient = 5 * self.weight * (self.F**2).sum(axis=0) / (9 * J**2) + self.bulk / 4 * (1 + 1 / J**2)
+        return np.asarray(coefficient * self.cofactor - (4 * self.weight / (3 * J)) * self.F)
 
     @property
-    def volume(self) -> Floats:
+    def hessian_coefficient(self) -> Floats:
         """Coefficient of d2J/dh2 in the tangent, Pa."""
         J = 1 + self.change
         pull = self.bulk / 2 * self.change * (1 + 1 / J)
@@ -93,74 +93,74 @@ class Hyperelastic:
     yeoh: Floats
 
     @classmethod
-    def of(cls, youngs_modulus: Floats, poisson_ratio: Floats, yeoh: Floats | None = None) -> Hyperelastic:
+    def from_moduli(cls, youngs_modulus: Floats, poisson_ratio: Floats, yeoh: Floats | None = None) -> Hyperelastic:
         """Return the materials with these Young's moduli (Pa) and Poisson's ratios at rest, shape (n,) each."""
         shear = youngs_modulus / (2 * (1 + poisson_ratio))
         bulk = youngs_modulus / (3 * (1 - 2 * poisson_ratio))
-        lam = np.maximum(bulk - 2 * shear / 3, LEAST_LAM * shear)
+        lam = np.maximum(bulk - 2 * shear / 3, MIN_LAM_RELATIVE * shear)
         return cls(shear, lam, bulk - lam, np.zeros((2, len(shear))) if yeoh is None else yeoh)
 
-    def dilation(self, p: Floats) -> tuple[Floats, Floats]:
+    def compute_dilation(self, p: Floats) -> tuple[Floats, Floats]:
         """Return J*(p) - 1 of eq. CT.2 and its derivative with respect to p, 1/Pa, at pressures p, Pa; shape (n, q) each."""
         x = p / self.lam[:, None]
         root = np.sqrt(1 + x**2)
         return x + x**2 / (1 + root), (1 + x / root) / self.lam[:, None]
 
-    def stored(self, h: Floats, p: Floats) -> Floats:
+    def compute_energy_density(self, h: Floats, p: Floats) -> Floats:
         """Return the energy per undeformed volume, Pa, (n, q), for displacement gradients (5, n, q) and pressures p, Pa, (n, q).
 
         The pressure's share is p (J - J*(p)) + U(J*(p)), which in equilibrium equals its part of eq. CT.1.
         """
-        change, held = change_of_volume(h), self.dilation(p)[0]
-        distortion = (3 + 2 * _trace(h)) * (1 + change) ** (-2 / 3) - 3
-        bulk, lam = (modulus[:, None] / 4 * _volume(x) for modulus, x in ((self.bulk, change), (self.lam, held)))
-        return np.asarray(self._f(distortion)[0] + bulk + lam + p * (change - held))
+        change, dilation = compute_volume_change(h), self.compute_dilation(p)[0]
+        distortion = (3 + 2 * _compute_trace(h)) * (1 + change) ** (-2 / 3) - 3
+        bulk, lam = (modulus[:, None] / 4 * _compute_volume_term(x) for modulus, x in ((self.bulk, change), (self.lam, dilation)))
+        return np.asarray(self._evaluate_f(distortion)[0] + bulk + lam + p * (change - dilation))
 
-    def _f(self, x: Floats) -> tuple[Floats, Floats, Floats]:
+    def _evaluate_f(self, x: Floats) -> tuple[Floats, Floats, Floats]:
         """Return f, f' and f'' of eq. CT.1 at x = I - 3, shape (n, q) each."""
         mu, (c2, c3) = self.shear[:, None], self.shear[:, None] * self.yeoh[:, :, None]
         return mu / 2 * x + c2 * x**2 + c3 * x**3, mu / 2 + 2 * c2 * x + 3 * c3 * x**2, 2 * c2 + 6 * c3 * x
 
-    def stress(self, h: Floats) -> Stress:
+    def compute_stress(self, h: Floats) -> Stress:
         """Return stresses and their derivatives for displacement gradients h, shape (5, n, q)."""
         F = h.copy()
         F[[RR, ZZ, TT]] += 1.0
-        cof, change, trace = cofactor(F), change_of_volume(h), _trace(h)
+        cof, change, trace = compute_cofactor(F), compute_volume_change(h), _compute_trace(h)
         J = 1 + change
         power = J ** (-2 / 3)
         # dI/dF of I = J^(-2/3) I1 from small terms only: the rounding of 1 would appear as stress in large elements
         excess = (2 * trace / 3 - change) / J
-        distortion = 2 * power * (h - _cofactor_change(h) - excess * cof)
-        _, slope, bend = self._f((3 + 2 * trace) * power - 3)
+        distortion = 2 * power * (h - _compute_cofactor_change(h) - excess * cof)
+        _, slope, bend = self._evaluate_f((3 + 2 * trace) * power - 3)
         bulk = self.bulk[:, None]
         P = slope * distortion + bulk / 2 * change * (1 + 1 / J) * cof
         return Stress(P, change, cof, F, distortion, slope * power, bend if np.any(self.yeoh) else None, bulk)
 
 
-def cofactor(F: Floats) -> Floats:
+def compute_cofactor(F: Floats) -> Floats:
     """Return dJ/dF for deformation gradients F, shape (5, ...) both."""
     rr, rz, zr, zz, tt = F
     return np.stack([zz * tt, -zr * tt, -rz * tt, rr * tt, rr * zz - rz * zr])
 
 
-def change_of_volume(h: Floats) -> Floats:
+def compute_volume_change(h: Floats) -> Floats:
     """Return J - 1 for displacement gradients h, shape (5, ...), without the rounding error of J."""
     rr, rz, zr, zz, tt = h
     flat = rr + zz + rr * zz - rz * zr
     return np.asarray(flat + tt + flat * tt)
 
 
-def _cofactor_change(h: Floats) -> Floats:
+def _compute_cofactor_change(h: Floats) -> Floats:
     """Return dJ/dF minus its value at rest, without rounding error."""
     rr, rz, zr, zz, tt = h
     return np.stack([zz + tt + zz * tt, -zr * (1 + tt), -rz * (1 + tt), rr + tt + rr * tt, rr + zz + rr * zz - rz * zr])
 
 
-def _volume(change: Floats) -> Floats:
+def _compute_volume_term(change: Floats) -> Floats:
     """Return J^2 - 1 - 2 ln J, the volume term of eq. CT.1, for change = J - 1."""
     return np.asarray(change * (2 + change) - 2 * np.log1p(change))
 
 
-def _trace(h: Floats) -> Floats:
+def _compute_trace(h: Floats) -> Floats:
     """Return (tr F^T F - 3) / 2 for displacement gradients h, without rounding error."""
     return np.asarray(h[RR] + h[ZZ] + h[TT] + (h**2).sum(axis=0) / 2)

@@ -7,16 +7,16 @@ from collections.abc import Callable
 
 import numpy as np
 
-from solver.contact.path import DEEPEST, Path
-from solver.contact.pressed import Pressed
+from solver.contact.path import MAX_DEPTH_RELATIVE, Path
+from solver.contact.pressed import PathPoint
 from solver.results.load_limits import LargestLoad
 
-NEAR = 0.01  # width of the final bracket of a limit, relative to its indentation
-TRIES = 8
-TOUCHED = 2e-3  # of the gap: closer walls count as touching, because contact pressures are rounded over this distance
+BRACKET_WIDTH_RELATIVE = 0.01  # width of the final bracket of a limit, relative to its indentation
+MAX_BRACKET_STEPS = 8
+CLOSED_GAP_RELATIVE = 2e-3  # of the gap: closer walls count as touching, because contact pressures are rounded over this distance
 
 
-def gap_closure_load(path: Path) -> LargestLoad | None:
+def find_gap_closure_load(path: Path) -> LargestLoad | None:
     """Find the load at which the gap's walls touch; None if they do not touch up to ``MAX_DEPTH_RELATIVE``.
 
     Walls approach each other faster and faster, so that the load cannot be extrapolated: the path is followed until they touch,
@@ -26,25 +26,25 @@ def gap_closure_load(path: Path) -> LargestLoad | None:
         StoppedError: no further step converges, and the gap is still open.
         LimitReached: the time limit is reached.
     """
-    if not closed(path):
-        for _ in path.steps(DEEPEST * path.radius):
-            if closed(path):
+    if not is_gap_closed(path):
+        for _ in path.iterate_steps(MAX_DEPTH_RELATIVE * path.radius):
+            if is_gap_closed(path):
                 break
     gap = path.points[0].walls
-    return _first(path, lambda point: _touching(path, point), lambda point: point.walls / gap, "gap closure")
+    return _find_first_load(path, lambda point: _is_touching(path, point), lambda point: point.walls / gap, "gap closure")
 
 
-def closed(path: Path) -> bool:
+def is_gap_closed(path: Path) -> bool:
     """Return whether the gap's walls touch at any point of a path."""
-    return any(_touching(path, point) for point in path.points)
+    return any(_is_touching(path, point) for point in path.points)
 
 
-def _touching(path: Path, point: Pressed) -> bool:
+def _is_touching(path: Path, point: PathPoint) -> bool:
     """Return whether the gap's walls touch at a point of a path."""
-    return point.walls <= TOUCHED * path.points[0].walls
+    return point.walls <= CLOSED_GAP_RELATIVE * path.points[0].walls
 
 
-def change_load(path: Path, value: Callable[[Pressed], float], allowed: float, by: str) -> LargestLoad | None:
+def find_change_load(path: Path, value: Callable[[PathPoint], float], allowed: float, quantity: str) -> LargestLoad | None:
     """Find the load at which a value has changed from its value at rest by the allowed relative amount.
 
     Args:
@@ -59,40 +59,42 @@ def change_load(path: Path, value: Callable[[Pressed], float], allowed: float, b
     Raises:
         StoppedError, LimitReached: see ``gap_closure_load``.
     """
-    rest = value(path.points[0])
-    if rest == 0:
+    rest_value = value(path.points[0])
+    if rest_value == 0:
         return None
 
-    def left(point: Pressed) -> float:
-        return 1 - abs(value(point) / rest - 1) / allowed
+    def compute_margin(point: PathPoint) -> float:
+        return 1 - abs(value(point) / rest_value - 1) / allowed
 
-    return _first(path, lambda point: left(point) <= 0, left, by)
+    return _find_first_load(path, lambda point: compute_margin(point) <= 0, compute_margin, quantity)
 
 
-def _first(path: Path, ended: Callable[[Pressed], bool], left: Callable[[Pressed], float], by: str) -> LargestLoad | None:
+def _find_first_load(
+    path: Path, has_ended: Callable[[PathPoint], bool], compute_margin: Callable[[PathPoint], float], quantity: str
+) -> LargestLoad | None:
     """Narrow down the first point of a path where ``has_ended`` is true; ``compute_margin`` falls to zero there."""
-    if not any(map(ended, path.points)):
+    if not any(map(has_ended, path.points)):
         return None
-    for _ in range(TRIES):
-        k = next(k for k, point in enumerate(path.points) if ended(point))
-        before, after = path.points[k - 1], path.points[k]
-        width = after.indentation - before.indentation
-        if width <= NEAR * after.indentation:
+    for _ in range(MAX_BRACKET_STEPS):
+        k = next(k for k, point in enumerate(path.points) if has_ended(point))
+        lower, upper = path.points[k - 1], path.points[k]
+        width = upper.indentation - lower.indentation
+        if width <= BRACKET_WIDTH_RELATIVE * upper.indentation:
             break
-        path.insert(before.indentation + width * _share(path.points[max(0, k - 3) : k], after, left))
-    return LargestLoad(before.force, before.indentation, by)
+        path.insert(lower.indentation + width * _estimate_share(path.points[max(0, k - 3) : k], upper, compute_margin))
+    return LargestLoad(lower.force, lower.indentation, quantity)
 
 
-def _share(open_points: list[Pressed], after: Pressed, left: Callable[[Pressed], float]) -> float:
+def _estimate_share(open_points: list[PathPoint], upper: PathPoint, compute_margin: Callable[[PathPoint], float]) -> float:
     """Return where the margin vanishes between the last open point and the one after it, as a fraction from 0.1 to 0.9.
 
     A parabola through the last open points is extrapolated.
     """
-    last, width = open_points[-1], after.indentation - open_points[-1].indentation
+    last, width = open_points[-1], upper.indentation - open_points[-1].indentation
     places = [(point.indentation - last.indentation) / width for point in open_points]
     if len(set(places)) < 3:  # a search for a force that jumps leaves several points at one indentation
         return 0.5
-    a, b, c = np.polyfit(places, [left(point) for point in open_points], 2)
+    a, b, c = np.polyfit(places, [compute_margin(point) for point in open_points], 2)
     root = b * b - 4 * a * c
     candidates = [(-b + sign * math.sqrt(root)) / (2 * a) for sign in (1, -1)] if root >= 0 and a else []
     inside = [x for x in candidates if 0 < x < 1]

@@ -14,24 +14,28 @@ from threadpoolctl import threadpool_limits
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError, Words
-from geometry.common.resources import LimitReached, timed
-from geometry.scenes.probe import mm
+from geometry.common.resources import LimitReached, start_clock
+from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
-from solver.contact.level import ContactLevel
-from solver.contact.limits import change_load, closed, gap_closure_load
+from solver.contact.level import ContactEvaluator
+from solver.contact.limits import find_change_load, find_gap_closure_load, is_gap_closed
 from solver.contact.loaded import LoadedScene
 from solver.contact.path import Path
-from solver.contact.pressed import Loaded, Pressed, StoppedError
-from solver.results.evaluator import Tell, silent
+from solver.contact.pressed import LoadedForces, PathPoint, StoppedError
+from solver.results.evaluator import ProgressCallback, ignore_progress
 from solver.results.load_curve import LoadCurve, LoadRange
 from solver.results.load_limits import LargestLoad
-from solver.results.warnings import Note, null_sensitivity
+from solver.results.warnings import Note, explain_null_sensitivity
 
-LEAST_SENSITIVITY = 1e-5  # absolute tolerance of every log-sensitivity
-BEYOND = 1.2  # the finer mesh is pressed this much further than the limit on the coarser one, so that its own limit lies within
+SENSITIVITY_TOLERANCE = 1e-5  # absolute tolerance of every log-sensitivity
+FINER_PATH_FACTOR = (
+    1.2  # the finer mesh is pressed this much further than the limit on the coarser one, so that its own limit lies within
+)
 
 
-def load_curve(scene: Scene, loads: Floats, accuracy: float, *, by_force: bool, tell: Tell = silent) -> LoadCurve:
+def compute_load_curve(
+    scene: Scene, loads: Floats, accuracy: float, *, by_force: bool, tell: ProgressCallback = ignore_progress
+) -> LoadCurve:
     """Press a scene to each of several loads and return the curve; see ``solver.answers.load``.
 
     Args:
@@ -46,25 +50,27 @@ def load_curve(scene: Scene, loads: Floats, accuracy: float, *, by_force: bool, 
         LimitReached: the first load exceeds the limits of memory or time.
     """
     start = perf_counter()
-    level, points, stopped = ContactLevel(), [], None
-    with timed(), threadpool_limits(1, user_api="blas"):
-        on = level.pressed(scene, accuracy)
+    evaluator, points, stopped = ContactEvaluator(), [], None
+    with start_clock(), threadpool_limits(1, user_api="blas"):
+        loaded = evaluator.prepare_scene(scene, accuracy)
         try:
             for k, load in enumerate(loads):
                 tell(f"load {k + 1} of {len(loads)}, {load:.3g} {'N' if by_force else 'm'}")
-                points.append(on.at_force(float(load), "force") if by_force else on.at_indentation(float(load)))
+                points.append(
+                    loaded.press_to_force(float(load), "force") if by_force else loaded.press_to_indentation(float(load))
+                )
         except (StoppedError, LimitReached) as fault:
             if not points:
                 if isinstance(fault, LimitReached):
                     raise
-                asked = ("force", Words(f"{load:g} N")) if by_force else ("indentation", mm(float(load)))
-                raise level.stopped(asked, fault) from fault
+                load_entry = ("force", Words(f"{load:g} N")) if by_force else ("indentation", format_mm(float(load)))
+                raise evaluator.build_stop_refusal(load_entry, fault) from fault
             stopped = str(fault)
-    return _curve(scene, points, stopped=stopped, accuracy=accuracy, seconds=perf_counter() - start)
+    return _build_curve(scene, points, stopped=stopped, accuracy=accuracy, seconds=perf_counter() - start)
 
 
 @dataclass(frozen=True)
-class Ends:
+class LoadEnds:
     """Limits of the load, see ``LoadLimits``, with notes on those that are not known."""
 
     ratio: LargestLoad | None
@@ -73,7 +79,7 @@ class Ends:
     notes: tuple[Note, ...]
 
 
-def ends_of(scene: Scene, accuracy: float) -> Ends:
+def find_load_ends(scene: Scene, accuracy: float) -> LoadEnds:
     """Find the load limits of a scene that evaluator ``contact`` supports, whatever its own load is.
 
     They are computed on the coarser of two meshes; the lowest limit of linear elasticity is computed on the finer one too.
@@ -81,90 +87,92 @@ def ends_of(scene: Scene, accuracy: float) -> Ends:
     Raises:
         Refusal: see ``load_curve``.
     """
-    with timed(), threadpool_limits(1, user_api="blas"):
-        on = ContactLevel().pressed(scene, accuracy)
-        closure, notes = _closure(on)
-        changes = list(_changes(on, scene, accuracy))
-        found = {one.by: one.on(on.paths[0]) for one in changes}
-        first = min(changes, key=lambda one: getattr(found[one.by], "force", math.inf))
-        found[first.by] = _on_finer(on, first, found[first.by])
-    for one in changes:
-        if found[one.by] is None:
-            reached = f"up to {on.paths[0].last.force:.3g} N, as far as is known"
-            notes.append(Note("linear", f"{one.by} stays within {one.allowed:.2g} of linear elasticity {reached}"))
-    return Ends(found["ratio"], found.get("log_sensitivity"), closure, tuple(notes))
+    with start_clock(), threadpool_limits(1, user_api="blas"):
+        loaded = ContactEvaluator().prepare_scene(scene, accuracy)
+        closure, notes = _find_closure(loaded)
+        changes = list(_list_changes(loaded, scene, accuracy))
+        limits = {change.quantity: change.find_load(loaded.paths[0]) for change in changes}
+        first = min(changes, key=lambda change: getattr(limits[change.quantity], "force", math.inf))
+        limits[first.quantity] = _refine_limit(loaded, first, limits[first.quantity])
+    for change in changes:
+        if limits[change.quantity] is None:
+            reached = f"up to {loaded.paths[0].last.force:.3g} N, as far as is known"
+            notes.append(Note("linear", f"{change.quantity} stays within {change.allowed:.2g} of linear elasticity {reached}"))
+    return LoadEnds(limits["ratio"], limits.get("log_sensitivity"), closure, tuple(notes))
 
 
 @dataclass(frozen=True)
 class _LimitChange:
     """A value that the load may change by a relative amount before linear elasticity counts as exceeded."""
 
-    by: str
-    value: Callable[[Path, Pressed], float]
+    quantity: str
+    value: Callable[[Path, PathPoint], float]
     allowed: float
 
-    def on(self, path: Path) -> LargestLoad | None:
+    def find_load(self, path: Path) -> LargestLoad | None:
         """Find the load on a path at which the value has changed by that; None if there is none or it cannot be narrowed down."""
         with suppress(SolveError, LimitReached):
-            return change_load(path, partial(self.value, path), self.allowed, self.by)
+            return find_change_load(path, partial(self.value, path), self.allowed, self.quantity)
         return None
 
 
-def _changes(on: LoadedScene, scene: Scene, accuracy: float) -> Iterator[_LimitChange]:
+def _list_changes(loaded: LoadedScene, scene: Scene, accuracy: float) -> Iterator[_LimitChange]:
     """Yield the values that limit linear elasticity: the ratio, and the log-sensitivity of a scene with a target."""
-    yield _LimitChange("ratio", _ratio, accuracy)
-    fine = on.paths[1]
-    at_rest = abs(on.sensitivity(fine, fine.points[0])) if scene.target is not None else 0.0
-    if at_rest:
-        yield _LimitChange("log_sensitivity", on.sensitivity, max(5 * accuracy, LEAST_SENSITIVITY / at_rest))
+    yield _LimitChange("ratio", _compute_ratio, accuracy)
+    fine = loaded.paths[1]
+    rest_sensitivity = abs(loaded.compute_sensitivity(fine, fine.points[0])) if scene.target is not None else 0.0
+    if rest_sensitivity:
+        yield _LimitChange(
+            "log_sensitivity", loaded.compute_sensitivity, max(5 * accuracy, SENSITIVITY_TOLERANCE / rest_sensitivity)
+        )
 
 
-def _on_finer(on: LoadedScene, change: _LimitChange, coarse: LargestLoad | None) -> LargestLoad | None:
+def _refine_limit(loaded: LoadedScene, change: _LimitChange, coarse: LargestLoad | None) -> LargestLoad | None:
     """Find a limit again on the finer mesh, pressed somewhat further; return the coarser mesh's limit if it shows none."""
     if coarse is None:
         return None
     with suppress(SolveError, LimitReached):
-        on.paths[1].at_indentation(BEYOND * coarse.indentation)
-    return change.on(on.paths[1]) or coarse
+        loaded.paths[1].press_to_indentation(FINER_PATH_FACTOR * coarse.indentation)
+    return change.find_load(loaded.paths[1]) or coarse
 
 
-def _closure(on: LoadedScene) -> tuple[LargestLoad | None, list[Note]]:
+def _find_closure(loaded: LoadedScene) -> tuple[LargestLoad | None, list[Note]]:
     """Find the load that closes the gap, or explain in a note why none is known."""
-    path = on.paths[0]
-    why = "as deep as the probe is wide"
+    path = loaded.paths[0]
+    reason = "as deep as the probe is wide"
     try:
-        found = gap_closure_load(path)
-        if found is not None:
-            return found, []
+        limit = find_gap_closure_load(path)
+        if limit is not None:
+            return limit, []
     except (SolveError, LimitReached) as fault:
-        why = str(fault)
-    state = "touch, but no step before that converges" if closed(path) else f"are apart up to {path.last.force:.3g} N"
-    return None, [Note("linear", f"gap_closure_load is null: the walls {state}, {why}")]
+        reason = str(fault)
+    state = "touch, but no step before that converges" if is_gap_closed(path) else f"are apart up to {path.last.force:.3g} N"
+    return None, [Note("linear", f"gap_closure_load is null: the walls {state}, {reason}")]
 
 
-def _ratio(path: Path, point: Pressed) -> float:
+def _compute_ratio(path: Path, point: PathPoint) -> float:
     """Return the ratio of the film forces at a point; at rest, that of their derivatives."""
     films = point.films if point.indentation > 0 else point.tangent
     return float(films[0] / films[1])
 
 
-def _curve(scene: Scene, points: list[Loaded], *, stopped: str | None, accuracy: float, seconds: float) -> LoadCurve:
+def _build_curve(scene: Scene, points: list[LoadedForces], *, stopped: str | None, accuracy: float, seconds: float) -> LoadCurve:
     probe = scene.probe
     areas = np.array([probe.inner_area, probe.outer_area])
-    stiffness = [float(one.films.totals.sum()) for one in points]
-    depth = [one.point.indentation for one in points]
-    stress = np.array([one.films.totals * d / areas for one, d in zip(points, depth, strict=True)])
-    ratio = [float(one.films.totals[0] / one.films.totals[1] * areas[1] / areas[0]) for one in points]
+    stiffness = [float(point.films.totals.sum()) for point in points]
+    depth = [point.point.indentation for point in points]
+    stress = np.array([point.films.totals * d / areas for point, d in zip(points, depth, strict=True)])
+    ratio = [float(point.films.totals[0] / point.films.totals[1] * areas[1] / areas[0]) for point in points]
     force = [k * d for k, d in zip(stiffness, depth, strict=True)]
-    warnings = [] if scene.target is not None else [null_sensitivity(len(scene.inclusion))]
-    worst = max(one.films.ratio_error for one in points)
+    warnings = [] if scene.target is not None else [explain_null_sensitivity(len(scene.inclusion))]
+    worst = max(point.films.ratio_error for point in points)
     if worst > accuracy:
         warnings.append(Note("accuracy", f"error bounds reach {worst:.2g}, above the requested accuracy of {accuracy:g}"))
     if stopped is not None:
         warnings.append(Note("limit", f"the curve ends early: {stopped}"))
 
-    def column(name: str) -> tuple[float, ...]:
-        return tuple(float(getattr(one.point, name)) for one in points)
+    def collect(name: str) -> tuple[float, ...]:
+        return tuple(float(getattr(point.point, name)) for point in points)
 
     return LoadCurve(
         "contact",
@@ -172,28 +180,28 @@ def _curve(scene: Scene, points: list[Loaded], *, stopped: str | None, accuracy:
         tuple(force),
         tuple(depth),
         tuple(ratio),
-        tuple(one.films.log_sensitivity for one in points),
+        tuple(point.films.log_sensitivity for point in points),
         stiffness=tuple(stiffness),
-        tangent_stiffness=tuple(float(one.point.tangent.sum()) for one in points),
+        tangent_stiffness=tuple(float(point.point.tangent.sum()) for point in points),
         stress_inner=tuple(stress[:, 0].tolist()),
         stress_outer=tuple(stress[:, 1].tolist()),
-        closest_walls=column("walls"),
-        contact_radius=column("contact_radius"),
-        largest_strain=column("strain"),
-        error_estimate=tuple(one.films.ratio_error for one in points),
-        constant_ratio=_constant(np.array(force), np.array(ratio), accuracy),
+        closest_walls=collect("walls"),
+        contact_radius=collect("contact_radius"),
+        largest_strain=collect("strain"),
+        error_estimate=tuple(point.films.ratio_error for point in points),
+        constant_ratio=_find_constant_range(np.array(force), np.array(ratio), accuracy),
         accuracy=accuracy,
         stopped=stopped,
         warnings=tuple(warnings),
     )
 
 
-def _constant(force: Floats, ratio: Floats, share: float) -> LoadRange | None:
+def _find_constant_range(force: Floats, ratio: Floats, share: float) -> LoadRange | None:
     """Find the widest range between two of the forces in which the ratio stays within ``share``, relative."""
     best: LoadRange | None = None
     for low in range(len(force)):
-        some = ratio[low:]
-        spread = np.maximum.accumulate(some) / np.minimum.accumulate(some)
+        ratios = ratio[low:]
+        spread = np.maximum.accumulate(ratios) / np.minimum.accumulate(ratios)
         high = low + int(np.flatnonzero(spread <= (1 + share) / (1 - share))[-1])
         if high > low and (best is None or force[high] - force[low] > best.high - best.low):
             best = LoadRange(share, float(force[low]), float(force[high]))

@@ -14,25 +14,32 @@ from geometry.meridian.frame import MeridianFineness
 from geometry.meridian.section import Body, Section
 from geometry.scenes.probe import Material
 from geometry.scenes.scene import Scene
-from solver.axisymmetric.converged_forces import Converged, converged_forces
-from solver.axisymmetric.sections import HALF_SPACE
+from solver.axisymmetric.converged_forces import Converged, compute_converged_forces
+from solver.axisymmetric.sections import HALF_SPACE_SIZES
 from solver.contact.model import ContactModel
 from solver.contact.path import Path
-from solver.contact.pressed import NONE, Differences, Loaded, Pressed, StoppedError
+from solver.contact.pressed import NO_DIFFERENCES, LoadedForces, MeshDifferences, PathPoint, StoppedError
 from solver.results.film_forces import Bound, FilmForces
 
-MESHES = tuple(MeridianFineness(1, 0, order) for order in (2, 3, 4))
-SPRINGS = {2: 0.25, 3: 0.5, 4: 1.0}  # friction springs' stiffness by mesh order, so that meshes show the springs' error
+MESH_FINENESSES = tuple(MeridianFineness(1, 0, order) for order in (2, 3, 4))
+SPRING_SHARES = {2: 0.25, 3: 0.5, 4: 1.0}  # friction springs' stiffness by mesh order, so that meshes show the springs' error
 LINEAR_SHARE = 0.2  # of the accuracy, for the linear solution
-SAFETY = 2.0  # times the maximum difference of two meshes on the load path
-SMALL = 1e-5  # indentation, in units of a path, below which the linear result holds within ...
-LIGHT = 1e-3  # likewise where faces may open: the contact area no longer changes below it
-UNSEEN = 1e-4  # ... this relative amount, the minimum error bound
-FAR_TOO_DEEP = 3.0  # outer radii, estimated by the linear stiffness
-FAR = 300.0  # sizes of probe and inclusion: where a half-space is cut, because rounding errors grow with its size
-UNCUT = 0.05  # relative, times (edge radius / minimum block size)^2: round edges change the contact lines alone, not the blocks
-PASSING = (0.005, 0.05)  # relative errors of ratio and log-sensitivity where faces open: points pass an edge one by one
-ALIKE = 0.2  # relative: meshes nearer to the linear log-sensitivity are corrected by a factor
+MESH_SAFETY_FACTOR = 2.0  # times the maximum difference of two meshes on the load path
+SMALL_INDENTATION_RELATIVE = 1e-5  # indentation, in units of a path, below which the linear result holds within ...
+LIGHT_INDENTATION_RELATIVE = 1e-3  # likewise where faces may open: the contact area no longer changes below it
+MIN_ERROR_RELATIVE = 1e-4  # ... this relative amount, the minimum error bound
+MAX_LINEAR_DEPTH_RELATIVE = 3.0  # outer radii, estimated by the linear stiffness
+HALF_SPACE_EXTENT_RELATIVE = (
+    300.0  # sizes of probe and inclusion: where a half-space is cut, because rounding errors grow with its size
+)
+ROUND_EDGE_ERROR = (
+    0.05  # relative, times (edge radius / minimum block size)^2: round edges change the contact lines alone, not the blocks
+)
+EDGE_PASSING_ERRORS = (
+    0.005,
+    0.05,
+)  # relative errors of ratio and log-sensitivity where faces open: points pass an edge one by one
+SCALING_TOLERANCE = 0.2  # relative: meshes nearer to the linear log-sensitivity are corrected by a factor
 
 
 @dataclass(frozen=True)
@@ -52,41 +59,41 @@ class LoadedScene:
     accuracy: float
     linear: Converged
     paths: tuple[Path, Path]
-    known: Differences = NONE
+    known: MeshDifferences = NO_DIFFERENCES
 
     @classmethod
-    def of(cls, scene: Scene, accuracy: float) -> LoadedScene:
+    def from_scene(cls, scene: Scene, accuracy: float) -> LoadedScene:
         """Solve a scene at rest, linearly and on two meshes.
 
         Raises:
             SolveError: the equations cannot be solved in double precision.
             LimitReached: a limit of memory or time is exceeded.
         """
-        linear = converged_forces(_tied(scene), LINEAR_SHARE * accuracy)
-        first, second = (_path(scene, linear, fineness) for fineness in MESHES[:2])
+        linear = compute_converged_forces(_tie_faces(scene), LINEAR_SHARE * accuracy)
+        first, second = (_build_path(scene, linear, fineness) for fineness in MESH_FINENESSES[:2])
         return cls(scene, accuracy, linear, (first, second))
 
     @property
-    def opening(self) -> bool:
+    def may_open(self) -> bool:
         """Whether faces may open: the linear result is then not their limit, nor another modulus' state a start."""
         return self.scene.contact.interface == "unilateral"
 
-    def finer(self) -> LoadedScene | None:
+    def refine(self) -> LoadedScene | None:
         """Return the scene on the finer mesh and the next finer one; None if there is none."""
-        following = MESHES.index(self.paths[1].model.mesh.layout.fineness) + 1
-        if following == len(MESHES):
+        following = MESH_FINENESSES.index(self.paths[1].model.mesh.layout.fineness) + 1
+        if following == len(MESH_FINENESSES):
             return None
-        return replace(self, paths=(self.paths[1], _path(self.scene, self.linear, MESHES[following])))
+        return replace(self, paths=(self.paths[1], _build_path(self.scene, self.linear, MESH_FINENESSES[following])))
 
     def with_modulus(self, modulus: float, linear: Converged) -> LoadedScene:
         """Return the scene at rest with another Young's modulus of the target, Pa, and its linear film forces."""
         body = self.scene.inclusion[0].model_copy(update={"youngs_modulus": modulus})
         scene = self.scene.model_copy(update={"inclusion": (body,)})
-        known = None if self.opening else linear.films[0].totals
+        known = None if self.may_open else linear.films[0].totals
         first, second = (Path(path.model.with_modulus(modulus), True, known) for path in self.paths)
         return LoadedScene(scene, self.accuracy, linear, (first, second))
 
-    def at_scene_s_load(self) -> Loaded:
+    def press_to_scene_load(self) -> LoadedForces:
         """Press the probe to the scene's load.
 
         Raises:
@@ -95,105 +102,116 @@ class LoadedScene:
         """
         load = self.scene.load
         if load.indentation is not None:
-            return self.at_indentation(load.indentation)
-        return self.at_force(load.force or 0.0)
+            return self.press_to_indentation(load.indentation)
+        return self.press_to_force(load.force or 0.0)
 
-    def at_force(self, force: float, key: str = "load.force") -> Loaded:
+    def press_to_force(self, force: float, key: str = "load.force") -> LoadedForces:
         """Press to a force, N; see ``press_to_scene_load``.
 
         Raises:
             Refusal: the force, named by ``key``, is far above what any path reaches.
         """
-        about, radius = force / self._stiffness, self.paths[1].radius
-        if about > FAR_TOO_DEEP * radius:
-            most = f"for contact less than some {self._stiffness * radius:.2g} N, which drives it as deep as it is wide"
-            raise Refusal(key, Words(f"{force:g} N"), most)
-        return self._at(about, lambda path: path.at_force(force))
+        estimate, radius = force / self._stiffness, self.paths[1].radius
+        if estimate > MAX_LINEAR_DEPTH_RELATIVE * radius:
+            limit = f"for contact less than some {self._stiffness * radius:.2g} N, which drives it as deep as it is wide"
+            raise Refusal(key, Words(f"{force:g} N"), limit)
+        return self._press(estimate, lambda path: path.press_to_force(force))
 
     @property
     def _stiffness(self) -> float:
         return float(self.paths[1].points[0].tangent.sum())
 
     @property
-    def unseen(self) -> tuple[float, float]:
+    def min_errors(self) -> tuple[float, float]:
         """Minimum error bounds of film forces and log-sensitivity, relative: errors that no two meshes show.
 
         Where edges are round, blocks keep the material beyond the arcs. Where faces open, points pass an edge one by one.
         """
         s = self.paths[1].model.section
         sizes = (s.inner_radius, s.tube_radius - s.hole_radius, s.inner_height, s.outer_height)
-        least = UNSEEN + UNCUT * float(s.edge_radius / min(sizes)) ** 2
-        films, slopes = PASSING if self.opening else (0.0, 0.0)
-        return least + films, least + slopes
+        min_error = MIN_ERROR_RELATIVE + ROUND_EDGE_ERROR * float(s.edge_radius / min(sizes)) ** 2
+        films, slopes = EDGE_PASSING_ERRORS if self.may_open else (0.0, 0.0)
+        return min_error + films, min_error + slopes
 
-    def at_indentation(self, indentation: float) -> Loaded:
+    def press_to_indentation(self, indentation: float) -> LoadedForces:
         """Press to an indentation, m; see ``press_to_scene_load``."""
-        return self._at(indentation, lambda path: path.at_indentation(indentation))
+        return self._press(indentation, lambda path: path.press_to_indentation(indentation))
 
-    def _at(self, about: float, press: Callable[[Path], Pressed]) -> Loaded:
+    def _press(self, estimate: float, press: Callable[[Path], PathPoint]) -> LoadedForces:
         """Press both meshes, or scale the light-load result if the estimated indentation is negligible."""
         unit = self.paths[1].unit
-        if self.opening and about < LIGHT * unit:
-            light = self.at_indentation(LIGHT * unit)
-            point = replace(light.point, indentation=about, films=about / (LIGHT * unit) * light.point.films)
-            return Loaded(point, light.films)
-        if about <= SMALL * unit:
-            rest = self.paths[1].points[0]
-            point = replace(rest, indentation=about, films=about * rest.tangent)
-            return Loaded(point, _widened(self.linear.films[0], max(self.unseen)))
+        if self.may_open and estimate < LIGHT_INDENTATION_RELATIVE * unit:
+            light = self.press_to_indentation(LIGHT_INDENTATION_RELATIVE * unit)
+            point = replace(
+                light.point, indentation=estimate, films=estimate / (LIGHT_INDENTATION_RELATIVE * unit) * light.point.films
+            )
+            return LoadedForces(point, light.films)
+        if estimate <= SMALL_INDENTATION_RELATIVE * unit:
+            rest_point = self.paths[1].points[0]
+            point = replace(rest_point, indentation=estimate, films=estimate * rest_point.tangent)
+            return LoadedForces(point, _widen_bounds(self.linear.films[0], max(self.min_errors)))
         _, fine = (press(path) for path in self.paths)
-        return Loaded(fine, self._films(fine))
+        return LoadedForces(fine, self._compute_film_forces(fine))
 
-    def _films(self, point: Pressed) -> FilmForces:
+    def _compute_film_forces(self, point: PathPoint) -> FilmForces:
         """Return film forces per indentation, bounded by the linear errors and the differences of the two meshes."""
-        rest, off = self.linear.films[0], self.differences(point.indentation)
+        linear_films, differences = self.linear.films[0], self.compute_differences(point.indentation)
         totals = point.films / point.indentation
-        least, least_slope = self.unseen
-        errors = rest.relative_errors + SAFETY * off.films + least
-        bound = Bound(errors * np.abs(totals), rest.bound.log_ratio + SAFETY * off.log_ratio + least)
-        if rest.slope is None:
+        min_error, min_slope_error = self.min_errors
+        errors = linear_films.relative_errors + MESH_SAFETY_FACTOR * differences.films + min_error
+        bound = Bound(
+            errors * np.abs(totals), linear_films.bound.log_ratio + MESH_SAFETY_FACTOR * differences.log_ratio + min_error
+        )
+        if linear_films.modulus_derivative is None:
             return FilmForces(np.diag(totals), bound)
-        value = self.sensitivity(self.paths[1], point)
-        grown = abs(value / rest.log_sensitivity) if rest.log_sensitivity else 1.0
-        own = (SAFETY * off.sensitivity + least_slope) * self._size(point.indentation)
-        error = rest.sensitivity_error * max(1.0, grown) + own
+        value = self.compute_sensitivity(self.paths[1], point)
+        grown = abs(value / linear_films.log_sensitivity) if linear_films.log_sensitivity else 1.0
+        mesh_error = (MESH_SAFETY_FACTOR * differences.sensitivity + min_slope_error) * self._find_max_sensitivity(
+            point.indentation
+        )
+        error = linear_films.sensitivity_error * max(1.0, grown) + mesh_error
         # at constant force the changes of the two film forces cancel
         shares = np.array([totals[1], -totals[0]]) / totals.sum() * value
         return FilmForces(np.diag(totals), bound, np.diag(totals * shares), error)
 
-    def sensitivity(self, path: Path, point: Pressed) -> float:
+    def compute_sensitivity(self, path: Path, point: PathPoint) -> float:
         """Return the log-sensitivity at a point of a path, corrected for the mesh's error at rest if that is known."""
-        if self.opening:
+        if self.may_open:
             return point.log_sensitivity
-        exact, own = self.linear.films[0].log_sensitivity or 0.0, path.points[0].log_sensitivity
-        if own * exact > 0 and abs(own / exact - 1) < ALIKE:
-            return point.log_sensitivity * exact / own
-        return point.log_sensitivity + exact - own
+        exact, rest_sensitivity = self.linear.films[0].log_sensitivity or 0.0, path.points[0].log_sensitivity
+        if rest_sensitivity * exact > 0 and abs(rest_sensitivity / exact - 1) < SCALING_TOLERANCE:
+            return point.log_sensitivity * exact / rest_sensitivity
+        return point.log_sensitivity + exact - rest_sensitivity
 
-    def differences(self, until: float) -> Differences:
+    def compute_differences(self, until: float) -> MeshDifferences:
         """Return the maximum differences of both meshes up to an indentation, m."""
         places = np.unique([until, *(point.indentation for path in self.paths for point in path.points)])
         places = places[(places > 0) & (places <= until)]
-        (films, first), (others, second) = (self._told(path, places) for path in self.paths)
-        off, size = np.log(np.abs(films / others)), self._size(until)
+        (films, first), (second_films, second) = (self._interpolate(path, places) for path in self.paths)
+        log_ratios, size = np.log(np.abs(films / second_films)), self._find_max_sensitivity(until)
         sensitivity = float(np.abs(first - second).max()) / size if size else 0.0
-        return Differences(np.abs(off).max(axis=1), float(np.abs(off[0] - off[1]).max()), sensitivity) | self.known
+        return (
+            MeshDifferences(np.abs(log_ratios).max(axis=1), float(np.abs(log_ratios[0] - log_ratios[1]).max()), sensitivity)
+            | self.known
+        )
 
-    def _size(self, until: float) -> float:
+    def _find_max_sensitivity(self, until: float) -> float:
         """Return the maximum magnitude of the log-sensitivity up to an indentation, m."""
         path = self.paths[1]
-        return max(abs(self.sensitivity(path, point)) for point in path.points if point.indentation <= until)
+        return max(abs(self.compute_sensitivity(path, point)) for point in path.points if point.indentation <= until)
 
-    def _told(self, path: Path, places: Floats) -> tuple[Floats, Floats]:
+    def _interpolate(self, path: Path, places: Floats) -> tuple[Floats, Floats]:
         """Interpolate film forces, shape (2, k), and log-sensitivities, (k,), between the points of a path."""
         points = path.points
-        at = np.array([point.indentation for point in points])
-        films = CubicHermiteSpline(at, [point.films for point in points], [point.tangent for point in points])
-        sensitivity = PchipInterpolator(at, [self.sensitivity(path, point) for point in points], extrapolate=True)
+        indentations = np.array([point.indentation for point in points])
+        films = CubicHermiteSpline(indentations, [point.films for point in points], [point.tangent for point in points])
+        sensitivity = PchipInterpolator(
+            indentations, [self.compute_sensitivity(path, point) for point in points], extrapolate=True
+        )
         return films(places).T, sensitivity(places)
 
 
-def curve(on: LoadedScene, moduli: Floats) -> list[Loaded]:
+def compute_modulus_curve(loaded: LoadedScene, moduli: Floats) -> list[LoadedForces]:
     """Return film forces at a scene's load for other moduli of the target, each started from its neighbour's state.
 
     Args:
@@ -203,51 +221,53 @@ def curve(on: LoadedScene, moduli: Floats) -> list[Loaded]:
     Raises:
         SolveError, LimitReached: see ``LoadedScene.from_scene`` and ``LoadedScene.press_to_scene_load``.
     """
-    every = converged_forces(_tied(on.scene), LINEAR_SHARE * on.accuracy, moduli)
-    far = np.log(moduli / on.scene.inclusion[0].youngs_modulus)
-    found: dict[int, Loaded] = {}
-    for side in (far >= 0, far < 0):
-        near = on
-        for k in sorted(np.flatnonzero(side).tolist(), key=lambda k: abs(far[k])):
-            found[k], near = _beside(near, float(moduli[k]), replace(every, films=(every.films[k],)))
-    return [found[k] for k in range(len(moduli))]
+    linear = compute_converged_forces(_tie_faces(loaded.scene), LINEAR_SHARE * loaded.accuracy, moduli)
+    log_ratios = np.log(moduli / loaded.scene.inclusion[0].youngs_modulus)
+    results: dict[int, LoadedForces] = {}
+    for side in (log_ratios >= 0, log_ratios < 0):
+        neighbour = loaded
+        for k in sorted(np.flatnonzero(side).tolist(), key=lambda k: abs(log_ratios[k])):
+            results[k], neighbour = _solve_neighbour(neighbour, float(moduli[k]), replace(linear, films=(linear.films[k],)))
+    return [results[k] for k in range(len(moduli))]
 
 
-def beside(near: LoadedScene, modulus: float) -> tuple[Loaded, LoadedScene]:
+def solve_neighbour(neighbour: LoadedScene, modulus: float) -> tuple[LoadedForces, LoadedScene]:
     """Return the film forces for one other modulus, and the pressed scene as a start for more; see ``compute_modulus_curve``."""
-    linear = converged_forces(_tied(near.scene), LINEAR_SHARE * near.accuracy, np.array([modulus]))
-    return _beside(near, modulus, linear)
+    linear = compute_converged_forces(_tie_faces(neighbour.scene), LINEAR_SHARE * neighbour.accuracy, np.array([modulus]))
+    return _solve_neighbour(neighbour, modulus, linear)
 
 
-def _beside(near: LoadedScene, modulus: float, linear: Converged) -> tuple[Loaded, LoadedScene]:
+def _solve_neighbour(neighbour: LoadedScene, modulus: float, linear: Converged) -> tuple[LoadedForces, LoadedScene]:
     """Solve for another modulus from the neighbour's state, or from rest if that does not converge."""
-    at_rest = near.with_modulus(modulus, linear)
-    last = near.paths[1].last.indentation
-    if near.opening or last <= SMALL * near.paths[1].unit:
-        return at_rest.at_scene_s_load(), at_rest
-    on = replace(at_rest, known=near.differences(last))
+    rest_scene = neighbour.with_modulus(modulus, linear)
+    last = neighbour.paths[1].last.indentation
+    if neighbour.may_open or last <= SMALL_INDENTATION_RELATIVE * neighbour.paths[1].unit:
+        return rest_scene.press_to_scene_load(), rest_scene
+    loaded = replace(rest_scene, known=neighbour.compute_differences(last))
     try:
-        for path, other in zip(on.paths, near.paths, strict=True):
-            path.seed(other.last.equilibrium.state)
-        return on.at_scene_s_load(), on
+        for path, neighbour_path in zip(loaded.paths, neighbour.paths, strict=True):
+            path.seed(neighbour_path.last.equilibrium.state)
+        return loaded.press_to_scene_load(), loaded
     except StoppedError:
-        on = near.with_modulus(modulus, linear)
-        return on.at_scene_s_load(), on
+        loaded = neighbour.with_modulus(modulus, linear)
+        return loaded.press_to_scene_load(), loaded
 
 
-def _path(scene: Scene, linear: Converged, fineness: MeridianFineness) -> Path:
+def _build_path(scene: Scene, linear: Converged, fineness: MeridianFineness) -> Path:
     """Build the load path, on one mesh, of the section that the linear solution used."""
-    at_rest, materials = linear.sample.states.model, {}
+    rest_model, materials = linear.sample.states.model, {}
     if scene.inclusion:
         body = scene.inclusion[0]
         materials[Body.INCLUSION] = Material(youngs_modulus=body.youngs_modulus, poisson_ratio=body.poisson_ratio)
-    section = at_rest.section if scene.tissue.shape != "half-space" else _nearer(at_rest.section)
-    faces, spring = scene.contact, SPRINGS[fineness.order]
-    model = ContactModel.of(section, {**at_rest.materials, **materials}, faces.interface, fineness, faces.friction, spring=spring)
+    section = rest_model.section if scene.tissue.shape != "half-space" else _truncate_section(rest_model.section)
+    faces, spring = scene.contact, SPRING_SHARES[fineness.order]
+    model = ContactModel.from_section(
+        section, {**rest_model.materials, **materials}, faces.interface, fineness, faces.friction, spring=spring
+    )
     return Path(model, scene.target is not None, None if faces.interface == "unilateral" else linear.films[0].totals)
 
 
-def _tied(scene: Scene) -> Scene:
+def _tie_faces(scene: Scene) -> Scene:
     """Return the scene for linear elements: faces that may open become frictionless."""
     faces = scene.contact
     if faces.interface != "unilateral":
@@ -255,13 +275,13 @@ def _tied(scene: Scene) -> Scene:
     return scene.model_copy(update={"contact": faces.model_copy(update={"interface": "frictionless", "friction": 0.0})})
 
 
-def _nearer(section: Section) -> Section:
+def _truncate_section(section: Section) -> Section:
     """Cut a half-space's section where strains are negligible; the linear correction at rest removes the effect of the cut."""
-    share = FAR / HALF_SPACE
+    share = HALF_SPACE_EXTENT_RELATIVE / HALF_SPACE_SIZES
     return replace(section, tissue_radius=share * section.tissue_radius, tissue_depth=share * section.tissue_depth)
 
 
-def _widened(films: FilmForces, share: float) -> FilmForces:
+def _widen_bounds(films: FilmForces, share: float) -> FilmForces:
     """Return film forces with bounds widened by a relative amount."""
     bound = Bound(films.bound.totals + share * np.abs(films.totals), films.bound.log_ratio + 2 * share)
     error = films.sensitivity_error + share * abs(films.log_sensitivity or 0.0)

@@ -18,12 +18,15 @@ from functools import cached_property
 import numpy as np
 
 from geometry.common.arrays import Bools, Floats
-from solver.contact.curves import BoundaryLine, gauss
+from solver.contact.curves import BoundaryLine, tabulate_gauss
 
-ROOT = 0.5**0.5
+ROOT_HALF = 0.5**0.5
 Axes = tuple[tuple[float, float], tuple[float, float]]
-LEVEL: Axes = ((0.0, 1.0), (1.0, 0.0))  # t upwards, s outwards
-RISING, FALLING = ((ROOT, ROOT), (-ROOT, ROOT)), ((-ROOT, ROOT), (ROOT, ROOT))  # t up and outwards, or inwards; s up
+GAP_AXES: Axes = ((0.0, 1.0), (1.0, 0.0))  # t upwards, s outwards
+OUTWARD_AXES, INWARD_AXES = (
+    ((ROOT_HALF, ROOT_HALF), (-ROOT_HALF, ROOT_HALF)),
+    ((-ROOT_HALF, ROOT_HALF), (ROOT_HALF, ROOT_HALF)),
+)  # t up and outwards, or inwards; s up
 
 
 @dataclass(frozen=True)
@@ -38,17 +41,17 @@ class RoundEdge:
     place: float = np.inf
     radius: float = 0.0
 
-    def taken(self, place: Floats) -> tuple[Floats, Floats, Floats]:
+    def compute_removed_height(self, place: Floats) -> tuple[Floats, Floats, Floats]:
         """Return the removed height, m, at positions on the line, and its first and second derivatives along it."""
         if not self.radius:
             return (np.zeros_like(place),) * 3
-        t = np.clip((place - self.place) * ROOT, -ROOT * self.radius, ROOT * self.radius)
-        near = np.abs(t) < ROOT * self.radius
+        t = np.clip((place - self.place) * ROOT_HALF, -ROOT_HALF * self.radius, ROOT_HALF * self.radius)
+        on_arc = np.abs(t) < ROOT_HALF * self.radius
         height = np.sqrt(self.radius**2 - t**2)
-        first = ROOT * (t / height - np.copysign(1.0, place - self.place))
+        first = ROOT_HALF * (t / height - np.copysign(1.0, place - self.place))
         second = 0.5 * self.radius**2 / height**3
-        off = self.radius / ROOT - height - np.abs(t)
-        return np.where(near, off, 0.0), np.where(near, first, 0.0), np.where(near, second, 0.0)
+        removed = self.radius / ROOT_HALF - height - np.abs(t)
+        return np.where(on_arc, removed, 0.0), np.where(on_arc, first, 0.0), np.where(on_arc, second, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,22 +92,26 @@ class Pair:
     @property
     def points(self) -> int:
         """Number of the slave's Gauss points."""
-        return int(self.slave.place.shape[0]) * len(gauss(self.slave.order)[0])
+        return int(self.slave.place.shape[0]) * len(tabulate_gauss(self.slave.order)[0])
 
-    def places(self, own: Floats) -> Floats:
+    def compute_positions(self, displacements: Floats) -> Floats:
         """Return the deformed positions (r, z) of the slave's points, m, shape (points, 2)."""
-        return np.asarray(np.einsum("kcp,gp->kgc", self.slave.positions(own), gauss(self.slave.order)[1]).reshape(-1, 2))
+        return np.asarray(
+            np.einsum("kcp,gp->kgc", self.slave.compute_positions(displacements), tabulate_gauss(self.slave.order)[1]).reshape(
+                -1, 2
+            )
+        )
 
     @cached_property
-    def along(self) -> Floats:
+    def slave_places(self) -> Floats:
         """Positions of the slave's points on the undeformed line, m from its start, shape (points,)."""
         lengths = self.slave.lengths[:, None]
         starts = np.cumsum(lengths)[:, None] - lengths
-        return np.asarray((starts + lengths * gauss(self.slave.order)[1][:, 1]).ravel())
+        return np.asarray((starts + lengths * tabulate_gauss(self.slave.order)[1][:, 1]).ravel())
 
     @cached_property
     def weights(self) -> Floats:
         """Areas 2 pi r dL of the undeformed slave at its points, m^2, shape (points,)."""
-        w, value = gauss(self.slave.order)
+        w, value = tabulate_gauss(self.slave.order)
         radius = self.slave.place[:, 0] @ value.T
         return np.asarray((2 * np.pi * radius * w * self.slave.lengths[:, None]).ravel())

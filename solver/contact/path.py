@@ -11,18 +11,22 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError
 from solver.contact.model import ContactModel
 from solver.contact.newton import Equilibrium, solve
-from solver.contact.pressed import Pressed, StoppedError
-from solver.contact.states import State, hermite, lagrange, weighted
+from solver.contact.pressed import PathPoint, StoppedError
+from solver.contact.states import State, add_weighted, hermite_weights, lagrange_weights
 
-FIRST, LEAST, LONGEST = 0.02, 1e-3, 0.08  # steps: first and minimum in units of the path, maximum in outer radii
-TINY = 1e-6  # in units: an indentation at which all is linear
-LIGHT = 1e-4  # likewise where faces may open: gaps must exceed rounding errors
-GROWTH, EASY = 1.8, 12  # steps grow by this factor after one that took this many Newton steps or fewer
-EASY_FACES, LONGEST_FACES = 30, 0.02  # likewise, and maximum step in outer radii, where faces may open
-DEEPEST = 1.0  # outer radii: the accuracy of deeper states was never checked
-NEARLY = 1e-4  # of a requested force: the rest is extrapolated linearly
-TRIES = 12
-CLOSE = 0.1  # of the distance to extrapolate over: nearer points add little
+FIRST_STEP_RELATIVE, MIN_STEP_RELATIVE, MAX_STEP_RELATIVE = (
+    0.02,
+    1e-3,
+    0.08,
+)  # steps: first and minimum in units of the path, maximum in outer radii
+LINEAR_INDENTATION_RELATIVE = 1e-6  # in units: an indentation at which all is linear
+OPENING_INDENTATION_RELATIVE = 1e-4  # likewise where faces may open: gaps must exceed rounding errors
+STEP_GROWTH_FACTOR, EASY_NEWTON_STEPS = 1.8, 12  # steps grow by this factor after one that took this many Newton steps or fewer
+EASY_OPENING_STEPS, MAX_OPENING_STEP_RELATIVE = 30, 0.02  # likewise, and maximum step in outer radii, where faces may open
+MAX_DEPTH_RELATIVE = 1.0  # outer radii: the accuracy of deeper states was never checked
+FORCE_TOLERANCE_RELATIVE = 1e-4  # of a requested force: the rest is extrapolated linearly
+MAX_FORCE_STEPS = 12
+MIN_DISTANCE_RELATIVE = 0.1  # of the distance to extrapolate over: nearer points add little
 
 
 @dataclass
@@ -41,27 +45,29 @@ class Path:
     model: ContactModel
     sensitive: bool
     linear: Floats | None = None
-    points: list[Pressed] = field(default_factory=list)
+    points: list[PathPoint] = field(default_factory=list)
     length: float = 0.0
-    _begun: Equilibrium = field(init=False)
+    _light_equilibrium: Equilibrium = field(init=False)
     _scale: Floats = field(default_factory=lambda: np.ones(2))
 
     def __post_init__(self) -> None:
         """Compute the first points: at rest, and under a very light load."""
-        self.length = FIRST * self.unit
-        rest = self.model.at_rest()
-        small = self._light(rest)
+        self.length = FIRST_STEP_RELATIVE * self.unit
+        rest_state = self.model.build_rest_state()
+        light = self._solve_light_load(rest_state)
         if self.linear is not None:
-            self._scale = self.linear / self._pressed(small).tangent
-        self._begun, linear = small, self._pressed(small)
-        still = Equilibrium(rest, self.model.linearised(rest), ())
-        gap, none = float(self.model.section.hole_radius - self.model.section.inner_radius), np.zeros(2)
-        self.points.append(replace(linear, indentation=0.0, films=none, walls=gap, strain=0.0, residual=0.0, equilibrium=still))
+            self._scale = self.linear / self._build_point(light).tangent
+        self._light_equilibrium, linear = light, self._build_point(light)
+        rest_equilibrium = Equilibrium(rest_state, self.model.linearise(rest_state), ())
+        gap, zeros = float(self.model.section.hole_radius - self.model.section.inner_radius), np.zeros(2)
+        self.points.append(
+            replace(linear, indentation=0.0, films=zeros, walls=gap, strain=0.0, residual=0.0, equilibrium=rest_equilibrium)
+        )
 
-    def seed(self, state: State) -> Pressed:
+    def seed(self, state: State) -> PathPoint:
         """Start the path at a state of the same mesh with other moduli; see ``iterate_steps``."""
         try:
-            point = self._pressed(solve(self.model, state))
+            point = self._build_point(solve(self.model, state))
         except SolveError as fault:
             raise StoppedError(self.last, f"no further step converges: {fault}") from fault
         self.points.append(point)
@@ -79,11 +85,11 @@ class Path:
         return float(min(section.tube_radius, section.tissue_depth, section.inner_height, section.outer_height))
 
     @property
-    def last(self) -> Pressed:
+    def last(self) -> PathPoint:
         """The deepest point computed."""
         return self.points[-1]
 
-    def steps(self, until: float) -> Iterator[Pressed]:
+    def iterate_steps(self, until: float) -> Iterator[PathPoint]:
         """Press to the indentation ``until``, m, and yield each point on the way.
 
         Raises:
@@ -91,164 +97,172 @@ class Path:
             LimitReached: the time limit is reached.
         """
         while self.last.indentation < until * (1 - 1e-12):
-            beyond = self.last.indentation + self.length
-            yield self._step(until if beyond > until - 0.3 * self.length else beyond)
+            next_indentation = self.last.indentation + self.length
+            yield self._take_step(until if next_indentation > until - 0.3 * self.length else next_indentation)
 
-    def at_indentation(self, indentation: float) -> Pressed:
+    def press_to_indentation(self, indentation: float) -> PathPoint:
         """Return the point at an indentation, m; see ``iterate_steps``."""
-        for _ in self.steps(indentation):
+        for _ in self.iterate_steps(indentation):
             pass
-        near = min(self.points, key=lambda point: abs(point.indentation - indentation))
-        return near if abs(near.indentation - indentation) <= 1e-12 * indentation else self.insert(indentation)
+        nearest = min(self.points, key=lambda point: abs(point.indentation - indentation))
+        return nearest if abs(nearest.indentation - indentation) <= 1e-12 * indentation else self.insert(indentation)
 
-    def at_force(self, force: float) -> Pressed:
+    def press_to_force(self, force: float) -> PathPoint:
         """Return the point at a force, N; see ``iterate_steps``."""
-        while self.last.force < force * (1 - NEARLY):
-            self._step(self.last.indentation + min(self.length, self._further(force)))
-        for _ in range(TRIES):
-            near = min(self.points, key=lambda point: abs(point.force - force))
-            rest = self._further(force)
-            if abs(near.force - force) <= NEARLY * force:
-                return replace(near, indentation=near.indentation + rest, films=near.films + rest * near.tangent)
-            self.insert(near.indentation + rest)
+        while self.last.force < force * (1 - FORCE_TOLERANCE_RELATIVE):
+            self._take_step(self.last.indentation + min(self.length, self._estimate_advance(force)))
+        for _ in range(MAX_FORCE_STEPS):
+            nearest = min(self.points, key=lambda point: abs(point.force - force))
+            remainder = self._estimate_advance(force)
+            if abs(nearest.force - force) <= FORCE_TOLERANCE_RELATIVE * force:
+                return replace(
+                    nearest, indentation=nearest.indentation + remainder, films=nearest.films + remainder * nearest.tangent
+                )
+            self.insert(nearest.indentation + remainder)
         raise StoppedError(self.last, "no indentation gives the force")
 
-    def _further(self, force: float) -> float:
+    def _estimate_advance(self, force: float) -> float:
         """Estimate the indentation of a force beyond the nearest point, m, from the stiffness at the two nearest points."""
-        near, *others = sorted(self.points, key=lambda point: abs(point.force - force))[:2]
-        missing, stiffness = force - near.force, float(near.tangent.sum())
-        if not others:
+        nearest, *neighbours = sorted(self.points, key=lambda point: abs(point.force - force))[:2]
+        missing, stiffness = force - nearest.force, float(nearest.tangent.sum())
+        if not neighbours:
             return missing / stiffness
-        other = others[0]
-        stiffening = (float(other.tangent.sum()) - stiffness) / (other.indentation - near.indentation)
-        within = stiffness**2 + 2 * stiffening * missing
-        return 2 * missing / (stiffness + within**0.5) if within > 0 else missing / stiffness
+        neighbour = neighbours[0]
+        stiffening = (float(neighbour.tangent.sum()) - stiffness) / (neighbour.indentation - nearest.indentation)
+        discriminant = stiffness**2 + 2 * stiffening * missing
+        return 2 * missing / (stiffness + discriminant**0.5) if discriminant > 0 else missing / stiffness
 
-    def _step(self, indentation: float) -> Pressed:
+    def _take_step(self, indentation: float) -> PathPoint:
         """Take one step towards an indentation, halved until it converges."""
-        start, most = self.last.indentation, DEEPEST * self.radius
-        if start >= most * (1 - 1e-9):
+        start, max_depth = self.last.indentation, MAX_DEPTH_RELATIVE * self.radius
+        if start >= max_depth * (1 - 1e-9):
             raise StoppedError(self.last, "it is as deep as the probe is wide, and deeper solutions were never verified")
-        step = min(indentation, most) - start
+        step = min(indentation, max_depth) - start
         while True:
             try:
-                point = self._solved(start + step)
+                point = self._solve_point(start + step)
                 break
             except SolveError as fault:
                 step /= 2
                 self.length = step
-                if step <= 0.5 * LEAST * self.unit:
+                if step <= 0.5 * MIN_STEP_RELATIVE * self.unit:
                     raise StoppedError(self.last, f"no further step converges: {fault}") from fault
-        easy, longest = (EASY_FACES, LONGEST_FACES) if self.model.loose else (EASY, LONGEST)
+        easy, longest = (
+            (EASY_OPENING_STEPS, MAX_OPENING_STEP_RELATIVE) if self.model.may_open else (EASY_NEWTON_STEPS, MAX_STEP_RELATIVE)
+        )
         if len(point.equilibrium.residuals) <= easy:
-            self.length = min(GROWTH * self.length, longest * self.radius)
+            self.length = min(STEP_GROWTH_FACTOR * self.length, longest * self.radius)
         self.points.append(point)
         return point
 
-    def insert(self, indentation: float) -> Pressed:
+    def insert(self, indentation: float) -> PathPoint:
         """Compute a point between others and add it to the path.
 
         Raises:
             SolveError: see ``solver.contact.newton.solve``.
             LimitReached: the time limit is reached.
         """
-        point = self._solved(indentation)
+        point = self._solve_point(indentation)
         self.points.append(point)
-        self.points.sort(key=lambda one: one.indentation)
+        self.points.sort(key=lambda entry: entry.indentation)
         return point
 
-    def _solved(self, indentation: float) -> Pressed:
+    def _solve_point(self, indentation: float) -> PathPoint:
         try:
-            return self._pressed(solve(self.model, self._ahead(indentation), known=self._known(indentation)))
+            return self._build_point(
+                solve(self.model, self._extrapolate(indentation), known=self._has_known_contact(indentation))
+            )
         except SolveError:
-            if not self.model.loose:
+            if not self.model.may_open:
                 raise
         # neighbours may differ in what touches and slides: one alone is sometimes the better start
-        return self._pressed(solve(self.model, self._following(self._before(indentation), indentation)))
+        return self._build_point(solve(self.model, self._follow_tangent(self._find_state_before(indentation), indentation)))
 
     @property
     def _target(self) -> Floats | None:
         return self.model.target if self.sensitive else None
 
-    def _near(self, indentation: float) -> list[Pressed]:
+    def _find_nearest(self, indentation: float) -> list[PathPoint]:
         """Find the three nearest points that are not too close to each other, so that extrapolation amplifies no rounding."""
-        near: list[Pressed] = []
+        nearest: list[PathPoint] = []
         for point in sorted(self.points, key=lambda point: abs(point.indentation - indentation)):
-            apart = CLOSE * abs(point.indentation - indentation)
-            if len(near) < 3 and all(abs(point.indentation - other.indentation) > apart for other in near):
-                near.append(point)
-        return near
+            min_distance = MIN_DISTANCE_RELATIVE * abs(point.indentation - indentation)
+            if len(nearest) < 3 and all(abs(point.indentation - neighbour.indentation) > min_distance for neighbour in nearest):
+                nearest.append(point)
+        return nearest
 
-    def _ahead(self, indentation: float) -> State:
+    def _extrapolate(self, indentation: float) -> State:
         """Extrapolate or interpolate the state at an indentation from the nearest points."""
-        near = self._near(indentation)
-        states = [point.equilibrium.state for point in near]
+        nearest = self._find_nearest(indentation)
+        states = [point.equilibrium.state for point in nearest]
         if len(states) < 2:
-            return self._proportional(indentation) if self.model.loose else self._following(states[0], indentation)
+            return self._scale_light_state(indentation) if self.model.may_open else self._follow_tangent(states[0], indentation)
         places = [state.indentation for state in states]
-        guess = weighted(lagrange(places, indentation), states)
-        if not self.model.loose and not any(state.touching.any() for state in states):
+        guess = add_weighted(lagrange_weights(places, indentation), states)
+        if not self.model.may_open and not any(state.contact_mask.any() for state in states):
             # use rates only without contact: with contact they lead to another equilibrium of a folding corner
-            guess = weighted(hermite(places[:2], indentation), [*states[:2], *(point.rates for point in near[:2])])
-        if self.model.elements.least_volume(guess.elements.u) <= 0:
-            return self._following(states[0], indentation)
-        return replace(guess, indentation=indentation, grips=self._before(indentation).grips)
+            guess = add_weighted(hermite_weights(places[:2], indentation), [*states[:2], *(point.rates for point in nearest[:2])])
+        if self.model.elements.compute_min_volume_ratio(guess.elements.u) <= 0:
+            return self._follow_tangent(states[0], indentation)
+        return replace(guess, indentation=indentation, grips=self._find_state_before(indentation).grips)
 
-    def _known(self, indentation: float) -> bool:
+    def _has_known_contact(self, indentation: float) -> bool:
         """Return whether the same points touch in all nearest states, so that multipliers can be extrapolated."""
-        touching = [point.equilibrium.state.touching for point in self._near(indentation)]
-        alike = all(np.array_equal(touching[0], other) for other in touching[1:])
-        return not self.model.loose and len(touching) > 2 and bool(touching[0].any()) and alike
+        touching = [point.equilibrium.state.contact_mask for point in self._find_nearest(indentation)]
+        is_same = all(np.array_equal(touching[0], pattern) for pattern in touching[1:])
+        return not self.model.may_open and len(touching) > 2 and bool(touching[0].any()) and is_same
 
-    def _before(self, indentation: float) -> State:
+    def _find_state_before(self, indentation: float) -> State:
         """Return the last state below an indentation; friction depends on it."""
         on_the_way = [point.equilibrium.state for point in self.points if point.indentation <= indentation]
         return on_the_way[-1]
 
-    def _light(self, rest: State) -> Equilibrium:
+    def _solve_light_load(self, rest_state: State) -> Equilibrium:
         """Solve for a very light load, under which faces that may open are open."""
-        state = self._following(rest, (LIGHT if self.model.loose else TINY) * self.unit)
-        if not self.model.loose:
-            return Equilibrium(state, self.model.linearised(state), ())
-        closed = tuple(one.pressure for one in self.model.touches(state))
+        state = self._follow_tangent(
+            rest_state, (OPENING_INDENTATION_RELATIVE if self.model.may_open else LINEAR_INDENTATION_RELATIVE) * self.unit
+        )
+        if not self.model.may_open:
+            return Equilibrium(state, self.model.linearise(state), ())
+        closed = tuple(touch.pressure for touch in self.model.compute_touches(state))
         return solve(self.model, replace(state, multipliers=closed))
 
-    def _proportional(self, indentation: float) -> State:
+    def _scale_light_state(self, indentation: float) -> State:
         """Scale the light-load state to a small indentation, where all is proportional and the contact does not change."""
-        state = self._begun.state
+        state = self._light_equilibrium.state
         factor = indentation / state.indentation
         grips = tuple(None if grip is None else replace(grip, shear=factor * grip.shear) for grip in state.grips)
         grown = replace(state, multipliers=tuple(factor * m for m in state.multipliers), grips=grips)
-        return self._following(grown, indentation)
+        return self._follow_tangent(grown, indentation)
 
-    def _following(self, state: State, indentation: float) -> State:
+    def _follow_tangent(self, state: State, indentation: float) -> State:
         """Return the state at an indentation on the tangent of another state."""
-        at = self.model.linearised(state)
-        changes, _ = self.model.responses(state, at)
-        return self.model.shifted(state, at, (indentation - state.indentation) * changes[:, 0], indentation)
+        equations = self.model.linearise(state)
+        changes, _ = self.model.compute_responses(state, equations)
+        return self.model.shift(state, equations, (indentation - state.indentation) * changes[:, 0], indentation)
 
-    def _pressed(self, found: Equilibrium) -> Pressed:
+    def _build_point(self, equilibrium: Equilibrium) -> PathPoint:
         """Compute the results at a state.
 
         At constant force F the base follows a stiffer target, of Young's modulus E, by -(dF/d ln E) / (dF/d indentation) (CT.7).
         """
-        model, at, state = self.model, found.at, found.state
+        model, equations, state = self.model, equilibrium.equations, equilibrium.state
         model.check_base(state)
-        changes, slopes = model.responses(state, at, self._target)
-        films, slopes = self._scale * model.film_forces(at), self._scale[:, None] * slopes
+        changes, slopes = model.compute_responses(state, equations, self._target)
+        films, slopes = self._scale * model.compute_film_forces(equations), self._scale[:, None] * slopes
         sensitivity = 0.0
         if self.sensitive:
             by_modulus = slopes[:, 1] - slopes[:, 0] * (slopes[:, 1].sum() / slopes[:, 0].sum())
             sensitivity = float(by_modulus @ ([1, -1] / films))
-        return Pressed(
+        return PathPoint(
             state.indentation,
             films,
             slopes[:, 0],
             sensitivity,
-            walls=max(0.0, at.touches[0].closest),
-            contact_radius=model.contact_radius(at, state),
-            strain=model.elements.largest_stretch(state.elements.u),
-            residual=at.unbalanced,
-            equilibrium=replace(found, at=replace(at, factor=None)),  # factors are large
-            rates=model.rates(state, at, changes[:, 0]),
+            walls=max(0.0, equations.touches[0].min_gap),
+            contact_radius=model.compute_contact_radius(equations, state),
+            strain=model.elements.compute_max_stretch(state.elements.u),
+            residual=equations.relative_residual,
+            equilibrium=replace(equilibrium, equations=replace(equations, factor=None)),  # factors are large
+            rates=model.compute_rates(state, equations, changes[:, 0]),
         )

@@ -14,7 +14,7 @@ from solver.results.film_forces import FilmForces
 
 
 @dataclass(frozen=True)
-class Pressed:
+class PathPoint:
     """Results at one point of a load path.
 
     Attributes:
@@ -48,7 +48,7 @@ class Pressed:
 
 
 @dataclass(frozen=True)
-class Loaded:
+class LoadedForces:
     """Film forces under one load.
 
     Attributes:
@@ -56,25 +56,25 @@ class Loaded:
         films: film forces per indentation with bounds; their derivatives are taken at constant force.
     """
 
-    point: Pressed
+    point: PathPoint
     films: FilmForces
 
 
 @dataclass(frozen=True)
-class Differences:
+class MeshDifferences:
     """Differences of two meshes: in ln of the film forces, shape (2,), in ln of their ratio, and in log-sensitivity, relative."""
 
     films: Floats
     log_ratio: float
     sensitivity: float
 
-    def __or__(self, other: Differences) -> Differences:
+    def __or__(self, other: MeshDifferences) -> MeshDifferences:
         """Return the larger of each difference."""
         films = np.maximum(self.films, other.films)
-        return Differences(films, max(self.log_ratio, other.log_ratio), max(self.sensitivity, other.sensitivity))
+        return MeshDifferences(films, max(self.log_ratio, other.log_ratio), max(self.sensitivity, other.sensitivity))
 
 
-NONE = Differences(np.zeros(2), 0.0, 0.0)
+NO_DIFFERENCES = MeshDifferences(np.zeros(2), 0.0, 0.0)
 
 
 class StoppedError(SolveError):
@@ -85,6 +85,6 @@ class StoppedError(SolveError):
         reason: why no further step converges.
     """
 
-    def __init__(self, last: Pressed, why: str) -> None:
-        self.last, self.why = last, why
-        super().__init__(f"beyond {1e3 * last.indentation:.3g} mm, {last.force:.3g} N, {why}")
+    def __init__(self, last: PathPoint, reason: str) -> None:
+        self.last, self.reason = last, reason
+        super().__init__(f"beyond {1e3 * last.indentation:.3g} mm, {last.force:.3g} N, {reason}")

@@ -37,7 +37,7 @@ class State:
     blur: float = 0.0
 
     @property
-    def touching(self) -> Bools:
+    def contact_mask(self) -> Bools:
         """Mask of the points of all pairs that touch: their multipliers are positive."""
         return np.concatenate([multiplier > 0 for multiplier in self.multipliers])
 
@@ -63,17 +63,17 @@ class WorkingForces:
     deepest: float
 
     @property
-    def touched(self) -> bool:
+    def has_contact(self) -> bool:
         """Whether any points touch."""
-        return any(np.any(one.pressure > 0) for one in self.touches)
+        return any(np.any(touch.pressure > 0) for touch in self.touches)
 
     @property
-    def torn(self) -> bool:
+    def has_sliding_reversal(self) -> bool:
         """Whether any sliding point has reversed its direction, so that friction has not settled; see ``Touch``."""
-        return any(one.torn for one in self.touches)
+        return any(touch.sliding_reversed for touch in self.touches)
 
     @property
-    def unbalanced(self) -> float:
+    def relative_residual(self) -> float:
         """Norm of the residual relative to that of the forces."""
         return float(np.linalg.norm(self.residual)) / self.scale if self.scale > 0 else 0.0
 
@@ -94,24 +94,27 @@ class Linearised(WorkingForces):
     factor: Factor | None = None
 
 
-def weighted(weights: Sequence[float], states: Sequence[State]) -> State:
+def add_weighted(weights: Sequence[float], states: Sequence[State]) -> State:
     """Return the weighted sum of states, or of states and rates; everything else is copied from the first."""
-    both = list(zip(weights, states, strict=True))
-    u, p = (np.asarray(sum(w * getattr(state.elements, key) for w, state in both)) for key in ("u", "p"))
-    each = zip(*(state.multipliers for state in states), strict=True)
-    multipliers = tuple(np.asarray(sum(w * m for w, m in zip(weights, one, strict=True))) for one in each)
-    v = np.asarray(sum(w * state.v for w, state in both))
+    terms = list(zip(weights, states, strict=True))
+    u, p = (np.asarray(sum(w * getattr(state.elements, key) for w, state in terms)) for key in ("u", "p"))
+    rows = zip(*(state.multipliers for state in states), strict=True)
+    multipliers = tuple(np.asarray(sum(w * m for w, m in zip(weights, row, strict=True))) for row in rows)
+    v = np.asarray(sum(w * state.v for w, state in terms))
     return replace(states[0], v=v, elements=ElementValues(u, p), multipliers=multipliers)
 
 
-def lagrange(places: Sequence[float], wanted: float) -> list[float]:
+def lagrange_weights(places: Sequence[float], wanted: float) -> list[float]:
     """Return the weights of values at places for the interpolating polynomial at ``wanted`` (Lagrange)."""
-    return [float(np.prod([(wanted - other) / (one - other) for other in places if other != one])) for one in places]
+    return [
+        float(np.prod([(wanted - other_place) / (place - other_place) for other_place in places if other_place != place]))
+        for place in places
+    ]
 
 
-def hermite(places: Sequence[float], wanted: float) -> list[float]:
+def hermite_weights(places: Sequence[float], wanted: float) -> list[float]:
     """Return the weights of values, then of derivatives, for the interpolating polynomial at ``wanted`` (Hermite)."""
-    squared = [w**2 for w in lagrange(places, wanted)]
-    rises = [sum(1 / (one - other) for other in places if other != one) for one in places]
-    values = [w * (1 - 2 * rise * (wanted - one)) for one, w, rise in zip(places, squared, rises, strict=True)]
-    return [*values, *(w * (wanted - one) for one, w in zip(places, squared, strict=True))]
+    squared = [w**2 for w in lagrange_weights(places, wanted)]
+    rises = [sum(1 / (place - other_place) for other_place in places if other_place != place) for place in places]
+    values = [w * (1 - 2 * rise * (wanted - place)) for place, w, rise in zip(places, squared, rises, strict=True)]
+    return [*values, *(w * (wanted - place) for place, w in zip(places, squared, strict=True))]

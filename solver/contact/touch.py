@@ -22,11 +22,11 @@ import scipy.sparse as sp
 
 from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import SolveError
-from solver.contact.footpoints import Feet, Footpoints, outer
+from solver.contact.footpoints import Footpoints, PointGaps, outer_product
 from solver.contact.pairs import Pair
 
-SPRING = 0.01  # of the penalty: with stiffer springs Newton's method cycles between sets of sliding points
-AT_REST = 1e-12  # lines nearer than this touch before there is any load
+FRICTION_SPRING_RELATIVE = 0.01  # of the penalty: with stiffer springs Newton's method cycles between sets of sliding points
+REST_CONTACT_GAP_M = 1e-12  # lines nearer than this touch before there is any load
 
 
 @dataclass(frozen=True)
@@ -65,17 +65,17 @@ class Touch:
     stiffness: sp.csr_array | None
     grip: Grip
     normal: Floats
-    off: float = 0.0
-    torn: bool = False
+    max_violation: float = 0.0
+    sliding_reversed: bool = False
 
     @property
-    def closest(self) -> float:
+    def min_gap(self) -> float:
         """Minimum gap, m."""
         return float(np.min(self.gap, initial=np.inf))
 
 
-def touch(
-    pair: Pair, own: Floats, multiplier: Floats, share: float = 1.0, blur: float = 0.0, *, grip: Grip | None = None
+def compute_touch(
+    pair: Pair, displacements: Floats, multiplier: Floats, share: float = 1.0, blur: float = 0.0, *, grip: Grip | None = None
 ) -> Touch:
     """Compute gaps, forces and tangent of a pair.
 
@@ -90,68 +90,77 @@ def touch(
     Raises:
         SolveError: a line folds over.
     """
-    size, penalty, feet = own.size, share * pair.penalty, Feet.of(pair, own)
+    size, penalty, feet = displacements.size, share * pair.penalty, PointGaps.from_displacements(pair, displacements)
     gap, inside = feet.gap, feet.inside
-    pressure, rising = _pressed(multiplier - penalty * gap, penalty * blur, penalty * AT_REST)
+    pressure, rising = _compute_pressure(multiplier - penalty * gap, penalty * blur, penalty * REST_CONTACT_GAP_M)
     if pair.tied.size:
         _check_edge(pair, feet)
         pressure, rising = np.where(pair.tied, multiplier - penalty * gap, pressure), np.where(pair.tied, 1.0, rising)
-    off = float(np.max(np.where(pair.tied, np.abs(gap), -gap) if pair.tied.size else -gap, initial=0.0))
-    active, none = rising > 0, np.zeros(len(gap))
+    max_violation = float(np.max(np.where(pair.tied, np.abs(gap), -gap) if pair.tied.size else -gap, initial=0.0))
+    active, zeros = rising > 0, np.zeros(len(gap))
     place = feet.place if grip is None else np.where(inside, feet.place, grip.place)
     if not np.any(active):
-        return Touch(gap, pressure, np.zeros(size), None, Grip(place, none, none.astype(int)), none, off)
-    at, weight = feet.chosen(active), pair.weights[active]
-    force, opening, normal, shear = pressure[active], at.opening, none.copy(), none.copy()
-    sliding, torn = none.astype(int), False
+        return Touch(gap, pressure, np.zeros(size), None, Grip(place, zeros, zeros.astype(int)), zeros, max_violation)
+    footpoints, weight = feet.select_points(active), pair.weights[active]
+    force, opening, normal, shear = pressure[active], footpoints.gap_derivative, zeros.copy(), zeros.copy()
+    sliding, sliding_reversed = zeros.astype(int), False
     forces, soft = -force[:, None] * opening, (penalty * rising[active])[:, None]
-    stiffness = outer(soft * opening, opening) - force[:, None, None] * at.opening_twice()
-    normal[active] = at.stretch * force
+    stiffness = outer_product(soft * opening, opening) - force[:, None, None] * footpoints.compute_gap_hessian()
+    normal[active] = footpoints.stretch * force
     if grip is not None:
         slip = np.nan_to_num((place - grip.place)[active])
         spring = pair.spring * pair.penalty
         trial, bound = grip.shear[active] + spring * slip, pair.friction * normal[active]
         side = np.where(np.abs(trial) <= bound, 0, np.sign(trial)).astype(int)
         # a stiff spring makes sliding points oscillate between both directions: hold them first
-        back = side * grip.sliding[active] < 0
-        side[back], torn = 0, bool(np.any(back))
+        reversed_points = side * grip.sliding[active] < 0
+        side[reversed_points], sliding_reversed = 0, bool(np.any(reversed_points))
         sliding[active] = side
         shear[active] = np.where(side == 0, trial, side * bound)
-        pull, stiff = _friction(at, side == 0, shear[active], spring, -soft * opening)
+        pull, stiff = _compute_friction(footpoints, side == 0, shear[active], spring, -soft * opening)
         forces, stiffness = forces + pull, stiffness + stiff
-    pulls, matrix = at.assembled(weight[:, None] * forces, weight[:, None, None] * stiffness, own.shape[1], size)
-    return Touch(gap, pressure, pulls, matrix, Grip(place, shear, sliding), normal, off, torn)
+    pulls, matrix = footpoints.assemble(weight[:, None] * forces, weight[:, None, None] * stiffness, displacements.shape[1], size)
+    return Touch(gap, pressure, pulls, matrix, Grip(place, shear, sliding), normal, max_violation, sliding_reversed)
 
 
-def _check_edge(pair: Pair, feet: Feet) -> None:
+def _check_edge(pair: Pair, feet: PointGaps) -> None:
     """Raise ``SolveError`` if tied points lie beyond the edge of the face: such contact is not defined."""
     if np.any(pair.tied & ~(feet.place <= pair.master_edge.place)):
         raise SolveError("tissue slides past the edge of a face that it cannot leave")
 
 
-def _friction(at: Footpoints, held: Floats, shear: Floats, spring: float, pressing: Floats) -> tuple[Floats, Floats]:
+def _compute_friction(
+    footpoints: Footpoints, held: Floats, shear: Floats, spring: float, pressing: Floats
+) -> tuple[Floats, Floats]:
     """Compute friction forces by both lines' values, (j, 4 (p + 1)), and their derivatives.
 
     ``pressing`` is the derivative of the pressure, (j, 4 (p + 1)).
     """
-    tangent, tilt, along, stretch = at.tangent, at.tilt, at.along, at.stretch[:, None]
-    forward = at.apart(tangent)
-    lengths = at.pair.master.lengths[at.at][:, None]
+    tangent, tilt, place_change, stretch = (
+        footpoints.tangent,
+        footpoints.slope_derivative,
+        footpoints.place_derivative,
+        footpoints.stretch[:, None],
+    )
+    forward = footpoints.compute_relative_motion(tangent)
+    lengths = footpoints.pair.master.lengths[footpoints.master_edges][:, None]
     # derivative of the bound, friction x stretch x pressure: shear equals plus or minus the bound
-    pressed = at.pair.friction * stretch * pressing * np.sign(shear)[:, None]
-    sliding = pressed + (shear * at.k)[:, None] / stretch**2 * tilt
-    change = np.where(held[:, None], spring * lengths * along, sliding)
-    turning = outer(at.apart(at.across / stretch**3), tilt) - outer(at.turned(tangent), along)
-    return shear[:, None] * forward, outer(forward, change) + shear[:, None, None] * turning
+    pressed = footpoints.pair.friction * stretch * pressing * np.sign(shear)[:, None]
+    sliding = pressed + (shear * footpoints.k)[:, None] / stretch**2 * tilt
+    change = np.where(held[:, None], spring * lengths * place_change, sliding)
+    turning = outer_product(footpoints.compute_relative_motion(footpoints.opening_direction / stretch**3), tilt) - outer_product(
+        footpoints.compute_tangent_change(tangent), place_change
+    )
+    return shear[:, None] * forward, outer_product(forward, change) + shear[:, None, None] * turning
 
 
-def _pressed(trial: Floats, blur: float, least: float) -> tuple[Floats, Floats]:
+def _compute_pressure(trial: Floats, blur: float, rest_threshold: float) -> tuple[Floats, Floats]:
     """Return max(0, trial) with its kink rounded from -blur to blur, and its derivative.
 
     Without blur the derivative is 1 above ``-rest_threshold``.
     """
     if blur == 0:
-        return np.maximum(trial, 0.0), np.where(trial > -least, 1.0, 0.0)
+        return np.maximum(trial, 0.0), np.where(trial > -rest_threshold, 1.0, 0.0)
     low, high = trial <= -blur, trial >= blur
-    between = (np.clip(trial, -blur, blur) + blur) / (2 * blur)
-    return np.where(low, 0.0, np.where(high, trial, blur * between**2)), np.where(low, 0.0, np.where(high, 1.0, between))
+    ramp = (np.clip(trial, -blur, blur) + blur) / (2 * blur)
+    return np.where(low, 0.0, np.where(high, trial, blur * ramp**2)), np.where(low, 0.0, np.where(high, 1.0, ramp))

@@ -17,16 +17,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from geometry.meridian.mesh import SQUARE, Topology, nodes
+from geometry.meridian.mesh import UNIT_SQUARE, Topology, compute_nodes
 from geometry.meridian.section import Body, Section
 from geometry.scenes.probe import Interface
 from solver.axisymmetric.base_states import Materials
-from solver.contact.curves import BoundaryLine, lines_of
-from solver.contact.pairs import FALLING, LEVEL, RISING, Axes, Pair, RoundEdge
+from solver.contact.curves import BoundaryLine, find_lines
+from solver.contact.pairs import GAP_AXES, INWARD_AXES, OUTWARD_AXES, Axes, Pair, RoundEdge
 
-NARROW = 0.02  # of the outer radius: the contact length does not grow with wider gaps
-SHARP = 0.06  # radius that stands for a sharp edge, in elements: points pass it smoothly
-STIFF = 1000.0  # penalty in moduli of the softer body per length of its elements at the line
+MAX_CONTACT_LENGTH_RELATIVE = 0.02  # of the outer radius: the contact length does not grow with wider gaps
+SHARP_EDGE_RADIUS_RELATIVE = 0.06  # radius that stands for a sharp edge, in elements: points pass it smoothly
+PENALTY_FACTOR = 1000.0  # penalty in moduli of the softer body per length of its elements at the line
 
 
 @dataclass(frozen=True)
@@ -41,77 +41,83 @@ class Side:
     corners: tuple[float, float] = (np.inf, np.inf)
 
 
-def contact_length(section: Section) -> float:
+def compute_contact_length(section: Section) -> float:
     """Return the length, m, to which penetration and rounding are relative: the gap, or a share of the probe's radius."""
-    return min(float(section.hole_radius - section.inner_radius), NARROW * float(section.tube_radius))
+    return min(float(section.hole_radius - section.inner_radius), MAX_CONTACT_LENGTH_RELATIVE * float(section.tube_radius))
 
 
-def pairs_of(
+def find_pairs(
     section: Section, materials: Materials, mesh: Topology, order: int, *, faces: Interface = "bonded", friction: float = 0.0
 ) -> tuple[Pair, ...]:
     """Return the pairs: first the walls of the gap, then each wall with the tissue next to it, the outermost last.
 
     Faces that are not bonded belong to the line of their wall and have ``friction``.
     """
-    lines = lines_of(mesh, nodes(section, mesh, SQUARE), order)
-    plan = _beside_walls(lines) if faces == "bonded" else _with_faces(lines)
+    lines = find_lines(mesh, compute_nodes(section, mesh, UNIT_SQUARE), order)
+    plan = _list_wall_sides(lines) if faces == "bonded" else _list_face_sides(lines)
     inner, hole = (Side(lines[name], lines[name]) for name in ("inner wall", "hole wall"))
-    gap, radius = _pair("walls of the gap", inner, hole, LEVEL, materials=materials, mesh=mesh), float(section.edge_radius)
-    rest = [(_pair(*row, materials=materials, mesh=mesh), row[1], row[2]) for row in plan]
+    gap, radius = (
+        _build_pair("walls of the gap", inner, hole, GAP_AXES, materials=materials, mesh=mesh),
+        float(section.edge_radius),
+    )
+    side_pairs = [(_build_pair(*row, materials=materials, mesh=mesh), row[1], row[2]) for row in plan]
     if faces == "bonded":
-        return (gap, *(_rounded(pair, above, radius) for pair, _, above in rest))
-    return (gap, *(_loose(pair, below, above, radius, faces=faces, friction=friction) for pair, below, above in rest))
+        return (gap, *(_round_edge(pair, upper, radius) for pair, _, upper in side_pairs))
+    return (
+        gap,
+        *(_build_loose_pair(pair, lower, upper, radius, faces=faces, friction=friction) for pair, lower, upper in side_pairs),
+    )
 
 
-def _beside_walls(lines: dict[str, BoundaryLine]) -> tuple[tuple[str, Side, Side, Axes], ...]:
+def _list_wall_sides(lines: dict[str, BoundaryLine]) -> tuple[tuple[str, Side, Side, Axes], ...]:
     """List the pairs next to bonded faces: names, lower and upper lines, directions."""
     strip, top = lines["open strip"], lines["open top"]
 
-    def wall(block: str) -> Side:
+    def build_wall_side(block: str) -> Side:
         line, lip = lines[f"{block} wall"], lines.get(f"{block} lip")
         if lip is None:
             return Side(line, line)
-        whole, corner = (lip.reversed() if block == "hole" else lip).followed_by(line), float(lip.lengths.sum())
+        whole, corner = (lip.reverse() if block == "hole" else lip).join(line), float(lip.lengths.sum())
         return Side(whole, whole, (corner, corner))
 
     return (
-        ("inner wall and strip", Side(strip, strip), wall("inner"), RISING),
-        ("hole wall and strip", Side(strip.reversed(), strip.reversed()), wall("hole"), FALLING),
-        ("tube wall and tissue", Side(top, top), wall("tube"), RISING),
+        ("inner wall and strip", Side(strip, strip), build_wall_side("inner"), OUTWARD_AXES),
+        ("hole wall and strip", Side(strip.reverse(), strip.reverse()), build_wall_side("hole"), INWARD_AXES),
+        ("tube wall and tissue", Side(top, top), build_wall_side("tube"), OUTWARD_AXES),
     )
 
 
-def _with_faces(lines: dict[str, BoundaryLine]) -> tuple[tuple[str, Side, Side, Axes], ...]:
+def _list_face_sides(lines: dict[str, BoundaryLine]) -> tuple[tuple[str, Side, Side, Axes], ...]:
     """List the pairs of faces that slide or open, with their walls; see ``_list_wall_sides``."""
-    under, face, strip = lines["under tube"], lines["tube face"], lines["strip"]
+    under_tube, face, strip = lines["under tube"], lines["tube face"], lines["strip"]
     middle = len(face.element) // 2
 
-    def half(part: BoundaryLine, whole: BoundaryLine, on: BoundaryLine) -> Side:
-        return Side(part.followed_by(on), whole.followed_by(on), (float(part.lengths.sum()), float(whole.lengths.sum())))
+    def join_side(part: BoundaryLine, whole: BoundaryLine, continuation: BoundaryLine) -> Side:
+        return Side(part.join(continuation), whole.join(continuation), (float(part.lengths.sum()), float(whole.lengths.sum())))
 
-    inner = half(lines["inner face"], lines["inner face"], lines["inner wall"])
-    beside = half(lines["under inner"], lines["under inner"], strip)
-    hole = half(face.part(0, middle).reversed(), face.reversed(), lines["hole wall"])
-    tube = half(face.part(middle), face, lines["tube wall"])
-    inwards = half(under.part(0, middle).reversed(), under.reversed(), strip.reversed())
-    outwards = half(under.part(middle), under, lines["top"])
+    inner = join_side(lines["inner face"], lines["inner face"], lines["inner wall"])
+    tissue_inner = join_side(lines["under inner"], lines["under inner"], strip)
+    hole = join_side(face.take_edges(0, middle).reverse(), face.reverse(), lines["hole wall"])
+    tube = join_side(face.take_edges(middle), face, lines["tube wall"])
+    inwards = join_side(under_tube.take_edges(0, middle).reverse(), under_tube.reverse(), strip.reverse())
+    outwards = join_side(under_tube.take_edges(middle), under_tube, lines["top"])
     return (
-        ("inner block and tissue", beside, inner, RISING),
-        ("hole of the tube and tissue", inwards, hole, FALLING),
-        ("tube and tissue", outwards, tube, RISING),
+        ("inner block and tissue", tissue_inner, inner, OUTWARD_AXES),
+        ("hole of the tube and tissue", inwards, hole, INWARD_AXES),
+        ("tube and tissue", outwards, tube, OUTWARD_AXES),
     )
 
 
-def _pair(name: str, below: Side, above: Side, axes: Axes, *, materials: Materials, mesh: Topology) -> Pair:
+def _build_pair(name: str, lower: Side, upper: Side, axes: Axes, *, materials: Materials, mesh: Topology) -> Pair:
     """Build a pair: the softer line is the slave; the gap is s of the upper line minus s of the lower line."""
-    soft, hard = (materials[Body(mesh.body[side.watched.element[0]])].youngs_modulus for side in (below, above))
+    soft, hard = (materials[Body(mesh.body[side.watched.element[0]])].youngs_modulus for side in (lower, upper))
     swapped = hard < soft
-    slave, master = (above, below) if swapped else (below, above)
-    penalty = STIFF * min(soft, hard) / float(slave.watched.lengths.min())
+    slave, master = (upper, lower) if swapped else (lower, upper)
+    penalty = PENALTY_FACTOR * min(soft, hard) / float(slave.watched.lengths.min())
     return Pair(name, slave.watched, master.met, np.array(axes), -1.0 if swapped else 1.0, penalty)
 
 
-def _rounded(pair: Pair, block: Side, radius: float) -> Pair:
+def _round_edge(pair: Pair, block: Side, radius: float) -> Pair:
     """Return a pair whose block has a round edge."""
     watched, met = (RoundEdge(place, radius) for place in block.corners)
     if pair.slave is block.watched:
@@ -119,9 +125,9 @@ def _rounded(pair: Pair, block: Side, radius: float) -> Pair:
     return replace(pair, master_edge=met)
 
 
-def _loose(pair: Pair, tissue: Side, block: Side, radius: float, *, faces: Interface, friction: float) -> Pair:
+def _build_loose_pair(pair: Pair, tissue: Side, block: Side, radius: float, *, faces: Interface, friction: float) -> Pair:
     """Return a pair of faces that may open or slide; a sharp edge gets a small radius."""
-    sharp = SHARP * float(min(pair.slave.lengths.min(), pair.master.lengths.min()))
+    sharp = SHARP_EDGE_RADIUS_RELATIVE * float(min(pair.slave.lengths.min(), pair.master.lengths.min()))
     face = (block if pair.slave is block.watched else tissue).corners[0]
-    tied = pair.along < face - radius if faces == "frictionless" else pair.tied  # what rises to a round edge is free
-    return replace(_rounded(pair, block, radius or sharp), loose=True, friction=friction, tied=tied)
+    tied = pair.slave_places < face - radius if faces == "frictionless" else pair.tied  # what rises to a round edge is free
+    return replace(_round_edge(pair, block, radius or sharp), loose=True, friction=friction, tied=tied)

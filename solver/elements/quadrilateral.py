@@ -35,7 +35,7 @@ class Geometry:
     weight: Floats
     inverse: Floats
 
-    def of(self, chosen: Ints | slice) -> Geometry:
+    def select(self, chosen: Ints | slice) -> Geometry:
         """Return the geometry of some of the elements."""
         return Geometry(self.radius[chosen], self.weight[chosen], self.inverse[chosen])
 
@@ -55,7 +55,7 @@ class Blocks:
     inside: Floats
 
     @classmethod
-    def of(cls, whole: Floats, skeleton: int) -> Blocks:
+    def from_matrices(cls, whole: Floats, skeleton: int) -> Blocks:
         """Split matrices (n, c, s, c, s) whose first ``skeleton`` functions are on corners and edges."""
         n, c, s = whole.shape[:3]
         edge, inner = c * skeleton, c * (s - skeleton)
@@ -64,9 +64,9 @@ class Blocks:
         across = whole[:, :, high, :, low].reshape(n, inner, edge)
         return cls(outside, across, whole[:, :, high, :, high].reshape(n, inner, inner))
 
-    def condensed(self) -> Condensed:
+    def condense(self) -> Condensed:
         """Eliminate the inside of each element."""
-        return Condensed.of([self], len(self.outside))
+        return Condensed.from_blocks([self], len(self.outside))
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class Condensed:
     half: Floats
 
     @classmethod
-    def of(cls, parts: Iterable[Blocks], count: int) -> Condensed:
+    def from_blocks(cls, parts: Iterable[Blocks], count: int) -> Condensed:
         """Eliminate the insides by Cholesky's method, with half of the operations of Gauss's.
 
         Args:
@@ -99,7 +99,7 @@ class Condensed:
         done = 0
         for blocks in parts:
             if whole is None:
-                shapes = (one.shape[1:] for one in (blocks.outside, blocks.inside, blocks.across))
+                shapes = (matrix.shape[1:] for matrix in (blocks.outside, blocks.inside, blocks.across))
                 whole = cls(*(np.empty((count, *shape)) for shape in shapes))
             end = done + len(blocks.outside)
             whole._eliminate(blocks, slice(done, end))
@@ -107,9 +107,9 @@ class Condensed:
         assert whole is not None
         return whole
 
-    def _eliminate(self, blocks: Blocks, where: slice) -> None:
+    def _eliminate(self, blocks: Blocks, elements: slice) -> None:
         """Eliminate the insides of some elements in place: rows are LAPACK's columns, so that nothing is copied twice."""
-        reduced, upper, half = self.stiffness[where], self.upper[where], self.half[where]
+        reduced, upper, half = self.stiffness[elements], self.upper[elements], self.half[elements]
         upper[:], half[:] = blocks.inside, blocks.across
         for inside, across in zip(upper, half, strict=True):
             _, info = dpotrf(inside.T, lower=1, clean=0, overwrite_a=1)
@@ -118,13 +118,13 @@ class Condensed:
             dtrsm(1.0, inside.T, across.T, side=1, lower=1, trans_a=1, overwrite_b=1)
         np.subtract(blocks.outside, half.transpose(0, 2, 1) @ half, out=reduced)
 
-    def recovery(self, chosen: Ints | slice = slice(None)) -> Floats:
+    def compute_recovery(self, chosen: Ints | slice = slice(None)) -> Floats:
         """Return the matrices that give inside values from those on corners and edges: inside = recovery @ edge."""
         pairs = zip(self.upper[chosen], self.half[chosen], strict=True)
         return np.array([dtrsm(-1.0, upper.T, half.T, side=1, lower=1).T for upper, half in pairs])
 
 
-def geometry(nodes: Floats, shapes: Shapes) -> Geometry:
+def compute_geometry(nodes: Floats, shapes: Shapes) -> Geometry:
     """Return the elements' geometry at the Gauss points from their nodes, shape (n, s, 2).
 
     Raises:
@@ -139,105 +139,105 @@ def geometry(nodes: Floats, shapes: Shapes) -> Geometry:
     return Geometry(radius, 2 * np.pi * radius * area * shapes.weights, inverse)
 
 
-def gradients(at: Geometry, shapes: Shapes, u: Floats) -> tuple[tuple[Floats, ...], Floats]:
+def compute_gradients(geometry: Geometry, shapes: Shapes, u: Floats) -> tuple[tuple[Floats, ...], Floats]:
     """Return u_r,r, u_r,z, u_z,r, u_z,z and u_r / r at all points, (n, q, m) each, of values u, (n, 2, s, m)."""
-    (xr, xz), (yr, yz) = (at.inverse[..., k, :, None].transpose(2, 0, 1, 3) for k in (0, 1))
+    (xr, xz), (yr, yz) = (geometry.inverse[..., k, :, None].transpose(2, 0, 1, 3) for k in (0, 1))
     slopes: list[Floats] = []
     for component in (0, 1):
         by_x, by_y = (slope @ u[:, component] for slope in shapes.slope)
         slopes += [xr * by_x + yr * by_y, xz * by_x + yz * by_y]
-    return tuple(slopes), (shapes.value @ u[:, 0]) / at.radius[..., None]
+    return tuple(slopes), (shapes.value @ u[:, 0]) / geometry.radius[..., None]
 
 
-def matrices(at: Geometry, shapes: Shapes) -> tuple[Floats, Floats]:
+def integrate_matrices(geometry: Geometry, shapes: Shapes) -> tuple[Floats, Floats]:
     """Integrate eps:eps and (P div u)^2 over each ring element, P the projection onto the pressures.
 
     Returns two arrays of shape (n, 2, s, 2, s), the components r and z before the functions: the stiffness per unit 2 mu
     and per unit lambda.
     """
-    one, volume = np.ones(len(at.weight)), volumetric(at, shapes)
-    return _shear(at, shapes, one).take(shapes.tables.stiffness, axis=1).reshape(volume.shape), volume
+    unit_moduli, volume = np.ones(len(geometry.weight)), integrate_volumetric(geometry, shapes)
+    return _integrate_shear(geometry, shapes, unit_moduli).take(shapes.tables.stiffness, axis=1).reshape(volume.shape), volume
 
 
-def volumetric(at: Geometry, shapes: Shapes) -> Floats:
+def integrate_volumetric(geometry: Geometry, shapes: Shapes) -> Floats:
     """Return the second array of ``integrate_matrices`` alone: the stiffness per unit lambda."""
-    dilations, inverse = _dilations(at, shapes)
+    dilations, inverse = _integrate_dilations(geometry, shapes)
     moments = dilations.take(shapes.tables.moments, axis=1)
     volume = moments.transpose(0, 2, 1) @ (inverse @ moments)
     return np.asarray(volume.reshape(len(volume), *(2, len(shapes.degrees)) * 2))
 
 
-def stiffness(at: Geometry, shapes: Shapes, two_mu: Floats, lam: Floats) -> Blocks:
+def integrate_stiffness(geometry: Geometry, shapes: Shapes, two_mu: Floats, lam: Floats) -> Blocks:
     """Return the blocks of the elements' stiffness matrices with their moduli 2 mu and lambda, shape (n,) both."""
     places = shapes.places_in_sums
-    dilations, inverse = _dilations(at, shapes)
-    sums, pressures = _shear(at, shapes, two_mu), lam[:, None, None] * inverse
-    on_edge, within = (dilations.take(some, axis=1) for some in (places.edge, places.within))
-    push_edge, push_within = pressures @ on_edge, pressures @ within
+    dilations, inverse = _integrate_dilations(geometry, shapes)
+    sums, pressures = _integrate_shear(geometry, shapes, two_mu), lam[:, None, None] * inverse
+    on_edge, on_inside = (dilations.take(columns, axis=1) for columns in (places.edge, places.inner))
+    push_edge, push_inside = pressures @ on_edge, pressures @ on_inside
 
-    def part(chosen: Ints, moments: Floats, pushed: Floats) -> Floats:
+    def build_block(chosen: Ints, moments: Floats, pushed: Floats) -> Floats:
         whole = sums.take(chosen, axis=1)
         whole += moments.transpose(0, 2, 1) @ pushed
         return whole
 
     return Blocks(
-        part(places.outside, on_edge, push_edge),
-        part(places.across, within, push_edge),
-        part(places.inside, within, push_within),
+        build_block(places.outside, on_edge, push_edge),
+        build_block(places.across, on_inside, push_edge),
+        build_block(places.inside, on_inside, push_inside),
     )
 
 
-def _shear(at: Geometry, shapes: Shapes, two_mu: Floats) -> Floats:
+def _integrate_shear(geometry: Geometry, shapes: Shapes, two_mu: Floats) -> Floats:
     """Return the sums from which ``ElementTables.stiffness`` takes the integrals of 2 mu eps:eps, shape (n, sums)."""
     table = shapes.tables
-    (xr, xz), (yr, yz) = (at.inverse[..., k, :].transpose(2, 0, 1) for k in (0, 1))  # x, y: the unit square's; r, z
-    w = at.weight * two_mu[:, None]
+    (xr, xz), (yr, yz) = (geometry.inverse[..., k, :].transpose(2, 0, 1) for k in (0, 1))  # x, y: the unit square's; r, z
+    w = geometry.weight * two_mu[:, None]
     half = w / 2
     rr, zz, sheared = half * xr, half * xz, half * yr
     by_r, by_z = (rr * xr, rr * yr, sheared * yr), (zz * xz, zz * yz, half * yz * yz)  # X X, X Y and Y Y
     radial, axial = ([2 * a + b for a, b in zip(*pair, strict=True)] for pair in ((by_r, by_z), (by_z, by_r)))
     sums = (
-        table.even([w / at.radius**2, *radial[:2], *radial[1:]]),
-        table.even([None, *axial[:2], *axial[1:]]),
-        table.odd([zz * xr, zz * yr, half * yz * xr, half * yz * yr]),
+        table.symmetric([w / geometry.radius**2, *radial[:2], *radial[1:]]),
+        table.symmetric([None, *axial[:2], *axial[1:]]),
+        table.unsymmetric([zz * xr, zz * yr, half * yz * xr, half * yz * yr]),
     )
-    return np.concatenate([one.reshape(len(w), one.shape[1] * one.shape[2]) for one in sums], axis=1)
+    return np.concatenate([array.reshape(len(w), array.shape[1] * array.shape[2]) for array in sums], axis=1)
 
 
-def _dilations(at: Geometry, shapes: Shapes) -> tuple[Floats, Floats]:
+def _integrate_dilations(geometry: Geometry, shapes: Shapes) -> tuple[Floats, Floats]:
     """Return sums for the integrals of m pressures times div u, and the inverse mass matrices of the pressures.
 
     Shapes (n, sums) and (n, m, m); ``ElementTables.moments`` takes the integrals from the sums.
     """
-    w, table, n = at.weight, shapes.tables, len(at.weight)
-    by_r, by_z = ([w * at.inverse[..., k, axis] for k in (0, 1)] for axis in (0, 1))
-    parts = [table.dilation([*one, more]).reshape(n, -1) for one, more in ((by_r, w / at.radius), (by_z, None))]
+    w, table, n = geometry.weight, shapes.tables, len(geometry.weight)
+    by_r, by_z = ([w * geometry.inverse[..., k, axis] for k in (0, 1)] for axis in (0, 1))
+    parts = [table.dilation([*slopes, hoop]).reshape(n, -1) for slopes, hoop in ((by_r, w / geometry.radius), (by_z, None))]
     m = shapes.pressure.shape[1]
     return np.concatenate(parts, axis=1), np.asarray(np.linalg.inv((w @ shapes.mass).reshape(n, m, m)))
 
 
-def dilations(at: Geometry, shapes: Shapes, m: int = 0) -> Floats:
+def compute_dilations(geometry: Geometry, shapes: Shapes, m: int = 0) -> Floats:
     """Return matrices from values U, V, W of fields of azimuthal order m to their projected dilation, (n, pressures, 3, s).
 
     div u = U,r + (U + m V) / r + W,z; the result are coefficients of the pressures. With nearly incompressible tissue the
     projection, not div u itself, is what balances.
     """
-    (xr, xz), (yr, yz) = (at.inverse[..., k, :, None].transpose(2, 0, 1, 3) for k in (0, 1))
-    over = shapes.value / at.radius[..., None]
-    parts = xr * shapes.slope[0] + yr * shapes.slope[1] + over, m * over, xz * shapes.slope[0] + yz * shapes.slope[1]
-    weighted = (at.weight[..., None] * shapes.pressure).transpose(0, 2, 1)
+    (xr, xz), (yr, yz) = (geometry.inverse[..., k, :, None].transpose(2, 0, 1, 3) for k in (0, 1))
+    hoop = shapes.value / geometry.radius[..., None]
+    parts = xr * shapes.slope[0] + yr * shapes.slope[1] + hoop, m * hoop, xz * shapes.slope[0] + yz * shapes.slope[1]
+    weighted = (geometry.weight[..., None] * shapes.pressure).transpose(0, 2, 1)
     moments = weighted @ np.concatenate(parts, axis=2)
     coefficients = np.linalg.solve(weighted @ shapes.pressure, moments)
     return np.asarray(coefficients.reshape(*coefficients.shape[:2], 3, -1))
 
 
-def projected(at: Geometry, shapes: Shapes, dilation: Floats) -> Floats:
+def project_dilations(geometry: Geometry, shapes: Shapes, dilation: Floats) -> Floats:
     """Project dilations at the Gauss points, shape (n, q, m), onto the pressures."""
-    weighted = (at.weight[..., None] * shapes.pressure).transpose(0, 2, 1)
+    weighted = (geometry.weight[..., None] * shapes.pressure).transpose(0, 2, 1)
     return np.asarray(shapes.pressure @ np.linalg.solve(weighted @ shapes.pressure, weighted @ dilation))
 
 
-def lame(youngs_modulus: Any, poisson_ratio: Any) -> tuple[Any, Any]:
+def compute_lame(youngs_modulus: Any, poisson_ratio: Any) -> tuple[Any, Any]:
     """Return Lame's 2 mu and lambda from Young's modulus and Poisson's ratio."""
     two_mu = youngs_modulus / (1 + poisson_ratio)
     return two_mu, two_mu * poisson_ratio / (1 - 2 * poisson_ratio)

@@ -20,10 +20,10 @@ import numpy as np
 from scipy.linalg.blas import dger
 
 from geometry.common.arrays import Floats, Ints
-from solver.elements.quadrilateral import Blocks, Geometry, volumetric
-from solver.elements.shape_functions import Shapes, edge_functions, polynomials
-from solver.elements.shape_functions import shapes as shapes_of
-from solver.linalg.workspace import kept_table
+from solver.elements.quadrilateral import Blocks, Geometry, integrate_volumetric
+from solver.elements.shape_functions import Shapes, evaluate_edge_functions, evaluate_legendre
+from solver.elements.shape_functions import build_shapes as shapes_of
+from solver.linalg.workspace import keep_table
 
 
 @dataclass(frozen=True)
@@ -44,34 +44,39 @@ class RectangleTables:
     pairs: Ints
 
 
-@kept_table
-def _tables(order: int) -> RectangleTables:
+@keep_table
+def _build_tables(order: int) -> RectangleTables:
     shapes = shapes_of(order)
     s, m, points = len(shapes.degrees), shapes.skeleton, shapes.order + 2
     x, w = shapes.points.reshape(points, points, 2)[:, 0, 0], shapes.weights.reshape(points, points).sum(axis=1)
-    N, S = edge_functions(x, polynomials(x, shapes.order))
+    N, S = evaluate_edge_functions(x, evaluate_legendre(x, shapes.order))
     edge, inner = np.arange(m), np.arange(m, s)
     groups = [
-        np.stack(np.meshgrid(*both, indexing="ij")).reshape(2, -1) for both in ((edge, edge), (inner, edge), (inner, inner))
+        np.stack(np.meshgrid(*pair, indexing="ij")).reshape(2, -1) for pair in ((edge, edge), (inner, edge), (inner, inner))
     ]
-    pairs, every = np.hstack(groups), np.indices((s, s)).reshape(2, -1)
-    values, slopes = (np.einsum("a,ai,aj->aij", w, one, one) for one in (N, S))
+    pairs, all_pairs = np.hstack(groups), np.indices((s, s)).reshape(2, -1)
+    values, slopes = (np.einsum("a,ai,aj->aij", w, factor, factor) for factor in (N, S))
     crossed = np.einsum("a,ai,aj->aij", w, N, S)
     M, C = values.sum(axis=0), crossed.sum(axis=0)
 
-    def moments(products: Floats) -> Floats:
+    def integrate_moments(products: Floats) -> Floats:
         return np.stack([products.sum(axis=0), np.einsum("a,aij->ij", x, products)])
 
-    def table(by_x: Floats, by_y: Floats, some: Ints) -> Floats:
-        (x_one, y_one), (x_other, y_other) = (shapes.degrees[one].T for one in some)
+    def tabulate(by_x: Floats, by_y: Floats, chosen: Ints) -> Floats:
+        (x_one, y_one), (x_other, y_other) = (shapes.degrees[index].T for index in chosen)
         return np.asarray(by_x[:, x_one, x_other] * by_y[y_one, y_other])
 
-    stretched, sheared = table(moments(slopes), M, pairs), table(moments(values), slopes.sum(axis=0), pairs)
-    rr = np.concatenate([stretched, sheared / 2, table(values, M, pairs)])
-    return RectangleTables(rr, np.concatenate([stretched / 2, sheared]), table(moments(crossed), C.T, every) / 2, pairs)
+    stretched, sheared = (
+        tabulate(integrate_moments(slopes), M, pairs),
+        tabulate(integrate_moments(values), slopes.sum(axis=0), pairs),
+    )
+    rr = np.concatenate([stretched, sheared / 2, tabulate(values, M, pairs)])
+    return RectangleTables(
+        rr, np.concatenate([stretched / 2, sheared]), tabulate(integrate_moments(crossed), C.T, all_pairs) / 2, pairs
+    )
 
 
-def rectangles(at: Geometry, shapes: Shapes, two_mu: Floats, lam: Floats, columns: Ints) -> Blocks:
+def integrate_rectangles(geometry: Geometry, shapes: Shapes, two_mu: Floats, lam: Floats, columns: Ints) -> Blocks:
     """Return the blocks of rectangles' stiffness matrices, as ``quadrilateral.integrate_stiffness`` does in general.
 
     Args:
@@ -81,41 +86,41 @@ def rectangles(at: Geometry, shapes: Shapes, two_mu: Floats, lam: Floats, column
         lam: lambda of each, shape (n,).
         columns: number of the first rectangle of each run between the same two radii, and n at the end; rising.
     """
-    table, s, (first, count) = _tables(shapes.order), len(shapes.degrees), (columns[:-1], np.diff(columns))
-    rr, zz, rz = _sheared(at, shapes, two_mu)
-    volume, (i, j), high = volumetric(at.of(first), shapes), table.pairs, 1 / at.inverse[:, 0, 1, 1]
+    table, s, (first, count) = _build_tables(shapes.order), len(shapes.degrees), (columns[:-1], np.diff(columns))
+    rr, zz, rz = _integrate_shear(geometry, shapes, two_mu)
+    volume, (i, j), high = integrate_volumetric(geometry.select(first), shapes), table.pairs, 1 / geometry.inverse[:, 0, 1, 1]
     tall = high / np.repeat(high[first], count)
-    _add(rr, lam * tall, volume[:, 0, :, 0][:, i, j], columns)
-    _add(zz, lam / tall, volume[:, 1, :, 1][:, i, j], columns)
-    _add(rz, lam, volume[:, 0, :, 1].reshape(len(first), s * s), columns)
-    return _blocks(rr, zz, rz.reshape(-1, s, s), shapes.skeleton)
+    _add_products(rr, lam * tall, volume[:, 0, :, 0][:, i, j], columns)
+    _add_products(zz, lam / tall, volume[:, 1, :, 1][:, i, j], columns)
+    _add_products(rz, lam, volume[:, 0, :, 1].reshape(len(first), s * s), columns)
+    return _build_blocks(rr, zz, rz.reshape(-1, s, s), shapes.skeleton)
 
 
-def _sheared(at: Geometry, shapes: Shapes, two_mu: Floats) -> tuple[Floats, Floats, Floats]:
+def _integrate_shear(geometry: Geometry, shapes: Shapes, two_mu: Floats) -> tuple[Floats, Floats, Floats]:
     """Return eq. EL.2 for the pairs of ``RectangleTables``, times 2 mu and 2 pi: parts r r, z z and r z."""
-    table, wide, high = _tables(shapes.order), 1 / at.inverse[:, 0, 0, 0], 1 / at.inverse[:, 0, 1, 1]
-    along = at.radius[:, :: shapes.order + 2]
-    inner, factor = along[:, 0] - shapes.points[0, 0] * wide, 2 * np.pi * two_mu
+    table, wide, high = _build_tables(shapes.order), 1 / geometry.inverse[:, 0, 0, 0], 1 / geometry.inverse[:, 0, 1, 1]
+    radii = geometry.radius[:, :: shapes.order + 2]
+    inner, factor = radii[:, 0] - shapes.points[0, 0] * wide, 2 * np.pi * two_mu
     flat, steep = factor * wide / high, factor * high / wide
     four = np.column_stack([steep * inner, steep * wide, flat * inner, flat * wide])
-    rr = np.hstack([four, (factor * wide * high)[:, None] / along]) @ table.rr
+    rr = np.hstack([four, (factor * wide * high)[:, None] / radii]) @ table.rr
     return rr, four @ table.zz, np.column_stack([factor * inner, factor * wide]) @ table.rz
 
 
-def _add(sums: Floats, shares: Floats, parts: Floats, columns: Ints) -> None:
+def _add_products(sums: Floats, shares: Floats, parts: Floats, columns: Ints) -> None:
     """Add to the sums (n, pairs), in place, what each column of rectangles has in common times each rectangle's factor."""
     for part, (start, end) in zip(parts, pairwise(columns), strict=True):
         dger(1.0, part, shares[start:end], a=sums[start:end].T, overwrite_a=1)
 
 
-def _blocks(rr: Floats, zz: Floats, rz: Floats, m: int) -> Blocks:
+def _build_blocks(rr: Floats, zz: Floats, rz: Floats, m: int) -> Blocks:
     """Assemble the blocks from the parts r r, z z and r z, u_r before u_z."""
     n, parts, start, (edge, inner) = len(rz), [], 0, (slice(None, m), slice(m, None))
     for rows, cols in ((edge, edge), (inner, edge), (inner, inner)):
         across = rz[:, rows, cols]
         a, b = across.shape[1:]
-        out, some = np.empty((n, 2, a, 2, b)), slice(start, start := start + a * b)
-        out[:, 0, :, 0], out[:, 1, :, 1] = (one[:, some].reshape(n, a, b) for one in (rr, zz))
+        out, columns = np.empty((n, 2, a, 2, b)), slice(start, start := start + a * b)
+        out[:, 0, :, 0], out[:, 1, :, 1] = (array[:, columns].reshape(n, a, b) for array in (rr, zz))
         out[:, 0, :, 1], out[:, 1, :, 0] = across, rz[:, cols, rows].transpose(0, 2, 1)
         parts.append(out.reshape(n, 2 * a, 2 * b))
     return Blocks(*parts)

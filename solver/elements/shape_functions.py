@@ -14,7 +14,7 @@ from numpy.polynomial import legendre
 
 from geometry.common.arrays import Floats, Ints
 from solver.elements.tensor_products import ElementTables
-from solver.linalg.workspace import kept
+from solver.linalg.workspace import keep_result
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Shapes:
         s, m = len(self.degrees), self.skeleton
         edge, inner = np.r_[:m, s : s + m], np.r_[m:s, s + m : 2 * s]
         stiffness, moments = self.tables.stiffness, self.tables.moments
-        outside, across, inside = (stiffness[np.ix_(*both)] for both in ((edge, edge), (inner, edge), (inner, inner)))
+        outside, across, inside = (stiffness[np.ix_(*pair)] for pair in ((edge, edge), (inner, edge), (inner, inner)))
         return BlockPlaces(outside, across, inside, moments[:, edge], moments[:, inner])
 
 
@@ -69,25 +69,27 @@ class BlockPlaces:
     across: Ints
     inside: Ints
     edge: Ints
-    within: Ints
+    inner: Ints
 
 
-@kept
-def shapes(order: int) -> Shapes:
+@keep_result
+def build_shapes(order: int) -> Shapes:
     """Tabulate the functions of one order."""
     x, w = legendre.leggauss(order + 2)
     x, w = (x + 1) / 2, w / 2
     points = np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1).reshape(-1, 2)
-    degrees = _degrees(order)
-    value, slope = functions(points, degrees)
-    pressure = pressures(points, order)
+    degrees = _list_degrees(order)
+    value, slope = evaluate_functions(points, degrees)
+    pressure = evaluate_pressures(points, order)
     lobatto = (1 - np.cos(np.linspace(0, np.pi, order + 1))) / 2
     places = np.stack(np.meshgrid(lobatto, lobatto, indexing="ij"), axis=-1).reshape(-1, 2)
-    inverse = np.linalg.inv(functions(places, degrees)[0])
+    inverse = np.linalg.inv(evaluate_functions(places, degrees)[0])
     geometry, tangents, weights = value @ inverse, slope @ inverse, np.outer(w, w).ravel()
     mass = (pressure[:, :, None] * pressure[:, None]).reshape(len(pressure), -1)
-    along = polynomials(x, order)
-    tables = ElementTables.of(edge_functions(x, along), along[:, :order], (degrees, pressure_degrees(order)))
+    axis_values = evaluate_legendre(x, order)
+    tables = ElementTables.from_functions(
+        evaluate_edge_functions(x, axis_values), axis_values[:, :order], (degrees, list_pressure_degrees(order))
+    )
     return Shapes(
         order,
         degrees,
@@ -104,40 +106,40 @@ def shapes(order: int) -> Shapes:
     )
 
 
-def polynomials(points: Floats, order: int) -> Floats:
+def evaluate_legendre(points: Floats, order: int) -> Floats:
     """Return Legendre polynomials of degrees 0 to p at points of the unit square, (n, 2), by axis, or of an edge, (n,)."""
     return np.asarray(legendre.legvander(2 * points - 1, order))
 
 
-def pressures(points: Floats, order: int, precomputed: Floats | None = None) -> Floats:
+def evaluate_pressures(points: Floats, order: int, precomputed: Floats | None = None) -> Floats:
     """Return the pressures at points of the unit square, (n, 2): shape (n, p (p+1) / 2).
 
     They are products of Legendre polynomials of total degree below p. ``precomputed`` is ``evaluate_legendre`` of the same
     points, where that is known.
     """
-    along = polynomials(points, order) if precomputed is None else precomputed
-    i, j = pressure_degrees(order).T
-    return np.asarray(along[:, 0, i] * along[:, 1, j])
+    axis_values = evaluate_legendre(points, order) if precomputed is None else precomputed
+    i, j = list_pressure_degrees(order).T
+    return np.asarray(axis_values[:, 0, i] * axis_values[:, 1, j])
 
 
-def pressure_degrees(order: int) -> Ints:
+def list_pressure_degrees(order: int) -> Ints:
     """Return the degrees along x and y of the pressures, shape (p (p+1) / 2, 2)."""
     return np.array([(i, j) for i in range(order) for j in range(order - i)])
 
 
-def functions(points: Floats, degrees: Ints, precomputed: Floats | None = None) -> tuple[Floats, Floats]:
+def evaluate_functions(points: Floats, degrees: Ints, precomputed: Floats | None = None) -> tuple[Floats, Floats]:
     """Return values (n, s) and derivatives (2, n, s) of functions of given degrees at points of the unit square, (n, 2).
 
     ``precomputed`` is ``evaluate_legendre`` of the same points, where that is known.
     """
-    P = polynomials(points, int(degrees.max())) if precomputed is None else precomputed
-    value, slope = edge_functions(points, P)
+    P = evaluate_legendre(points, int(degrees.max())) if precomputed is None else precomputed
+    value, slope = evaluate_edge_functions(points, P)
     i, j = degrees.T
     x, y, dx, dy = value[:, 0][:, i], value[:, 1][:, j], slope[:, 0][:, i], slope[:, 1][:, j]
     return x * y, np.stack([dx * y, x * dy])
 
 
-def edge_functions(x: Floats, P: Floats) -> tuple[Floats, Floats]:
+def evaluate_edge_functions(x: Floats, P: Floats) -> tuple[Floats, Floats]:
     """Return values and derivatives of the one-dimensional functions at x in the unit interval, shape (..., p + 1) both.
 
     ``P`` are Legendre polynomials at the same x.
@@ -149,7 +151,7 @@ def edge_functions(x: Floats, P: Floats) -> tuple[Floats, Floats]:
     return value, slope
 
 
-def _degrees(order: int) -> Ints:
+def _list_degrees(order: int) -> Ints:
     """Return the functions' degrees: corners counter-clockwise; edges bottom, right, top, left, by rising degree; the inside."""
     high = range(2, order + 1)
     edges = [(k, 0) for k in high] + [(1, k) for k in high] + [(k, 1) for k in high] + [(0, k) for k in high]

@@ -29,29 +29,29 @@ class TensorSums:
         groups: for each table by x, the numbers of the terms that share it.
     """
 
-    first: tuple[Floats, ...]
-    then: Floats
+    y_tables: tuple[Floats, ...]
+    x_tables: Floats
     groups: tuple[tuple[int, ...], ...]
 
     @classmethod
-    def of(cls, *terms: tuple[Floats, Floats]) -> TensorSums:
+    def from_terms(cls, *terms: tuple[Floats, Floats]) -> TensorSums:
         """Group terms, each a table by x and one by y, by their tables by x."""
         tables = list({id(by_x): by_x for by_x, _ in terms}.values())
-        groups = tuple(tuple(k for k, (by_x, _) in enumerate(terms) if by_x is one) for one in tables)
+        groups = tuple(tuple(k for k, (by_x, _) in enumerate(terms) if by_x is table) for table in tables)
         return cls(tuple(by_y for _, by_y in terms), np.concatenate(tables), groups)
 
     def __call__(self, coefficients: Coefficients) -> Floats:
         """Return the sums, shape (n, pairs by y, pairs by x)."""
-        n = next(len(one) for one in coefficients if one is not None)
-        points, pairs = self.first[0].shape
+        n = next(len(array) for array in coefficients if array is not None)
+        points, pairs = self.y_tables[0].shape
         by_y = np.empty((n, pairs, len(self.groups), points))
         for g, group in enumerate(self.groups):
             chosen = [k for k in group if coefficients[k] is not None]
-            tables = np.concatenate([self.first[k] for k in chosen])
+            tables = np.concatenate([self.y_tables[k] for k in chosen])
             values = [np.asarray(coefficients[k]).reshape(n * points, points) for k in chosen]
             sums = (values[0] if len(values) == 1 else np.concatenate(values, axis=1)) @ tables
             by_y[:, :, g] = sums.reshape(n, points, pairs).transpose(0, 2, 1)
-        return np.asarray((by_y.reshape(n * pairs, len(self.then)) @ self.then).reshape(n, pairs, self.then.shape[1]))
+        return np.asarray((by_y.reshape(n * pairs, len(self.x_tables)) @ self.x_tables).reshape(n, pairs, self.x_tables.shape[1]))
 
 
 @dataclass(frozen=True)
@@ -67,14 +67,14 @@ class ElementTables:
         moments: where the moments lie in the sums of P times div u, those by u_r before those by u_z; (pressures, 2 s).
     """
 
-    even: TensorSums
-    odd: TensorSums
+    symmetric: TensorSums
+    unsymmetric: TensorSums
     dilation: TensorSums
     stiffness: Ints
     moments: Ints
 
     @classmethod
-    def of(cls, functions: tuple[Floats, Floats], pressures: Floats, degrees: tuple[Ints, Ints]) -> ElementTables:
+    def from_functions(cls, functions: tuple[Floats, Floats], pressures: Floats, degrees: tuple[Ints, Ints]) -> ElementTables:
         """Tabulate products of functions.
 
         Args:
@@ -85,32 +85,32 @@ class ElementTables:
         (N, S), L = functions, pressures
         size, order = N.shape[1], L.shape[1]
         low, high = np.triu_indices(size)
-        NN, SN, NS, SS = (_pairs(a, b) for a, b in ((N, N), (S, N), (N, S), (S, S)))
+        NN, SN, NS, SS = (_multiply_pairs(a, b) for a, b in ((N, N), (S, N), (N, S), (S, S)))
         nn, sn, ns, ss = (table[:, low * size + high] for table in (NN, SN, NS, SS))
-        LN, LS = _pairs(L, N), _pairs(L, S)
-        even = TensorSums.of((NN, nn), (SS, nn), (SN, ns), (NS, sn), (NN, ss))
-        odd = TensorSums.of((SS, NN), (SN, NS), (NS, SN), (NN, SS))
-        dilation = TensorSums.of((LS, LN), (LN, LS), (LN, LN))
-        stiffness = _places(degrees[0], (low, high), size)
+        LN, LS = _multiply_pairs(L, N), _multiply_pairs(L, S)
+        symmetric = TensorSums.from_terms((NN, nn), (SS, nn), (SN, ns), (NS, sn), (NN, ss))
+        unsymmetric = TensorSums.from_terms((SS, NN), (SN, NS), (NS, SN), (NN, SS))
+        dilation = TensorSums.from_terms((LS, LN), (LN, LS), (LN, LN))
+        stiffness = _locate_entries(degrees[0], (low, high), size)
         k, i = degrees[1][:, None], degrees[0][None]
         by_x, by_y = (k * size + i).transpose(2, 0, 1)
         moments = by_y * order * size + by_x
-        both = np.hstack([moments, moments + (order * size) ** 2]).astype(np.intp)
-        return cls(even, odd, dilation, stiffness=stiffness, moments=both)
+        all_moments = np.hstack([moments, moments + (order * size) ** 2]).astype(np.intp)
+        return cls(symmetric, unsymmetric, dilation, stiffness=stiffness, moments=all_moments)
 
 
-def _places(degrees: Ints, half: tuple[Ints, Ints], size: int) -> Ints:
+def _locate_entries(degrees: Ints, half: tuple[Ints, Ints], size: int) -> Ints:
     """Return where an element matrix's entries lie in the sums: half of them stored for r r and z z, all for r z."""
     number = np.zeros((size, size), dtype=int)
     number[half] = number[half[::-1]] = np.arange(len(half[0]))
     (x, y), (other_x, other_y) = degrees.T[:, :, None], degrees.T[:, None]
-    turned = y > other_y
-    rr = number[y, other_y] * size**2 + np.where(turned, other_x * size + x, x * size + other_x)
+    swapped = y > other_y
+    rr = number[y, other_y] * size**2 + np.where(swapped, other_x * size + x, x * size + other_x)
     rz = (y * size + other_y) * size**2 + x * size + other_x
     zz, rz = rr + len(half[0]) * size**2, rz + 2 * len(half[0]) * size**2
     return np.block([[rr, rz], [rz.T, zz]]).astype(np.intp)
 
 
-def _pairs(a: Floats, b: Floats) -> Floats:
+def _multiply_pairs(a: Floats, b: Floats) -> Floats:
     """Return products of two sets of functions at the same points, (points, i) and (points, j) to (points, i j)."""
     return np.asarray((a[:, :, None] * b[:, None]).reshape(len(a), -1))

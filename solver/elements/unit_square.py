@@ -14,8 +14,8 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from solver.elements.quadrilateral import Geometry
-from solver.elements.shape_functions import Shapes, shapes
-from solver.linalg.workspace import kept_table
+from solver.elements.shape_functions import Shapes, build_shapes
+from solver.linalg.workspace import keep_table
 
 
 @dataclass(frozen=True)
@@ -56,15 +56,15 @@ class UnitSquare:
     xz: Floats
     yr: Floats
     yz: Floats
-    over: Floats
+    inverse_radius: Floats
 
     @classmethod
-    def of(cls, at: Geometry, functions: Shapes) -> UnitSquare:
+    def from_geometry(cls, geometry: Geometry, functions: Shapes) -> UnitSquare:
         """Build the tables from the geometry of elements."""
-        xr, xz, yr, yz = (np.ascontiguousarray(at.inverse[..., k, c]) for k in (0, 1) for c in (0, 1))
-        return cls(functions, _tables(functions.order), at.weight, xr, xz, yr, yz, 1 / at.radius)
+        xr, xz, yr, yz = (np.ascontiguousarray(geometry.inverse[..., k, c]) for k in (0, 1) for c in (0, 1))
+        return cls(functions, _build_tables(functions.order), geometry.weight, xr, xz, yr, yz, 1 / geometry.radius)
 
-    def gradients(self, u: Floats) -> Floats:
+    def compute_gradients(self, u: Floats) -> Floats:
         """Return displacement gradients of values u, (n, 2 s), u_r before u_z, shape (5, n, q)."""
         n, q = self.weight.shape
         x, y, value = (u.reshape(2 * n, -1) @ self.tables.flat).reshape(n, 2, 3, q).transpose(2, 1, 0, 3)
@@ -72,40 +72,40 @@ class UnitSquare:
         for c in (0, 1):
             out[2 * c] = self.xr * x[c] + self.yr * y[c]
             out[2 * c + 1] = self.xz * x[c] + self.yz * y[c]
-        out[4] = self.over * value[0]
+        out[4] = self.inverse_radius * value[0]
         return out
 
-    def turned(self, stress: Floats) -> Floats:
+    def turn_stress(self, stress: Floats) -> Floats:
         """Transform stresses that work on the gradient, (5, n, q), to those that work on X, Y of u_r, X, Y of u_z, and N."""
         out = np.empty_like(stress)
         for c in (0, 2):
             out[c] = self.xr * stress[c] + self.xz * stress[c + 1]
             out[c + 1] = self.yr * stress[c] + self.yz * stress[c + 1]
-        out[4] = self.over * stress[4]
+        out[4] = self.inverse_radius * stress[4]
         return out
 
-    def turned_unit(self) -> Floats:
+    def turn_unit_matrix(self) -> Floats:
         """Transform the unit matrix: return its entries rX rX (= zX zX), rX rY (= zX zY), rY rY (= zY zY), N N, (4, n, q)."""
         xr, xz, yr, yz = self.xr, self.xz, self.yr, self.yz
-        return np.stack([xr**2 + xz**2, xr * yr + xz * yz, yr**2 + yz**2, self.over**2])
+        return np.stack([xr**2 + xz**2, xr * yr + xz * yz, yr**2 + yz**2, self.inverse_radius**2])
 
-    def forces(self, turned: Floats) -> Floats:
+    def sum_forces(self, turned: Floats) -> Floats:
         """Sum transformed stresses, weights included, (5, n, q), to forces on the values, (n, 2 s)."""
         n, q, s = *self.weight.shape, len(self.functions.degrees)
         out = np.empty((n, 2, s))
-        out[:, 0] = _side_by_side(turned[[0, 1, 4]]) @ self.tables.flat.T
-        out[:, 1] = _side_by_side(turned[2:4]) @ self.tables.flat[:, : 2 * q].T
+        out[:, 0] = _join_parts(turned[[0, 1, 4]]) @ self.tables.flat.T
+        out[:, 1] = _join_parts(turned[2:4]) @ self.tables.flat[:, : 2 * q].T
         return out.reshape(n, -1)
 
-    def moments(self, turned: Floats) -> Floats:
+    def sum_moments(self, turned: Floats) -> Floats:
         """Sum transformed stresses times each pressure, weights included, (5, n, q), to shape (n, m, 2 s)."""
         n, q, s = *self.weight.shape, len(self.functions.degrees)
         out = np.empty((n, self.functions.pressure.shape[1], 2, s))
-        out[:, :, 0] = (_side_by_side(turned[[0, 1, 4]]) @ self.tables.pressed).reshape(n, -1, s)
-        out[:, :, 1] = (_side_by_side(turned[2:4]) @ self.tables.pressed[: 2 * q]).reshape(n, -1, s)
+        out[:, :, 0] = (_join_parts(turned[[0, 1, 4]]) @ self.tables.pressed).reshape(n, -1, s)
+        out[:, :, 1] = (_join_parts(turned[2:4]) @ self.tables.pressed[: 2 * q]).reshape(n, -1, s)
         return out.reshape(n, -1, 2 * s)
 
-    def stiffness(self, turned: Floats) -> Floats:
+    def sum_stiffness(self, turned: Floats) -> Floats:
         """Sum a symmetric matrix of transformed components, weights included, (5, 5, n, q), to stiffness, (n, 2 s, 2 s).
 
         Of its entries the upper triangle and those of rX, rY and N with zX, zY are used.
@@ -114,31 +114,31 @@ class UnitSquare:
         out = np.empty((n, 2, s, 2, s))
         radial = np.stack([D[0, 0], D[0, 1], D[1, 1], D[0, 4], D[1, 4], D[4, 4]])
         crossed = np.stack([D[0, 2], D[0, 3], D[1, 2], D[1, 3], D[4, 2], D[4, 3]])
-        out[:, 0, :, 0] = (_side_by_side(radial) @ self.tables.radial).reshape(n, s, s)
-        out[:, 1, :, 1] = (_side_by_side(np.stack([D[2, 2], D[2, 3], D[3, 3]])) @ self.tables.vertical).reshape(n, s, s)
-        out[:, 0, :, 1] = (_side_by_side(crossed) @ self.tables.crossed).reshape(n, s, s)
+        out[:, 0, :, 0] = (_join_parts(radial) @ self.tables.radial).reshape(n, s, s)
+        out[:, 1, :, 1] = (_join_parts(np.stack([D[2, 2], D[2, 3], D[3, 3]])) @ self.tables.vertical).reshape(n, s, s)
+        out[:, 0, :, 1] = (_join_parts(crossed) @ self.tables.crossed).reshape(n, s, s)
         out[:, 1, :, 0] = out[:, 0, :, 1].transpose(0, 2, 1)
         return out.reshape(n, 2 * s, 2 * s)
 
 
-def _side_by_side(parts: Floats) -> Floats:
+def _join_parts(parts: Floats) -> Floats:
     """Rearrange an array (k, n, q) to (n, k q)."""
     return np.ascontiguousarray(parts.transpose(1, 0, 2)).reshape(parts.shape[1], -1)
 
 
-@kept_table
-def _tables(order: int) -> Tables:
-    functions = shapes(order)
+@keep_table
+def _build_tables(order: int) -> Tables:
+    functions = build_shapes(order)
     x, y, value = *functions.slope, functions.value
 
-    def products(*pairs: tuple[Floats, Floats]) -> Floats:
+    def multiply(*pairs: tuple[Floats, Floats]) -> Floats:
         return np.concatenate([(a[:, :, None] * b[:, None]).reshape(len(a), -1) for a, b in pairs])
 
-    def both(a: Floats, b: Floats) -> Floats:
-        return products((a, b)) + products((b, a))
+    def symmetrise(a: Floats, b: Floats) -> Floats:
+        return multiply((a, b)) + multiply((b, a))
 
-    vertical = np.concatenate([products((x, x)), both(x, y), products((y, y))])
-    radial = np.concatenate([vertical, both(x, value), both(y, value), products((value, value))])
-    crossed = products((x, x), (x, y), (y, x), (y, y), (value, x), (value, y))
-    pressed = products(*((functions.pressure, other) for other in (x, y, value)))
+    vertical = np.concatenate([multiply((x, x)), symmetrise(x, y), multiply((y, y))])
+    radial = np.concatenate([vertical, symmetrise(x, value), symmetrise(y, value), multiply((value, value))])
+    crossed = multiply((x, x), (x, y), (y, x), (y, y), (value, x), (value, y))
+    pressed = multiply(*((functions.pressure, factor) for factor in (x, y, value)))
     return Tables(np.concatenate([x, y, value]).T.copy(), radial, crossed, vertical, pressed)

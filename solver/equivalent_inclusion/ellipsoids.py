@@ -9,22 +9,22 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, Words
-from geometry.common.limits import most_mm
-from geometry.scenes.fit import semi_axes
-from geometry.scenes.probe import Material, mm
+from geometry.common.limits import format_maximum_mm
+from geometry.scenes.fit import compute_semi_axes
+from geometry.scenes.probe import Material, format_mm
 from geometry.scenes.scene import Inclusion, Scene
-from solver.equivalent_inclusion.first_order import effects, whole_ball
+from solver.equivalent_inclusion.first_order import build_whole_ball, compute_effects
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.equivalent_inclusion.readings import Readings
-from solver.inclusions.eshelby import polarisation
+from solver.inclusions.eshelby import compute_polarisation
 from solver.inclusions.strata import Strata
 from solver.inclusions.tumours import Tumours
 
-POINTS = (4, 7, 14)  # along radius, height and the full azimuth
-SHAPE = 2.0  # times the relative change from sphere to ellipsoid: how much their reflections may differ
-LEAST = 0.2  # of the reflections: minimum of that difference
-APART = 0.5  # of the effect, where the longest semi-axis equals the distance to a face
-UNLIKE = 0.1  # of the derivative by the modulus, which saturates differently in an ellipsoid
+BALL_POINTS = (4, 7, 14)  # along radius, height and the full azimuth
+SHAPE_SAFETY_FACTOR = 2.0  # times the relative change from sphere to ellipsoid: how much their reflections may differ
+MIN_REFLECTION_SHARE = 0.2  # of the reflections: minimum of that difference
+MAX_REFLECTION_CHANGE = 0.5  # of the effect, where the longest semi-axis equals the distance to a face
+SATURATION_SHARE = 0.1  # of the derivative by the modulus, which saturates differently in an ellipsoid
 
 
 @dataclass(frozen=True)
@@ -43,10 +43,10 @@ class ShapeCorrection:
     slope: Floats
     sphere_slope: Floats
     share: float
-    own: Floats
+    ellipsoid_forces: Floats
 
 
-def check(scene: Scene) -> None:
+def check_ellipsoids(scene: Scene) -> None:
     """Refuse ellipsoids that no sphere of equal volume can represent.
 
     Raises:
@@ -54,18 +54,22 @@ def check(scene: Scene) -> None:
     """
     if all(body.diameter is not None for body in scene.inclusion):
         return
-    of = Tumours.of(scene)
+    spheres = Tumours.from_scene(scene)
     depth = np.inf if scene.tissue.shape == "half-space" else scene.tissue.depth
-    radius, places = of.diameter[0] / 2, np.stack([of.x, of.y, of.depth])[:, 0]
-    apart = np.linalg.norm(places[:, :, None] - places[:, None], axis=0) - radius[:, None] - radius
-    np.fill_diagonal(apart, np.inf)
-    outside = np.any(of.cover <= 0) or np.any(of.depth[0] + radius >= depth) or np.any(Strata.of(scene.tissue).gap(of) <= 0)
-    if outside or np.any(apart <= 0):
+    radius, places = spheres.diameter[0] / 2, np.stack([spheres.x, spheres.y, spheres.depth])[:, 0]
+    gaps = np.linalg.norm(places[:, :, None] - places[:, None], axis=0) - radius[:, None] - radius
+    np.fill_diagonal(gaps, np.inf)
+    outside = (
+        np.any(spheres.cover <= 0)
+        or np.any(spheres.depth[0] + radius >= depth)
+        or np.any(Strata.from_tissue(scene.tissue).compute_gap(spheres) <= 0)
+    )
+    if outside or np.any(gaps <= 0):
         why = "ellipsoids whose spheres of equal volume lie inside the tissue and apart from other bodies; or solid"
         raise Refusal("diameters", Words("an ellipsoid near a surface or another body"), why)
 
 
-def with_ellipsoids(base: Undisturbed, scene: Scene, readings: Readings, bodies: Sequence[Inclusion]) -> Readings:
+def correct_for_ellipsoids(base: Undisturbed, scene: Scene, readings: Readings, bodies: Sequence[Inclusion]) -> Readings:
     """Correct one set's readings, computed with spheres of equal volumes, for a scene's ellipsoids.
 
     To first order the difference is eq. IN.1 at each point of the ellipsoid less eq. EI.1; reflections are those of the spheres.
@@ -77,27 +81,37 @@ def with_ellipsoids(base: Undisturbed, scene: Scene, readings: Readings, bodies:
     forces, bound, slope, slope_bound = (
         readings.forces.copy(),
         readings.bound.copy(),
-        dict(readings.by),
+        dict(readings.derivatives),
         readings.slope_bound.copy(),
     )
     for k, body in enumerate(bodies):
         if body.diameter is not None:
             continue
-        change = difference(base, scene, body)
+        change = compute_shape_correction(base, scene, body)
         forces[0] += change.forces
         reflections = np.abs(readings.forces[0].sum(axis=1) - readings.first_totals[0])
-        otherwise = _reflected_otherwise(base, body, change)
-        bound[0] += (SHAPE * change.share + LEAST) * reflections + 0.01 * np.abs(change.forces.sum(axis=1)) + otherwise
+        otherwise = _bound_reflection_change(base, body, change)
+        bound[0] += (
+            (SHAPE_SAFETY_FACTOR * change.share + MIN_REFLECTION_SHARE) * reflections
+            + 0.01 * np.abs(change.forces.sum(axis=1))
+            + otherwise
+        )
         if k == target and slope:
             reflected = np.abs((slope["youngs_modulus"][0] - change.sphere_slope).sum(axis=1))
             slope["youngs_modulus"] = slope["youngs_modulus"] + change.slope
             target_slope = np.abs(slope["youngs_modulus"][0].sum(axis=1))
-            slope_bound[0] += (SHAPE * change.share + LEAST) * reflected + UNLIKE * target_slope + otherwise
+            slope_bound[0] += (
+                (SHAPE_SAFETY_FACTOR * change.share + MIN_REFLECTION_SHARE) * reflected
+                + SATURATION_SHARE * target_slope
+                + otherwise
+            )
     only_tumours = bound - base.films.bound.totals
-    return replace(readings, forces=forces, bound=only_tumours, by=slope, slope_bound=slope_bound).with_bounds_of(base)
+    return replace(readings, forces=forces, bound=only_tumours, derivatives=slope, slope_bound=slope_bound).add_baseline_bounds(
+        base
+    )
 
 
-def _reflected_otherwise(base: Undisturbed, body: Inclusion, change: ShapeCorrection) -> Floats:
+def _bound_reflection_change(base: Undisturbed, body: Inclusion, change: ShapeCorrection) -> Floats:
     """Bound how an ellipsoid's reflections differ from those of the sphere of equal volume, each film's total, N/m, shape (2,).
 
     A share of the effect that grows with the longest semi-axis against the distance of surface, floor or interface, and with
@@ -106,44 +120,47 @@ def _reflected_otherwise(base: Undisturbed, body: Inclusion, change: ShapeCorrec
     """
     lengths = np.array(body.diameters or (1.0,)) / 2
     faces = (0.0, *base.strata.interfaces, base.field.states.model.section.tissue_depth)
-    near = min(abs(face - body.depth) for face in faces)
+    face_distance = min(abs(face - body.depth) for face in faces)
     shape = min(1.0, 2 * float(np.log(lengths.max() / lengths.min())))
-    share = APART * shape * min(1.0, float(lengths.max() / near) ** 3)
-    return np.asarray(share * np.sqrt(np.abs(np.diag(change.own) * change.own.sum())))
+    share = MAX_REFLECTION_CHANGE * shape * min(1.0, float(lengths.max() / face_distance) ** 3)
+    return np.asarray(share * np.sqrt(np.abs(np.diag(change.ellipsoid_forces) * change.ellipsoid_forces.sum())))
 
 
-def difference(base: Undisturbed, scene: Scene, body: Inclusion) -> ShapeCorrection:
+def compute_shape_correction(base: Undisturbed, scene: Scene, body: Inclusion) -> ShapeCorrection:
     """Compute the first-order difference between an ellipsoid and the sphere of equal volume.
 
     Raises:
         Refusal: the ellipsoid reaches beyond the modelled tissue; see also ``compute_hill_tensor``.
     """
-    at, axes = scene.placement, np.array(semi_axes(body))
-    points, weights = whole_ball(*POINTS)
-    x, y, z = (points @ axes.T + np.array([body.x - at.x, body.y - at.y, -body.depth])).T
+    placement, axes = scene.placement, np.array(compute_semi_axes(body))
+    points, weights = build_whole_ball(*BALL_POINTS)
+    x, y, z = (points @ axes.T + np.array([body.x - placement.x, body.y - placement.y, -body.depth])).T
     section, reach = base.field.states.model.section, np.hypot(x, y).max()
     if reach > section.tissue_radius or z.max() > 0 or -z.min() > section.tissue_depth:
-        position = f"one that reaches {mm(float(reach))} from the probe's axis and {mm(float(-z.min()))} deep"
-        room = f"ellipsoids within {most_mm(section.tissue_radius)} and {most_mm(section.tissue_depth)}; or solid"
+        position = f"one that reaches {format_mm(float(reach))} from the probe's axis and {format_mm(float(-z.min()))} deep"
+        room = (
+            f"ellipsoids within {format_maximum_mm(section.tissue_radius)} and "
+            f"{format_maximum_mm(section.tissue_depth)}; or solid"
+        )
         raise Refusal("diameters", Words(position), room)
-    strain, host = _cartesian(base, x, y, z), base.scene.tissue.material_at(body.depth)
+    strain, host = _compute_cartesian_strain(base, x, y, z), base.scene.tissue.find_material(body.depth)
     material = Material(youngs_modulus=body.youngs_modulus, poisson_ratio=body.poisson_ratio)
     volume = 4 / 3 * np.pi * abs(float(np.linalg.det(axes)))
     forces, slope = (
         volume * np.einsum("q,qai,ab,qbj->ij", weights, strain, k, strain, optimize=True)
-        for k in polarisation(host, material, axes)
+        for k in compute_polarisation(host, material, axes)
     )
-    sphere = effects(base.energies, host, Tumours.of(scene.model_copy(update={"inclusion": (body,)})).flat())
+    sphere = compute_effects(base.energies, host, Tumours.from_scene(scene.model_copy(update={"inclusion": (body,)})).flatten())
     whole = np.abs(sphere.forces[0]).sum()
     share = float(np.abs(forces - sphere.forces[0]).sum() / whole) if whole > 0 else 0.0
     return ShapeCorrection(forces - sphere.forces[0], slope - sphere.by_log_modulus[0], sphere.by_log_modulus[0], share, forces)
 
 
-def _cartesian(base: Undisturbed, x: Floats, y: Floats, z: Floats) -> Floats:
+def _compute_cartesian_strain(base: Undisturbed, x: Floats, y: Floats, z: Floats) -> Floats:
     """Return strains xx, yy, zz, 2 yz, 2 xz, 2 xy of both base states at points, shape (q, 6, 2)."""
     r = np.hypot(x, y)
-    strains = base.field.at(r, z)
-    cos, sin = (np.divide(part, r, out=np.full_like(r, one), where=r > 0)[:, None] for part, one in ((x, 1.0), (y, 0.0)))
+    strains = base.field.evaluate(r, z)
+    cos, sin = (np.divide(part, r, out=np.full_like(r, limit), where=r > 0)[:, None] for part, limit in ((x, 1.0), (y, 0.0)))
     rr, zz, hoop, rz = strains.strain.transpose(1, 0, 2)
     excess = (strains.dilation - rr - zz - hoop) / 3
     xx, yy = cos**2 * rr + sin**2 * hoop, sin**2 * rr + cos**2 * hoop

@@ -22,14 +22,14 @@ from scipy.special import roots_jacobi
 from geometry.common.arrays import Floats
 from geometry.scenes.probe import Material
 from solver.equivalent_inclusion.strain_products import Energies
-from solver.inclusions.eshelby import Hosts, strength
+from solver.inclusions.eshelby import Hosts, compute_strength
 from solver.inclusions.tumours import Tumours
 
-CHUNK = 1000  # tumours at a time, to limit memory
-FEW = 20  # up to so many tumours a table of strain products does not pay
-POINTS = (3, 5, 5)  # along radius, height and half the azimuth: exact for polynomials of degree 5 and more
-SURFACE = (8, 8)  # along height and half the azimuth
-INDEX = np.array([[0, 1], [1, 2]])  # of a pair of states among the three products
+TUMOURS_PER_CHUNK = 1000  # tumours at a time, to limit memory
+MAX_TUMOURS_WITHOUT_TABLE = 20  # up to so many tumours a table of strain products does not pay
+BALL_POINTS = (3, 5, 5)  # along radius, height and half the azimuth: exact for polynomials of degree 5 and more
+SURFACE_POINTS = (8, 8)  # along height and half the azimuth
+PAIR_INDEX = np.array([[0, 1], [1, 2]])  # of a pair of states among the three products
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Effects:
     by_log_diameter: Floats | None = None
 
 
-def effects(energies: Energies, hosts: Material | Hosts, tumours: Tumours, places: bool = False) -> Effects:
+def compute_effects(energies: Energies, hosts: Material | Hosts, tumours: Tumours, places: bool = False) -> Effects:
     """Compute the first-order effect of each of n spheres (arrays of shape (n,)).
 
     Args:
@@ -64,16 +64,22 @@ def effects(energies: Energies, hosts: Material | Hosts, tumours: Tumours, place
     Raises:
         InputError: a sphere lies partly outside the tissue.
     """
-    of = strength(hosts, tumours.youngs_modulus, tumours.poisson_ratio)
-    inside = _integrals(energies, tumours, *half_ball(*POINTS))[0]
+    sphere_strength = compute_strength(hosts, tumours.youngs_modulus, tumours.poisson_ratio)
+    inside = _integrate_products(energies, tumours, *build_half_ball(*BALL_POINTS))[0]
     radius = tumours.diameter / 2
     inside *= (4 / 3 * np.pi * radius**3)[:, None]
-    whole, by_modulus, by_poisson = (_matrices(inside, *k) for k in ((of.volume, of.shear), of.by_log_modulus, of.by_poisson))
+    whole, by_modulus, by_poisson = (
+        _combine_products(inside, *k)
+        for k in ((sphere_strength.volume, sphere_strength.shear), sphere_strength.by_log_modulus, sphere_strength.by_poisson)
+    )
     if not places:
         return Effects(whole, by_modulus, by_poisson)
-    over, up, out = _integrals(energies, tumours, *_sphere(*SURFACE))
+    surface_mean, upward_moment, outward_moment = _integrate_products(energies, tumours, *_build_half_sphere(*SURFACE_POINTS))
     area = 4 * np.pi * radius**2
-    moved = [_matrices(part * area[:, None], of.volume, of.shear) for part in (-up, out, over)]
+    moved = [
+        _combine_products(part * area[:, None], sphere_strength.volume, sphere_strength.shear)
+        for part in (-upward_moment, outward_moment, surface_mean)
+    ]
     return Effects(
         whole,
         by_modulus,
@@ -84,45 +90,47 @@ def effects(energies: Energies, hosts: Material | Hosts, tumours: Tumours, place
     )
 
 
-def _matrices(products: Floats, volume: Floats, shear: Floats) -> Floats:
+def _combine_products(products: Floats, volume: Floats, shear: Floats) -> Floats:
     """Return k_v times the first three plus k_d times the last three of six products (n, 6) as symmetric matrices (n, 2, 2)."""
-    return np.asarray((volume[:, None] * products[:, :3] + shear[:, None] * products[:, 3:])[:, INDEX])
+    return np.asarray((volume[:, None] * products[:, :3] + shear[:, None] * products[:, 3:])[:, PAIR_INDEX])
 
 
-def _integrals(energies: Energies, tumours: Tumours, points: Floats, weights: Floats) -> list[Floats]:
+def _integrate_products(energies: Energies, tumours: Tumours, points: Floats, weights: Floats) -> list[Floats]:
     """Sum the six strain products over points (q, 3) of the unit ball with columns of weights (q, w); returns w arrays (n, 6)."""
     n = len(tumours.x)
     integrals = np.empty((weights.shape[1], n, 6))
     radius = tumours.diameter / 2
-    table = np.full(n, n > FEW) & energies.covers(tumours.offset + radius, -tumours.cover, -tumours.depth - radius)
-    for which, ask in ((table, energies.quick), (np.logical_not(table), energies.at)):
+    table = np.full(n, n > MAX_TUMOURS_WITHOUT_TABLE) & energies.covers(
+        tumours.offset + radius, -tumours.cover, -tumours.depth - radius
+    )
+    for which, ask in ((table, energies.interpolate), (np.logical_not(table), energies.evaluate)):
         chosen = np.flatnonzero(which)
-        for low in range(0, len(chosen), CHUNK):
-            block = chosen[low : low + CHUNK]
-            x, y, up = (points[:, k] * radius[block, None] for k in range(3))
-            r, z = np.hypot(tumours.offset[block, None] + x, y), up - tumours.depth[block, None]
+        for low in range(0, len(chosen), TUMOURS_PER_CHUNK):
+            block = chosen[low : low + TUMOURS_PER_CHUNK]
+            x, y, height = (points[:, k] * radius[block, None] for k in range(3))
+            r, z = np.hypot(tumours.offset[block, None] + x, y), height - tumours.depth[block, None]
             values = ask(r.ravel(), z.ravel()).reshape(6, *r.shape)
             integrals[:, block] = np.einsum("pnq,qw->wnp", values, weights)
     return list(integrals)
 
 
 @lru_cache(maxsize=8)
-def half_ball(along: int, height: int, around: int) -> tuple[Floats, Floats]:
+def build_half_ball(radial_points: int, height: int, around: int) -> tuple[Floats, Floats]:
     """Build points in the half y > 0 of the unit ball, x away from the axis, z up, with weights that add up to 1, (q, 1)."""
-    surface, share = _sphere(height, around)
-    radius, weight = roots_jacobi(along, 0, 2)
+    surface, share = _build_half_sphere(height, around)
+    radius, weight = roots_jacobi(radial_points, 0, 2)
     radius, weight = (1 + radius) / 2, weight / weight.sum()
     return (radius[:, None, None] * surface).reshape(-1, 3), np.outer(weight, share[:, 0]).reshape(-1, 1)
 
 
-def whole_ball(along: int, height: int, around: int) -> tuple[Floats, Floats]:
+def build_whole_ball(radial_points: int, height: int, around: int) -> tuple[Floats, Floats]:
     """Build points in the unit ball, (q, 3), with weights that add up to 1."""
-    points, weights = half_ball(along, height, around // 2)
+    points, weights = build_half_ball(radial_points, height, around // 2)
     return np.concatenate([points, points * [1, -1, 1]]), np.tile(weights[:, 0] / 2, 2)
 
 
 @lru_cache(maxsize=8)
-def _sphere(height: int, around: int) -> tuple[Floats, Floats]:
+def _build_half_sphere(height: int, around: int) -> tuple[Floats, Floats]:
     """Build points on the half y > 0 of the unit sphere, with weights for the means of a function, of z and x times it."""
     z, weight = leggauss(height)
     angle = (np.arange(around) + 0.5) * np.pi / around

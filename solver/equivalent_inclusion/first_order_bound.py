@@ -6,25 +6,25 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
-from solver.inclusions.eshelby import strength
+from solver.inclusions.eshelby import compute_strength
 from solver.inclusions.strata import Strata
 from solver.inclusions.tumours import Tumours
 
 # rho of a sphere ten times as stiff as the tissue whose centre lies one radius deep is about 0.94 (PHYSICS section 4); random
 # scenes against ``axisymmetric`` (benchmarks/levels/equivalent_inclusion.py) need up to 1.1 for shallow and 1.7 for deep ones
-SURFACE = 1.5
-LEAST = 0.003  # of the effect: minimum of the bound
-USUAL = 1.96  # the strength k_d / (2 mu) of that sphere
-MOST = 0.9  # of rho
+SURFACE_REFLECTION_FACTOR = 1.5
+MIN_SHARE = 0.003  # of the effect: minimum of the bound
+REFERENCE_STRENGTH = 1.96  # the strength k_d / (2 mu) of that sphere
+MAX_REFLECTION = 0.9  # of rho
 
 
-def first_order_share(base: Undisturbed, tumours: Tumours) -> Floats:
+def bound_first_order_share(base: Undisturbed, tumours: Tumours) -> Floats:
     """Bound the relative error of each tumour's effect, shape (n, t): rho / (1 - rho) for what it reflects (EI.3)."""
-    rho = np.minimum(reflection(base, tumours), MOST)
-    return np.asarray(rho / (1 - rho) + base.field_error(tumours) + LEAST)
+    rho = np.minimum(estimate_reflection(base, tumours), MAX_REFLECTION)
+    return np.asarray(rho / (1 - rho) + base.bound_field_error(tumours) + MIN_SHARE)
 
 
-def first_order_error(share: Floats, changes: Floats) -> Floats:
+def bound_first_order_error(share: Floats, changes: Floats) -> Floats:
     """Bound the errors of tumours' changes of each film's total, (n, 2), from shares (n, t) and changes (n, t, 2, 2), N/m.
 
     By Cauchy and Schwarz what comes back changes film i's total by at most the share of sqrt(dF_ii dF_UU), with U the sum of both
@@ -35,34 +35,40 @@ def first_order_error(share: Floats, changes: Floats) -> Floats:
     return np.asarray((share[..., None] * np.sqrt(single * whole)).sum(axis=1))
 
 
-def reflection(base: Undisturbed, tumours: Tumours) -> Floats:
+def estimate_reflection(base: Undisturbed, tumours: Tumours) -> Floats:
     """Estimate the fraction rho of each tumour's field that surface, floor, side and other tumours reflect to it, (n, t)."""
-    hosts = base.strata.hosts(tumours.depth)
-    of = strength(hosts, tumours.youngs_modulus, tumours.poisson_ratio)
+    hosts = base.strata.find_hosts(tumours.depth)
+    sphere_strength = compute_strength(hosts, tumours.youngs_modulus, tumours.poisson_ratio)
     mu, nu = hosts.youngs_modulus / (2 * (1 + hosts.poisson_ratio)), hosts.poisson_ratio
     bulk, alpha = hosts.youngs_modulus / (3 * (1 - 2 * nu)), (1 + nu) / (3 * (1 - nu))
-    strong = np.abs(of.shear) / (2 * mu * USUAL) + np.abs(of.volume) * (1 - alpha) / bulk  # of a hole: 0.85 + 1
+    strong = (
+        np.abs(sphere_strength.shear) / (2 * mu * REFERENCE_STRENGTH) + np.abs(sphere_strength.volume) * (1 - alpha) / bulk
+    )  # of a hole: 0.85 + 1
     radius = tumours.diameter / 2
     section = base.field.states.model.section
-    below, beside = section.tissue_depth - tumours.depth, section.tissue_radius - tumours.offset
-    near = sum((radius / np.maximum(away, radius)) ** 3 for away in (tumours.depth, below, beside))
-    return np.asarray(SURFACE * strong * (near + _of_interfaces(base.strata, tumours, radius) + _of_others(tumours, radius)))
+    floor_distance, side_distance = section.tissue_depth - tumours.depth, section.tissue_radius - tumours.offset
+    proximity = sum((radius / np.maximum(distance, radius)) ** 3 for distance in (tumours.depth, floor_distance, side_distance))
+    return np.asarray(
+        SURFACE_REFLECTION_FACTOR
+        * strong
+        * (proximity + _sum_interface_reflections(base.strata, tumours, radius) + _sum_neighbour_reflections(tumours, radius))
+    )
 
 
-def _of_interfaces(strata: Strata, tumours: Tumours, radius: Floats) -> Floats:
+def _sum_interface_reflections(strata: Strata, tumours: Tumours, radius: Floats) -> Floats:
     """Sum the reflections of interfaces between layers: each is that of a surface times the contrast of both sides."""
     pairs = zip(strata.interfaces, strata.contrasts, strict=True)
     shares = [unlike * (radius / np.maximum(np.abs(tumours.depth - depth), radius)) ** 3 for depth, unlike in pairs]
     return np.asarray(sum(shares, np.zeros(tumours.shape)))
 
 
-def _of_others(tumours: Tumours, radius: Floats) -> Floats:
+def _sum_neighbour_reflections(tumours: Tumours, radius: Floats) -> Floats:
     """Sum the reflections of other tumours, one tumour against all at a time to limit memory."""
     place, n, t = np.stack([tumours.x, tumours.y, tumours.depth]), *tumours.shape
-    near = np.zeros((n, t))
+    shares = np.zeros((n, t))
     for i in range(t if t > 1 else 0):
-        apart = np.sqrt(((place - place[:, :, i : i + 1]) ** 2).sum(axis=0))
-        share = (radius[:, i : i + 1] * radius) ** 1.5 / np.maximum(apart, radius[:, i : i + 1] + radius) ** 3
+        distance = np.sqrt(((place - place[:, :, i : i + 1]) ** 2).sum(axis=0))
+        share = (radius[:, i : i + 1] * radius) ** 1.5 / np.maximum(distance, radius[:, i : i + 1] + radius) ** 3
         share[:, i] = 0.0
-        near[:, i] = share.sum(axis=1)
-    return near
+        shares[:, i] = share.sum(axis=1)
+    return shares

@@ -12,15 +12,15 @@ from typing import Any
 import numpy as np
 
 from geometry.common.arrays import Floats, Ints
-from geometry.meridian.mesh import SQUARE, bilinear, nodes
+from geometry.meridian.mesh import UNIT_SQUARE, compute_bilinear_shares, compute_nodes
 from solver.axisymmetric.base_states import BaseStates
-from solver.axisymmetric.tissue_field import TissueField, jacobian
-from solver.elements.quadrilateral import Geometry, dilations
-from solver.elements.shape_functions import functions, pressures
-from solver.equivalent_inclusion.first_order import POINTS, half_ball
+from solver.axisymmetric.tissue_field import TissueField, compute_jacobian
+from solver.elements.quadrilateral import Geometry, compute_dilations
+from solver.elements.shape_functions import evaluate_functions, evaluate_pressures
+from solver.equivalent_inclusion.first_order import BALL_POINTS, build_half_ball
 from solver.inclusions.tumours import Tumours
 
-METRIC = np.array([1.0, 1.0, 1.0, 2.0])  # of rr, zz, hoop and rz in eps:eps
+STRAIN_METRIC = np.array([1.0, 1.0, 1.0, 2.0])  # of rr, zz, hoop and rz in eps:eps
 
 
 @dataclass(frozen=True)
@@ -47,13 +47,13 @@ class QuadraturePoints:
     by_log_diameter: Floats
 
     @classmethod
-    def of(cls, states: BaseStates, tumours: Tumours) -> QuadraturePoints:
+    def from_tumours(cls, states: BaseStates, tumours: Tumours) -> QuadraturePoints:
         """Build the quadrature points of t spheres, arrays of shape (t,)."""
-        ball, share = half_ball(*POINTS)
+        ball, share = build_half_ball(*BALL_POINTS)
         radius = tumours.diameter[:, None] / 2
-        x, y, up = (radius * ball[:, k] for k in range(3))
-        r, z = np.hypot(tumours.offset[:, None] + x, y), up - tumours.depth[:, None]
-        grow = np.stack([((tumours.offset[:, None] + x) * x + y**2) / r, up], axis=-1)
+        x, y, height = (radius * ball[:, k] for k in range(3))
+        r, z = np.hypot(tumours.offset[:, None] + x, y), height - tumours.depth[:, None]
+        grow = np.stack([((tumours.offset[:, None] + x) * x + y**2) / r, height], axis=-1)
         element, place, _ = TissueField(states).locate(np.stack([r.ravel(), z.ravel()], axis=1))
         weight = (4 / 3 * np.pi * radius**3 * share[:, 0]).ravel()
         number = np.repeat(np.arange(len(r)), len(ball))
@@ -79,11 +79,11 @@ class QuadraturePoints:
         """Place of each point's element among ``elements``."""
         return np.searchsorted(self.elements, self.element)
 
-    def corners(self, section: Any) -> Any:
+    def compute_corners(self, section: Any) -> Any:
         """Return corners of ``elements`` in a section, perhaps with complex lengths of shape (), shape (e, 4, 2)."""
-        return nodes(section, self.states.model.mesh, SQUARE, self.elements)
+        return compute_nodes(section, self.states.model.mesh, UNIT_SQUARE, self.elements)
 
-    def forms(self, corners: Any, moved: Any = 0.0) -> tuple[Any, Any]:
+    def compute_forms(self, corners: Any, moved: Any = 0.0) -> tuple[Any, Any]:
         """Return strains rr, zz, hoop and rz, (q, 4, 2, s), and dilation, (q, 2, s), per own value of each point's element.
 
         Args:
@@ -92,21 +92,27 @@ class QuadraturePoints:
         """
         model, mine = self.states.model, corners[self.row]
         was = np.real(mine)
-        off = np.real(bilinear(self.place)[:, None] @ was)[:, 0] + moved - (bilinear(self.place)[:, None] @ mine)[:, 0]
-        place = self.place + np.linalg.solve(jacobian(was, self.place), off[..., None])[..., 0]
+        offset = (
+            np.real(compute_bilinear_shares(self.place)[:, None] @ was)[:, 0]
+            + moved
+            - (compute_bilinear_shares(self.place)[:, None] @ mine)[:, 0]
+        )
+        place = self.place + np.linalg.solve(compute_jacobian(was, self.place), offset[..., None])[..., 0]
         r = self.r + np.broadcast_to(moved, (len(self.r), 2))[:, 0]
-        value, slope = functions(place, model.shapes.degrees)
-        by_r, by_z = np.einsum("kqs,qkj->jqs", slope, np.linalg.inv(jacobian(mine, place)))
+        value, slope = evaluate_functions(place, model.shapes.degrees)
+        by_r, by_z = np.einsum("kqs,qkj->jqs", slope, np.linalg.inv(compute_jacobian(mine, place)))
         strain = np.zeros((len(r), 4, 2, value.shape[1]), dtype=value.dtype)
         strain[:, 0, 0], strain[:, 1, 1], strain[:, 2, 0] = by_r, by_z, value / r[:, None]
         strain[:, 3, 0], strain[:, 3, 1] = by_z / 2, by_r / 2
-        table = dilations(_geometry(model.shapes, corners), model.shapes)[:, :, ::2]
-        return strain, np.einsum("qk,qkcs->qcs", pressures(place, model.shapes.order), table[self.row])
+        table = compute_dilations(_build_geometry(model.shapes, corners), model.shapes)[:, :, ::2]
+        return strain, np.einsum("qk,qkcs->qcs", evaluate_pressures(place, model.shapes.order), table[self.row])
 
 
-def _geometry(shapes: Any, corners: Any) -> Geometry:
+def _build_geometry(shapes: Any, corners: Any) -> Geometry:
     """Build the geometry of straight-sided elements, perhaps with complex corners."""
-    points = bilinear(shapes.points) @ corners
-    along = np.stack([jacobian(corners, np.broadcast_to(point, (len(corners), 2))) for point in shapes.points], axis=1)
-    area = along[..., 0, 0] * along[..., 1, 1] - along[..., 0, 1] * along[..., 1, 0]
-    return Geometry(points[..., 0], 2 * np.pi * points[..., 0] * area * shapes.weights, np.linalg.inv(along))
+    points = compute_bilinear_shares(shapes.points) @ corners
+    jacobians = np.stack(
+        [compute_jacobian(corners, np.broadcast_to(point, (len(corners), 2))) for point in shapes.points], axis=1
+    )
+    area = jacobians[..., 0, 0] * jacobians[..., 1, 1] - jacobians[..., 0, 1] * jacobians[..., 1, 0]
+    return Geometry(points[..., 0], 2 * np.pi * points[..., 0] * area * shapes.weights, np.linalg.inv(jacobians))

@@ -18,21 +18,21 @@ from typing import Any
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.common.errors import InputError, one_of
+from geometry.common.errors import InputError, describe_choices
 from geometry.meridian.frame import Kind, MeridianFineness
 from geometry.meridian.section import LAYERS, TISSUES, Body
 from geometry.scenes.probe import Material
 from geometry.scenes.scene import Scene
-from geometry.scenes.variables import values
-from solver.axisymmetric.base_states import BaseStates, MeridianModel, base_states
-from solver.axisymmetric.base_states import model as solved_model
-from solver.axisymmetric.energy_derivatives import STEP, total_derivatives, variables
-from solver.axisymmetric.gradients import OUTPUTS, Gradients, areas, by_scene
+from geometry.scenes.variables import list_values
+from solver.axisymmetric.base_states import BaseStates, MeridianModel, solve_base_states
+from solver.axisymmetric.base_states import build_model as solved_model
+from solver.axisymmetric.energy_derivatives import COMPLEX_STEP, differentiate_totals, list_variables
+from solver.axisymmetric.gradients import OUTPUT_NAMES, Gradients, differentiate_areas, differentiate_by_scene
 from solver.axisymmetric.sections import Sections
 from solver.axisymmetric.state_forms import StateForms
-from solver.equivalent_inclusion.gradient_points import METRIC, QuadraturePoints
-from solver.equivalent_inclusion.probe_on_tissue import FIELDS
-from solver.inclusions.eshelby import strengths
+from solver.equivalent_inclusion.gradient_points import STRAIN_METRIC, QuadraturePoints
+from solver.equivalent_inclusion.probe_on_tissue import FIELD_FINENESSES
+from solver.inclusions.eshelby import compute_strengths
 from solver.inclusions.strata import Strata
 from solver.inclusions.tumours import Tumours
 
@@ -57,76 +57,83 @@ class FirstOrder:
     target: int | None
     strata: Strata
 
-    def share(self, body: Body) -> Any:
+    def compute_share(self, body: Body) -> Any:
         """Return 1 for the tumours that lie in a body of the tissue, 0 for the others, shape (t,)."""
         layers = len(self.strata.interfaces)
         number = layers if body == Body.TISSUE else LAYERS.index(body) if body in LAYERS[:layers] else -1
-        return 1.0 * (self.strata.number(self.tumours.depth) == number)
+        return 1.0 * (self.strata.find_layer(self.tumours.depth) == number)
 
-    def form(self, strengths: Strengths, corners: Any = None, moved: Any = 0.0) -> Any:
+    def compute_form(self, strengths: Strengths, corners: Any = None, moved: Any = 0.0) -> Any:
         """Return u^T G u (eq. EI.4), shape (2, 2), with given strengths, perhaps complex corners and moved points."""
-        strain, dilation = self._at_points(*self.points.forms(self._corners if corners is None else corners, moved))
+        strain, dilation = self._evaluate_at_points(
+            *self.points.compute_forms(self._corners if corners is None else corners, moved)
+        )
         volume, shear = (np.asarray(k)[self.points.tumour] * self.points.weight for k in strengths)
         sums = strain[:, :3].sum(axis=1)
         whole = np.einsum("q,qi,qj->ij", volume, dilation, dilation) - np.einsum("q,qi,qj->ij", shear / 3, sums, sums)
-        return whole + np.einsum("q,a,qai,qaj->ij", shear, METRIC, strain, strain)
+        return whole + np.einsum("q,a,qai,qaj->ij", shear, STRAIN_METRIC, strain, strain)
 
-    def adjoint(self, strengths: Strengths) -> Floats:
+    def solve_adjoint(self, strengths: Strengths) -> Floats:
         """Solve for l of eq. EI.4; return its values in all elements, shape (n, 2 s, 2)."""
         m, points = self.states.model, self.points
-        strain_form, dilation_form = points.forms(self._corners)
-        strain, dilation = self._at_points(strain_form, dilation_form)
+        strain_form, dilation_form = points.compute_forms(self._corners)
+        strain, dilation = self._evaluate_at_points(strain_form, dilation_form)
         volume, shear = (np.asarray(k)[points.tumour] * points.weight for k in strengths)
         loads = np.einsum("q,qi,qcs->qcsi", volume, dilation, dilation_form)
         loads -= np.einsum("q,qi,qcs->qcsi", shear / 3, strain[:, :3].sum(axis=1), strain_form[:, :3].sum(axis=1))
-        loads += np.einsum("q,a,qai,qacs->qcsi", shear, METRIC, strain, strain_form, optimize=True)
-        own = np.zeros((len(points.elements), *loads.shape[1:]))
-        np.add.at(own, points.row, loads)
-        return _solved(m, points.elements, own)
+        loads += np.einsum("q,a,qai,qacs->qcsi", shear, STRAIN_METRIC, strain, strain_form, optimize=True)
+        element_loads = np.zeros((len(points.elements), *loads.shape[1:]))
+        np.add.at(element_loads, points.row, loads)
+        return _solve_loads(m, points.elements, element_loads)
 
     @property
     def _corners(self) -> Floats:
-        return np.asarray(self.points.corners(self.states.model.section))
+        return np.asarray(self.points.compute_corners(self.states.model.section))
 
-    def _at_points(self, strain: Any, dilation: Any) -> tuple[Any, Any]:
-        own = self.states.own[self.points.element].reshape(len(self.points.r), 2, -1, 2)
-        return (np.einsum("qacs,qcsi->qai", strain, own, optimize=True), np.einsum("qcs,qcsi->qi", dilation, own, optimize=True))
+    def _evaluate_at_points(self, strain: Any, dilation: Any) -> tuple[Any, Any]:
+        element_values = self.states.values[self.points.element].reshape(len(self.points.r), 2, -1, 2)
+        return (
+            np.einsum("qacs,qcsi->qai", strain, element_values, optimize=True),
+            np.einsum("qcs,qcsi->qi", dilation, element_values, optimize=True),
+        )
 
-    def strengths(self, **changed: Any) -> tuple[Strengths, Strengths]:
+    def compute_strengths(self, **changed: Any) -> tuple[Strengths, Strengths]:
         """Return k_v and k_d of all tumours, and their derivatives by ln E of the target (0 for the others).
 
         Args:
             changed: perhaps complex values that take the place of modulus, nu (of the tissue about each tumour), youngs_modulus,
                 poisson_ratio (of the tumours).
         """
-        t, hosts = self.tumours, self.strata.hosts(self.tumours.depth)
+        t, hosts = self.tumours, self.strata.find_hosts(self.tumours.depth)
         moduli: dict[str, Any] = {"modulus": hosts.youngs_modulus, "nu": hosts.poisson_ratio}
         moduli |= {"youngs_modulus": t.youngs_modulus, "poisson_ratio": t.poisson_ratio}
-        whole, (volume, shear) = strengths(**{**moduli, **changed})
+        whole, (volume, shear) = compute_strengths(**{**moduli, **changed})
         mine = np.arange(len(t.x)) == self.target
         return whole, (volume * mine, shear * mine)
 
-    def forms(self, corners: Any = None, moved: Any = 0.0, **changed: Any) -> Any:
+    def compute_forms(self, corners: Any = None, moved: Any = 0.0, **changed: Any) -> Any:
         """Return u^T G u and u^T G' u (eq. EI.4), shape (2, 2, 2), perhaps with complex corners, points or moduli."""
-        return np.array([self.form(k, corners, moved) for k in self.strengths(**changed)])
+        return np.array([self.compute_form(k, corners, moved) for k in self.compute_strengths(**changed)])
 
 
-def _solved(m: MeridianModel, elements: Any, loads: Floats) -> Floats:
+def _solve_loads(m: MeridianModel, elements: Any, loads: Floats) -> Floats:
     """Solve for displacements under loads (e, 2, s, k) on some elements, supported as the base states are; (n, 2 s, k)."""
     e, _, s, k = loads.shape
     edge = m.shapes.skeleton
     inside = loads[:, :, edge:].reshape(e, -1, k)
     on_edges = np.zeros((len(m.two_mu), 2 * edge, k))
-    on_edges[elements] = loads[:, :, :edge].reshape(e, -1, k) + m.condensed.recovery(elements).transpose(0, 2, 1) @ inside
-    v = m.system.solve(m.system.add_up(on_edges), passes=2).v
-    whole = m.whole(m.system.own(v))
-    inner = m.stiffness(elements).inside
+    on_edges[elements] = loads[:, :, :edge].reshape(e, -1, k) + m.condensed.compute_recovery(elements).transpose(0, 2, 1) @ inside
+    v = m.system.solve(m.system.assemble_forces(on_edges), passes=2).v
+    whole = m.recover_values(m.system.compute_values(v))
+    inner = m.build_blocks(elements).inside
     shaped = whole.reshape(len(whole), 2, s, k)
     shaped[elements, :, edge:] += np.linalg.solve(inner, inside).reshape(e, 2, s - edge, k)
     return shaped.reshape(whole.shape)
 
 
-def first_order(scene: Scene, of: Sections, fineness: MeridianFineness = FIELDS[0], kind: Kind | None = None) -> FirstOrder:
+def solve_first_order(
+    scene: Scene, sections: Sections, fineness: MeridianFineness = FIELD_FINENESSES[0], kind: Kind | None = None
+) -> FirstOrder:
     """Solve the base states of sections without tumours and place the scene's spheres in them.
 
     Raises:
@@ -134,86 +141,104 @@ def first_order(scene: Scene, of: Sections, fineness: MeridianFineness = FIELDS[
     """
     interface = scene.contact.interface
     assert interface != "unilateral"  # refused before
-    materials: dict[Body, Material] = {body: one for body, one in of.materials.items() if body != Body.INCLUSION}
-    section = replace(of.section, sphere_radius=0.0, sphere_depth=0.0)
-    states = base_states(solved_model(section, materials, interface, fineness, kind))
-    tumours = Tumours.of(scene).flat()
-    return FirstOrder(states, QuadraturePoints.of(states, tumours), tumours, scene.target, Strata.of(scene.tissue))
+    materials: dict[Body, Material] = {body: material for body, material in sections.materials.items() if body != Body.INCLUSION}
+    section = replace(sections.section, sphere_radius=0.0, sphere_depth=0.0)
+    states = solve_base_states(solved_model(section, materials, interface, fineness, kind))
+    tumours = Tumours.from_scene(scene).flatten()
+    return FirstOrder(
+        states, QuadraturePoints.from_tumours(states, tumours), tumours, scene.target, Strata.from_tissue(scene.tissue)
+    )
 
 
-def tumour_gradients(scene: Scene, solution: FirstOrder, names: tuple[str, ...]) -> Gradients:
-    """Differentiate first-order outputs at a fixed topology of the mesh, see ``solver.axisymmetric.gradients.gradients``.
+def compute_tumour_gradients(scene: Scene, solution: FirstOrder, names: tuple[str, ...]) -> Gradients:
+    """Differentiate first-order outputs at a fixed topology of the mesh, see ``solver.axisymmetric.gradients.compute_gradients``.
 
     Raises:
         InputError: a name is none of the scene's variables.
     """
-    allowed = tuple(values(scene))
+    allowed = tuple(list_values(scene))
     unknown = [name for name in names if name not in allowed]
     if unknown:
-        raise InputError("variable", unknown[0], one_of(unknown[0], allowed))
-    values_now = solution.forms()
+        raise InputError("variable", unknown[0], describe_choices(unknown[0], allowed))
+    values_now = solution.compute_forms()
     values_now[0] += solution.states.forces
     model = solution.states.model
-    chain = np.array([by_scene(scene, model, name) for name in names]).reshape(len(names), len(variables(model)))
-    changes = np.einsum("nv,vki->nki", chain, _by_section(solution))
+    chain = np.array([differentiate_by_scene(scene, model, name) for name in names]).reshape(
+        len(names), len(list_variables(model))
+    )
+    changes = np.einsum("nv,vki->nki", chain, _differentiate_by_section(solution))
     for k, name in enumerate(names):
         if name.startswith("inclusion."):
-            changes[k] = _by_tumour(solution, name.removeprefix("inclusion.")).sum(axis=2)
-    return _outputs(scene, solution, names, now=values_now, changes=changes, chain=chain)
+            changes[k] = _differentiate_by_tumour(solution, name.removeprefix("inclusion.")).sum(axis=2)
+    return _build_outputs(scene, solution, names, now=values_now, changes=changes, chain=chain)
 
 
-def _by_section(solution: FirstOrder) -> Floats:
+def _differentiate_by_section(solution: FirstOrder) -> Floats:
     """Return derivatives of the films' totals and of their slopes by the section's variables, eq. EI.4, shape (v, 2, 2)."""
-    m, own = solution.states.model, solution.states.own
-    whole = np.concatenate([own, *(solution.adjoint(k) for k in solution.strengths())], axis=-1)
-    every = np.eye(6).reshape(3, 2, 6).transpose(0, 2, 1)  # the states, and two pairs of adjoint ones
-    forms = StateForms.of(every[[0, 0]], every[1:], np.sqrt(np.einsum("esm,esm->m", whole, whole)))
+    m, element_values = solution.states.model, solution.states.values
+    whole = np.concatenate([element_values, *(solution.solve_adjoint(k) for k in solution.compute_strengths())], axis=-1)
+    unit_states = np.eye(6).reshape(3, 2, 6).transpose(0, 2, 1)  # the states, and two pairs of adjoint ones
+    forms = StateForms.choose_pairs(unit_states[[0, 0]], unit_states[1:], np.sqrt(np.einsum("esm,esm->m", whole, whole)))
     pairs = whole @ forms.states.reshape(6, -1)
-    rest = total_derivatives(m, pairs.reshape(*own.shape[:2], *forms.states.shape[1:]), Body.INCLUSION)[0]
-    dK, by_adjoint = forms.sums(rest)
-    out: Floats = np.array([_explicit(solution, name) for name in variables(m)]).sum(axis=3) - by_adjoint.transpose(1, 0, 2)
+    energy_derivatives = differentiate_totals(
+        m, pairs.reshape(*element_values.shape[:2], *forms.states.shape[1:]), Body.INCLUSION
+    )[0]
+    dK, by_adjoint = forms.sum_forms(energy_derivatives)
+    out: Floats = np.array([_differentiate_explicit(solution, name) for name in list_variables(m)]).sum(
+        axis=3
+    ) - by_adjoint.transpose(1, 0, 2)
     out[:, 0] += dK[0]
     return out
 
 
-def _explicit(solution: FirstOrder, name: str) -> Floats:
+def _differentiate_explicit(solution: FirstOrder, name: str) -> Floats:
     """Return u^T dG u and u^T dG' u by one of the section's variables with the states' own values fixed, shape (2, 2, 2)."""
-    section, hosts = solution.states.model.section, solution.strata.hosts(solution.tumours.depth)
+    section, hosts = solution.states.model.section, solution.strata.find_hosts(solution.tumours.depth)
     for body in TISSUES:
         if name == f"{body.name.lower()}_youngs_modulus":
-            return _imaginary(solution.forms(modulus=hosts.youngs_modulus * (1 + 1j * STEP * solution.share(body))))
+            return _extract_derivative(
+                solution.compute_forms(modulus=hosts.youngs_modulus * (1 + 1j * COMPLEX_STEP * solution.compute_share(body)))
+            )
         if name == f"{body.name.lower()}_poisson_ratio":
-            return _imaginary(solution.forms(nu=hosts.poisson_ratio + 1j * STEP * solution.share(body)))
+            return _extract_derivative(
+                solution.compute_forms(nu=hosts.poisson_ratio + 1j * COMPLEX_STEP * solution.compute_share(body))
+            )
     if name not in section.lengths:
         return np.zeros((2, 2, 2))
-    moved = replace(section, **{name: getattr(section, name) * (1 + 1j * STEP)})
-    return _imaginary(solution.forms(solution.points.corners(moved)))
+    moved = replace(section, **{name: getattr(section, name) * (1 + 1j * COMPLEX_STEP)})
+    return _extract_derivative(solution.compute_forms(solution.points.compute_corners(moved)))
 
 
-def _by_tumour(solution: FirstOrder, quantity: str) -> Floats:
+def _differentiate_by_tumour(solution: FirstOrder, quantity: str) -> Floats:
     """Return derivatives of u^T G u and u^T G' u by a quantity of the only tumour, shape (2, 2, 2)."""
     points, t = solution.points, solution.tumours
     if quantity == "youngs_modulus":
-        return np.asarray(_imaginary(solution.forms(youngs_modulus=t.youngs_modulus * (1 + 1j * STEP))) / t.youngs_modulus[0])
+        return np.asarray(
+            _extract_derivative(solution.compute_forms(youngs_modulus=t.youngs_modulus * (1 + 1j * COMPLEX_STEP)))
+            / t.youngs_modulus[0]
+        )
     if quantity == "poisson_ratio":
-        return _imaginary(solution.forms(poisson_ratio=t.poisson_ratio + 1j * STEP))
+        return _extract_derivative(solution.compute_forms(poisson_ratio=t.poisson_ratio + 1j * COMPLEX_STEP))
     if quantity == "depth":
-        return _imaginary(solution.forms(moved=1j * STEP * points.by_depth))
-    grown = _imaginary(solution.forms(moved=1j * STEP * points.by_log_diameter)) + 3 * solution.forms()
+        return _extract_derivative(solution.compute_forms(moved=1j * COMPLEX_STEP * points.by_depth))
+    grown = (
+        _extract_derivative(solution.compute_forms(moved=1j * COMPLEX_STEP * points.by_log_diameter))
+        + 3 * solution.compute_forms()
+    )
     return np.asarray(grown / t.diameter[0])
 
 
-def _imaginary(values: Any) -> Floats:
-    return np.asarray(np.imag(values) / STEP)
+def _extract_derivative(values: Any) -> Floats:
+    return np.asarray(np.imag(values) / COMPLEX_STEP)
 
 
-def _outputs(
+def _build_outputs(
     scene: Scene, solution: FirstOrder, names: tuple[str, ...], *, now: Floats, changes: Floats, chain: Floats
 ) -> Gradients:
     """Convert forces and slopes (2, 2, 2) and their totals' derivatives (n, 2, 2) to the outputs and their derivatives."""
     totals, slopes = now.sum(axis=2)
     logs, stiffness = changes[:, 0] / totals, changes[:, 0].sum(axis=1) / totals.sum()
-    stress = logs - chain @ areas(scene, solution.states.model)
+    stress = logs - chain @ differentiate_areas(scene, solution.states.model)
     if scene.load.indentation is None:
         stress = stress - stiffness[:, None]
     sensitivity = slopes / totals
@@ -232,6 +257,6 @@ def _outputs(
     )
     return Gradients(
         names,
-        {name: np.array([value]) for name, value in zip(OUTPUTS, outputs, strict=True)},
-        {name: np.asarray(change)[None] for name, change in zip(OUTPUTS, slopes_of, strict=True)},
+        {name: np.array([value]) for name, value in zip(OUTPUT_NAMES, outputs, strict=True)},
+        {name: np.asarray(change)[None] for name, change in zip(OUTPUT_NAMES, slopes_of, strict=True)},
     )

@@ -12,36 +12,36 @@ from threadpoolctl import threadpool_limits
 
 from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import Refusal, SolveError
-from geometry.common.limits import most_mm
+from geometry.common.limits import format_maximum_mm
 from geometry.meridian.frame import MeridianFineness
 from geometry.meridian.section import LAYERS, Body, Section
-from geometry.scenes.probe import mm
+from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Load, Scene
-from solver.axisymmetric.base_states import BaseStates, Materials, base_states, model
-from solver.axisymmetric.converged_forces import Converged, converged_forces
+from solver.axisymmetric.base_states import BaseStates, Materials, build_model, solve_base_states
+from solver.axisymmetric.converged_forces import Converged, compute_converged_forces
 from solver.axisymmetric.dofs import Interface
 from solver.axisymmetric.tissue_field import TissueField
 from solver.equivalent_inclusion.strain_products import Energies
 from solver.inclusions.strata import Strata
 from solver.inclusions.tumours import Tumours
-from solver.linalg.workspace import current, kept_within_limits
+from solver.linalg.workspace import get_workspace, keep_within_limits
 from solver.multiple_scattering.exchange import Reflector
 from solver.results.film_forces import FilmForces
 from solver.results.result import Decision
-from solver.results.warnings import Note, of_kind
+from solver.results.warnings import Note, select_notes
 
-FIELDS = (
+FIELD_FINENESSES = (
     MeridianFineness(1.5, 3, 5),
     MeridianFineness(2, 3, 6),
 )  # meshes of the strains; tests hold their errors below FIELD_ERRORS
 FIELD_ERRORS = 5e-4, 3e-5  # of the effect of a tumour one outer radius from the probe, rising with the square of the distance
-FINE = 0.0015  # accuracy below which the finer mesh is used
-CELLS = 2.0  # cells per length in layers, whose own rows may be few and tall
-SHALLOW = 0.2  # outer radii: the depth of a centre above which the coarser mesh is too coarse
-REFLECTIONS = MeridianFineness(1, 1, 4)  # mesh for reflections to ordinary tumours
+FINE_MESH_ACCURACY = 0.0015  # accuracy below which the finer mesh is used
+LAYER_CELLS = 2.0  # cells per length in layers, whose own rows may be few and tall
+SHALLOW_DEPTH_OUTER_RADII = 0.2  # outer radii: the depth of a centre above which the coarser mesh is too coarse
+REFLECTION_FINENESS = MeridianFineness(1, 1, 4)  # mesh for reflections to ordinary tumours
 REFLECTION_ERROR = 3e-4  # of an ordinary tumour's effect, from that mesh; a sweep over finer ones gave 1e-4
-FAR = 300.0  # outer radii: where a half-space ends for strains, which this changes by its square
-SHARE = 0.2  # fraction of the requested accuracy for film forces without tumours
+HALF_SPACE_END_OUTER_RADII = 300.0  # outer radii: where a half-space ends for strains, which this changes by its square
+FILM_ACCURACY_SHARE = 0.2  # fraction of the requested accuracy for film forces without tumours
 
 
 @dataclass(frozen=True)
@@ -70,13 +70,23 @@ class ProbeAlone:
     residual: float
 
     @classmethod
-    def of(cls, scene: Scene, accuracy: float, converged: Converged) -> ProbeAlone:
+    def from_converged(cls, scene: Scene, accuracy: float, converged: Converged) -> ProbeAlone:
         """Build from converged film forces, without their mesh, which would take most of the memory."""
-        states, notes, stopped = converged.sample.states, *(of_kind(converged.notes, kind) for kind in ("left_out", "limit"))
-        plan, of = tuple(replace(decision, tolerance=accuracy) for decision in converged.plan), states.model
-        return cls(scene, accuracy, converged.films[0], plan, notes, stopped, of.section, of.materials, states.residual)
+        states, notes, stopped = converged.sample.states, *(select_notes(converged.notes, kind) for kind in ("left_out", "limit"))
+        plan, solved_model = tuple(replace(decision, tolerance=accuracy) for decision in converged.plan), states.model
+        return cls(
+            scene,
+            accuracy,
+            converged.films[0],
+            plan,
+            notes,
+            stopped,
+            solved_model.section,
+            solved_model.materials,
+            states.residual,
+        )
 
-    def with_bounds(self, bound: Floats, forces: Floats) -> tuple[Floats, Floats]:
+    def compute_bounds(self, bound: Floats, forces: Floats) -> tuple[Floats, Floats]:
         """Return bounds on each film's total, (n, 2), and on ln(ratio), (n,), from those of what tumours change, (n, 2).
 
         The latter is inf where a total is below its own error.
@@ -84,8 +94,8 @@ class ProbeAlone:
         films, totals = self.films, np.abs(forces.sum(axis=2))
         whole = bound + films.bound.totals
         buried = np.any(whole >= totals, axis=1)
-        own = np.divide(bound, totals, out=np.zeros_like(bound), where=np.logical_not(buried)[:, None])
-        log_ratio = films.bound.log_ratio - np.log1p(-own).sum(axis=1)
+        tumour_share = np.divide(bound, totals, out=np.zeros_like(bound), where=np.logical_not(buried)[:, None])
+        log_ratio = films.bound.log_ratio - np.log1p(-tumour_share).sum(axis=1)
         return whole, np.where(buried, np.inf, log_ratio)
 
 
@@ -102,7 +112,7 @@ class Undisturbed(ProbeAlone):
     nearest_error: float
 
     @classmethod
-    def on(cls, films: ProbeAlone, states: BaseStates, nearest_error: float) -> Undisturbed:
+    def from_states(cls, films: ProbeAlone, states: BaseStates, nearest_error: float) -> Undisturbed:
         """Add base states to a probe's film forces."""
         fields = vars(films) | {"residual": max(films.residual, states.residual)}
         return cls(**fields, energies=Energies(TissueField(states)), nearest_error=nearest_error)
@@ -110,33 +120,35 @@ class Undisturbed(ProbeAlone):
     @cached_property
     def strata(self) -> Strata:
         """The tissue's materials by depth."""
-        return Strata.of(self.scene.tissue)
+        return Strata.from_tissue(self.scene.tissue)
 
     @property
     def field(self) -> TissueField:
         """Base states as functions of position."""
         return self.energies.field
 
-    def field_error(self, tumours: Tumours) -> Floats:
+    def bound_field_error(self, tumours: Tumours) -> Floats:
         """Bound the relative error of each tumour's effect by the mesh; cells grow with the distance from the probe."""
         far = (tumours.offset**2 + tumours.depth**2) / self.field.states.model.section.tube_radius**2
         return np.asarray(self.nearest_error * (1 + far))
 
-    def reflection_error(self, tumours: Tumours) -> Floats:
+    def bound_reflection_error(self, tumours: Tumours) -> Floats:
         """Bound the error of each tumour's reflection by the mesh, as a fraction of its effect: the mesh is not refined at it."""
         depth = tumours.depth / self.field.states.model.section.tube_radius
         share = self.nearest_error / 50 / depth**3  # 1e-5 on the coarser mesh, from a sweep against ``axisymmetric``
-        own = np.minimum(0.1, share) * (tumours.diameter / 2 / tumours.depth) ** 3
-        return np.asarray(own + REFLECTION_ERROR * self._ordinary(tumours))
+        mesh_share = np.minimum(0.1, share) * (tumours.diameter / 2 / tumours.depth) ** 3
+        return np.asarray(mesh_share + REFLECTION_ERROR * self._is_ordinary(tumours))
 
-    def reflector(self, tumours: Tumours) -> Reflector:
+    def choose_reflector(self, tumours: Tumours) -> Reflector:
         """Return the model that reflects fields scattered by one set of tumours; coarse where no tumour is near to a boundary."""
-        return self._coarse_reflector if self._ordinary(tumours) else self._fine_reflector
+        return self._coarse_reflector if self._is_ordinary(tumours) else self._fine_reflector
 
-    def _ordinary(self, tumours: Tumours) -> bool:
+    def _is_ordinary(self, tumours: Tumours) -> bool:
         section, depth, diameter = self.field.states.model.section, tumours.depth, tumours.diameter
-        near = np.minimum(np.minimum(tumours.cover, self.strata.gap(tumours)), section.tissue_depth - depth - diameter / 2)
-        shallow = (near < 0.07 * diameter) | (depth < 0.3 * section.tube_radius)
+        clearance = np.minimum(
+            np.minimum(tumours.cover, self.strata.compute_gap(tumours)), section.tissue_depth - depth - diameter / 2
+        )
+        shallow = (clearance < 0.07 * diameter) | (depth < 0.3 * section.tube_radius)
         large = diameter > np.minimum(3 * section.tube_radius, section.tissue_radius - tumours.offset)
         return self.nearest_error == FIELD_ERRORS[0] and not np.any(shallow | large)
 
@@ -147,8 +159,8 @@ class Undisturbed(ProbeAlone):
     @cached_property
     def _coarse_reflector(self) -> Reflector:
         fine = self.field.states.model
-        fineness = _in_layers(REFLECTIONS, fine.section)
-        return Reflector(base_states(model(fine.section, fine.materials, self._interface, fineness)), self._interface)
+        fineness = _refine_in_layers(REFLECTION_FINENESS, fine.section)
+        return Reflector(solve_base_states(build_model(fine.section, fine.materials, self._interface, fineness)), self._interface)
 
     @property
     def _interface(self) -> Interface:
@@ -156,7 +168,7 @@ class Undisturbed(ProbeAlone):
         assert interface != "unilateral"  # refused before
         return interface
 
-    def inside(self, tumours: Tumours) -> tuple[Tumours, Bools]:
+    def move_inside(self, tumours: Tumours) -> tuple[Tumours, Bools]:
         """Move tumours that stick out of the modelled cylinder of tissue to its side or floor; return them and which these are.
 
         Tissue in a block, or not centred under the probe, is a cylinder of the same area, and a half-space ends somewhere: a
@@ -169,14 +181,14 @@ class Undisturbed(ProbeAlone):
         widest, deepest = ((size - radius) * (1 - 1e-6) for size in (section.tissue_radius, section.tissue_depth))
         if np.any(widest <= 0) or np.any(deepest <= radius):
             largest = min(section.tissue_radius, section.tissue_depth / 2 * (1 - 1e-6))
-            given = mm(float(tumours.diameter.max()))
-            raise Refusal("inclusion.diameter", given, f"below {most_mm(2 * largest)} under this probe")
-        out = np.asarray((tumours.offset > widest) | (tumours.depth > deepest))
+            given = format_mm(float(tumours.diameter.max()))
+            raise Refusal("inclusion.diameter", given, f"below {format_maximum_mm(2 * largest)} under this probe")
+        outside = np.asarray((tumours.offset > widest) | (tumours.depth > deepest))
         times = np.where(tumours.offset > widest, widest / np.maximum(tumours.offset, 1e-300), 1.0)
-        return replace(tumours, x=tumours.x * times, y=tumours.y * times, depth=np.minimum(tumours.depth, deepest)), out
+        return replace(tumours, x=tumours.x * times, y=tumours.y * times, depth=np.minimum(tumours.depth, deepest)), outside
 
 
-def undisturbed(scene: Scene, accuracy: float) -> Undisturbed:
+def solve_undisturbed(scene: Scene, accuracy: float) -> Undisturbed:
     """Solve the base states of a scene's probe on its tissue; the latest are cached, see ``solver.linalg.workspace``.
 
     The finer of two meshes is used for fine accuracies, and where one of the scene's own tumours is shallow for the probe.
@@ -184,26 +196,26 @@ def undisturbed(scene: Scene, accuracy: float) -> Undisturbed:
     Raises:
         Refusal: scenes so extreme that their equations cannot be solved in double precision.
     """
-    current().begin()
-    shallow = any(body.depth < SHALLOW * scene.probe.tube_radius for body in scene.inclusion)
-    return _undisturbed(_bare(scene), accuracy, shallow)
+    get_workspace().begin()
+    shallow = any(body.depth < SHALLOW_DEPTH_OUTER_RADII * scene.probe.tube_radius for body in scene.inclusion)
+    return _solve_undisturbed(_remove_tumours(scene), accuracy, shallow)
 
 
-def alone(scene: Scene, accuracy: float) -> ProbeAlone:
+def solve_alone(scene: Scene, accuracy: float) -> ProbeAlone:
     """Solve only the film forces of a scene's probe on its tissue; they are cached too.
 
     Raises:
         Refusal: see ``solve_undisturbed``.
     """
-    current().begin()
-    return _alone(_bare(scene), accuracy)
+    get_workspace().begin()
+    return _solve_alone(_remove_tumours(scene), accuracy)
 
 
-def _bare(scene: Scene) -> Scene:
+def _remove_tumours(scene: Scene) -> Scene:
     return scene.model_copy(update={"inclusion": (), "load": Load(indentation=0.0)})
 
 
-def in_other_tissue(base: Undisturbed, scene: Scene) -> Undisturbed:
+def solve_other_tissue(base: Undisturbed, scene: Scene) -> Undisturbed:
     """Solve the probe on tissue with other moduli and thicknesses of layers on the mesh of the strains, which moves with them.
 
     Film forces are of that mesh too, so that two such answers differ by what the tissue does, and not by their meshes; the bounds
@@ -216,36 +228,38 @@ def in_other_tissue(base: Undisturbed, scene: Scene) -> Undisturbed:
     Raises:
         Refusal: see ``solve_undisturbed``.
     """
-    before, layers = base.field.states.model, dict(zip(LAYERS, scene.tissue.layer, strict=False))
-    section = replace(before.section, **{body.name.lower(): layer.thickness for body, layer in layers.items()})
-    materials: Materials = {**before.materials, Body.TISSUE: scene.tissue, **layers}
-    layout = before.mesh.layout
-    with _solving():
-        states = base_states(model(section, materials, base._interface, layout.fineness, layout.kind))
+    previous, layers = base.field.states.model, dict(zip(LAYERS, scene.tissue.layer, strict=False))
+    section = replace(previous.section, **{body.name.lower(): layer.thickness for body, layer in layers.items()})
+    materials: Materials = {**previous.materials, Body.TISSUE: scene.tissue, **layers}
+    layout = previous.mesh.layout
+    with _refuse_unsolvable():
+        states = solve_base_states(build_model(section, materials, base._interface, layout.fineness, layout.kind))
     films, energies = FilmForces(states.forces, base.films.bound), Energies(TissueField(states))
-    return replace(base, scene=_bare(scene), films=films, section=section, materials=materials, energies=energies)
+    return replace(base, scene=_remove_tumours(scene), films=films, section=section, materials=materials, energies=energies)
 
 
-@kept_within_limits
-def _undisturbed(scene: Scene, accuracy: float, shallow: bool) -> Undisturbed:
-    fine, films = int(accuracy < FINE or shallow), _alone(scene, accuracy)
+@keep_within_limits
+def _solve_undisturbed(scene: Scene, accuracy: float, shallow: bool) -> Undisturbed:
+    fine, films = int(accuracy < FINE_MESH_ACCURACY or shallow), _solve_alone(scene, accuracy)
     interface = scene.contact.interface
     assert interface != "unilateral"  # refused before
-    with _solving():
-        section = _nearer(scene, films.section)
-        states = base_states(model(section, films.materials, interface, _in_layers(FIELDS[fine], section)))
-    current().begin()  # what it took to get here may go
-    return Undisturbed.on(films, states, FIELD_ERRORS[fine])
+    with _refuse_unsolvable():
+        section = _truncate_half_space(scene, films.section)
+        states = solve_base_states(
+            build_model(section, films.materials, interface, _refine_in_layers(FIELD_FINENESSES[fine], section))
+        )
+    get_workspace().begin()  # what it took to get here may go
+    return Undisturbed.from_states(films, states, FIELD_ERRORS[fine])
 
 
-@kept_within_limits
-def _alone(scene: Scene, accuracy: float) -> ProbeAlone:
-    with _solving():
-        return ProbeAlone.of(scene, accuracy, converged_forces(scene, SHARE * accuracy))
+@keep_within_limits
+def _solve_alone(scene: Scene, accuracy: float) -> ProbeAlone:
+    with _refuse_unsolvable():
+        return ProbeAlone.from_converged(scene, accuracy, compute_converged_forces(scene, FILM_ACCURACY_SHARE * accuracy))
 
 
 @contextmanager
-def _solving() -> Iterator[None]:
+def _refuse_unsolvable() -> Iterator[None]:
     """Run with one thread, and turn a ``SolveError`` into a ``Refusal``."""
     with threadpool_limits(1, user_api="blas"):
         try:
@@ -255,13 +269,13 @@ def _solving() -> Iterator[None]:
             raise Refusal("evaluator", "equivalent-inclusion", text) from fault
 
 
-def _in_layers(fineness: MeridianFineness, section: Section) -> MeridianFineness:
-    return replace(fineness, cells=CELLS) if section.interfaces else fineness
+def _refine_in_layers(fineness: MeridianFineness, section: Section) -> MeridianFineness:
+    return replace(fineness, cells=LAYER_CELLS) if section.interfaces else fineness
 
 
-def _nearer(scene: Scene, section: Section) -> Section:
+def _truncate_half_space(scene: Scene, section: Section) -> Section:
     """Return the section for strains: a half-space is truncated where its end shifts the tissue but strains it little."""
     if scene.tissue.shape != "half-space":
         return section
-    far = max(FAR * section.tube_radius, 2 * max(section.interfaces, default=0.0))
+    far = max(HALF_SPACE_END_OUTER_RADII * section.tube_radius, 2 * max(section.interfaces, default=0.0))
     return replace(section, tissue_radius=min(section.tissue_radius, far), tissue_depth=min(section.tissue_depth, far))

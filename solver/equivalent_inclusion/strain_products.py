@@ -14,13 +14,13 @@ import numpy as np
 from geometry.common.arrays import Bools, Floats
 from solver.axisymmetric.tissue_field import TissueField
 
-PAIRS = ((0, 0), (0, 1), (1, 1))  # of base states: inner and inner, inner and outer, outer and outer
-STEP = 0.035  # step of the table in asinh(length / scale)
-SCALE = 0.3  # outer radii
-NEAREST = 0.15  # outer radii: above this depth the blocks' corners matter and elements are evaluated
-FARTHEST = 12.0  # outer radii
-ORDER = 3  # of the splines
-SPARE = 4  # lines above the minimum depth, which keep the splines' end conditions away
+STATE_PAIRS = ((0, 0), (0, 1), (1, 1))  # of base states: inner and inner, inner and outer, outer and outer
+TABLE_STEP = 0.035  # step of the table in asinh(length / scale)
+TABLE_SCALE_OUTER_RADII = 0.3  # outer radii
+MIN_TABLE_DEPTH_OUTER_RADII = 0.15  # outer radii: above this depth the blocks' corners matter and elements are evaluated
+MAX_TABLE_REACH_OUTER_RADII = 12.0  # outer radii
+SPLINE_ORDER = 3  # of the splines
+SPARE_TABLE_LINES = 4  # lines above the minimum depth, which keep the splines' end conditions away
 
 
 @dataclass(frozen=True)
@@ -29,32 +29,32 @@ class Energies:
 
     field: TissueField
 
-    def at(self, r: Floats, z: Floats) -> Floats:
+    def evaluate(self, r: Floats, z: Floats) -> Floats:
         """Return tr tr and e:e of the pairs inner-inner, inner-outer, outer-outer, 1/m^2, shape (6, m), at points (m,).
 
         Raises:
             InputError: a point lies outside the tissue.
         """
-        strains = self.field.at(r, z)
+        strains = self.field.evaluate(r, z)
         rr, zz, hoop, rz = strains.strain.transpose(1, 0, 2)
         sums, trace = rr + zz + hoop, strains.dilation
         product = [
-            rr[:, i] * rr[:, j] + zz[:, i] * zz[:, j] + hoop[:, i] * hoop[:, j] + 2 * rz[:, i] * rz[:, j] for i, j in PAIRS
+            rr[:, i] * rr[:, j] + zz[:, i] * zz[:, j] + hoop[:, i] * hoop[:, j] + 2 * rz[:, i] * rz[:, j] for i, j in STATE_PAIRS
         ]
-        dilation = [trace[:, i] * trace[:, j] for i, j in PAIRS]
-        deviator = [whole - sums[:, i] * sums[:, j] / 3 for whole, (i, j) in zip(product, PAIRS, strict=True)]
+        dilation = [trace[:, i] * trace[:, j] for i, j in STATE_PAIRS]
+        deviator = [whole - sums[:, i] * sums[:, j] / 3 for whole, (i, j) in zip(product, STATE_PAIRS, strict=True)]
         return np.array([*dilation, *deviator])
 
-    def quick(self, r: Floats, z: Floats) -> Floats:
+    def interpolate(self, r: Floats, z: Floats) -> Floats:
         """Interpolate the products of ``evaluate`` from the table: within about 1e-3, relative, where ``covers`` is true."""
         from scipy.ndimage import map_coordinates  # takes longer to import than a scene on the axis to answer
 
         scale, _, depth, _ = self._range
-        along = np.stack([np.arcsinh(r / scale), np.arcsinh(-z / scale) - np.arcsinh(depth / scale)]) / STEP
-        along[1] += SPARE
+        coordinates = np.stack([np.arcsinh(r / scale), np.arcsinh(-z / scale) - np.arcsinh(depth / scale)]) / TABLE_STEP
+        coordinates[1] += SPARE_TABLE_LINES
         out = np.empty((6, len(r)))
         for values, row in zip(self._table, out, strict=True):
-            map_coordinates(values, along, output=row, order=ORDER, prefilter=False, mode="mirror")
+            map_coordinates(values, coordinates, output=row, order=SPLINE_ORDER, prefilter=False, mode="mirror")
         return out
 
     def covers(self, reach: Floats, highest: Floats, lowest: Floats) -> Bools:
@@ -68,20 +68,22 @@ class Energies:
     def _range(self) -> tuple[float, float, float, float]:
         """The scale, the maximum radius, the minimum and the maximum depth of the table, m."""
         s = self.field.states.model.section
-        scale, far = SCALE * s.tube_radius, FARTHEST * s.tube_radius
-        return scale, min(s.tissue_radius, far), NEAREST * s.tube_radius, min(s.tissue_depth, far)
+        scale, far = TABLE_SCALE_OUTER_RADII * s.tube_radius, MAX_TABLE_REACH_OUTER_RADII * s.tube_radius
+        return scale, min(s.tissue_radius, far), MIN_TABLE_DEPTH_OUTER_RADII * s.tube_radius, min(s.tissue_depth, far)
 
     @cached_property
     def _table(self) -> list[Floats]:
         """Spline coefficients of the six products on a grid of r (even about the axis) and depth."""
         scale, widest, low, high = self._range
         s = self.field.states.model.section
-        across = int(np.ceil(np.arcsinh(widest / scale) / STEP)) + 1
-        along = int(np.ceil((np.arcsinh(high / scale) - np.arcsinh(low / scale)) / STEP)) + 1
-        radii = np.minimum(scale * np.sinh(STEP * np.arange(across)), s.tissue_radius)
-        depths = np.minimum(scale * np.sinh(np.arcsinh(low / scale) + STEP * np.arange(-SPARE, along)), s.tissue_depth)
+        radius_count = int(np.ceil(np.arcsinh(widest / scale) / TABLE_STEP)) + 1
+        depth_count = int(np.ceil((np.arcsinh(high / scale) - np.arcsinh(low / scale)) / TABLE_STEP)) + 1
+        radii = np.minimum(scale * np.sinh(TABLE_STEP * np.arange(radius_count)), s.tissue_radius)
+        depths = np.minimum(
+            scale * np.sinh(np.arcsinh(low / scale) + TABLE_STEP * np.arange(-SPARE_TABLE_LINES, depth_count)), s.tissue_depth
+        )
         r, z = (part.ravel() for part in np.meshgrid(radii, -depths, indexing="ij"))
-        values = self.at(r, z).reshape(6, across, along + SPARE)
+        values = self.evaluate(r, z).reshape(6, radius_count, depth_count + SPARE_TABLE_LINES)
         from scipy.ndimage import spline_filter
 
-        return [spline_filter(one, order=ORDER, mode="mirror") for one in values]
+        return [spline_filter(values_of_product, order=SPLINE_ORDER, mode="mirror") for values_of_product in values]

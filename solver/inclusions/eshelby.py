@@ -23,8 +23,8 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal
 from geometry.scenes.probe import Material
 
-LARGEST_ASPECT = 20.0  # ratio of an ellipsoid's diameters; above it eq. IN.3 would need too many points
-VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
+MAX_ASPECT_RATIO = 20.0  # ratio of an ellipsoid's diameters; above it eq. IN.3 would need too many points
+VOIGT_PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 
 
 @dataclass(frozen=True)
@@ -50,24 +50,24 @@ class Strength:
     by_poisson: tuple[Any, Any]
 
 
-def strength(matrix: Material | Hosts, youngs_modulus: Any, poisson_ratio: Any) -> Strength:
+def compute_strength(matrix: Material | Hosts, youngs_modulus: Any, poisson_ratio: Any) -> Strength:
     """Return the strength of spheres with given moduli (Pa) and Poisson's ratios, arrays of one shape, in a matrix.
 
     The matrix is one for all, or each sphere's own in arrays of the same shape.
     """
     E, n = np.asarray(youngs_modulus, dtype=float), np.asarray(poisson_ratio, dtype=float)
-    whole, by_modulus = strengths(matrix.youngs_modulus, matrix.poisson_ratio, E, n)
+    whole, by_modulus = compute_strengths(matrix.youngs_modulus, matrix.poisson_ratio, E, n)
     by_poisson = by_modulus[0] * 2 / (1 - 2 * n), -by_modulus[1] / (1 + n)  # d ln of both moduli / d nu
     return Strength(*whole, by_modulus, by_poisson)
 
 
-def strengths(modulus: Any, nu: Any, youngs_modulus: Any, poisson_ratio: Any) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
+def compute_strengths(modulus: Any, nu: Any, youngs_modulus: Any, poisson_ratio: Any) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
     """Return k_v and k_d of spheres and their derivatives by ln of the spheres' modulus; all arguments may be complex.
 
     The matrix's modulus (Pa) and Poisson's ratio come before the spheres'.
     """
-    bulk, mu = _bulk_and_shear(modulus, nu)
-    object_bulk, object_mu = _bulk_and_shear(youngs_modulus, poisson_ratio)
+    bulk, mu = _compute_moduli(modulus, nu)
+    object_bulk, object_mu = _compute_moduli(youngs_modulus, poisson_ratio)
     alpha, beta = (1 + nu) / (3 * (1 - nu)), 2 * (4 - 5 * nu) / (15 * (1 - nu))
     # in this form neither overflows where a difference of moduli is huge
     volume_share, shear_share = (1 - alpha) * bulk + alpha * object_bulk, (1 - beta) * mu + beta * object_mu
@@ -75,7 +75,7 @@ def strengths(modulus: Any, nu: Any, youngs_modulus: Any, poisson_ratio: Any) ->
     return whole, ((bulk / volume_share) ** 2 * object_bulk, 2 * (mu / shear_share) ** 2 * object_mu)
 
 
-def polarisation(matrix: Material, body: Material, axes: Floats) -> tuple[Floats, Floats]:
+def compute_polarisation(matrix: Material, body: Material, axes: Floats) -> tuple[Floats, Floats]:
     """Return k of an ellipsoid, eq. IN.1, and its derivative by ln E of the body; 6 x 6 matrices, Pa.
 
     They work on strains (xx, yy, zz, 2 yz, 2 xz, 2 xy) of the frame in which the semi-axes are given.
@@ -88,22 +88,22 @@ def polarisation(matrix: Material, body: Material, axes: Floats) -> tuple[Floats
     Raises:
         Refusal: an ellipsoid whose longest and shortest diameters are too far apart.
     """
-    hill = hill_tensor(matrix, axes)
-    own = stiffness(body)
-    share = np.linalg.inv(np.eye(6) + hill @ (own - stiffness(matrix)))  # strain inside per strain far away
-    k = (own - stiffness(matrix)) @ share
-    return (k + k.T) / 2, share.T @ own @ share
+    hill = compute_hill_tensor(matrix, axes)
+    body_stiffness = build_stiffness(body)
+    share = np.linalg.inv(np.eye(6) + hill @ (body_stiffness - build_stiffness(matrix)))  # strain inside per strain far away
+    k = (body_stiffness - build_stiffness(matrix)) @ share
+    return (k + k.T) / 2, share.T @ body_stiffness @ share
 
 
-def stiffness(material: Material) -> Floats:
+def build_stiffness(material: Material) -> Floats:
     """Return the isotropic stiffness as a 6 x 6 matrix between strains with engineering shears and stresses, Pa."""
-    bulk, mu = _bulk_and_shear(material.youngs_modulus, material.poisson_ratio)
+    bulk, mu = _compute_moduli(material.youngs_modulus, material.poisson_ratio)
     C = np.diag([2 * mu] * 3 + [mu] * 3)
     C[:3, :3] += bulk - 2 * mu / 3
     return np.asarray(C, dtype=float)
 
 
-def hill_tensor(matrix: Material, axes: Floats) -> Floats:
+def compute_hill_tensor(matrix: Material, axes: Floats) -> Floats:
     """Return Hill's tensor of an ellipsoid as a 6 x 6 matrix from stresses to strains with engineering shears, 1/Pa.
 
     P_ijkl = 1 / (4 pi) Int sym(n_i G_jk n_l) dS over the unit sphere's xi, with n the direction of A^-T xi, A the semi-axes and
@@ -115,29 +115,29 @@ def hill_tensor(matrix: Material, axes: Floats) -> Floats:
     """
     lengths = np.linalg.svd(axes, compute_uv=False)
     aspect = float(lengths[0] / lengths[-1])
-    if aspect > LARGEST_ASPECT:
-        raise Refusal("diameters", f"{aspect:.3g} times as long as wide", f"at most {LARGEST_ASPECT:g} times")
-    points, weights = _sphere_points(24 + int(12 * aspect))
+    if aspect > MAX_ASPECT_RATIO:
+        raise Refusal("diameters", f"{aspect:.3g} times as long as wide", f"at most {MAX_ASPECT_RATIO:g} times")
+    points, weights = _build_sphere_points(24 + int(12 * aspect))
     n = np.linalg.solve(axes.T, points.T).T
     n /= np.linalg.norm(n, axis=1)[:, None]
-    bulk, mu = _bulk_and_shear(matrix.youngs_modulus, matrix.poisson_ratio)
+    bulk, mu = _compute_moduli(matrix.youngs_modulus, matrix.poisson_ratio)
     lam = bulk - 2 * mu / 3
-    along = np.stack([(n[:, i] * n[:, j]) * (1 if i == j else 2) for i, j in VOIGT], axis=1)  # n_i n_j as a strain
-    longitudinal = np.einsum("q,qa,qb->ab", weights, along, along)
+    dyads = np.stack([(n[:, i] * n[:, j]) * (1 if i == j else 2) for i, j in VOIGT_PAIRS], axis=1)  # n_i n_j as a strain
+    longitudinal = np.einsum("q,qa,qb->ab", weights, dyads, dyads)
     # sym(n_i delta_jk n_l): the strain of the direction n with each unit vector in turn
     turned = np.zeros((len(n), 6, 3))
-    for a, (i, j) in enumerate(VOIGT):
+    for a, (i, j) in enumerate(VOIGT_PAIRS):
         turned[:, a, i] += n[:, j] * (0.5 if i == j else 1.0)
         turned[:, a, j] += n[:, i] * (0.5 if i == j else 1.0)
     transverse = np.einsum("q,qak,qbk->ab", weights, turned, turned)
     return np.asarray((transverse - (lam + mu) / (lam + 2 * mu) * longitudinal) / mu)
 
 
-def _bulk_and_shear(youngs_modulus: Any, poisson_ratio: Any) -> tuple[Any, Any]:
+def _compute_moduli(youngs_modulus: Any, poisson_ratio: Any) -> tuple[Any, Any]:
     return youngs_modulus / (3 * (1 - 2 * poisson_ratio)), youngs_modulus / (2 * (1 + poisson_ratio))
 
 
-def _sphere_points(order: int) -> tuple[Floats, Floats]:
+def _build_sphere_points(order: int) -> tuple[Floats, Floats]:
     """Build points on the unit sphere, (q, 3), with weights that add up to 1."""
     height, weight = leggauss(order)
     angle = (np.arange(2 * order) + 0.5) * np.pi / order

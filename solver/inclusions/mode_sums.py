@@ -21,10 +21,10 @@ from geometry.common.arrays import Floats, Ints
 from solver.inclusions.solid_harmonics import Side, SolidHarmonics
 
 Values = NDArray[Any]  # real, or complex for derivatives by complex steps
-FACTORS = 5  # p_j of eq. IN.11
-ONE, X, Y, SQUARE, Z = range(FACTORS)
-KEPT = 4_000_000  # values of harmonics that a table caches: 32 MB
-BLOCK = 2048  # points at a time: a table of harmonics that stays in the cache
+FACTOR_COUNT = 5  # p_j of eq. IN.11
+FACTOR_ONE, FACTOR_X, FACTOR_Y, FACTOR_RHO2, FACTOR_Z = range(FACTOR_COUNT)
+MAX_CACHED_VALUES = 4_000_000  # values of harmonics that a table caches: 32 MB
+POINTS_PER_BLOCK = 2048  # points at a time: a table of harmonics that stays in the cache
 
 
 @dataclass(frozen=True)
@@ -44,12 +44,12 @@ class Stack:
     @property
     def components(self) -> int:
         """Number of components a."""
-        return int(self.matrix.shape[0] // (2 * FACTORS * self.harmonics.count))
+        return int(self.matrix.shape[0] // (2 * FACTOR_COUNT * self.harmonics.count))
 
     def sums(self, coefficients: Values) -> Values:
         """Return the harmonics' coefficients of h_aj for mode coefficients (modes, k), shape (a, FACTOR_COUNT, 2 count, k)."""
-        found: Values = (self.matrix @ coefficients).reshape(self.components, FACTORS, -1, coefficients.shape[1])
-        return found
+        sums: Values = (self.matrix @ coefficients).reshape(self.components, FACTOR_COUNT, -1, coefficients.shape[1])
+        return sums
 
     def adjoint(self, sums: Floats) -> Floats:
         """Apply the transpose of ``sums``; shape (modes, k)."""
@@ -63,18 +63,18 @@ class Stack:
     def rows(self, flat: bool, k: int) -> tuple[Ints, Ints]:
         """Return the rows (a, j, k) with harmonics of the cosines' and of the sines' family; ``flat`` merges p = z into p = 1."""
         if (flat, k) not in self._rows:
-            filled = np.diff(self.matrix.indptr).reshape(self.components, FACTORS, 2, -1).any(axis=-1)
+            filled = np.diff(self.matrix.indptr).reshape(self.components, FACTOR_COUNT, 2, -1).any(axis=-1)
             if flat:
-                filled = np.concatenate([filled[:, :1] | filled[:, Z:], filled[:, 1:Z]], axis=1)
+                filled = np.concatenate([filled[:, :1] | filled[:, FACTOR_Z:], filled[:, 1:FACTOR_Z]], axis=1)
             repeated = np.repeat(filled.reshape(-1, 2), k, axis=0)
             self._rows[flat, k] = np.flatnonzero(repeated[:, 0]), np.flatnonzero(repeated[:, 1])
         return self._rows[flat, k]
 
 
-def kept_bytes(harmonics: SolidHarmonics, count: int) -> int:
+def count_cached_bytes(harmonics: SolidHarmonics, count: int) -> int:
     """Return how many bytes a table with ``count`` points and its samplers cache: places, factors, values unless too many."""
     values = 2 * harmonics.count * count
-    return 8 * ((3 + FACTORS) * count + (values if values <= KEPT else 0))
+    return 8 * ((3 + FACTOR_COUNT) * count + (values if values <= MAX_CACHED_VALUES else 0))
 
 
 @dataclass(frozen=True)
@@ -90,14 +90,14 @@ class Table:
     side: Side
     points: Floats
 
-    def of(self, part: slice) -> Floats:
+    def evaluate(self, part: slice) -> Floats:
         """Return the values at some of the points, shape (2 count, points)."""
-        if 2 * self.harmonics.count * len(self.points) > KEPT:
+        if 2 * self.harmonics.count * len(self.points) > MAX_CACHED_VALUES:
             return self.harmonics.table(self.points[part], self.side)
-        return self._all[:, part]
+        return self._all_values[:, part]
 
     @cached_property
-    def _all(self) -> Floats:
+    def _all_values(self) -> Floats:
         return self.harmonics.table(self.points, self.side)
 
 
@@ -119,20 +119,20 @@ class Sampler:
 
     def values(self, coefficients: Values) -> Values:
         """Return the components of sums of modes with coefficients (modes, k), shape (a, k, n)."""
-        return self.of(self.stack.sums(coefficients))
+        return self.evaluate_sums(self.stack.sums(coefficients))
 
-    def of(self, sums: Values) -> Values:
+    def evaluate_sums(self, sums: Values) -> Values:
         """Return the components of sums of modes given by ``Stack.sums``, shape (a, k, n)."""
         a, _, size, k = sums.shape
         if self.flat:
-            sums = np.concatenate([sums[:, :1] + self._level * sums[:, Z:], sums[:, 1:Z]], axis=1)
+            sums = np.concatenate([sums[:, :1] + self._plane_height * sums[:, FACTOR_Z:], sums[:, 1:FACTOR_Z]], axis=1)
         narrow = sums.transpose(0, 1, 3, 2).reshape(-1, size)
         out = np.empty((a, k, self.count), narrow.dtype)
         for part, table in self._blocks:
             columns = np.zeros((len(narrow), table.shape[1]), narrow.dtype)
-            for rows, family in self._families(k):
+            for rows, family in self._list_families(k):
                 columns[rows] += narrow[rows, family] @ table[family]
-            np.einsum("ajkn,jn->akn", columns.reshape(a, self._used, k, -1), self._factors[:, part], out=out[:, :, part])
+            np.einsum("ajkn,jn->akn", columns.reshape(a, self._factor_count, k, -1), self._factors[:, part], out=out[:, :, part])
         return out
 
     def adjoint(self, weights: Floats) -> Floats:
@@ -143,20 +143,20 @@ class Sampler:
         """Apply the transpose of ``evaluate_sums`` to weights (a, k, n), shape (a, FACTOR_COUNT, 2 count, k)."""
         a, k, _ = weights.shape
         size = 2 * self.stack.harmonics.count
-        narrow = np.zeros((a * self._used * k, size))
+        narrow = np.zeros((a * self._factor_count * k, size))
         for part, table in self._blocks:
             columns = (weights[:, None, :, part] * self._factors[:, None, part]).reshape(len(narrow), -1)
-            for rows, family in self._families(k):
+            for rows, family in self._list_families(k):
                 narrow[rows, family] += columns[rows] @ table[family].T
-        sums = narrow.reshape(a, self._used, k, size).transpose(0, 1, 3, 2)
-        return np.concatenate([sums, self._level * sums[:, :1]], axis=1) if self.flat else sums
+        sums = narrow.reshape(a, self._factor_count, k, size).transpose(0, 1, 3, 2)
+        return np.concatenate([sums, self._plane_height * sums[:, :1]], axis=1) if self.flat else sums
 
     @property
-    def _used(self) -> int:
-        return FACTORS - int(self.flat)
+    def _factor_count(self) -> int:
+        return FACTOR_COUNT - int(self.flat)
 
     @property
-    def _level(self) -> float:
+    def _plane_height(self) -> float:
         return float(self.table.points[self.part.start, 2])
 
     @property
@@ -164,7 +164,7 @@ class Sampler:
         """Number of its points."""
         return int(self.part.stop - self.part.start)
 
-    def _families(self, k: int) -> list[tuple[Any, slice]]:
+    def _list_families(self, k: int) -> list[tuple[Any, slice]]:
         """Return pairs of rows (a, j, k) and the slice of their family of harmonics; mirrored fields have one family per sum."""
         half = self.stack.harmonics.count
         families = zip(self.stack.rows(self.flat, k), (slice(0, half), slice(half, None)), strict=True)
@@ -173,11 +173,11 @@ class Sampler:
     @property
     def _blocks(self) -> Iterator[tuple[slice, Floats]]:
         """Blocks of the part's points, and their harmonics."""
-        for low in range(0, self.count, BLOCK):
-            high = min(low + BLOCK, self.count)
-            yield slice(low, high), self.table.of(slice(self.part.start + low, self.part.start + high))
+        for low in range(0, self.count, POINTS_PER_BLOCK):
+            high = min(low + POINTS_PER_BLOCK, self.count)
+            yield slice(low, high), self.table.evaluate(slice(self.part.start + low, self.part.start + high))
 
     @cached_property
     def _factors(self) -> Floats:
         x, y, z = self.table.points[self.part].T
-        return np.stack([np.ones_like(x), x, y, x * x + y * y + z * z, z][: self._used])
+        return np.stack([np.ones_like(x), x, y, x * x + y * y + z * z, z][: self._factor_count])

@@ -10,8 +10,8 @@ from geometry.common.arrays import Floats
 from solver.inclusions.mode_sums import Values
 from solver.inclusions.vector_modes import Modes
 
-OVERSAMPLE = 6
-BATCH = 128  # points at a time: work arrays are ten times as large as the result
+OVERSAMPLING_DEGREES = 6
+POINTS_PER_BATCH = 128  # points at a time: work arrays are ten times as large as the result
 
 
 @dataclass(frozen=True)
@@ -36,30 +36,30 @@ class Projection:
         return out
 
 
-def projection(modes: Modes, oversample: int = OVERSAMPLE) -> Projection:
+def build_projection(modes: Modes, oversample: int = OVERSAMPLING_DEGREES) -> Projection:
     """Build the projection that is exact for fields of degree up to ``modes.degree + oversample``.
 
     What a field has beyond that comes back as lower modes, in latitude and in azimuth alike: oversample more where fields
     vary strongly over the sphere. The displacement alone is needed, not the traction.
     """
-    points, weights = quadrature(modes, oversample)
+    points, weights = build_quadrature(modes, oversample)
     matrix = np.empty((len(modes), len(points), 3), np.result_type(modes.nu, float))
-    for low in range(0, len(points), BATCH):
-        part = slice(low, low + BATCH)
-        fields = _orthonormal(modes, points[part]) * weights[part, None, None]
-        matrix[:, part] = np.moveaxis(_regular(modes, fields), -1, 0)
+    for low in range(0, len(points), POINTS_PER_BATCH):
+        part = slice(low, low + POINTS_PER_BATCH)
+        fields = _evaluate_orthonormal(modes, points[part]) * weights[part, None, None]
+        matrix[:, part] = np.moveaxis(_convert_to_regular(modes, fields), -1, 0)
     return Projection(points, weights, matrix)
 
 
-def held_bytes(modes: Modes) -> int:
+def count_projection_bytes(modes: Modes) -> int:
     """Return how many bytes the projection of these modes takes."""
-    latitudes, longitudes = _numbers(modes, OVERSAMPLE)
+    latitudes, longitudes = _count_points(modes, OVERSAMPLING_DEGREES)
     return 8 * 3 * len(modes) * latitudes * longitudes
 
 
-def quadrature(modes: Modes, oversample: int) -> tuple[Floats, Floats]:
+def build_quadrature(modes: Modes, oversample: int) -> tuple[Floats, Floats]:
     """Return points (q, 3) and weights (q,) on the unit sphere: Gauss in cos theta, uniform in phi, half where fields mirror."""
-    latitudes, longitudes = _numbers(modes, oversample)
+    latitudes, longitudes = _count_points(modes, oversample)
     x, w = np.polynomial.legendre.leggauss(latitudes)
     if modes.parity == "both":
         phi = 2 * np.pi * np.arange(longitudes) / longitudes
@@ -70,14 +70,14 @@ def quadrature(modes: Modes, oversample: int) -> tuple[Floats, Floats]:
     return points, np.repeat(w, len(phi)) * 2 * np.pi / len(phi)
 
 
-def _numbers(modes: Modes, oversample: int) -> tuple[int, int]:
+def _count_points(modes: Modes, oversample: int) -> tuple[int, int]:
     """Return the numbers of latitudes and longitudes; cos m phi sums to 0 on 2 n points of the circle unless 2 n divides m."""
     high = modes.degree + oversample
     longitudes = modes.order + high + 1 if modes.parity == "both" else (modes.order + high) // 2 + 1 if modes.order else 1
     return (modes.degree + high) // 2 + 1, longitudes
 
 
-def _orthonormal(modes: Modes, points: Floats) -> Values:
+def _evaluate_orthonormal(modes: Modes, points: Floats) -> Values:
     """Evaluate orthonormal vector harmonics at the points, shape (q, 3, modes).
 
     Gradients of regular and of irregular solid harmonics of one l and m are orthogonal on the unit sphere: with (a, b) =
@@ -89,7 +89,7 @@ def _orthonormal(modes: Modes, points: Floats) -> Values:
     return out
 
 
-def _regular(modes: Modes, fields: Values) -> Values:
+def _convert_to_regular(modes: Modes, fields: Values) -> Values:
     """Convert components along the orthonormal harmonics, shape (..., modes), to those along the regular modes.
 
     A regular mode of kind 1 has (sqrt(l(l+1)) / 2, (3l+1 - 2 nu (2l+1)) / (2l+3)) / ((2l+1) (1-nu)) along the

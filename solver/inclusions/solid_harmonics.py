@@ -66,11 +66,11 @@ class SolidHarmonics:
         for m in range(1, self.order + 1):
             power[0, m] = x * power[0, m - 1] - y * power[1, m - 1]
             power[1, m] = x * power[1, m - 1] + y * power[0, m - 1]
-        every = np.empty((self.count, len(x)))
-        older, old, low = every[:0], every[:0], 0
-        for ell, (a, b, top) in enumerate(_recursion(self.degree, self.order)):
+        values = np.empty((self.count, len(x)))
+        older, old, low = values[:0], values[:0], 0
+        for ell, (a, b, top) in enumerate(_build_recursion(self.degree, self.order)):
             high = low + min(ell, self.order) + 1
-            new, low = every[low:high], high
+            new, low = values[low:high], high
             known = np.multiply(old, z, out=new[: len(old)])
             known *= a
             if len(older):
@@ -83,7 +83,7 @@ class SolidHarmonics:
 
 
 @lru_cache(maxsize=64)
-def _recursion(degree: int, order: int) -> list[tuple[Floats, Floats, float]]:
+def _build_recursion(degree: int, order: int) -> list[tuple[Floats, Floats, float]]:
     """Return for each degree the factors a and b of eq. IN.4, (m, 1), and Pi_l^l, that is Y_l^l without (x + i y)^l."""
     terms = []
     steps = [sqrt(1 / (4 * np.pi)), *(sqrt((2 * m + 1) / (2 * m) * (2 if m == 1 else 1)) for m in range(1, degree + 1))]
@@ -97,7 +97,7 @@ def _recursion(degree: int, order: int) -> list[tuple[Floats, Floats, float]]:
 
 
 @lru_cache(maxsize=16)
-def derivatives(harmonics: SolidHarmonics, side: Side) -> tuple[Any, Any, Any]:
+def build_derivatives(harmonics: SolidHarmonics, side: Side) -> tuple[Any, Any, Any]:
     """Build sparse matrices D_x, D_y, D_z (2 count, 2 count) from coefficients of a sum to those of its derivatives.
 
     Exact for sums of degree below the largest and, across the axis, of order below the largest; higher harmonics are dropped.
@@ -111,16 +111,16 @@ def derivatives(harmonics: SolidHarmonics, side: Side) -> tuple[Any, Any, Any]:
     entries: tuple[list[tuple[int, int, float]], ...] = ([], [], [])
     for ell in range(harmonics.degree + 1):
         for m in range(min(ell, harmonics.order) + 1):
-            for axis, sine, order, factor in _terms(m, step):
+            for axis, sine, order, factor in _list_terms(m, step):
                 if 0 <= order <= min(ell + step, harmonics.order) and ell + step <= harmonics.degree:
-                    to = (sine if axis != 1 else not sine) * harmonics.count + harmonics.index(ell + step, order)
-                    scale = factor * _scale(ell, m, side) / _scale(ell + step, order, side)
-                    entries[axis].append((to, sine * harmonics.count + harmonics.index(ell, m), scale))
-    x, y, z = (_matrix(one, 2 * harmonics.count) for one in entries)
+                    row = (sine if axis != 1 else not sine) * harmonics.count + harmonics.index(ell + step, order)
+                    scale = factor * _compute_scale(ell, m, side) / _compute_scale(ell + step, order, side)
+                    entries[axis].append((row, sine * harmonics.count + harmonics.index(ell, m), scale))
+    x, y, z = (_build_matrix(axis_entries, 2 * harmonics.count) for axis_entries in entries)
     return x, y, z
 
 
-def _terms(m: int, e: int) -> list[tuple[int, bool, int, float]]:
+def _list_terms(m: int, e: int) -> list[tuple[int, bool, int, float]]:
     """Return the terms of eq. IN.5 in real form: axis, family (sine?), order of the derivative, its factor."""
     if m == 0:
         return [(2, False, 0, 1), (0, False, 1, e), (1, False, 1, e)]
@@ -135,13 +135,13 @@ def _terms(m: int, e: int) -> list[tuple[int, bool, int, float]]:
     return out
 
 
-def _scale(ell: int, m: int, side: Side) -> float:
+def _compute_scale(ell: int, m: int, side: Side) -> float:
     """Return the orthonormal harmonic per J_l^m or R_l^m."""
     norm = (2 * ell + 1) * (1 if m == 0 else 2) / (4 * np.pi)
-    both = factorial(ell - m) * factorial(ell + m)
-    return (-1) ** ell * sqrt(norm / both) if side == "outgoing" else sqrt(norm * both)
+    factorials = factorial(ell - m) * factorial(ell + m)
+    return (-1) ** ell * sqrt(norm / factorials) if side == "outgoing" else sqrt(norm * factorials)
 
 
-def _matrix(entries: list[tuple[int, int, float]], size: int) -> Any:
+def _build_matrix(entries: list[tuple[int, int, float]], size: int) -> Any:
     rows, columns, values = zip(*entries, strict=True) if entries else ((), (), ())
     return sp.csr_array((values, (rows, columns)), shape=(size, size))

@@ -17,8 +17,8 @@ import scipy.sparse as sp
 from geometry.common.arrays import Ints
 from solver.inclusions.mode_sums import Values
 from solver.inclusions.solid_harmonics import Side
-from solver.inclusions.vector_modes import Modes, scales
-from solver.linalg.workspace import kept_table
+from solver.inclusions.vector_modes import Modes, compute_scales
+from solver.linalg.workspace import keep_table
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Scattering:
     by_log_modulus: tuple[Any, Any]
 
 
-def scattering(modes: Modes, E: complex, sphere_E: complex, sphere_nu: complex, radius: float) -> Scattering:
+def compute_scattering(modes: Modes, E: complex, sphere_E: complex, sphere_nu: complex, radius: float) -> Scattering:
     """Match displacement and traction at the sphere's surface.
 
     Moduli may be complex: an imaginary part of 1e-30 gives derivatives. T is proportional to both moduli together, so that
@@ -53,49 +53,54 @@ def scattering(modes: Modes, E: complex, sphere_E: complex, sphere_nu: complex, 
         radius: R, m.
     """
     ratio = sphere_E / E * (1 + modes.nu) / (1 + sphere_nu)
-    S, T, inside, slope, work = _matched_modes(modes, sphere_nu, ratio)
+    S, T, inside, slope, work = _match_modes(modes, sphere_nu, ratio)
     unit = E / (1 + modes.nu) * radius
     return Scattering(S, unit * T, inside, (slope, unit * work))
 
 
-@kept_table
-def _matched_modes(modes: Modes, sphere_nu: complex, ratio: complex) -> tuple[Any, Any, Any, Any, Any]:
+@keep_table
+def _match_modes(modes: Modes, sphere_nu: complex, ratio: complex) -> tuple[Any, Any, Any, Any, Any]:
     """Return S, T, inside, dS and dT, with T in units of 2 mu R, so that spheres of one material share them."""
-    pairs, singles = _spheroidal(modes.degree, modes.nu, sphere_nu, ratio), _toroidal(modes.degree, ratio)
-    S, inside, slope = (_spread(modes, pair, single) for pair, single in zip(pairs, singles, strict=True))
+    pairs, singles = _match_spheroidal(modes.degree, modes.nu, sphere_nu, ratio), _match_toroidal(modes.degree, ratio)
+    S, inside, slope = (_assemble_sparse(modes, pair, single) for pair, single in zip(pairs, singles, strict=True))
     work = sp.diags_array(-modes.work)
     return S, (work @ S).tocsr(), inside, slope, (work @ slope).tocsr()
 
 
-def _spread(modes: Modes, pair: Values, single: Values) -> Any:
+def _assemble_sparse(modes: Modes, pair: Values, single: Values) -> Any:
     """Assemble a sparse matrix from blocks by degree: spheroidal (degree + 1, 2, 2) and toroidal (degree + 1,)."""
-    kind, ell, own = modes.kind, modes.ell, np.arange(len(modes))
+    kind, ell, index = modes.kind, modes.ell, np.arange(len(modes))
     diagonal = np.where(kind == 2, single[ell], pair[ell, kind % 2, kind % 2])
-    (two,) = np.nonzero(modes.partner != own)
+    (two,) = np.nonzero(modes.partner != index)
     values = np.concatenate([diagonal, pair[ell[two], kind[two], 1 - kind[two]]])
-    rows, columns = np.concatenate([own, two]), np.concatenate([own, modes.partner[two]])
+    rows, columns = np.concatenate([index, two]), np.concatenate([index, modes.partner[two]])
     return sp.csr_array((values, (rows, columns)), shape=(len(modes), len(modes)))
 
 
-def _spheroidal(degree: int, nu: complex, inner_nu: complex, ratio: complex) -> tuple[Values, Values, Values]:
+def _match_spheroidal(degree: int, nu: complex, inner_nu: complex, ratio: complex) -> tuple[Values, Values, Values]:
     """Return S, inside and dS of kinds 0 and 1, each (degree + 1, 2, 2)."""
     out: Values = np.zeros((3, degree + 1, 2, 2), np.result_type(nu, inner_nu, ratio, float))
-    out[:, 0, 1, 1] = _single(_dilation(nu), (1, -2), _dilation(inner_nu), ratio)
+    out[:, 0, 1, 1] = _match_single(_compute_dilation(nu), (1, -2), _compute_dilation(inner_nu), ratio)
     if degree:
-        out[:, 1] = _first(nu, inner_nu, ratio)
+        out[:, 1] = _match_first_degree(nu, inner_nu, ratio)
     if degree > 1:
         ell = np.arange(2, degree + 1)
-        out[:, 2:] = _matched(surface(ell, nu, "regular"), surface(ell, nu, "outgoing"), surface(ell, inner_nu, "regular"), ratio)
+        out[:, 2:] = _match_pairs(
+            compute_surface_values(ell, nu, "regular"),
+            compute_surface_values(ell, nu, "outgoing"),
+            compute_surface_values(ell, inner_nu, "regular"),
+            ratio,
+        )
     return out[0], out[1], out[2]
 
 
-def _toroidal(degree: int, ratio: complex) -> tuple[Values, Values, Values]:
+def _match_toroidal(degree: int, ratio: complex) -> tuple[Values, Values, Values]:
     """Return S, inside and dS of kind 2, each (degree + 1,): tractions are mu (q - 1), q = l and -l - 1; l = 1 is a rotation."""
     ell = np.arange(degree + 1)
-    return _single((1, (ell - 1) / 2), (1, -(ell + 2) / 2), (1, (ell - 1) / 2), ratio)
+    return _match_single((1, (ell - 1) / 2), (1, -(ell + 2) / 2), (1, (ell - 1) / 2), ratio)
 
 
-def surface(ell: Ints, nu: complex, side: Side) -> Values:
+def compute_surface_values(ell: Ints, nu: complex, side: Side) -> Values:
     """Return displacement and traction of modes l > 0 at rho = 1, shape (l, 4, 2), columns kinds 0 and 1.
 
     Rows are a, b, tau_r and tau_t / (2 mu).
@@ -107,20 +112,22 @@ def surface(ell: Ints, nu: complex, side: Side) -> Values:
     """
     n = ell if side == "regular" else -ell - 1
     lone = np.stack([n, np.ones_like(n), n * (n - 1), n - 1])
-    other = [(n + 1) * (n - 2 + 4 * nu), n + 5 - 4 * nu, (n + 1) * (n**2 - n - 2 - 2 * nu), n**2 + 2 * n - 1 + 2 * nu]
-    both = (lone, np.stack(other)) if side == "regular" else (np.stack(other), lone)
-    out: Values = np.stack([one * scale for one, scale in zip(both, scales(ell, nu, side)[:2], strict=True)], axis=-1)
+    companion = [(n + 1) * (n - 2 + 4 * nu), n + 5 - 4 * nu, (n + 1) * (n**2 - n - 2 - 2 * nu), n**2 + 2 * n - 1 + 2 * nu]
+    fields = (lone, np.stack(companion)) if side == "regular" else (np.stack(companion), lone)
+    out: Values = np.stack(
+        [values * scale for values, scale in zip(fields, compute_scales(ell, nu, side)[:2], strict=True)], axis=-1
+    )
     return np.moveaxis(out, 1, 0)
 
 
-def _matched(regular: Values, outgoing: Values, inner: Values, ratio: complex) -> tuple[Values, Values, Values]:
+def _match_pairs(regular: Values, outgoing: Values, inner: Values, ratio: complex) -> tuple[Values, Values, Values]:
     """Return S, inside and dS of pairs of kinds, from their surface values.
 
     With U displacement, t traction / (2 mu) and D = t_out U_out^-1, all of order one,
     (D U_in - ratio t_in) inside = D U_reg - t_reg (IN.13). Both terms on the left have one sign as forms: no contrast makes
     them cancel. Then U_out S = U_in inside - U_reg, and the derivatives follow from these two.
     """
-    (U, t), (V, s), (W, r) = ((one[:, :2], one[:, 2:]) for one in (regular, outgoing, inner))
+    (U, t), (V, s), (W, r) = ((values[:, :2], values[:, 2:]) for values in (regular, outgoing, inner))
     D = s @ np.linalg.inv(V)
     left, stress = D @ W - ratio * r, ratio * r
     inside = np.linalg.solve(left, D @ U - t)
@@ -128,7 +135,7 @@ def _matched(regular: Values, outgoing: Values, inner: Values, ratio: complex) -
     return np.linalg.solve(V, W @ inside - U), inside, np.linalg.solve(V, W @ change)
 
 
-def _single(regular: Any, outgoing: Any, inner: Any, ratio: complex) -> tuple[Values, Values, Values]:
+def _match_single(regular: Any, outgoing: Any, inner: Any, ratio: complex) -> tuple[Values, Values, Values]:
     """Solve eq. IN.13 for one mode on each side, each given by displacement and traction / (2 mu)."""
     (U, t), (V, s), (W, r) = regular, outgoing, inner
     left = s * W - ratio * r * V
@@ -136,22 +143,26 @@ def _single(regular: Any, outgoing: Any, inner: Any, ratio: complex) -> tuple[Va
     return (ratio * r * U - t * W) / left, inside, ratio * r * W * inside / left
 
 
-def _dilation(nu: complex) -> tuple[complex, complex]:
+def _compute_dilation(nu: complex) -> tuple[complex, complex]:
     """Return radial displacement and traction / (2 mu) of u = x."""
     return 1, (1 + nu) / (1 - 2 * nu)
 
 
-def _first(nu: complex, inner_nu: complex, ratio: complex) -> Values:
+def _match_first_degree(nu: complex, inner_nu: complex, ratio: complex) -> Values:
     """Return S, inside and dS for l = 1, shape (3, 2, 2).
 
     A translation goes through unchanged, and no net force acts on the sphere: there is no outgoing kind 0. Left are kind 1
     on both sides and a translation inside: displacement is matched but for it (a - b), traction by tau_t = -tau_r / 2.
     """
     ell = np.ones(1, np.int64)
-    sides = surface(ell, nu, "regular"), surface(ell, nu, "outgoing"), surface(ell, inner_nu, "regular")
-    regular, outgoing, inner = ((one[0, 0, 1] - one[0, 1, 1], one[0, 3, 1]) for one in sides)
+    sides = (
+        compute_surface_values(ell, nu, "regular"),
+        compute_surface_values(ell, nu, "outgoing"),
+        compute_surface_values(ell, inner_nu, "regular"),
+    )
+    regular, outgoing, inner = ((values[0, 0, 1] - values[0, 1, 1], values[0, 3, 1]) for values in sides)
     out: Values = np.zeros((3, 2, 2), np.result_type(nu, inner_nu, ratio, float))
-    out[:, 1, 1] = _single(regular, outgoing, inner, ratio)
+    out[:, 1, 1] = _match_single(regular, outgoing, inner, ratio)
     moved = sides[0][0, 1, 1] + out[0, 1, 1] * sides[1][0, 1, 1] - out[1, 1, 1] * sides[2][0, 1, 1]
     out[1, 0] = 1, moved / sides[0][0, 1, 0]
     return out

@@ -29,20 +29,20 @@ class Strata:
     materials: tuple[Material, ...]
 
     @classmethod
-    def of(cls, tissue: Tissue) -> Strata:
+    def from_tissue(cls, tissue: Tissue) -> Strata:
         """Build the strata of a scene's tissue."""
         return cls(tissue.interfaces, (*tissue.layer, tissue))
 
-    def number(self, depth: Any) -> Ints:
+    def find_layer(self, depth: Any) -> Ints:
         """Return the index of the material at depths, m, of any shape; an interface belongs to the material below it."""
         return np.asarray(np.searchsorted(self.interfaces, depth, side="right"))
 
-    def hosts(self, depth: Any) -> Hosts:
+    def find_hosts(self, depth: Any) -> Hosts:
         """Return the materials at depths, m, of any shape."""
-        moduli = np.array([(one.youngs_modulus, one.poisson_ratio) for one in self.materials])
-        return Hosts(*moduli[self.number(depth)].transpose(-1, *range(np.ndim(depth))))
+        moduli = np.array([(material.youngs_modulus, material.poisson_ratio) for material in self.materials])
+        return Hosts(*moduli[self.find_layer(depth)].transpose(-1, *range(np.ndim(depth))))
 
-    def gap(self, tumours: Tumours) -> Floats:
+    def compute_gap(self, tumours: Tumours) -> Floats:
         """Return the distance from each sphere to the nearest interface, m: inf without any, negative where one crosses it."""
         gaps = [np.abs(tumours.depth - depth) - tumours.diameter / 2 for depth in self.interfaces]
         return np.asarray(np.min(gaps, axis=0) if gaps else np.full(tumours.shape, np.inf))
@@ -54,16 +54,16 @@ class Strata:
         The larger of |a - b| / (a + b) for shear moduli and for moduli of compression across, lambda + 2 mu: how much of a plane
         wave that hits the interface at right angles would come back if both had one density.
         """
-        return np.array([unlike(*pair) for pair in pairwise(self.materials)])
+        return np.array([compute_contrast(*pair) for pair in pairwise(self.materials)])
 
 
-def unlike(one: Material, other: Material) -> float:
+def compute_contrast(upper: Material, lower: Material) -> float:
     """Return the contrast of two materials, see ``Strata.contrasts``."""
-    pairs = zip(_moduli(one), _moduli(other), strict=True)
+    pairs = zip(_compute_moduli(upper), _compute_moduli(lower), strict=True)
     return max(abs(a - b) / (a + b) for a, b in pairs)
 
 
-def _moduli(material: Material) -> tuple[float, float]:
+def _compute_moduli(material: Material) -> tuple[float, float]:
     """Return the shear modulus and lambda + 2 mu, Pa."""
     shear, nu = material.youngs_modulus / (2 * (1 + material.poisson_ratio)), material.poisson_ratio
     return shear, 2 * shear * (1 - nu) / (1 - 2 * nu)

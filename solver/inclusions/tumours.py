@@ -48,11 +48,18 @@ class Tumours:
                 )
 
     @classmethod
-    def of(cls, scene: Scene) -> Self:
+    def from_scene(cls, scene: Scene) -> Self:
         """Return the spheres of a scene, and those of its ellipsoids' volumes, shape (1, inclusions)."""
-        at = scene.placement
+        placement = scene.placement
         rows = [
-            (body.x - at.x, body.y - at.y, body.depth, _diameter(body), body.youngs_modulus, body.poisson_ratio)
+            (
+                body.x - placement.x,
+                body.y - placement.y,
+                body.depth,
+                _compute_diameter(body),
+                body.youngs_modulus,
+                body.poisson_ratio,
+            )
             for body in scene.inclusion
         ]
         return cls(*np.array(rows, dtype=float).reshape(-1, 6).T[:, None])
@@ -75,19 +82,19 @@ class Tumours:
 
     def with_moduli(self, moduli: Floats, target: int) -> Self:
         """Return one set (1, t) once for each Young's modulus (k,) of one of its tumours, shape (k, t)."""
-        every = np.repeat(self.youngs_modulus, len(moduli), axis=0)
-        every[:, target] = moduli
-        return replace(self, youngs_modulus=every)
+        all_moduli = np.repeat(self.youngs_modulus, len(moduli), axis=0)
+        all_moduli[:, target] = moduli
+        return replace(self, youngs_modulus=all_moduli)
 
-    def flat(self) -> Self:
+    def flatten(self) -> Self:
         """Return all tumours in one row, shape (n,)."""
-        return self._each(np.ravel)
+        return self._map_arrays(np.ravel)
 
-    def of_index(self, chosen: object) -> Self:
+    def select(self, chosen: object) -> Self:
         """Return the tumours with the given indices."""
-        return self._each(lambda values: values[chosen])
+        return self._map_arrays(lambda values: values[chosen])
 
-    def _each(self, change: Callable[[Any], Any]) -> Self:
+    def _map_arrays(self, change: Callable[[Any], Any]) -> Self:
         """Apply a function to all arrays without checking values: only shapes change."""
         out = object.__new__(type(self))
         for name, values in vars(self).items():
@@ -95,6 +102,6 @@ class Tumours:
         return out
 
 
-def _diameter(body: Inclusion) -> float:
+def _compute_diameter(body: Inclusion) -> float:
     """Return the diameter of a sphere, or of the sphere of an ellipsoid's volume, m."""
     return body.diameter or float(np.cbrt(np.prod(body.diameters or (np.nan,))))

@@ -28,16 +28,27 @@ import numpy as np
 import scipy.sparse as sp
 
 from geometry.common.arrays import Floats, Ints
-from solver.inclusions.mode_sums import FACTORS, ONE, SQUARE, Sampler, Stack, Table, Values, X, Y, Z
-from solver.inclusions.solid_harmonics import Side, SolidHarmonics, derivatives
-from solver.linalg.workspace import kept_table
+from solver.inclusions.mode_sums import (
+    FACTOR_COUNT,
+    FACTOR_ONE,
+    FACTOR_RHO2,
+    FACTOR_X,
+    FACTOR_Y,
+    FACTOR_Z,
+    Sampler,
+    Stack,
+    Table,
+    Values,
+)
+from solver.inclusions.solid_harmonics import Side, SolidHarmonics, build_derivatives
+from solver.linalg.workspace import keep_table
 
 Parity = Literal["even", "both"]
-VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))  # xx, yy, zz, yz, xz, xy
-CYCLES = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
-PLACES = (X, Y, Z)  # of x_i among the factors of eq. IN.11
-EVERY = tuple(range(9))  # components
-DISPLACEMENT = EVERY[:3]
+VOIGT_PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))  # xx, yy, zz, yz, xz, xy
+CYCLIC_AXES = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
+POSITION_FACTORS = (FACTOR_X, FACTOR_Y, FACTOR_Z)  # of x_i among the factors of eq. IN.11
+ALL_COMPONENTS = tuple(range(9))  # components
+DISPLACEMENT_COMPONENTS = ALL_COMPONENTS[:3]
 
 
 @dataclass(frozen=True)
@@ -63,10 +74,10 @@ class Modes:
         for m in range(min(self.order, self.degree) + 1):
             for sine in (0, 1):
                 for ell in range(m, self.degree + 1):
-                    modes += [(kind, ell, m, sine) for kind in self._kinds(ell, m, sine)]
+                    modes += [(kind, ell, m, sine) for kind in self._list_kinds(ell, m, sine)]
         return np.array(modes).T
 
-    def _kinds(self, ell: int, m: int, sine: int) -> list[int]:
+    def _list_kinds(self, ell: int, m: int, sine: int) -> list[int]:
         """Return the kinds of modes of a scalar harmonic; x cross grad turns even functions into odd fields and the reverse."""
         allowed = range(3) if self.parity == "both" else [2] if sine else [0, 1]
         return [kind for kind in allowed if (m > 0 or not sine) and (ell > 0 or kind == 1)]
@@ -105,7 +116,7 @@ class Modes:
 
     def regular(self, points: Floats, coefficients: Values) -> tuple[Values, Values]:
         """Return displacement and stress of sums of regular modes, as ``outgoing`` does; the centre is allowed."""
-        return self._both(points, coefficients, "regular")
+        return self._compute_fields(points, coefficients, "regular")
 
     def outgoing(self, points: Floats, coefficients: Values) -> tuple[Values, Values]:
         """Return displacement and stress of sums of outgoing modes.
@@ -118,27 +129,27 @@ class Modes:
             Displacement in the coefficients' unit, shape (n, 3, k), and stress xx, yy, zz, yz, xz, xy, shape (n, 6, k), to be
             multiplied by 2 mu / R for Pa.
         """
-        return self._both(points, coefficients, "outgoing")
+        return self._compute_fields(points, coefficients, "outgoing")
 
-    def _both(self, points: Floats, coefficients: Values, side: Side) -> tuple[Values, Values]:
-        out = self._at(points, coefficients, side, EVERY)
+    def _compute_fields(self, points: Floats, coefficients: Values, side: Side) -> tuple[Values, Values]:
+        out = self._evaluate(points, coefficients, side, ALL_COMPONENTS)
         return np.ascontiguousarray(out[:, :3]), np.ascontiguousarray(out[:, 3:])
 
     def displacement(self, points: Floats, coefficients: Values, side: Side) -> Values:
         """Return the displacement alone, shape (n, 3, k), three times as fast as with stress."""
-        return self._at(points, coefficients, side, DISPLACEMENT)
+        return self._evaluate(points, coefficients, side, DISPLACEMENT_COMPONENTS)
 
-    def _at(self, points: Floats, coefficients: Values, side: Side, components: tuple[int, ...]) -> Values:
-        sampler = Sampler(stack(self, side, components), Table(self.harmonics, side, points), slice(0, len(points)))
+    def _evaluate(self, points: Floats, coefficients: Values, side: Side, components: tuple[int, ...]) -> Values:
+        sampler = Sampler(build_stack(self, side, components), Table(self.harmonics, side, points), slice(0, len(points)))
         return np.moveaxis(sampler.values(coefficients), -1, 0)
 
     def shapes(self, points: Floats, side: Side) -> Values:
         """Return the displacement of each single mode, shape (n, 3, modes)."""
         table, (x, y, z) = self.harmonics.table(points, side), points.T
-        terms = stack(self, side, DISPLACEMENT)
+        terms = build_stack(self, side, DISPLACEMENT_COMPONENTS)
         blocks = [terms.matrix[low : low + len(table)].T @ table for low in range(0, terms.matrix.shape[0], len(table))]
         factors = np.stack([np.ones_like(x), x, y, x * x + y * y + z * z, z])
-        out: Values = np.einsum("ajmn,jn->nam", np.reshape(blocks, (3, FACTORS, len(self), -1)), factors)
+        out: Values = np.einsum("ajmn,jn->nam", np.reshape(blocks, (3, FACTOR_COUNT, len(self), -1)), factors)
         return out
 
     @cached_property
@@ -147,17 +158,17 @@ class Modes:
         return SolidHarmonics(self.degree + 2, min(self.order, self.degree) + 2)
 
 
-@kept_table
-def stack(modes: Modes, side: Side, components: tuple[int, ...]) -> Stack:
+@keep_table
+def build_stack(modes: Modes, side: Side, components: tuple[int, ...]) -> Stack:
     """Build the sums of eq. IN.11 for displacement (components 0 to 2) and stress / (2 mu) (3 to 8: xx, yy, zz, yz, xz, xy)."""
-    sums = [row for component in components for row in _sums(modes, side)[component]]
+    sums = [row for component in components for row in _build_sums(modes, side)[component]]
     matrix = sp.vstack(sums, format="csr")
     matrix.eliminate_zeros()
     return Stack(matrix, modes.harmonics, side)
 
 
-@kept_table
-def _sums(modes: Modes, side: Side) -> list[list[Any]]:
+@keep_table
+def _build_sums(modes: Modes, side: Side) -> list[list[Any]]:
     """Build sparse (harmonics, modes) matrices h_aj of eq. IN.11: for each component a, a list over j.
 
     From scalar sums P, V, W, Z and H = nu / (1-2nu) div u, indices being derivatives, and G = V + W / 2:
@@ -167,50 +178,50 @@ def _sums(modes: Modes, side: Side) -> list[list[Any]]:
 
     with T_ij = (x cross grad Z_j)_i.
     """
-    P, V, W, twist, H = (_spread(modes, row) for row in _potentials(modes, side))
-    D = derivatives(modes.harmonics, side)
+    P, V, W, twist, H = (_spread_modes(modes, row) for row in _compute_potentials(modes, side))
+    D = build_derivatives(modes.harmonics, side)
     G = [d @ (V + W / 2) for d in D]
-    out = [[0 * P for _ in range(FACTORS)] for _ in EVERY]
+    out = [[0 * P for _ in range(FACTOR_COUNT)] for _ in ALL_COMPONENTS]
     for i, u in enumerate(out[:3]):
-        u[ONE], u[SQUARE] = D[i] @ P, D[i] @ V
-        u[PLACES[i]] = u[PLACES[i]] + W
+        u[FACTOR_ONE], u[FACTOR_RHO2] = D[i] @ P, D[i] @ V
+        u[POSITION_FACTORS[i]] = u[POSITION_FACTORS[i]] + W
         _add_cross(u, D, twist, i)
-    for (i, j), stress in zip(VOIGT, out[3:], strict=True):
-        stress[ONE], stress[SQUARE] = D[i] @ (D[j] @ P) + (i == j) * (W + H), D[i] @ (D[j] @ V)
+    for (i, j), stress in zip(VOIGT_PAIRS, out[3:], strict=True):
+        stress[FACTOR_ONE], stress[FACTOR_RHO2] = D[i] @ (D[j] @ P) + (i == j) * (W + H), D[i] @ (D[j] @ V)
         for a, b in ((i, j), (j, i)):
-            stress[PLACES[a]] = stress[PLACES[a]] + G[b]
+            stress[POSITION_FACTORS[a]] = stress[POSITION_FACTORS[a]] + G[b]
             _add_cross(stress, D, D[b] @ twist / 2, a)
     return out
 
 
 def _add_cross(row: list[Any], D: Sequence[Any], scalar: Any, i: int) -> None:
     """Add component i of x cross grad of a scalar."""
-    _, j, k = CYCLES[i]
-    row[PLACES[j]] = row[PLACES[j]] + D[k] @ scalar
-    row[PLACES[k]] = row[PLACES[k]] - D[j] @ scalar
+    _, j, k = CYCLIC_AXES[i]
+    row[POSITION_FACTORS[j]] = row[POSITION_FACTORS[j]] + D[k] @ scalar
+    row[POSITION_FACTORS[k]] = row[POSITION_FACTORS[k]] - D[j] @ scalar
 
 
-def _spread(modes: Modes, factors: Values) -> Any:
+def _spread_modes(modes: Modes, factors: Values) -> Any:
     """Build the sparse matrix from modes to coefficients of their scalar harmonics, with given factors (modes,)."""
     h, (_, ell, m, sine) = modes.harmonics, modes.labels
     rows = [h.index(int(a), int(b)) + int(s) * h.count for a, b, s in zip(ell, m, sine, strict=True)]
     return sp.csr_array((factors, (rows, np.arange(len(modes)))), shape=(2 * h.count, len(modes)))
 
 
-def _potentials(modes: Modes, side: Side) -> Values:
+def _compute_potentials(modes: Modes, side: Side) -> Values:
     """Return factors of each mode in P, V, W, Z of eq. IN.9 and in H = nu / (1-2nu) div u, shape (5, modes)."""
     (kind, ell, _, _), nu = modes.labels, modes.nu
     rows: Values = np.zeros((5, len(modes)), np.result_type(nu, float))
-    lone, pair, curl = (np.where(kind == k, scales(ell, nu, side)[k], 0) for k in range(3))
-    n, gradient, other = (ell, lone, pair) if side == "regular" else (-ell - 1, pair, lone)
+    lone, pair, curl = (np.where(kind == k, compute_scales(ell, nu, side)[k], 0) for k in range(3))
+    n, gradient, companion = (ell, lone, pair) if side == "regular" else (-ell - 1, pair, lone)
     rows[0], rows[3] = gradient, curl
-    rows[1], rows[2] = (n + 5 - 4 * nu) * other, -(2 * n + (4 * n + 2) * (1 - 2 * nu)) * other
-    rows[4] = -2 * nu * (n + 1) * (2 * n + 3) * other  # div u has the factor 1 - 2 nu
+    rows[1], rows[2] = (n + 5 - 4 * nu) * companion, -(2 * n + (4 * n + 2) * (1 - 2 * nu)) * companion
+    rows[4] = -2 * nu * (n + 1) * (2 * n + 3) * companion  # div u has the factor 1 - 2 nu
     rows[:, ell == 0] = np.array([[0, 0, 1, 0, 3 * nu / (1 - 2 * nu)] if side == "regular" else [-1, 0, 0, 0, 0]]).T
     return rows
 
 
-def scales(ell: Ints, nu: complex, side: Side) -> tuple[Values, Values, Values]:
+def compute_scales(ell: Ints, nu: complex, side: Side) -> tuple[Values, Values, Values]:
     """Return factors of the fields of eqs. IN.6, IN.7 and IN.8 in the modes of degrees l > 0 (meaningless for l = 0).
 
     Gradients have unit mean square times 4 pi at rho = 1; the other factors then make ``work`` 1.

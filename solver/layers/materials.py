@@ -5,15 +5,15 @@ from __future__ import annotations
 from geometry.scenes.scene import Tissue
 
 
-def material_layers(tissue: Tissue, merged: bool = True) -> list[list[float]]:
+def list_material_layers(tissue: Tissue, merged: bool = True) -> list[list[float]]:
     """Return thickness, modulus and Poisson's ratio of layers above the tissue's own material; equal neighbours are merged."""
-    own, found = [tissue.youngs_modulus, tissue.poisson_ratio], list[list[float]]()
+    own_material, layers = [tissue.youngs_modulus, tissue.poisson_ratio], list[list[float]]()
     for layer in tissue.layer:
         material = [layer.youngs_modulus, layer.poisson_ratio]
-        if merged and found and found[-1][1:] == material:
-            found[-1][0] += layer.thickness
+        if merged and layers and layers[-1][1:] == material:
+            layers[-1][0] += layer.thickness
         else:
-            found.append([layer.thickness, *material])
-    while merged and found and found[-1][1:] == own:
-        found.pop()
-    return found
+            layers.append([layer.thickness, *material])
+    while merged and layers and layers[-1][1:] == own_material:
+        layers.pop()
+    return layers

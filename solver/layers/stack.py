@@ -31,8 +31,8 @@ import numpy as np
 Array = Any  # numpy array of floats, or of complex numbers on the way to a derivative
 Symmetric = tuple[Array, Array, Array]  # the elements pp, qq and pq of matrices, arrays that fit (n, q)
 Matrix = tuple[Array, Array, Array, Array]  # pp, pq, qp, qq
-PASSING, SHORTEST = 6.0, 80.0  # maximum wave number times the first layer's thickness, times the probe's radius
-FREE: Symmetric = (-1.0, -1.0, 0.0)  # r of a free surface
+LAYER_WAVE_REACH, PROBE_WAVE_REACH = 6.0, 80.0  # maximum wave number times the first layer's thickness, times the probe's radius
+FREE_SURFACE: Symmetric = (-1.0, -1.0, 0.0)  # r of a free surface
 
 
 @dataclass(frozen=True)
@@ -62,12 +62,12 @@ class Echo:
     ``path`` is x, shape (n, q); it says nothing in a half-space.
     """
 
-    far: Symmetric | None
-    near: Symmetric | None
-    way: Array
+    far_echo: Symmetric | None
+    near_echo: Symmetric | None
+    path: Array
 
 
-def echoes(k: Array, layers: Sequence[TissueLayer], rigid: bool) -> list[Echo]:
+def compute_echoes(k: Array, layers: Sequence[TissueLayer], rigid: bool) -> list[Echo]:
     """Return the echo from below in each layer for waves k (n, q), from the first on.
 
     Args:
@@ -76,62 +76,62 @@ def echoes(k: Array, layers: Sequence[TissueLayer], rigid: bool) -> list[Echo]:
         rigid: whether the last lies on a rigid floor; it is a half-space otherwise.
     """
     last = layers[-1]
-    found = [echo(k, last, _rigid(last)) if rigid else Echo(None, None, k)]
-    for layer, below in zip(layers[-2::-1], layers[:0:-1], strict=True):
-        found.append(echo(k, layer, reflected(layer, below, found[-1].near)))
-    return found[::-1]
+    results = [compute_echo(k, last, _compute_rigid_reflection(last)) if rigid else Echo(None, None, k)]
+    for layer, lower in zip(layers[-2::-1], layers[:0:-1], strict=True):
+        results.append(compute_echo(k, layer, compute_reflection(layer, lower, results[-1].near_echo)))
+    return results[::-1]
 
 
-def echo(k: Array, layer: TissueLayer, far: Symmetric) -> Echo:
+def compute_echo(k: Array, layer: TissueLayer, far: Symmetric) -> Echo:
     """Compute the echo in a layer whose other face reflects r = ``far``."""
     x = k * layer.thickness[:, None]
-    return Echo(far, _returned(far, x), x)
+    return Echo(far, _compute_returned(far, x), x)
 
 
-def reflected(layer: TissueLayer, beyond: TissueLayer, near: Symmetric | None) -> Symmetric:
+def compute_reflection(layer: TissueLayer, next_layer: TissueLayer, near_echo: Symmetric | None) -> Symmetric:
     """Compute the reflection r (eq. LY.2) in a layer before another one, whose own echo is N = ``near_echo``.
 
     With C = V W^-1, W = 1 + N and V = H - H' N, it is taken of W (V + H' W)^-1: W vanishes for long waves on free plates.
     """
     size = 2 * layer.half_space[0]
     pp, _, pq = layer.half_space
-    ratio = layer.mu / beyond.mu
-    a, _, b = (ratio * part for part in beyond.half_space)
-    if near is None:
-        return _less_one(size, _inverse((a + pp, a + pp, b - pq)))
-    w = 1 + near[0], near[2], near[2], 1 + near[1]
+    ratio = layer.mu / next_layer.mu
+    a, _, b = (ratio * part for part in next_layer.half_space)
+    if near_echo is None:
+        return _scale_minus_one(size, _invert_symmetric((a + pp, a + pp, b - pq)))
+    w = 1 + near_echo[0], near_echo[2], near_echo[2], 1 + near_echo[1]
     full = (
-        a - a * near[0] + b * near[2] + pp * w[0] - pq * w[2],
-        b - a * near[2] + b * near[1] + pp * w[1] - pq * w[3],
-        b + b * near[0] - a * near[2] - pq * w[0] + pp * w[2],
-        a + b * near[2] - a * near[1] - pq * w[1] + pp * w[3],
+        a - a * near_echo[0] + b * near_echo[2] + pp * w[0] - pq * w[2],
+        b - a * near_echo[2] + b * near_echo[1] + pp * w[1] - pq * w[3],
+        b + b * near_echo[0] - a * near_echo[2] - pq * w[0] + pp * w[2],
+        a + b * near_echo[2] - a * near_echo[1] - pq * w[1] + pp * w[3],
     )
-    inverse = product(w, inverted(full))
-    return _less_one(size, (inverse[0], inverse[3], (inverse[1] + inverse[2]) / 2))
+    inverse = multiply_matrices(w, invert_matrix(full))
+    return _scale_minus_one(size, (inverse[0], inverse[3], (inverse[1] + inverse[2]) / 2))
 
 
-def _less_one(size: Array, inverse: Symmetric) -> Symmetric:
+def _scale_minus_one(size: Array, inverse: Symmetric) -> Symmetric:
     return size * inverse[0] - 1, size * inverse[1] - 1, size * inverse[2]
 
 
-def _rigid(layer: TissueLayer) -> Symmetric:
+def _compute_rigid_reflection(layer: TissueLayer) -> Symmetric:
     """Return the reflection r of a rigid floor."""
     pp, _, pq = layer.half_space
-    return _less_one(2 * pp, _inverse((pp, pp, -pq)))
+    return _scale_minus_one(2 * pp, _invert_symmetric((pp, pp, -pq)))
 
 
-def _inverse(m: Symmetric) -> Symmetric:
+def _invert_symmetric(m: Symmetric) -> Symmetric:
     determinant = m[0] * m[1] - m[2] * m[2]
     return m[1] / determinant, m[0] / determinant, -m[2] / determinant
 
 
-def inverted(m: Matrix) -> Matrix:
+def invert_matrix(m: Matrix) -> Matrix:
     """Return the matrices' inverse."""
     determinant = m[0] * m[3] - m[1] * m[2]
     return m[3] / determinant, -m[1] / determinant, -m[2] / determinant, m[0] / determinant
 
 
-def product(a: Matrix, b: Matrix) -> Matrix:
+def multiply_matrices(a: Matrix, b: Matrix) -> Matrix:
     """Return the matrices' product."""
     return (
         a[0] * b[0] + a[1] * b[2],
@@ -141,7 +141,7 @@ def product(a: Matrix, b: Matrix) -> Matrix:
     )
 
 
-def _returned(r: Symmetric, x: Array) -> Symmetric:
+def _compute_returned(r: Symmetric, x: Array) -> Symmetric:
     """Return the echo N of eq. LY.2 at the near face, from r at the far face and x = k h."""
     rp, rq = (r[0] * (1 + x) + r[2] * x, r[2] * (1 + x) + r[1] * x), (r[2] * (1 - x) - r[0] * x, r[1] * (1 - x) - r[2] * x)
     fade = np.exp(-2 * x)
@@ -152,42 +152,45 @@ def _returned(r: Symmetric, x: Array) -> Symmetric:
     )
 
 
-def change(layer: TissueLayer, near: Symmetric) -> Symmetric:
+def compute_compliance_change(layer: TissueLayer, near_echo: Symmetric) -> Symmetric:
     """Return C - H of eq. LY.2, the surface's w by p, u by q and w by q, times 2 mu k of the layer."""
-    w = 1 + near[0], 1 + near[1]
-    mixed = near[2] * near[2]
+    w = 1 + near_echo[0], 1 + near_echo[1]
+    mixed = near_echo[2] * near_echo[2]
     scale = -2 * layer.half_space[0] / (w[0] * w[1] - mixed)
-    return scale * (near[0] * w[1] - mixed), scale * (near[1] * w[0] - mixed), scale * near[2]
+    return scale * (near_echo[0] * w[1] - mixed), scale * (near_echo[1] * w[0] - mixed), scale * near_echo[2]
 
 
-def arriving(echo: Sequence[Echo], place: int) -> Matrix:
+def compute_arriving(echo: Sequence[Echo], place: int) -> Matrix:
     """Return a of eq. LY.3 at the top of the layer ``place`` by unit loads p and q at the surface, from the layers' echoes."""
-    a = _taken(echo[0].near)
-    for one, after in pairwise(echo[: place + 1]):
-        assert one.far is not None
-        size = 1 + one.far[0], one.far[2], one.far[2], 1 + one.far[1]
-        a = product(_taken(after.near), product(size, product(faded(one.way), a)))
+    a = _compute_surface_transmission(echo[0].near_echo)
+    for upper, lower in pairwise(echo[: place + 1]):
+        assert upper.far_echo is not None
+        size = 1 + upper.far_echo[0], upper.far_echo[2], upper.far_echo[2], 1 + upper.far_echo[1]
+        a = multiply_matrices(
+            _compute_surface_transmission(lower.near_echo),
+            multiply_matrices(size, multiply_matrices(compute_fading(upper.path), a)),
+        )
     return a
 
 
-def _taken(near: Symmetric | None) -> Matrix:
+def _compute_surface_transmission(near_echo: Symmetric | None) -> Matrix:
     """Return (1 + N)^-1: downward waves per load at the near face; N None counts as 0."""
-    if near is None:
+    if near_echo is None:
         return 1.0, 0.0, 0.0, 1.0
-    pp, qq, pq = _inverse((1 + near[0], 1 + near[1], near[2]))
+    pp, qq, pq = _invert_symmetric((1 + near_echo[0], 1 + near_echo[1], near_echo[2]))
     return pp, pq, pq, qq
 
 
-def faded(x: Array) -> Matrix:
+def compute_fading(x: Array) -> Matrix:
     """Return e^-x F of eq. LY.1: how downward waves change over x = k h."""
     fade = np.exp(-x)
     return fade * (1 + x), -fade * x, fade * x, fade * (1 - x)
 
 
-def shortest(radius: Array, thickness: Array) -> Array:
+def compute_last_wave(radius: Array, thickness: Array) -> Array:
     """Return the wave number up to which waves are summed under probes of a radius, above first layers, shapes (n,).
 
     Waves much shorter than the first layer do not reach the others; loads contain few waves beyond ``PROBE_WAVE_REACH``.
     """
-    passing, most = PASSING / thickness, SHORTEST / radius
-    return np.where(passing.real < most.real, passing, most)
+    layer_limit, probe_limit = LAYER_WAVE_REACH / thickness, PROBE_WAVE_REACH / radius
+    return np.where(layer_limit.real < probe_limit.real, layer_limit, probe_limit)

@@ -19,9 +19,9 @@ from scipy.sparse.linalg import splu
 
 from geometry.common.arrays import Floats
 
-METIS = {1: 2}  # PARDISO's parameter 1: nested dissection
-LEAST_DEGREE = {1: 0}  # for meridian meshes a tenth fewer operations than METIS, and ordered in half of the time
-POSITIVE_DEFINITE = 2  # PARDISO's matrix type: real, symmetric positive definite
+METIS_ORDERING = {1: 2}  # PARDISO's parameter 1: nested dissection
+MINIMUM_DEGREE_ORDERING = {1: 0}  # for meridian meshes a tenth fewer operations than METIS, and ordered in half of the time
+POSITIVE_DEFINITE_TYPE = 2  # PARDISO's matrix type: real, symmetric positive definite
 
 
 class Factor(Protocol):
@@ -35,7 +35,7 @@ class Factor(Protocol):
 class Pattern:
     """The sparsity pattern that several matrices share; it holds PARDISO's analysis and the factors of the last matrix."""
 
-    analysed: _Analysed | None = None
+    analysis: _PatternAnalysis | None = None
 
 
 def factorise(matrix: Any, pattern: Pattern | None) -> Factor:
@@ -45,10 +45,10 @@ def factorise(matrix: Any, pattern: Pattern | None) -> Factor:
         matrix: both triangles, rows sorted.
         pattern: the object that all matrices of one mesh share; None for a single matrix.
     """
-    library = pardiso()
+    library = load_pardiso()
     if library is not None:
         try:
-            return _Pardiso.of(library, matrix, pattern)
+            return _Pardiso.from_matrix(library, matrix, pattern)
         except RuntimeError:  # not positive definite to rounding: SuperLU pivots
             pass
     return _SuperLU(splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}))
@@ -62,13 +62,13 @@ def factorise_any(matrix: Any) -> Factor:
     return _SuperLU(splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.01))
 
 
-def loaded() -> bool:
+def has_pardiso() -> bool:
     """Return whether PARDISO is installed; its library is loaded as a side effect."""
-    return pardiso() is not None
+    return load_pardiso() is not None
 
 
 @cache
-def pardiso() -> Any:
+def load_pardiso() -> Any:
     """Return PARDISO's compiled module, or None.
 
     Its Python interface is not used: it checks every row first, which takes half as long as the factorisation.
@@ -93,7 +93,7 @@ class _SuperLU:
 
 
 @dataclass
-class _Analysed:
+class _PatternAnalysis:
     """PARDISO's analysis of a pattern, and the values that it factorised last."""
 
     solver: Any
@@ -110,45 +110,45 @@ class _Analysed:
 
 @dataclass(frozen=True)
 class _Pardiso:
-    analysed: _Analysed
+    analysis: _PatternAnalysis
     values: Floats
 
     @classmethod
-    def of(cls, library: Any, matrix: Any, pattern: Pattern | None) -> _Pardiso:
-        analysed = None if pattern is None else pattern.analysed
-        if analysed is None:
+    def from_matrix(cls, library: Any, matrix: Any, pattern: Pattern | None) -> _Pardiso:
+        analysis = None if pattern is None else pattern.analysis
+        if analysis is None:
             lower = matrix.indices >= np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
             values = matrix.data[lower]
-            solver = _analysis(library, matrix, (lower, values), METIS if pattern is None else LEAST_DEGREE)
+            solver = _analyse(library, matrix, (lower, values), METIS_ORDERING if pattern is None else MINIMUM_DEGREE_ORDERING)
             if pattern is None:  # no other matrix shares the analysis: its values are not needed again
                 lower, values = np.empty(0, dtype=bool), np.empty(0)
-            analysed = _Analysed(solver, lower, values)
+            analysis = _PatternAnalysis(solver, lower, values)
             if pattern is not None:
-                pattern.analysed = analysed
-            return cls(analysed, values)
-        factor = cls(analysed, matrix.data[analysed.lower])
-        with analysed.lock:
+                pattern.analysis = analysis
+            return cls(analysis, values)
+        factor = cls(analysis, matrix.data[analysis.lower])
+        with analysis.lock:
             factor._refresh()
         return factor
 
     def solve(self, forces: Floats) -> Floats:
-        with self.analysed.lock:
+        with self.analysis.lock:
             self._refresh()
-            return np.asarray(self.analysed.solver.solve(np.asarray(forces)))
+            return np.asarray(self.analysis.solver.solve(np.asarray(forces)))
 
     def _refresh(self) -> None:
-        if self.analysed.values is not self.values:
-            self.analysed.solver.refactor_values(self.values)
-            self.analysed.values = self.values
+        if self.analysis.values is not self.values:
+            self.analysis.solver.refactor_values(self.values)
+            self.analysis.values = self.values
 
 
-def _analysis(library: Any, matrix: Any, triangle: tuple[NDArray[np.bool_], Floats], ordering: dict[int, int]) -> Any:
+def _analyse(library: Any, matrix: Any, triangle: tuple[NDArray[np.bool_], Floats], ordering: dict[int, int]) -> Any:
     """Analyse and factorise a matrix from its lower triangle: a mask of entries and their values.
 
     PARDISO reads rows: the lower triangle by columns is the upper one by rows.
     """
     lower, values = triangle
-    solver = library.PardisoSolver(POSITIVE_DEFINITE, 0)
+    solver = library.PardisoSolver(POSITIVE_DEFINITE_TYPE, 0)
     for key, value in ordering.items():
         solver.set_iparm(key, value)
     starts = np.append(0, np.cumsum(lower))[matrix.indptr]

@@ -24,24 +24,24 @@ from numpy.typing import NDArray
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError, Words
-from geometry.common.resources import LimitReached, check_memory, check_time, seconds_left
-from solver.linalg.cholesky import Factor, factorise, loaded
+from geometry.common.resources import LimitReached, check_memory, check_time, find_seconds_left
+from solver.linalg.cholesky import Factor, factorise, has_pardiso
 from solver.linalg.memory import give_back
-from solver.linalg.workspace import current
+from solver.linalg.workspace import get_workspace
 
 TARGET_RESIDUAL = 1e-9  # relative residual
-MOST = 10.0  # times the target: the largest residual that is accepted
-ROUNDING = 1e-14  # of |K| |v|: the residual that no solver can avoid
-MOST_STEPS = 300
-BYTES = 120.0  # times unknowns^(4/3): memory of a single-precision factorisation
-KEEP_LITTLE = {"MIMALLOC_PURGE_DELAY": "10", "MIMALLOC_ARENA_EAGER_COMMIT": "0", "MIMALLOC_ARENA_PURGE_MULT": "1"}
-ASIDE = 0.5e9  # for rslab's threads and the pages of its allocator: 0.3e9 were too few
-STACK = 2**31  # that each of rslab's threads requests from the system
-ANALYSED = 2e3  # while a matrix is analysed
-STUCK = 60  # steps in which the best residual was not halved
-ASSEMBLED = 5e3  # matrices of the bodies, the scene and its reference
-SPEED = 4e10  # of a single-precision factorisation on two cores; half in double precision
-PANIC = "pyo3_runtime"  # module of the exceptions that panics in Rust raise
+MAX_RESIDUAL_FACTOR = 10.0  # times the target: the largest residual that is accepted
+ROUNDING_RELATIVE = 1e-14  # of |K| |v|: the residual that no solver can avoid
+MAX_STEPS = 300
+FACTOR_BYTES = 120.0  # times unknowns^(4/3): memory of a single-precision factorisation
+ALLOCATOR_ENVIRONMENT = {"MIMALLOC_PURGE_DELAY": "10", "MIMALLOC_ARENA_EAGER_COMMIT": "0", "MIMALLOC_ARENA_PURGE_MULT": "1"}
+RESERVED_BYTES = 0.5e9  # for rslab's threads and the pages of its allocator: 0.3e9 were too few
+STACK_BYTES = 2**31  # that each of rslab's threads requests from the system
+ANALYSIS_BYTES_PER_UNKNOWN = 2e3  # while a matrix is analysed
+MAX_STALLED_STEPS = 60  # steps in which the best residual was not halved
+ASSEMBLY_BYTES_PER_UNKNOWN = 5e3  # matrices of the bodies, the scene and its reference
+OPERATIONS_PER_SECOND = 4e10  # of a single-precision factorisation on two cores; half in double precision
+PANIC_MODULE = "pyo3_runtime"  # module of the exceptions that panics in Rust raise
 
 
 class Stiffness:
@@ -58,7 +58,7 @@ class Stiffness:
         """Return K v, shape (n, k)."""
         return np.asarray(self.lower @ v + self.lower.T @ v - self._diagonal * v)
 
-    def magnitude(self, v: Floats) -> Floats:
+    def compute_magnitude(self, v: Floats) -> Floats:
         """Return |K| |v|, to which rounding errors are proportional, shape (n, k)."""
         return Stiffness(abs(self.lower)) @ np.abs(v)
 
@@ -69,12 +69,12 @@ class Stiffness:
             SolveError: the matrix is singular.
             LimitReached: the factors would take more memory than is allowed, or take too long.
         """
-        return factorised(rounded(self.lower) if single else self.lower, like)
+        return factorise_lower(round_to_single(self.lower) if single else self.lower, like)
 
 
-def rounded(lower: sp.csc_array) -> sp.csc_array:
+def round_to_single(lower: sp.csc_array) -> sp.csc_array:
     """Return a matrix in single precision; without rslab the matrix itself, as the other libraries need double precision."""
-    if _rslab() is None:
+    if _load_rslab() is None:
         return lower
     return sp.csc_array((lower.data.astype(np.float32), lower.indices, lower.indptr), shape=lower.shape)
 
@@ -102,36 +102,36 @@ class MatrixAnalysis:
         return np.array_equal(self.starts, lower.indptr) and np.array_equal(self.rows, lower.indices)
 
 
-def pattern_of(factor: Factor) -> MatrixAnalysis | None:
+def get_analysis(factor: Factor) -> MatrixAnalysis | None:
     """Return the analysis behind a factor, if it is rslab's."""
     return factor.pattern if isinstance(factor, _Ldlt) else None
 
 
-def factorised(lower: sp.csc_array, like: MatrixAnalysis | None = None) -> Factor:
+def factorise_lower(lower: sp.csc_array, like: MatrixAnalysis | None = None) -> Factor:
     """Factorise a symmetric matrix in the precision of its lower triangle; the analysis ``like`` is reused if it fits.
 
     Raises:
         SolveError: the matrix is singular.
         LimitReached: the factors would take more memory than is allowed, or take too long.
     """
-    library, unknowns = _rslab(), lower.shape[0]
-    current().make_room(BYTES * unknowns ** (4 / 3))
+    library, unknowns = _load_rslab(), lower.shape[0]
+    get_workspace().make_room(FACTOR_BYTES * unknowns ** (4 / 3))
     give_back()
     if library is not None:
         try:
-            return _Ldlt.of(library, lower, like)
+            return _Ldlt.from_lower(library, lower, like)
         except BaseException as fault:  # a panic in Rust is not an Exception
-            if type(fault).__module__ != PANIC:
+            if type(fault).__module__ != PANIC_MODULE:
                 raise
-    check_memory(f"factors of {unknowns} unknowns", held_bytes(unknowns, _other_bytes(unknowns)))
+    check_memory(f"factors of {unknowns} unknowns", estimate_held_bytes(unknowns, _estimate_other_bytes(unknowns)))
     full = lower.astype(float)
     return factorise(sp.csc_array(full + sp.tril(full, -1).T), None)
 
 
-def _other_bytes(unknowns: int) -> float:
+def _estimate_other_bytes(unknowns: int) -> float:
     """Estimate the bytes of a factor by PARDISO or SuperLU: double precision, and both triangles for SuperLU."""
     n = float(unknowns)
-    return float(300.0 * n ** (4 / 3) if loaded() else 12 * 8.0 * n**1.5)
+    return float(300.0 * n ** (4 / 3) if has_pardiso() else 12 * 8.0 * n**1.5)
 
 
 class _Ldlt:
@@ -146,17 +146,17 @@ class _Ldlt:
         return int(self.handle.heap_bytes)
 
     @classmethod
-    def of(cls, library: Any, lower: sp.csc_array, like: MatrixAnalysis | None = None) -> _Ldlt:
+    def from_lower(cls, library: Any, lower: sp.csc_array, like: MatrixAnalysis | None = None) -> _Ldlt:
         n = lower.shape[0]
-        pattern = like if like is not None and like.fits(lower) else _analysed(library, lower)
+        pattern = like if like is not None and like.fits(lower) else _analyse(library, lower)
         symbolic = pattern.symbolic
         plan = symbolic.memory_plan(dtype=lower.dtype.name, nrhs=3)["peak_bytes"]
-        check_memory(f"factors of {n} unknowns", held_bytes(n, plan))
+        check_memory(f"factors of {n} unknowns", estimate_held_bytes(n, plan))
         single, flops = lower.dtype == np.float32, symbolic.estimate_memory(lower.dtype.name)["factor_flops"]
-        check_time(f"factorising {n} unknowns", flops / SPEED * (1 if single else 2))
+        check_time(f"factorising {n} unknowns", flops / OPERATIONS_PER_SECOND * (1 if single else 2))
         _reserve(plan)
         stop = library.Interrupt()
-        watch = Timer(min(seconds_left(), TIMEOUT_MAX), stop.cancel)
+        watch = Timer(min(find_seconds_left(), TIMEOUT_MAX), stop.cancel)
         watch.daemon = True
         watch.start()
         try:
@@ -170,29 +170,29 @@ class _Ldlt:
 
     def solve(self, forces: Floats) -> Floats:
         try:
-            return self._solved(forces)
+            return self._solve(forces)
         except BaseException as fault:  # a panic in Rust is no Exception
-            if type(fault).__module__ != PANIC:
+            if type(fault).__module__ != PANIC_MODULE:
                 raise
             raise SolveError(f"the factor could not be used: {fault}") from None
 
-    def _solved(self, forces: Floats) -> Floats:
+    def _solve(self, forces: Floats) -> Floats:
         if not self.single:
             return np.asarray(self.handle.solve_many(np.ascontiguousarray(forces)))
         scale = np.maximum(np.abs(forces).max(axis=0), np.finfo(float).tiny)
         return np.asarray(self.handle.solve_many((forces / scale).astype(np.float32)).astype(float) * scale)
 
 
-def _analysed(library: Any, lower: sp.csc_array) -> MatrixAnalysis:
-    _reserve(ANALYSED * lower.shape[0])
+def _analyse(library: Any, lower: sp.csc_array) -> MatrixAnalysis:
+    _reserve(ANALYSIS_BYTES_PER_UNKNOWN * lower.shape[0])
     symbolic = library.analyze(lower, path="ldlt")
     give_back()  # memory that the analysis freed: else the peak is hundreds of MB higher
     return MatrixAnalysis(symbolic, lower.indptr, lower.indices)
 
 
-def held_bytes(unknowns: float, factor: float) -> float:
+def estimate_held_bytes(unknowns: float, factor: float) -> float:
     """Estimate the peak memory of assembly and factorisation, from unknowns and the bytes of the factor."""
-    return ASSEMBLED * unknowns + factor
+    return ASSEMBLY_BYTES_PER_UNKNOWN * unknowns + factor
 
 
 def _reserve(size: float) -> None:
@@ -201,11 +201,11 @@ def _reserve(size: float) -> None:
     Raises:
         LimitReached: the system provides less.
     """
-    wanted, stacks = size + ASIDE, []
-    if _limited():
+    wanted, stacks = size + RESERVED_BYTES, []
+    if _is_memory_limited():
         with suppress(MemoryError):  # the threads work with less stack, but take this much where they can
             for _ in range(2 * (os.cpu_count() or 1)):
-                stacks.append(np.empty(STACK, dtype=np.uint8))
+                stacks.append(np.empty(STACK_BYTES, dtype=np.uint8))
     try:
         np.empty(int(wanted), dtype=np.uint8)
     except MemoryError:
@@ -213,7 +213,7 @@ def _reserve(size: float) -> None:
         raise LimitReached("memory", Words(f"{wanted / 1e9:.2g} GB wanted"), allowed) from None
 
 
-def _limited() -> bool:
+def _is_memory_limited() -> bool:
     """Return whether the system limits this process's memory, as ``ulimit`` does."""
     try:
         resource = import_module("resource")
@@ -223,32 +223,32 @@ def _limited() -> bool:
 
 
 @cache
-def _rslab() -> Any:
+def _load_rslab() -> Any:
     """Import rslab, or return None; its allocator is set to return freed memory after 10 ms.
 
     The allocator reads the environment when the library is loaded.
     """
     try:
-        with _environment(KEEP_LITTLE):
+        with _set_environment(ALLOCATOR_ENVIRONMENT):
             return import_module("rslab")
     except ImportError:
         return None
 
 
 @contextmanager
-def _environment(more: Mapping[str, str]) -> Iterator[None]:
+def _set_environment(variables: Mapping[str, str]) -> Iterator[None]:
     """Set environment variables that the user has not set, within the context."""
-    own = {key: value for key, value in more.items() if key not in os.environ}
-    os.environ.update(own)
+    added = {key: value for key, value in variables.items() if key not in os.environ}
+    os.environ.update(added)
     try:
         yield
     finally:
-        for key in own:
+        for key in added:
             del os.environ[key]
 
 
 def solve(
-    matrix: Stiffness, forces: Floats, near: Factor, start: Floats | None = None, target: float = TARGET_RESIDUAL
+    matrix: Stiffness, forces: Floats, factor: Factor, start: Floats | None = None, target: float = TARGET_RESIDUAL
 ) -> Floats:
     """Return K^-1 forces, shape (n, k), by preconditioned conjugate gradients, all columns in step.
 
@@ -262,43 +262,47 @@ def solve(
     v = np.zeros_like(forces) if start is None else start.copy()
     remainder, size = forces - matrix @ v, np.maximum(np.linalg.norm(forces, axis=0), np.finfo(float).tiny)
     direction, product = np.zeros_like(remainder), np.zeros(remainder.shape[1])
-    was, best, best_v, since = remainder, np.inf, v, 0
-    for _ in range(MOST_STEPS):
+    previous, best, best_v, stalled_steps = remainder, np.inf, v, 0
+    for _ in range(MAX_STEPS):
         check_time("solving")
-        now = float(np.max(np.linalg.norm(remainder, axis=0) / size))
-        since = 0 if now < best / 2 else since + 1
-        if now < best:
-            best, best_v = now, v
-        if best <= target or since > STUCK:
+        error = float(np.max(np.linalg.norm(remainder, axis=0) / size))
+        stalled_steps = 0 if error < best / 2 else stalled_steps + 1
+        if error < best:
+            best, best_v = error, v
+        if best <= target or stalled_steps > MAX_STALLED_STEPS:
             break
-        z = near.solve(remainder)
-        gain = _columns(remainder - was, z)  # Polak and Ribiere: rounding may make the factor an unsymmetric operator
-        direction, product = z + _ratio(gain, product) * direction, _columns(remainder, z)
+        z = factor.solve(remainder)
+        gain = _multiply_columns(
+            remainder - previous, z
+        )  # Polak and Ribiere: rounding may make the factor an unsymmetric operator
+        direction, product = z + _divide(gain, product) * direction, _multiply_columns(remainder, z)
         image = matrix @ direction
-        step = _ratio(product, _columns(direction, image))
-        v, remainder, was = v + step * direction, remainder - step * image, remainder
-    _check(matrix, forces, best_v, MOST * target)
+        step = _divide(product, _multiply_columns(direction, image))
+        v, remainder, previous = v + step * direction, remainder - step * image, remainder
+    _check_residual(matrix, forces, best_v, MAX_RESIDUAL_FACTOR * target)
     return best_v
 
 
-def residual(matrix: Stiffness, forces: Floats, v: Floats) -> float:
+def compute_residual(matrix: Stiffness, forces: Floats, v: Floats) -> float:
     """Return the largest relative residual of the columns; forces and v of shape (n, k)."""
     remainder, size = (np.linalg.norm(x, axis=0) for x in (forces - matrix @ v, forces))
     return float(np.max(remainder / np.maximum(size, np.finfo(float).tiny)))
 
 
-def _columns(a: Floats, b: Floats) -> Floats:
+def _multiply_columns(a: Floats, b: Floats) -> Floats:
     return np.asarray(np.einsum("ik,ik->k", a, b))
 
 
-def _ratio(a: Floats, b: Floats) -> Floats:
+def _divide(a: Floats, b: Floats) -> Floats:
     return np.divide(a, b, out=np.zeros_like(a), where=b > 0)
 
 
-def _check(matrix: Stiffness, forces: Floats, v: Floats, largest: float) -> None:
+def _check_residual(matrix: Stiffness, forces: Floats, v: Floats, largest: float) -> None:
     remainder, size = (np.linalg.norm(x, axis=0) for x in (forces - matrix @ v, forces))
     if np.all(remainder <= largest * size):
         return
-    if not np.all(remainder <= np.maximum(largest * size, ROUNDING * np.linalg.norm(matrix.magnitude(v), axis=0))):
-        allowed = f"relative residual {residual(matrix, forces, v):.1e}, allowed {largest:.0e}"
+    if not np.all(
+        remainder <= np.maximum(largest * size, ROUNDING_RELATIVE * np.linalg.norm(matrix.compute_magnitude(v), axis=0))
+    ):
+        allowed = f"relative residual {compute_residual(matrix, forces, v):.1e}, allowed {largest:.0e}"
         raise SolveError(f"the linear system was not solved: {allowed}")

@@ -20,29 +20,29 @@ class _Heap(ctypes.Structure):
     )
 
 
-class _Freed:
+class _FreedMemory:
     """Freed memory of this process: how many bytes were idle when memory was last given back."""
 
-    left = 0
+    idle_bytes = 0
 
     def give_back(self, worth: float) -> None:
         library = ctypes.CDLL(None)
         library.mallinfo2.restype = _Heap
-        idle = _idle(library)
-        self.left = min(self.left, idle)
-        if idle - self.left >= worth:
+        idle = _measure_idle_bytes(library)
+        self.idle_bytes = min(self.idle_bytes, idle)
+        if idle - self.idle_bytes >= worth:
             library.malloc_trim(0)
-            self.left = _idle(library)
+            self.idle_bytes = _measure_idle_bytes(library)
 
 
-def _idle(library: ctypes.CDLL) -> int:
+def _measure_idle_bytes(library: ctypes.CDLL) -> int:
     """Return the process's resident bytes less the heap's pieces in use; glibc does not report resident free pieces."""
     heap = library.mallinfo2()
     resident = int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
     return resident - int(heap.uordblks) - int(heap.hblkhd)
 
 
-_FREED = _Freed()
+_FREED_MEMORY = _FreedMemory()
 
 
 def give_back(worth: float = 0.0) -> None:
@@ -53,7 +53,7 @@ def give_back(worth: float = 0.0) -> None:
     C library is another one, or older than 2.33, nothing is done.
     """
     with suppress(AttributeError, OSError, TypeError):
-        _FREED.give_back(worth)
+        _FREED_MEMORY.give_back(worth)
 
 
 @cache

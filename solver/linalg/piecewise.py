@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-SLAB = 64  # numbers evaluated at once: their polynomials then fit the processor's cache
+SLAB_SIZE = 64  # numbers evaluated at once: their polynomials then fit the processor's cache
 Array = Any  # array of floats, or of complex numbers for derivatives by complex steps
 
 
@@ -28,24 +28,24 @@ class PiecewisePolynomials:
         values = np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
         self.start, self.step = start, step
         ends = np.cumsum([0, *(part[0].size for part in parts)]).tolist()
-        self.parts = [(slice(*at), part.shape[1:]) for at, part in zip(pairwise(ends), parts, strict=True)]
+        self.parts = [(slice(*bounds), part.shape[1:]) for bounds, part in zip(pairwise(ends), parts, strict=True)]
         self.coefficients = np.linalg.inv(np.vander(places, increasing=True)) @ values.reshape(steps, degree + 1, -1)
 
     def __call__(self, x: Array) -> list[Array]:
         """Return the arrays at x (n,), shapes (..., n); NaN outside the steps."""
         steps, powers, count = self.coefficients.shape
-        way = (x - self.start) / self.step
-        inside = (way.real >= 0) & (way.real <= steps)
+        position = (x - self.start) / self.step
+        inside = (position.real >= 0) & (position.real <= steps)
         whole = inside.all()
-        at = np.minimum((way if whole else np.where(inside, way, 0)).real.astype(np.intp), steps - 1)
-        rest = np.empty((len(x), 1, powers), dtype=way.dtype)
-        rest[:, 0, 0] = 1
-        rest[:, 0, 1:] = (2 * (way - at) - 1)[:, None]
-        np.multiply.accumulate(rest, axis=2, out=rest)
-        values = np.empty((count, len(x)), dtype=rest.dtype)
-        for k in range(0, len(x), SLAB):
-            part = slice(k, k + SLAB)
-            values[:, part] = np.matmul(rest[part], self.coefficients.take(at[part], axis=0))[:, 0].T
+        step_number = np.minimum((position if whole else np.where(inside, position, 0)).real.astype(np.intp), steps - 1)
+        monomials = np.empty((len(x), 1, powers), dtype=position.dtype)
+        monomials[:, 0, 0] = 1
+        monomials[:, 0, 1:] = (2 * (position - step_number) - 1)[:, None]
+        np.multiply.accumulate(monomials, axis=2, out=monomials)
+        values = np.empty((count, len(x)), dtype=monomials.dtype)
+        for k in range(0, len(x), SLAB_SIZE):
+            part = slice(k, k + SLAB_SIZE)
+            values[:, part] = np.matmul(monomials[part], self.coefficients.take(step_number[part], axis=0))[:, 0].T
         if not whole:
             values[:, ~inside] = np.nan
         return [values[place].reshape(*shape, len(x)) for place, shape in self.parts]

@@ -35,11 +35,11 @@ class KrylovBasis:
 
     def grow(self, loads: Floats) -> Floats:
         """Add K^-1 loads, shape (n, k), to the basis and return the new basis vectors, shape (n, 0) to (n, k)."""
-        new, images = self._orthonormal(self._solve(loads), loads)
+        new, images = self._orthonormalise(self._solve(loads), loads)
         self.vectors, self.images = np.hstack([self.vectors, new]), np.hstack([self.images, images])
         return new
 
-    def _orthonormal(self, new: Floats, loads: Floats) -> tuple[Floats, Floats]:
+    def _orthonormalise(self, new: Floats, loads: Floats) -> tuple[Floats, Floats]:
         """Return vectors made orthonormal in K to the basis and each other, and K times them; dependent vectors are dropped.
 
         K times them is computed again: near incompressibility it differs from the loads that they were solved for.
@@ -79,12 +79,14 @@ class RationalResponse:
     weight: float = 1.0
 
     @classmethod
-    def of(cls, energy: Floats, coupling: Floats, *, start: Floats, inside: Floats, weight: float = 1.0) -> RationalResponse:
+    def from_energies(
+        cls, energy: Floats, coupling: Floats, *, start: Floats, inside: Floats, weight: float = 1.0
+    ) -> RationalResponse:
         """Diagonalise the energies v_i^T B v_j, shape (m, m), on a basis; ``coupling`` v_k^T B u_i, shape (m, k)."""
         share, turn = np.linalg.eigh(energy)
         return cls(start, inside, np.clip(share, 0.0, 1.0), turn.T @ coupling, turn=turn, weight=weight)
 
-    def at(self, t: Floats) -> tuple[Floats, Floats]:
+    def evaluate(self, t: Floats) -> tuple[Floats, Floats]:
         """Return F and dF / d ln t, t of shape (n,): two arrays of shape (n, k, k)."""
         x = np.asarray(t, dtype=float)[:, None, None] - 1
         denominator = 1 + x[..., 0] * self.share
@@ -93,7 +95,7 @@ class RationalResponse:
         slope = np.einsum("nk,kij->nij", (2 + x[..., 0] * self.share) / denominator**2, products)
         return self.start + x * self.inside - x**2 * total, (x + 1) * (self.inside - x * slope)
 
-    def amplitudes(self, t: Floats) -> tuple[Floats, Floats]:
+    def compute_amplitudes(self, t: Floats) -> tuple[Floats, Floats]:
         """Return the coefficients of u(t) - u(1) on w and their derivatives by ln t, shape (n, m, k) each."""
         x = np.asarray(t, dtype=float)[:, None, None] - 1
         denominator = 1 + x * self.share[:, None]

@@ -13,9 +13,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from geometry.common.arrays import Floats, Ints
-from solver.linalg.cholesky import METIS, POSITIVE_DEFINITE, loaded, pardiso
+from solver.linalg.cholesky import METIS_ORDERING, POSITIVE_DEFINITE_TYPE, has_pardiso, load_pardiso
 
-SCHUR, ELIMINATE = {35: 1}, 22  # PARDISO's: return the Schur complement of the marked unknowns; phase
+SCHUR_COMPLEMENT_OPTION, FACTORISATION_PHASE = {35: 1}, 22  # PARDISO's: return the Schur complement of the marked unknowns; phase
 LARGEST_ERROR = 1e-9  # relative, in energy, of the check column; rounding leaves about 1e-15
 
 
@@ -41,7 +41,7 @@ class SchurComplements:
     _analysis: _Analysis | None = None
     _lock: Any = field(default_factory=Lock, repr=False)
 
-    def product(self, A: Any, B: Any) -> Floats | None:
+    def compute_product(self, A: Any, B: Any) -> Floats | None:
         """Return B^T A^-1 B, shape (k, k); None without PARDISO, or where A is not positive definite or not solved accurately.
 
         An additional column A e, e a known vector, has the known product B^T e: it checks the solution.
@@ -50,41 +50,41 @@ class SchurComplements:
             A: symmetric positive definite, both triangles in compressed columns, rows sorted, shape (n, n).
             B: sparse by rows, shape (n, k).
         """
-        if not loaded():
+        if not has_pardiso():
             return None
         e = np.cos(np.arange(1, A.shape[0] + 1))
         strained = A.T @ e  # symmetric; by rows it is read faster
         with self._lock:
             try:
-                found = self._found(A, sp.hstack([B, sp.csr_array(strained[:, None])], format="csr"))
+                complement = self._eliminate(A, sp.hstack([B, sp.csr_array(strained[:, None])], format="csr"))
             except RuntimeError:
                 return None
-        scale = np.sqrt(np.maximum(np.diag(found)[:-1], 0.0) * (e @ strained))
-        if not np.all(np.abs(found[:-1, -1] - B.T @ e) <= LARGEST_ERROR * scale):
+        scale = np.sqrt(np.maximum(np.diag(complement)[:-1], 0.0) * (e @ strained))
+        if not np.all(np.abs(complement[:-1, -1] - B.T @ e) <= LARGEST_ERROR * scale):
             return None
-        return np.asarray(found[:-1, :-1])
+        return np.asarray(complement[:-1, :-1])
 
-    def _found(self, A: Any, B: Any) -> Floats:
+    def _eliminate(self, A: Any, B: Any) -> Floats:
         structure = (A.indptr, A.indices, B.indptr, B.indices)
         if self._analysis is None or not all(map(np.array_equal, structure, self._analysis.structure)):
-            self._analysis = _analysed(A, B, structure)
-        one, (n, k) = self._analysis, B.shape
-        one.solver.set_values(np.concatenate([A.data[one.lower], B.data, np.zeros(k)])[one.order])
+            self._analysis = _analyse(A, B, structure)
+        analysis, (n, k) = self._analysis, B.shape
+        analysis.solver.set_values(np.concatenate([A.data[analysis.lower], B.data, np.zeros(k)])[analysis.order])
         out = np.zeros((n + k, -(-(k**2) // (n + k))), order="F")  # PARDISO writes the complement into the array of solutions
-        one.solver.run_phase_into(ELIMINATE, np.zeros_like(out), out)
-        left = -out.ravel(order="F")[: k**2].reshape(k, k)
-        return np.asarray((left + left.T) / 2)
+        analysis.solver.run_phase_into(FACTORISATION_PHASE, np.zeros_like(out), out)
+        complement = -out.ravel(order="F")[: k**2].reshape(k, k)
+        return np.asarray((complement + complement.T) / 2)
 
 
-def _analysed(A: Any, B: Any, structure: tuple[Ints, ...]) -> _Analysis:
+def _analyse(A: Any, B: Any, structure: tuple[Ints, ...]) -> _Analysis:
     """Order the entries of A's triangle, of B and of a diagonal below them, and analyse them with PARDISO."""
     (n, k), columns = B.shape, np.repeat(np.arange(A.shape[1]), np.diff(A.indptr))
     lower, last = A.indices >= columns, B.shape[0] + np.arange(B.shape[1])
     rows = np.concatenate([columns[lower], np.repeat(np.arange(n), np.diff(B.indptr)), last])
     columns = np.concatenate([A.indices[lower], n + B.indices, last])
     order = np.lexsort((columns, rows))
-    solver = pardiso().PardisoSolver(POSITIVE_DEFINITE, 0)
-    for key, value in (METIS | SCHUR).items():
+    solver = load_pardiso().PardisoSolver(POSITIVE_DEFINITE_TYPE, 0)
+    for key, value in (METIS_ORDERING | SCHUR_COMPLEMENT_OPTION).items():
         solver.set_iparm(key, value)
     starts = np.searchsorted(rows[order], np.arange(n + k + 1))
     solver.set_pattern(ia=starts.astype(np.int64), ja=columns[order].astype(np.int64), n=n + k)

@@ -8,16 +8,16 @@ from typing import Any
 
 from threadpoolctl import ThreadpoolController
 
-from solver.linalg.cholesky import loaded
+from solver.linalg.cholesky import has_pardiso
 
 
-def one_thread() -> AbstractContextManager[Any]:
+def limit_to_one_thread() -> AbstractContextManager[Any]:
     """Return the context in which BLAS uses one thread. Its libraries are searched once, in some milliseconds."""
-    limit: AbstractContextManager[Any] = _controller().limit(limits=1, user_api="blas")
+    limit: AbstractContextManager[Any] = _get_controller().limit(limits=1, user_api="blas")
     return limit
 
 
 @cache
-def _controller() -> ThreadpoolController:
-    loaded()  # PARDISO brings its own BLAS
+def _get_controller() -> ThreadpoolController:
+    has_pardiso()  # PARDISO brings its own BLAS
     return ThreadpoolController()

@@ -22,13 +22,13 @@ from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar
 import numpy as np
 
 from geometry.common.errors import InputError
-from geometry.common.resources import limits
+from geometry.common.resources import get_limits
 from solver.linalg.memory import give_back
 
-LIMIT = "PROBE_DESIGN_MEMORY"  # the environment variable: GB that the process's workspace may hold
-USUAL = 1.0  # GB
-GROWN = 4.0  # most that values may have grown since they were measured, as patterns do with their factors
-WORTH_GIVING_BACK = 1e8  # below that the C library keeps freed memory, as new pages cost time
+LIMIT_VARIABLE = "PROBE_DESIGN_MEMORY"  # the environment variable: GB that the process's workspace may hold
+DEFAULT_LIMIT_GB = 1.0  # GB
+MAX_GROWTH_FACTOR = 4.0  # most that values may have grown since they were measured, as patterns do with their factors
+MIN_RETURNED_BYTES = 1e8  # below that the C library keeps freed memory, as new pages cost time
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -46,7 +46,7 @@ class _Entry:
 class Workspace:
     """Values by key, those used last at the end, within a limit of bytes."""
 
-    def __init__(self, limit: float = USUAL * 1e9) -> None:
+    def __init__(self, limit: float = DEFAULT_LIMIT_GB * 1e9) -> None:
         """Make an empty workspace for ``limit`` bytes."""
         self.limit = limit
         self._entries: OrderedDict[Hashable, _Entry] = OrderedDict()
@@ -67,7 +67,7 @@ class Workspace:
     def begin(self) -> None:
         """Begin an evaluation: values from earlier ones may be dropped from now on."""
         self._evaluation += 1
-        give_back(WORTH_GIVING_BACK)
+        give_back(MIN_RETURNED_BYTES)
 
     def keep(self, key: Hashable, make: Callable[[], T], fixed: bool = False) -> T:
         """Return the value under a key, made now if there is none; ``fixed`` values neither grow nor share arrays."""
@@ -79,75 +79,75 @@ class Workspace:
                 return entry.value  # type: ignore[no-any-return]
         value = make()
         with self._lock:
-            self._entries[key] = _Entry(value, size(value), fixed, self._evaluation)
-            if sum(one.bytes for one in self._entries.values()) > self.limit:
+            self._entries[key] = _Entry(value, measure_bytes(value), fixed, self._evaluation)
+            if sum(item.bytes for item in self._entries.values()) > self.limit:
                 self.make_room()
         return value
 
     def make_room(self, wanted: float = 0.0) -> None:
         """Drop values that this evaluation has not used, oldest first, until ``wanted`` bytes more are within the limit."""
         with self._lock:
-            if GROWN * sum(one.bytes for one in self._entries.values()) + wanted <= self.limit:
+            if MAX_GROWTH_FACTOR * sum(entry.bytes for entry in self._entries.values()) + wanted <= self.limit:
                 return  # measuring takes as long as adding up a small mesh
             held = self._measure()
-            for key in [key for key, one in self._entries.items() if one.used != self._evaluation]:
+            for key in [key for key, entry in self._entries.items() if entry.used != self._evaluation]:
                 if held + wanted <= self.limit:
                     break
                 held -= self._entries.pop(key).bytes
-        give_back(WORTH_GIVING_BACK)
+        give_back(MIN_RETURNED_BYTES)
 
     def _measure(self) -> int:
         """Measure all values again, as some grow; an array that several share is counted with the one used last."""
         seen: set[int] = set()
         for entry in reversed(self._entries.values()):
             if not entry.fixed:
-                entry.bytes = size(entry.value, seen)
+                entry.bytes = measure_bytes(entry.value, seen)
         return sum(entry.bytes for entry in self._entries.values())
 
 
-def size(value: Any, seen: set[int] | None = None) -> int:
+def measure_bytes(value: Any, seen: set[int] | None = None) -> int:
     """Return the bytes of all arrays that a value refers to, plus the ``foreign_bytes`` that libraries hold for it.
 
     Args:
         value: any object, container or array.
         seen: identities of objects that are already counted; new ones are added.
     """
-    seen, total, left = set() if seen is None else seen, 0, [value]
-    while left:
-        one = left.pop()
-        while isinstance(one, np.ndarray) and isinstance(one.base, np.ndarray):
-            one = one.base  # a view holds the whole
-        if id(one) in seen:
+    seen, total, queue = set() if seen is None else seen, 0, [value]
+    while queue:
+        item = queue.pop()
+        while isinstance(item, np.ndarray) and isinstance(item.base, np.ndarray):
+            item = item.base  # a view holds the whole
+        if id(item) in seen:
             continue
-        seen.add(id(one))
-        if isinstance(one, np.ndarray):
-            total += one.nbytes
-        elif isinstance(one, dict):
-            left.extend(one.values())
-        elif isinstance(one, list | tuple | set):
-            left.extend(one)
-        elif not isinstance(one, type) and hasattr(one, "__dict__"):
-            total += getattr(one, "foreign_bytes", 0)
-            left.extend(vars(one).values())
+        seen.add(id(item))
+        if isinstance(item, np.ndarray):
+            total += item.nbytes
+        elif isinstance(item, dict):
+            queue.extend(item.values())
+        elif isinstance(item, list | tuple | set):
+            queue.extend(item)
+        elif not isinstance(item, type) and hasattr(item, "__dict__"):
+            total += getattr(item, "foreign_bytes", 0)
+            queue.extend(vars(item).values())
     return total
 
 
-_CURRENT: ContextVar[Workspace | None] = ContextVar("workspace", default=None)
+_CURRENT_WORKSPACE: ContextVar[Workspace | None] = ContextVar("workspace", default=None)
 
 
 @contextmanager
-def using(workspace: Workspace) -> Iterator[Workspace]:
+def use_workspace(workspace: Workspace) -> Iterator[Workspace]:
     """Use a workspace within the context."""
-    token = _CURRENT.set(workspace)
+    token = _CURRENT_WORKSPACE.set(workspace)
     try:
         yield workspace
     finally:
-        _CURRENT.reset(token)
+        _CURRENT_WORKSPACE.reset(token)
 
 
-def current() -> Workspace:
+def get_workspace() -> Workspace:
     """Return the current workspace: the process's own outside ``use_workspace``."""
-    return _CURRENT.get() or of_process()
+    return _CURRENT_WORKSPACE.get() or get_process_workspace()
 
 
 class Owner(Protocol):
@@ -160,59 +160,59 @@ class Owner(Protocol):
 Owning = TypeVar("Owning", bound=Owner)
 
 
-def in_own_workspace(method: Callable[Concatenate[Owning, P], T]) -> Callable[Concatenate[Owning, P], T]:
+def use_own_workspace(method: Callable[Concatenate[Owning, P], T]) -> Callable[Concatenate[Owning, P], T]:
     """Decorate a method so that it uses the workspace of its object."""
 
     @wraps(method)
-    def worked(self: Owning, /, *args: P.args, **named: P.kwargs) -> T:
-        with using(self.workspace):
+    def run(self: Owning, /, *args: P.args, **named: P.kwargs) -> T:
+        with use_workspace(self.workspace):
             return method(self, *args, **named)
 
-    return worked
+    return run
 
 
 @cache
-def of_process() -> Workspace:
+def get_process_workspace() -> Workspace:
     """Return the workspace of all evaluators that are given none.
 
     Raises:
         InputError: ``PROBE_DESIGN_MEMORY`` is not a number of GB.
     """
-    given = os.environ.get(LIMIT, f"{USUAL:g}")
+    given = os.environ.get(LIMIT_VARIABLE, f"{DEFAULT_LIMIT_GB:g}")
     try:
         limit = float(given)
     except ValueError:
         limit = -1.0
     if not 0 <= limit < float("inf"):
-        raise InputError(LIMIT, given, "a number of GB, such as 0.5")
+        raise InputError(LIMIT_VARIABLE, given, "a number of GB, such as 0.5")
     return Workspace(1e9 * limit)
 
 
-def kept(function: Callable[P, T]) -> Callable[P, T]:
+def keep_result(function: Callable[P, T]) -> Callable[P, T]:
     """Decorate a function so that its results are kept in the current workspace, by its hashable arguments."""
-    return _kept(function, fixed=False)
+    return _keep(function, fixed=False)
 
 
-def kept_within_limits(function: Callable[P, T]) -> Callable[P, T]:
+def keep_within_limits(function: Callable[P, T]) -> Callable[P, T]:
     """Keep results as ``keep_result`` does, but apart for each limit of memory and time, on which they may depend."""
 
     @wraps(function)
-    def looked_up(*args: P.args, **named: P.kwargs) -> T:
-        key = (function, limits(), args, tuple(named.items()))
-        return current().keep(key, lambda: function(*args, **named))
+    def look_up(*args: P.args, **named: P.kwargs) -> T:
+        key = (function, get_limits(), args, tuple(named.items()))
+        return get_workspace().keep(key, lambda: function(*args, **named))
 
-    return looked_up
+    return look_up
 
 
-def kept_table(function: Callable[P, T]) -> Callable[P, T]:
+def keep_table(function: Callable[P, T]) -> Callable[P, T]:
     """Keep results as ``keep_result`` does, but measure their size once: for the many tables, which do not grow."""
-    return _kept(function, fixed=True)
+    return _keep(function, fixed=True)
 
 
-def _kept(function: Callable[P, T], fixed: bool) -> Callable[P, T]:
+def _keep(function: Callable[P, T], fixed: bool) -> Callable[P, T]:
     @wraps(function)
-    def looked_up(*args: P.args, **named: P.kwargs) -> T:
+    def look_up(*args: P.args, **named: P.kwargs) -> T:
         key = (function, args, tuple(named.items()))
-        return current().keep(key, lambda: function(*args, **named), fixed)
+        return get_workspace().keep(key, lambda: function(*args, **named), fixed)
 
-    return looked_up
+    return look_up

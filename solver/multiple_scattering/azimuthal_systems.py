@@ -20,14 +20,14 @@ from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import SolveError
 from solver.axisymmetric.base_states import MeridianModel
 from solver.axisymmetric.condensed_system import LARGEST_RESIDUAL
-from solver.axisymmetric.dofs import Interface, Numbering, numbering
+from solver.axisymmetric.dofs import Interface, Numbering, number_unknowns
 from solver.elements.quadrilateral import Blocks, Geometry
 from solver.elements.shape_functions import Shapes
 from solver.linalg.cholesky import Factor, factorise
 
-BATCH = 64  # elements at once, which limits the memory of their strains
+BATCH_ELEMENTS = 64  # elements at once, which limits the memory of their strains
 # U, V and W from the components, for m = 0 and m > 0
-COMPONENTS = {
+COMPONENT_MATRICES = {
     0: np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]]),
     1: np.array([[0.5, 0.5, 0.0], [0.5, -0.5, 0.0], [0.0, 0.0, 1.0]]),
 }
@@ -63,7 +63,7 @@ class Harmonic:
     @property
     def amplitudes(self) -> Floats:
         """Matrix from the c components to U, V and W (rows), shape (3, c)."""
-        return COMPONENTS[min(self.m, 1)]
+        return COMPONENT_MATRICES[min(self.m, 1)]
 
     def solve(self, forces: Floats) -> Floats:
         """Solve for the unknowns under forces, shape (unknowns, k) both.
@@ -73,9 +73,9 @@ class Harmonic:
         """
         v = self.factor.solve(forces)
         mix = np.cos(np.arange(1, forces.shape[1] + 1)) / np.maximum(np.linalg.norm(forces, axis=0), 1e-300)
-        one, force = v @ mix, forces @ mix  # check one combination: a single column is five times faster than two
-        left = np.linalg.norm(force - self.matrix.T @ one)  # the matrix is symmetric; its transpose is read faster
-        scale = np.linalg.norm(self._magnitude * np.abs(one) + np.abs(force))
+        combination, force = v @ mix, forces @ mix  # check one combination: a single column is five times faster than two
+        left = np.linalg.norm(force - self.matrix.T @ combination)  # the matrix is symmetric; its transpose is read faster
+        scale = np.linalg.norm(self._magnitude * np.abs(combination) + np.abs(force))
         residual = float(left / scale) if scale > 0 else 0.0
         if not residual <= LARGEST_RESIDUAL:
             raise SolveError(f"the linear system of order {self.m} was not solved: residual {residual:.1e}")
@@ -86,12 +86,12 @@ class Harmonic:
         """Diagonal of the matrix, the largest entry of every row and column."""
         return np.asarray(self.matrix.diagonal())
 
-    def gathered(self, elements: Ints) -> Any:
+    def take_gather_rows(self, elements: Ints) -> Any:
         """Return the rows of ``numbering.gather`` for some elements, sparse (4 c p elements, unknowns)."""
         size = self.stiffness.shape[1]
         return self.numbering.gather[(elements[:, None] * size + np.arange(size)).ravel()]
 
-    def whole(self, edge: Floats, recovery: Floats) -> Floats:
+    def compute_values(self, edge: Floats, recovery: Floats) -> Floats:
         """Return all values U, V, W of some elements, (e, 3, s, k).
 
         Args:
@@ -121,28 +121,34 @@ class AzimuthalSystems:
     boundary: Ints
 
     @property
-    def needed(self) -> float:
+    def bytes_per_order(self) -> float:
         """Bytes for one order: the cached element matrices of three orders, and as much again as one of them."""
         return 4.0 * 8 * len(self.model.two_mu) * (3 * len(self.model.shapes.degrees)) ** 2
 
-    def of_order(self, m: int) -> Harmonic:
+    def assemble_order(self, m: int) -> Harmonic:
         """Assemble the system of one order; order 0 (no torsion) is the base states' system."""
-        model, own, boundary = self.model, self.model.system, self.boundary
+        model, base_system, boundary = self.model, self.model.system, self.boundary
         if m == 0:
-            return Harmonic(0, model, boundary, own.stiffness[boundary], own.numbering, own.matrix, own.factor)
-        parts = (slice(low, low + BATCH) for low in range(0, len(model.two_mu), BATCH))
+            return Harmonic(
+                0, model, boundary, base_system.stiffness[boundary], base_system.numbering, base_system.matrix, base_system.factor
+            )
+        parts = (slice(low, low + BATCH_ELEMENTS) for low in range(0, len(model.two_mu), BATCH_ELEMENTS))
         skeleton = model.shapes.skeleton
-        edges = np.concatenate([Blocks.of(self._combined(m, part), skeleton).condensed().stiffness for part in parts])
-        numbered = numbering(model.mesh, model.shapes.order, self.interface, min(m, 2))  # higher orders vanish on the axis alike
+        edges = np.concatenate(
+            [Blocks.from_matrices(self._combine_orders(m, part), skeleton).condense().stiffness for part in parts]
+        )
+        numbered = number_unknowns(
+            model.mesh, model.shapes.order, self.interface, min(m, 2)
+        )  # higher orders vanish on the axis alike
         return Harmonic(m, model, boundary, edges[boundary], numbered, numbered.assemble(edges))
 
-    def recovery(self, m: int, elements: Ints) -> Floats:
+    def compute_recovery(self, m: int, elements: Ints) -> Floats:
         """Compute the matrix from values on corners and edges to values inside some elements, (e, c (p-1)^2, 4 c p)."""
         if m == 0:
-            return self.model.condensed.recovery(elements)
-        return Blocks.of(self._combined(m, elements), self.model.shapes.skeleton).condensed().recovery()
+            return self.model.condensed.compute_recovery(elements)
+        return Blocks.from_matrices(self._combine_orders(m, elements), self.model.shapes.skeleton).condense().compute_recovery()
 
-    def _combined(self, m: int, part: slice | Ints) -> Floats:
+    def _combine_orders(self, m: int, part: slice | Ints) -> Floats:
         """Combine the element matrices of order m from those of orders 1, 2 and 3 (eq. MS.2)."""
         first, second, third = (sample[part] for sample in self._samples)
         shares = (m - 2) * (m - 3) / 2, -(m - 1) * (m - 3), (m - 1) * (m - 2) / 2
@@ -152,20 +158,20 @@ class AzimuthalSystems:
     def _samples(self) -> Floats:
         """Element matrices of orders 1, 2 and 3, shape (3, n, 3, s, 3, s)."""
         model, n, s = self.model, len(self.model.two_mu), len(self.model.shapes.degrees)
-        found = np.empty((3, n, 3, s, 3, s))
-        for low in range(0, n, BATCH):
-            part = np.arange(low, min(low + BATCH, n))
-            at, moduli = model.at.of(part), (model.two_mu[part], model.lam[part])
-            for k, sample in enumerate(found):
-                sample[part] = _stiffness(at, model.shapes, *moduli, k + 1)
-        return found
+        matrices = np.empty((3, n, 3, s, 3, s))
+        for low in range(0, n, BATCH_ELEMENTS):
+            part = np.arange(low, min(low + BATCH_ELEMENTS, n))
+            geometry, moduli = model.geometry.select(part), (model.two_mu[part], model.lam[part])
+            for k, sample in enumerate(matrices):
+                sample[part] = _compute_stiffness(geometry, model.shapes, *moduli, k + 1)
+        return matrices
 
 
-def _stiffness(at: Geometry, shapes: Shapes, two_mu: Floats, lam: Floats, m: int) -> Floats:
+def _compute_stiffness(geometry: Geometry, shapes: Shapes, two_mu: Floats, lam: Floats, m: int) -> Floats:
     """Compute element matrices of order m > 0, shape (n, 3, s, 3, s); the mean of cos^2 and sin^2 about the axis is 1/2."""
-    n = len(at.radius)
-    strain, dilation = _strains(at, shapes, m)
-    weight = at.weight / 2
+    n = len(geometry.radius)
+    strain, dilation = _compute_strains(geometry, shapes, m)
+    weight = geometry.weight / 2
     size = strain.shape[-1]
     flat = (strain * np.sqrt(weight)[:, :, None, None]).reshape(n, -1, size)
     shear = flat.transpose(0, 2, 1) @ flat
@@ -177,22 +183,22 @@ def _stiffness(at: Geometry, shapes: Shapes, two_mu: Floats, lam: Floats, m: int
     return np.asarray(whole.reshape(n, 3, -1, 3, size // 3))
 
 
-def _strains(at: Geometry, shapes: Shapes, m: int) -> tuple[Floats, Floats]:
+def _compute_strains(geometry: Geometry, shapes: Shapes, m: int) -> tuple[Floats, Floats]:
     """Compute strains (n, q, 6, 3 s) and dilation (n, q, 3 s); shears times sqrt(1/2), so that squares add up to eps:eps.
 
     rr = U,r;  zz = W,z;  hoop = (U + m V) / r;  rz = U,z + W,r;  r theta = V,r - (V + m U) / r;  theta z = V,z - m W / r   (MS.3)
     """
-    (xr, xz), (yr, yz) = (at.inverse[..., k, :, None].transpose(2, 0, 1, 3) for k in (0, 1))
+    (xr, xz), (yr, yz) = (geometry.inverse[..., k, :, None].transpose(2, 0, 1, 3) for k in (0, 1))
     by_r, by_z = xr * shapes.slope[0] + yr * shapes.slope[1], xz * shapes.slope[0] + yz * shapes.slope[1]
-    over = shapes.value / at.radius[..., None]
+    value_over_radius = shapes.value / geometry.radius[..., None]
     n, q, s = by_r.shape
     strain = np.zeros((n, q, 6, 3, s))
     half = np.sqrt(0.5)
     strain[:, :, 0, 0], strain[:, :, 1, 2] = by_r, by_z
-    strain[:, :, 2, 0], strain[:, :, 2, 1] = over, m * over
+    strain[:, :, 2, 0], strain[:, :, 2, 1] = value_over_radius, m * value_over_radius
     strain[:, :, 3, 0], strain[:, :, 3, 2] = half * by_z, half * by_r
-    strain[:, :, 4, 0], strain[:, :, 4, 1] = -half * m * over, half * (by_r - over)
-    strain[:, :, 5, 1], strain[:, :, 5, 2] = half * by_z, -half * m * over
+    strain[:, :, 4, 0], strain[:, :, 4, 1] = -half * m * value_over_radius, half * (by_r - value_over_radius)
+    strain[:, :, 5, 1], strain[:, :, 5, 2] = half * by_z, -half * m * value_over_radius
     plus, minus = (strain[:, :, :, 0] + strain[:, :, :, 1]) / 2, (strain[:, :, :, 0] - strain[:, :, :, 1]) / 2
     strain[:, :, :, 0], strain[:, :, :, 1] = plus, minus
     flat = strain.reshape(n, q, 6, 3 * s)

@@ -38,9 +38,9 @@ from scipy.linalg.blas import dsymv
 from geometry.common.arrays import Floats, Ints
 from solver.axisymmetric.base_states import MeridianModel
 from solver.axisymmetric.dofs import Interface
-from solver.linalg.cholesky import Factor, loaded
+from solver.linalg.cholesky import Factor, has_pardiso
 from solver.linalg.schur_complements import SchurComplements
-from solver.multiple_scattering.azimuthal_systems import COMPONENTS, Harmonic
+from solver.multiple_scattering.azimuthal_systems import COMPONENT_MATRICES, Harmonic
 from solver.multiple_scattering.boundary_edges import Boundary, Edges
 from solver.multiple_scattering.panels import PanelLine, Panels
 
@@ -64,43 +64,49 @@ class BoundaryData:
     direct: Any
 
     @classmethod
-    def of(
+    def from_layer(
         cls, model: MeridianModel, boundary: Boundary, elements: Ints, panels: Panels, *, interface: Interface, m: int
     ) -> BoundaryData:
         """Build the data matrices of one layer, for order 0 or for all orders above; ``elements`` are those of all boundaries."""
-        amplitudes, around = COMPONENTS[min(m, 1)], 2 * np.pi if m == 0 else np.pi
+        amplitudes, around = COMPONENT_MATRICES[min(m, 1)], 2 * np.pi if m == 0 else np.pi
         inverse, b = np.linalg.pinv(amplitudes), boundary
         tied = np.diag([0.0, 0.0, 1.0]) if interface == "frictionless" else np.eye(3)
-        place = _BoundaryPlace(elements, 4 * model.shapes.order, len(amplitudes.T), len(panels.r))
+        place = _EntryPlaces(elements, 4 * model.shapes.order, len(amplitudes.T), len(panels.r))
         surface, side, floor = panels.parts
 
-        def couplings(edges: Edges, at: Floats, line: PanelLine, part: slice) -> tuple[Any, Any]:
+        def compute_couplings(edges: Edges, places: Floats, line: PanelLine, part: slice) -> tuple[Any, Any]:
             """Return the matrices of forces by tractions and of values by displacements on a line's edges."""
-            to = line.to(at)
-            loads = np.einsum("eq,qs,eqn->esn", around * edges.weight, edges.values, to)
-            values = np.einsum("sq,eqn->esn", edges.coefficients, to)
-            return place.sparse(edges, loads, amplitudes.T, 0, part.start), place.sparse(edges, values, inverse, 3, part.start)
+            interpolation = line.build_interpolation(places)
+            loads = np.einsum("eq,qs,eqn->esn", around * edges.weight, edges.values, interpolation)
+            values = np.einsum("sq,eqn->esn", edges.coefficients, interpolation)
+            return place.build_sparse(edges, loads, amplitudes.T, 0, part.start), place.build_sparse(
+                edges, values, inverse, 3, part.start
+            )
 
-        above, beside = (
-            couplings(b.surface, b.surface.r, panels.surface, surface),
-            couplings(b.side, -b.side.z - panels.top, panels.side, side),
+        surface_couplings, side_couplings = (
+            compute_couplings(b.surface, b.surface.r, panels.surface, surface),
+            compute_couplings(b.side, -b.side.z - panels.top, panels.side, side),
         )
-        below = couplings(b.floor, b.floor.r, panels.floor, floor)
+        floor_couplings = compute_couplings(b.floor, b.floor.r, panels.floor, floor)
         faces = [
-            couplings(edges, edges.r, line, part)
+            compute_couplings(edges, edges.r, line, part)
             for edges, line, part in ((b.above, panels.surface, surface), (b.below, panels.floor, floor))
             if len(edges.element)
         ]
-        ends = np.einsum("sq,eqn->esn", b.ends.coefficients, panels.surface.to(b.ends.r))
-        values = place.sparse(b.ends, ends, inverse @ tied, 3, surface.start) - below[1]
-        direct = above[0].T @ above[1] + beside[0].T @ beside[1] - below[0].T @ below[1]
-        forces = above[0] + beside[0]
+        ends = np.einsum("sq,eqn->esn", b.ends.coefficients, panels.surface.build_interpolation(b.ends.r))
+        values = place.build_sparse(b.ends, ends, inverse @ tied, 3, surface.start) - floor_couplings[1]
+        direct = (
+            surface_couplings[0].T @ surface_couplings[1]
+            + side_couplings[0].T @ side_couplings[1]
+            - floor_couplings[0].T @ floor_couplings[1]
+        )
+        forces = surface_couplings[0] + side_couplings[0]
         for loads, lifted in faces:
             forces, values = forces + loads, values - lifted
         return cls(forces, values, ((direct + direct.T) / 2).tocsr())
 
     @classmethod
-    def stacked(cls, parts: Sequence[BoundaryData]) -> BoundaryData:
+    def stack(cls, parts: Sequence[BoundaryData]) -> BoundaryData:
         """Stack the data matrices of several layers."""
         if len(parts) == 1:
             return parts[0]
@@ -109,7 +115,7 @@ class BoundaryData:
 
 
 @dataclass(frozen=True)
-class _BoundaryPlace:
+class _EntryPlaces:
     """Numbering of the rows (values of the boundary's elements) and columns (data at the panels' points)."""
 
     elements: Ints
@@ -117,7 +123,7 @@ class _BoundaryPlace:
     components: int
     points: int
 
-    def sparse(self, edges: Edges, table: Floats, turn: Floats, first: int, start: int) -> Any:
+    def build_sparse(self, edges: Edges, table: Floats, turn: Floats, first: int, start: int) -> Any:
         """Build a sparse matrix from points of a line to functions of its edges.
 
         ``table``, (e, s, n), maps points to functions; ``turn``, (c, 3), maps r, theta, z to components.
@@ -145,28 +151,28 @@ class BoundaryResponse:
         complements: computes the matrix at the cost of a factor, if PARDISO is installed.
     """
 
-    assembled: Callable[[], Harmonic]
+    assemble: Callable[[], Harmonic]
     boundary: BoundaryData
     complements: SchurComplements
 
-    def to(self, data: Floats, often: bool) -> Floats:
+    def apply(self, data: Floats, often: bool) -> Floats:
         """Return the matrix times data, shape (6 n, k) both; without PARDISO the matrix is formed only with ``often``.
 
         Raises:
             SolveError: see ``Harmonic.solve``.
         """
-        out = np.asarray(self.boundary.direct @ data)
-        if not often and not loaded():
-            return out + self._system.works(data)
-        out[self._felt] += _product(self._matrix, data[self._felt])
-        return out
+        product = np.asarray(self.boundary.direct @ data)
+        if not often and not has_pardiso():
+            return product + self._system.compute_work(data)
+        product[self._active_data] += _multiply_symmetric(self._matrix, data[self._active_data])
+        return product
 
     @cached_property
     def _system(self) -> _System:
-        return _System.of(self.assembled(), self.boundary)
+        return _System.from_boundary(self.assemble(), self.boundary)
 
     @cached_property
-    def _felt(self) -> Ints:
+    def _active_data(self) -> Ints:
         """Indices of the data that act on the elements."""
         entries = np.diff(self.boundary.values.tocsc().indptr) + np.diff(self.boundary.forces.tocsc().indptr)
         return np.flatnonzero(entries)
@@ -174,7 +180,7 @@ class BoundaryResponse:
     @cached_property
     def _matrix(self) -> Floats:
         """Matrix of eq. MS.6 without ``boundary.direct``, for the active data; the system, ten times as large, is freed."""
-        matrix = self._system.matrix(self._felt, self.complements)
+        matrix = self._system.compute_matrix(self._active_data, self.complements)
         vars(self).pop("_system")
         return matrix
 
@@ -190,55 +196,55 @@ class _System:
     """
 
     harmonic: Harmonic
-    pressed: Any
+    force_matrix: Any
     lifting: Any
 
     @classmethod
-    def of(cls, harmonic: Harmonic, boundary: BoundaryData) -> _System:
+    def from_boundary(cls, harmonic: Harmonic, boundary: BoundaryData) -> _System:
         """Build the matrices from data to forces and lifted terms."""
         blocks, ends = harmonic.stiffness, np.arange(len(harmonic.stiffness) + 1)
         strained = sp.bsr_array((blocks, ends[:-1], ends)).tocsr() @ boundary.values
         half = boundary.values.T @ (strained / 2 + boundary.forces / 2)
-        pressed = harmonic.gathered(harmonic.boundary).T @ (boundary.forces + strained)
+        pressed = harmonic.take_gather_rows(harmonic.boundary).T @ (boundary.forces + strained)
         return cls(harmonic, pressed.tocsr(), (half + half.T).tocsr())
 
-    def works(self, data: Floats) -> Floats:
+    def compute_work(self, data: Floats) -> Floats:
         """Return eq. MS.6 without ``BoundaryData.direct``, times data.
 
         Raises:
             SolveError: see ``Harmonic.solve``.
         """
-        return np.asarray(self.lifting @ data - self._pressing @ self._factor.solve(self.pressed @ data))
+        return np.asarray(self.lifting @ data - self._transposed_forces @ self._factor.solve(self.force_matrix @ data))
 
-    def matrix(self, felt: Ints, complements: SchurComplements) -> Floats:
+    def compute_matrix(self, active_data: Ints, complements: SchurComplements) -> Floats:
         """Return eq. MS.6 without ``BoundaryData.direct``, as a matrix between some data.
 
         Raises:
             SolveError: see ``Harmonic.solve``.
         """
-        pressed, lifting = self.pressed[:, felt], self.lifting[felt][:, felt].toarray()
-        works = complements.product(self.harmonic.matrix, pressed)
+        pressed, lifting = self.force_matrix[:, active_data], self.lifting[active_data][:, active_data].toarray()
+        works = complements.compute_product(self.harmonic.matrix, pressed)
         if works is not None:
             return np.asarray(lifting - works)
-        forces, some = pressed.toarray(), np.flatnonzero(np.diff(pressed.indptr))
-        half = lifting / 2 - forces[some].T @ self.harmonic.solve(forces)[some] / 2
+        forces, rows = pressed.toarray(), np.flatnonzero(np.diff(pressed.indptr))
+        half = lifting / 2 - forces[rows].T @ self.harmonic.solve(forces)[rows] / 2
         return np.asarray(half + half.T)
 
     @cached_property
-    def _pressing(self) -> Any:
+    def _transposed_forces(self) -> Any:
         """Transpose of ``force_matrix``, stored by rows for faster products."""
-        return self.pressed.T.tocsr()
+        return self.force_matrix.T.tocsr()
 
     @cached_property
     def _factor(self) -> Factor:
         """Factor of the order's matrix, after a check of its residual with a load that contains all data."""
-        size = np.sqrt((self.pressed**2).sum(axis=0))
+        size = np.sqrt((self.force_matrix**2).sum(axis=0))
         share = np.divide(np.cos(np.arange(len(size))), size, out=np.zeros(len(size)), where=size > 0)
-        self.harmonic.solve(np.asarray(self.pressed @ share[:, None]))
+        self.harmonic.solve(np.asarray(self.force_matrix @ share[:, None]))
         return self.harmonic.factor
 
 
-def _product(matrix: Floats, columns: Floats) -> Floats:
+def _multiply_symmetric(matrix: Floats, columns: Floats) -> Floats:
     """Multiply a symmetric matrix with columns; one or two are twice as fast if only half of the matrix is read."""
     if columns.shape[1] > 2:
         return matrix @ columns

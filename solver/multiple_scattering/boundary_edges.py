@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.common.arrays import Floats, Ints
-from geometry.meridian.mesh import SIDES, SQUARE, labels, line_label, nodes
+from geometry.meridian.mesh import ELEMENT_SIDES, UNIT_SQUARE, compute_labels, compute_nodes, label_line
 from geometry.meridian.section import LAYERS, Body, Section
 from solver.axisymmetric.base_states import MeridianModel
-from solver.elements.shape_functions import functions
+from solver.elements.shape_functions import evaluate_functions
 
-EXTRA = 3  # Gauss-Lobatto points of an edge beyond those that its polynomials need
+EXTRA_POINTS = 3  # Gauss-Lobatto points of an edge beyond those that its polynomials need
 
 
 @dataclass(frozen=True)
@@ -61,18 +61,18 @@ class Boundary:
     below: Edges
 
     @classmethod
-    def of(cls, model: MeridianModel, layer: int = 0) -> Boundary:
+    def from_model(cls, model: MeridianModel, layer: int = 0) -> Boundary:
         """Find the edges of a layer, by its number from the surface downwards, or of the tissue below all layers."""
         layout, body = model.mesh.layout, model.mesh.body
-        surface, side = line_label(layout.row["surface"]), line_label(layout.column["side"])
-        mine, probe = body == tissue_body(model.section, layer), (body == Body.INNER) | (body == Body.OUTER)
-        none, lowest = np.zeros_like(mine), layer == len(layout.interfaces)
-        faces = [line_label(row) for row in layout.interfaces]
-        first, last = (mine, none)[layer > 0], (none, mine)[lowest]
-        lines = ((1, surface, first), (0, side, mine), (1, line_label(0), last), (1, surface, (probe, none)[layer > 0]))
-        above = (1, faces[layer - 1], mine) if layer else (1, surface, none)
-        below = (1, surface, none) if lowest else (1, faces[layer], mine)
-        return cls(*(_edges(model, axis, line, which) for axis, line, which in (*lines, above, below)))
+        surface, side = label_line(layout.row["surface"]), label_line(layout.column["side"])
+        in_layer, probe = body == find_tissue_body(model.section, layer), (body == Body.INNER) | (body == Body.OUTER)
+        empty, lowest = np.zeros_like(in_layer), layer == len(layout.interfaces)
+        faces = [label_line(row) for row in layout.interfaces]
+        first, last = (in_layer, empty)[layer > 0], (empty, in_layer)[lowest]
+        lines = ((1, surface, first), (0, side, in_layer), (1, label_line(0), last), (1, surface, (probe, empty)[layer > 0]))
+        upper_line = (1, faces[layer - 1], in_layer) if layer else (1, surface, empty)
+        lower_line = (1, surface, empty) if lowest else (1, faces[layer], in_layer)
+        return cls(*(_find_edges(model, axis, line, which) for axis, line, which in (*lines, upper_line, lower_line)))
 
     @property
     def elements(self) -> Ints:
@@ -80,32 +80,34 @@ class Boundary:
         return np.unique(np.concatenate([edges.element for edges in vars(self).values()]))
 
 
-def tissue_body(section: Section, layer: int) -> Body:
+def find_tissue_body(section: Section, layer: int) -> Body:
     """Return the meridian body of a layer, by its number, or that of the tissue below all layers."""
     return LAYERS[layer] if layer < len(section.interfaces) else Body.TISSUE
 
 
-def _edges(model: MeridianModel, axis: int, line: float, which: Floats) -> Edges:
+def _find_edges(model: MeridianModel, axis: int, line: float, which: Floats) -> Edges:
     """Find the edges of some bodies' elements on a line of constant label: of r for axis 0, of z for axis 1."""
-    label, order = labels(model.mesh), model.shapes.order
-    x, weight = _lobatto(order + EXTRA)
+    label, order = compute_labels(model.mesh), model.shapes.order
+    x, weight = _compute_lobatto_rule(order + EXTRA_POINTS)
     elements, locals_, starts = [], [], []
-    for number, (a, b) in enumerate(SIDES):
+    for number, (a, b) in enumerate(ELEMENT_SIDES):
         matching = np.flatnonzero(which & (label[:, a, axis] == line) & (label[:, b, axis] == line))
         elements.append(matching)
-        own = np.array([a, b, *range(4 + number * (order - 1), 4 + (number + 1) * (order - 1))])
-        locals_.append(np.broadcast_to(own, (len(matching), order + 1)))
+        local = np.array([a, b, *range(4 + number * (order - 1), 4 + (number + 1) * (order - 1))])
+        locals_.append(np.broadcast_to(local, (len(matching), order + 1)))
         starts.append(np.broadcast_to([a, b], (len(matching), 2)))
     element, start = np.concatenate(elements), np.concatenate(starts)
-    corners = nodes(model.section, model.mesh, SQUARE, element)
+    corners = compute_nodes(model.section, model.mesh, UNIT_SQUARE, element)
     first, last = (corners[np.arange(len(element)), start[:, k]] for k in (0, 1))
     r, z = ((1 - x) * first[:, k, None] + x * last[:, k, None] for k in (0, 1))
     length = np.hypot(*(last - first).T)
-    along = functions(np.stack([x, np.zeros_like(x)], axis=1), np.array([(0, 0), (1, 0), *((k, 0) for k in range(2, order + 1))]))
-    return Edges(element, np.concatenate(locals_), r=r, z=z, weight=weight * length[:, None] * r, values=along[0])
+    edge_functions = evaluate_functions(
+        np.stack([x, np.zeros_like(x)], axis=1), np.array([(0, 0), (1, 0), *((k, 0) for k in range(2, order + 1))])
+    )
+    return Edges(element, np.concatenate(locals_), r=r, z=z, weight=weight * length[:, None] * r, values=edge_functions[0])
 
 
-def _lobatto(count: int) -> tuple[Floats, Floats]:
+def _compute_lobatto_rule(count: int) -> tuple[Floats, Floats]:
     """Compute Gauss-Lobatto points and weights on the unit interval."""
     legendre = np.polynomial.legendre.Legendre.basis(count - 1)
     inner = legendre.deriv().roots().real

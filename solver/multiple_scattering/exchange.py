@@ -15,12 +15,12 @@ from functools import cached_property, partial
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.common.resources import check_memory, check_time, has_room
+from geometry.common.resources import check_memory, check_time, fits_in_memory
 from solver.axisymmetric.base_states import BaseStates
 from solver.axisymmetric.dofs import Interface
 from solver.axisymmetric.tissue_field import TissueField
 from solver.linalg.schur_complements import SchurComplements
-from solver.linalg.workspace import current, size
+from solver.linalg.workspace import get_workspace, measure_bytes
 from solver.multiple_scattering.azimuthal_systems import AzimuthalSystems, Harmonic
 from solver.multiple_scattering.boundary_compliance import BoundaryData, BoundaryResponse
 from solver.multiple_scattering.boundary_edges import Boundary
@@ -32,7 +32,7 @@ from solver.multiple_scattering.panels import Panels
 from solver.multiple_scattering.rings import AzimuthalGrid
 from solver.multiple_scattering.spheres import ScatteringSphere
 
-LESS = "fewer, or further from surface, floor and interfaces, take less"
+LESS_MEMORY_HINT = "fewer, or further from surface, floor and interfaces, take less"
 
 
 @dataclass(frozen=True)
@@ -51,20 +51,20 @@ class Reflector:
     _responses: dict[tuple[int, tuple[int, ...]], BoundaryResponse] = field(default_factory=dict, repr=False)
     _complements: dict[tuple[int, tuple[int, ...]], SchurComplements] = field(default_factory=dict, repr=False)
     _interiors: dict[tuple[int, int], Interior] = field(default_factory=dict, repr=False)
-    _kept: dict[int, Harmonic] = field(default_factory=dict, repr=False)
+    _harmonic_of_order: dict[int, Harmonic] = field(default_factory=dict, repr=False)
     _data: dict[tuple[int, int], BoundaryData] = field(default_factory=dict, repr=False)
     _panels: dict[int, Panels] = field(default_factory=dict, repr=False)
 
-    def response(self, m: int, layers: tuple[int, ...] = (0,)) -> BoundaryResponse:
+    def find_response(self, m: int, layers: tuple[int, ...] = (0,)) -> BoundaryResponse:
         """Return the response of an order to fields in some layers, by number; its system is assembled on first use."""
         if (m, layers) not in self._responses:
-            current().make_room(self._harmonics.needed)
-            data = BoundaryData.stacked([self._boundary_data(layer, min(m, 1)) for layer in layers])
+            get_workspace().make_room(self._harmonics.bytes_per_order)
+            data = BoundaryData.stack([self._find_boundary_data(layer, min(m, 1)) for layer in layers])
             complements = self._complements.setdefault((min(m, 2), layers), SchurComplements())
-            self._responses[m, layers] = BoundaryResponse(partial(self._harmonics.of_order, m), data, complements)
+            self._responses[m, layers] = BoundaryResponse(partial(self._harmonics.assemble_order, m), data, complements)
         return self._responses[m, layers]
 
-    def interior(self, m: int, layer: int = 0, beside: float = 0.0) -> Interior:
+    def find_interior(self, m: int, layer: int = 0, beside: float = 0.0) -> Interior:
         """Return the response of an order inside the tissue to fields in one layer, for spheres close to the boundary.
 
         Args:
@@ -75,30 +75,32 @@ class Reflector:
         Raises:
             LimitReached: one order already exceeds the memory limit.
         """
-        if m not in self._kept:
-            self._make_room(beside)
-            self._kept[m] = self._harmonics.of_order(m)
+        if m not in self._harmonic_of_order:
+            self._reserve_memory(beside)
+            self._harmonic_of_order[m] = self._harmonics.assemble_order(m)
         if (m, layer) not in self._interiors:
-            recovery = partial(self._harmonics.recovery, m)
-            self._interiors[m, layer] = Interior(self._kept[m], self._boundaries[layer], recovery)
+            recovery = partial(self._harmonics.compute_recovery, m)
+            self._interiors[m, layer] = Interior(self._harmonic_of_order[m], self._boundaries[layer], recovery)
         return self._interiors[m, layer]
 
-    def _make_room(self, beside: float) -> None:
+    def _reserve_memory(self, other_bytes: float) -> None:
         """Reserve memory for one order; if memory is short the last cached order is dropped, as all are used in turn."""
-        needed = self._harmonics.needed
-        current().make_room(needed)
-        wanted = current().bytes_held + beside + needed
-        if not self._kept:
-            check_memory(f"reflections of tumours close to the surface, to other faces or to the probe ({LESS})", wanted)
-        elif len(self._kept) > 1 and not has_room(wanted):
-            last, _ = self._kept.popitem()
+        needed = self._harmonics.bytes_per_order
+        get_workspace().make_room(needed)
+        wanted = get_workspace().bytes_held + other_bytes + needed
+        if not self._harmonic_of_order:
+            check_memory(
+                f"reflections of tumours close to the surface, to other faces or to the probe ({LESS_MEMORY_HINT})", wanted
+            )
+        elif len(self._harmonic_of_order) > 1 and not fits_in_memory(wanted):
+            last, _ = self._harmonic_of_order.popitem()
             for key in [key for key in self._interiors if key[0] == last]:
                 del self._interiors[key]
 
     @cached_property
     def _boundaries(self) -> list[Boundary]:
         """Boundaries of all layers and of the tissue below them."""
-        return [Boundary.of(self.states.model, layer) for layer in range(len(self.states.model.section.interfaces) + 1)]
+        return [Boundary.from_model(self.states.model, layer) for layer in range(len(self.states.model.section.interfaces) + 1)]
 
     @cached_property
     def _field(self) -> TissueField:
@@ -106,24 +108,24 @@ class Reflector:
 
     @cached_property
     def _harmonics(self) -> AzimuthalSystems:
-        elements = np.unique(np.concatenate([one.elements for one in self._boundaries]))
+        elements = np.unique(np.concatenate([boundary.elements for boundary in self._boundaries]))
         return AzimuthalSystems(self.states.model, self.interface, elements)
 
-    def _boundary_data(self, layer: int, m: int) -> BoundaryData:
+    def _find_boundary_data(self, layer: int, m: int) -> BoundaryData:
         """Return the data matrices of a layer, for order 0 or for all others."""
         if (layer, m) not in self._data:
             model, elements = self.states.model, self._harmonics.boundary
-            boundary, panels = self._boundaries[layer], self.panels(layer)
-            self._data[layer, m] = BoundaryData.of(model, boundary, elements, panels, interface=self.interface, m=m)
+            boundary, panels = self._boundaries[layer], self.find_panels(layer)
+            self._data[layer, m] = BoundaryData.from_layer(model, boundary, elements, panels, interface=self.interface, m=m)
         return self._data[layer, m]
 
-    def panels(self, layer: int = 0) -> Panels:
+    def find_panels(self, layer: int = 0) -> Panels:
         """Return the points at which fields are sampled on a layer's boundary."""
         if layer not in self._panels:
-            self._panels[layer] = Panels.of(self.states.model.section, self.states.model.shapes.order, layer)
+            self._panels[layer] = Panels.from_section(self.states.model.section, self.states.model.shapes.order, layer)
         return self._panels[layer]
 
-    def exchange(self, spheres: Sequence[ScatteringSphere], rounds: AzimuthalGrid) -> Exchange | CloseExchange:
+    def build_exchange(self, spheres: Sequence[ScatteringSphere], rounds: AzimuthalGrid) -> Exchange | CloseExchange:
         """Build the exchange of fields between spheres and boundary; all that does not depend on the fields is computed once.
 
         Args:
@@ -134,10 +136,10 @@ class Reflector:
             LimitReached: there are so many spheres that this exceeds the memory limit.
         """
         if self.close:
-            interior = partial(self.interior, beside=size(list(spheres)))
+            interior = partial(self.find_interior, beside=measure_bytes(list(spheres)))
             return CloseExchange(interior, self._field, interface=self.interface, spheres=spheres, rounds=rounds)
-        samples = LayerSamples.of(spheres, self.panels, rounds)
-        samples.check_room()
+        samples = LayerSamples.from_spheres(spheres, self.find_panels, rounds)
+        samples.check_memory_limit()
         return Exchange(self, spheres, samples)
 
 
@@ -155,7 +157,9 @@ class Exchange:
     spheres: Sequence[ScatteringSphere]
     samples: LayerSamples
 
-    def reflecting(self, scattered: Sequence[Floats], enough: float, most: int) -> Steps[tuple[list[Floats], int]]:
+    def iterate_reflection(
+        self, scattered: Sequence[Floats], min_work: float, max_orders: int
+    ) -> Steps[tuple[list[Floats], int]]:
         """Reflect fields order by order; return each sphere's regular coefficients, m, and the number of orders.
 
         Args:
@@ -166,18 +170,18 @@ class Exchange:
         Raises:
             SolveError: a system could not be solved.
         """
-        data = self.samples.amplitudes(scattered)
+        data = self.samples.compute_amplitudes(scattered)
         answers, k, quiet = np.empty_like(data), scattered[0].shape[1], 0
-        for m in range(min(most, len(data))):
+        for m in range(min(max_orders, len(data))):
             check_time("reflections")
-            answers[m] = yield self.reflector.response(m, self.samples.layers), data[m]
+            answers[m] = yield self.reflector.find_response(m, self.samples.layers), data[m]
             exchanged = (data[m].reshape(-1, k)).T @ answers[m].reshape(-1, k)
-            quiet = quiet + 1 if np.abs(exchanged).max() < enough else 0
+            quiet = quiet + 1 if np.abs(exchanged).max() < min_work else 0
             if quiet == 2:
                 break
-        works = self.samples.works(answers[: m + 1])
-        return [self._regular(one, work) for one, work in zip(self.spheres, works, strict=True)], m + 1
+        works = self.samples.compute_work(answers[: m + 1])
+        return [self._compute_coefficients(sphere, work) for sphere, work in zip(self.spheres, works, strict=True)], m + 1
 
-    def _regular(self, sphere: ScatteringSphere, work: Floats) -> Floats:
+    def _compute_coefficients(self, sphere: ScatteringSphere, work: Floats) -> Floats:
         """Compute coefficients from the work of every outgoing mode, divided by its work on its regular mode, ``Modes.work``."""
         return np.asarray(work / (-sphere.two_mu * sphere.radius * sphere.modes.work)[:, None])

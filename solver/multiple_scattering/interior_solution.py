@@ -16,7 +16,7 @@ from geometry.common.arrays import Floats, Ints
 from solver.multiple_scattering.azimuthal_systems import Harmonic
 from solver.multiple_scattering.boundary_edges import Boundary, Edges
 
-FORCES, LIFTED = ("surface", "side", "above", "below"), ("ends", "floor", "above", "below")  # by kind of data
+FORCE_EDGES, LIFTED_EDGES = ("surface", "side", "above", "below"), ("ends", "floor", "above", "below")  # by kind of data
 
 
 @dataclass(frozen=True)
@@ -48,9 +48,9 @@ class Interior:
     _recovered: dict[bytes, Floats] = field(default_factory=dict, repr=False)
 
     @cached_property
-    def _add_up(self) -> Any:
+    def _force_assembly(self) -> Any:
         """Sparse matrix that assembles forces on the boundary elements' values, (unknowns, 4 c p elements)."""
-        return self.harmonic.gathered(self.harmonic.boundary).T.tocsr()
+        return self.harmonic.take_gather_rows(self.harmonic.boundary).T.tocsr()
 
     @cached_property
     def _tables(self) -> dict[tuple[str, str], tuple[Ints, Ints, Floats]]:
@@ -60,18 +60,18 @@ class Interior:
         tables = {
             (name, "forces"): np.einsum("eq,qs,ac->ecsqa", round_axis * edges.weight, edges.values, amplitudes)
             for name, edges in edges_of.items()
-            if name in FORCES
+            if name in FORCE_EDGES
         }
         inverse = np.linalg.pinv(amplitudes)
         for name, edges in edges_of.items():
-            if name in LIFTED:
+            if name in LIFTED_EDGES:
                 tables[name, "lifted"] = np.broadcast_to(
                     np.einsum("sq,ca->csqa", edges.coefficients, inverse),
                     (len(edges.element), len(inverse), *edges.coefficients.shape[:1], edges.coefficients.shape[1], 3),
                 )
-        return {key: self._table(edges_of[key[0]], table) for key, table in tables.items()}
+        return {key: self._build_table(edges_of[key[0]], table) for key, table in tables.items()}
 
-    def _table(self, edges: Edges, table: Floats) -> tuple[Ints, Ints, Floats]:
+    def _build_table(self, edges: Edges, table: Floats) -> tuple[Ints, Ints, Floats]:
         """Return indices of elements and functions, and the flattened table, of a set of edges."""
         e, c, s = table.shape[:3]
         functions = np.arange(c)[:, None] * 4 * self.harmonic.model.shapes.order + edges.local[:, None]  # (e, c, p + 1)
@@ -81,24 +81,24 @@ class Interior:
             table.reshape(e, c * s, -1),
         )
 
-    def _placed(self, kind: str, data: Mapping[str, Floats]) -> Floats:
+    def _place_data(self, kind: str, data: Mapping[str, Floats]) -> Floats:
         """Add data (e, q, 3, k) to values of the boundary's elements, (elements, 4 c p, k)."""
         k = next((values.shape[-1] for values in data.values()), 1)
-        out = np.zeros((len(self.harmonic.boundary), self.harmonic.stiffness.shape[1], k))
+        element_values = np.zeros((len(self.harmonic.boundary), self.harmonic.stiffness.shape[1], k))
         for name, values in data.items():
             row, column, table = self._tables[name, kind]
-            out[row, column] += table @ values.reshape(len(values), -1, k)
-        return out
+            element_values[row, column] += table @ values.reshape(len(values), -1, k)
+        return element_values
 
-    def loads(self, data: BoundaryAmplitudes) -> tuple[Floats, Floats]:
+    def compute_loads(self, data: BoundaryAmplitudes) -> tuple[Floats, Floats]:
         """Compute imposed values of the boundary's elements, (elements, 4 c p, k), and forces (unknowns, k), of some data."""
-        imposed = -self._placed("lifted", {name: one for name, one in data.lifted.items() if name != "ends"})
-        forces = self._placed("forces", data.forces)
-        ends = self._placed("lifted", {name: one for name, one in data.lifted.items() if name == "ends"})
+        imposed = -self._place_data("lifted", {name: values for name, values in data.lifted.items() if name != "ends"})
+        forces = self._place_data("forces", data.forces)
+        ends = self._place_data("lifted", {name: values for name, values in data.lifted.items() if name == "ends"})
         forces += self.harmonic.stiffness @ (imposed + ends)
-        return imposed, -(self._add_up @ forces.reshape(-1, forces.shape[-1]))
+        return imposed, -(self._force_assembly @ forces.reshape(-1, forces.shape[-1]))
 
-    def to(self, imposed: Floats, forces: Floats, elements: Ints) -> Floats:
+    def solve(self, imposed: Floats, forces: Floats, elements: Ints) -> Floats:
         """Solve eq. MS.4; return values U, V, W of the reflection w in some of the tissue's elements, (e, 3, s, k).
 
         Args:
@@ -110,12 +110,12 @@ class Interior:
             SolveError: see ``Harmonic.solve``.
         """
         v = self.harmonic.solve(forces)
-        edge = (self.harmonic.gathered(elements) @ v).reshape(len(elements), -1, v.shape[-1])
-        near = np.isin(elements, self.harmonic.boundary)
-        edge[near] += imposed[np.searchsorted(self.harmonic.boundary, elements[near])]
-        return self.harmonic.whole(edge, self._inside(elements))
+        edge = (self.harmonic.take_gather_rows(elements) @ v).reshape(len(elements), -1, v.shape[-1])
+        on_boundary = np.isin(elements, self.harmonic.boundary)
+        edge[on_boundary] += imposed[np.searchsorted(self.harmonic.boundary, elements[on_boundary])]
+        return self.harmonic.compute_values(edge, self._find_recovery(elements))
 
-    def _inside(self, elements: Ints) -> Floats:
+    def _find_recovery(self, elements: Ints) -> Floats:
         """Return the recovery of some elements; the last is cached, as one exchange uses it repeatedly."""
         key = elements.tobytes()
         if key not in self._recovered:

@@ -30,31 +30,36 @@ class LayerSamples:
     parts: tuple[ModeSamples, ...]
 
     @classmethod
-    def of(cls, spheres: Sequence[ScatteringSphere], panels: Callable[[int], Panels], rounds: AzimuthalGrid) -> LayerSamples:
+    def from_spheres(
+        cls, spheres: Sequence[ScatteringSphere], panels: Callable[[int], Panels], rounds: AzimuthalGrid
+    ) -> LayerSamples:
         """Build the samples of some spheres; ``panels`` gives the sample points of a layer by its number."""
-        layers = tuple(sorted({one.layer for one in spheres}))
-        members = tuple(tuple(k for k, one in enumerate(spheres) if one.layer == layer) for layer in layers)
+        layers = tuple(sorted({sphere.layer for sphere in spheres}))
+        members = tuple(tuple(k for k, sphere in enumerate(spheres) if sphere.layer == layer) for layer in layers)
         parts = (
-            ModeSamples([spheres[k].source for k in some], panels(layer), rounds, spheres[some[0]].two_mu)
-            for layer, some in zip(layers, members, strict=True)
+            ModeSamples([spheres[k].source for k in numbers], panels(layer), rounds, spheres[numbers[0]].two_mu)
+            for layer, numbers in zip(layers, members, strict=True)
         )
         return cls(layers, members, tuple(parts))
 
-    def check_room(self) -> None:
+    def check_memory_limit(self) -> None:
         """Raise ``LimitReached`` if the spheres' fields would exceed the memory limit."""
         for part in self.parts:
-            part.check_room()
+            part.check_memory_limit()
 
-    def amplitudes(self, scattered: Sequence[Floats]) -> Floats:
+    def compute_amplitudes(self, scattered: Sequence[Floats]) -> Floats:
         """Compute the amplitudes at the n points of all layers; see ``ModeSamples.compute_amplitudes``."""
-        some = [part.amplitudes([scattered[k] for k in own]) for part, own in zip(self.parts, self.members, strict=True)]
-        return some[0] if len(some) == 1 else np.concatenate(some, axis=1)
+        amplitudes = [
+            part.compute_amplitudes([scattered[k] for k in numbers])
+            for part, numbers in zip(self.parts, self.members, strict=True)
+        ]
+        return amplitudes[0] if len(amplitudes) == 1 else np.concatenate(amplitudes, axis=1)
 
-    def works(self, weights: Floats) -> list[Floats]:
+    def compute_work(self, weights: Floats) -> list[Floats]:
         """Apply the transpose of ``compute_amplitudes``; see ``ModeSamples.works``."""
-        out: list[Floats] = [np.zeros(0)] * sum(len(own) for own in self.members)
+        works: list[Floats] = [np.zeros(0)] * sum(len(numbers) for numbers in self.members)
         ends = np.cumsum([0, *(6 * len(part.panels.r) for part in self.parts)]).tolist()
-        for part, own, (low, high) in zip(self.parts, self.members, pairwise(ends), strict=True):
-            for k, work in zip(own, part.works(weights[:, low:high]), strict=True):
-                out[k] = work
-        return out
+        for part, numbers, (low, high) in zip(self.parts, self.members, pairwise(ends), strict=True):
+            for k, work in zip(numbers, part.works(weights[:, low:high]), strict=True):
+                works[k] = work
+        return works

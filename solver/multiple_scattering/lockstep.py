@@ -15,43 +15,43 @@ from geometry.common.arrays import Floats
 from solver.multiple_scattering.boundary_compliance import BoundaryResponse
 
 Question = tuple[BoundaryResponse, Floats]
-Found = TypeVar("T")
-Steps = Generator[Question, Floats, Found]
+T = TypeVar("T")
+Steps = Generator[Question, Floats, T]
 
 
-def alone(steps: Steps[Found], often: bool) -> Found:
+def run_steps(steps: Steps[T], often: bool) -> T:
     """Run the steps of one set and return its result; ``often`` as in ``BoundaryResponse.apply``."""
     try:
         response, data = next(steps)
         while True:
-            response, data = steps.send(response.to(data, often))
+            response, data = steps.send(response.apply(data, often))
     except StopIteration as end:
-        found: Found = end.value
-        return found
+        result: T = end.value
+        return result
 
 
-def together(every: Sequence[Steps[Found]]) -> list[Found]:
+def run_in_lockstep(all_steps: Sequence[Steps[T]]) -> list[T]:
     """Run the steps of all sets and return their results; the next order is the one for which most sets wait."""
-    found: dict[int, Found] = {}
+    results: dict[int, T] = {}
     waiting: dict[int, Question] = {}
 
     def advance(k: int, answer: Floats | None) -> None:
         """Send a set its response; store its next question, or its result at the end."""
         try:
-            waiting[k] = next(every[k]) if answer is None else every[k].send(answer)
+            waiting[k] = next(all_steps[k]) if answer is None else all_steps[k].send(answer)
         except StopIteration as end:
-            found[k] = end.value
+            results[k] = end.value
 
-    for k in range(len(every)):
+    for k in range(len(all_steps)):
         advance(k, None)
     while waiting:
         groups: dict[int, list[int]] = {}
         for k, (response, _) in waiting.items():
             groups.setdefault(id(response), []).append(k)
-        most = max(groups.values(), key=len)
-        asked = [waiting.pop(k) for k in most]
-        ends = np.cumsum([data.shape[1] for _, data in asked])[:-1]
-        answers = asked[0][0].to(np.concatenate([data for _, data in asked], axis=1), False)
-        for k, answer in zip(most, np.split(answers, ends, axis=1), strict=True):
+        largest_group = max(groups.values(), key=len)
+        questions = [waiting.pop(k) for k in largest_group]
+        ends = np.cumsum([data.shape[1] for _, data in questions])[:-1]
+        answers = questions[0][0].apply(np.concatenate([data for _, data in questions], axis=1), False)
+        for k, answer in zip(largest_group, np.split(answers, ends, axis=1), strict=True):
             advance(k, answer)
-    return [found[k] for k in range(len(every))]
+    return [results[k] for k in range(len(all_steps))]

@@ -19,16 +19,16 @@ from geometry.common.arrays import Floats, Ints
 from geometry.common.resources import check_time
 from solver.axisymmetric.dofs import Interface
 from solver.axisymmetric.tissue_field import TissueField
-from solver.elements.quadrilateral import dilations
-from solver.elements.shape_functions import functions, pressures
+from solver.elements.quadrilateral import compute_dilations
+from solver.elements.shape_functions import evaluate_functions, evaluate_pressures
 from solver.inclusions.mode_sums import Sampler, Table
-from solver.inclusions.vector_modes import DISPLACEMENT, stack
+from solver.inclusions.vector_modes import DISPLACEMENT_COMPONENTS, build_stack
 from solver.multiple_scattering.boundary_edges import Edges
-from solver.multiple_scattering.interior_solution import LIFTED, BoundaryAmplitudes, Interior
-from solver.multiple_scattering.rings import PLANE, ROUND, AzimuthalGrid, turns
+from solver.multiple_scattering.interior_solution import LIFTED_EDGES, BoundaryAmplitudes, Interior
+from solver.multiple_scattering.rings import PLANE_COMPONENTS, SIDE_COMPONENTS, AzimuthalGrid, build_turn_matrices
 from solver.multiple_scattering.spheres import ScatteringSphere
 
-NEARLY = 0.48  # from this value on the mode of degree 0 is taken from the dilation
+INCOMPRESSIBLE_POISSON_RATIO = 0.48  # from this value on the mode of degree 0 is taken from the dilation
 
 
 @dataclass(frozen=True)
@@ -59,24 +59,24 @@ class CloseExchange:
     spheres: Sequence[ScatteringSphere]
     rounds: AzimuthalGrid
 
-    def reflect(self, scattered: Sequence[Floats], enough: float, most: int) -> tuple[list[Floats], int]:
+    def reflect(self, scattered: Sequence[Floats], min_work: float, max_orders: int) -> tuple[list[Floats], int]:
         """Reflect fields; return regular coefficients and the number of orders, as ``Exchange.iterate_reflection`` does."""
-        samples, quiet = [self._samples(layer, scattered) for layer in self._layers], 0
+        samples, quiet = [self._sample_edges(layer, scattered) for layer in self._layers], 0
         total = [np.zeros_like(c) for c in scattered]
-        for m in range(min(most, self.rounds.orders)):
+        for m in range(min(max_orders, self.rounds.orders)):
             check_time("reflections")
             loads = [
-                self.interior(m, layer).loads(self._amplitudes(values, m, layer))
+                self.interior(m, layer).compute_loads(self._compute_amplitudes(values, m, layer))
                 for layer, values in zip(self._layers, samples, strict=True)
             ]
             imposed, forces = (functools.reduce(operator.add, part) for part in zip(*loads, strict=True))
-            displacement = self.interior(m, self._layers[0]).to(imposed, forces, self._elements)
+            displacement = self.interior(m, self._layers[0]).solve(imposed, forces, self._elements)
             work = np.zeros((scattered[0].shape[1],) * 2)
             for k, (sphere, c, place) in enumerate(zip(self.spheres, scattered, self._places, strict=True)):
-                came = sphere.coefficients(*self._arrived(sphere, place, m, displacement))
-                total[k] += came
-                work += (c * (sphere.two_mu * sphere.radius * sphere.modes.work)[:, None]).T @ came
-            quiet = quiet + 1 if np.abs(work).max() < enough else 0
+                returned = sphere.compute_coefficients(*self._evaluate_returned(sphere, place, m, displacement))
+                total[k] += returned
+                work += (c * (sphere.two_mu * sphere.radius * sphere.modes.work)[:, None]).T @ returned
+            quiet = quiet + 1 if np.abs(work).max() < min_work else 0
             if quiet == 2:
                 break
         return total, m + 1
@@ -84,21 +84,21 @@ class CloseExchange:
     @cached_property
     def _layers(self) -> list[int]:
         """Numbers of the layers with spheres."""
-        return sorted({one.layer for one in self.spheres})
+        return sorted({sphere.layer for sphere in self.spheres})
 
-    def _samples(self, layer: int, scattered: Sequence[Floats]) -> dict[tuple[str, str], Floats]:
+    def _sample_edges(self, layer: int, scattered: Sequence[Floats]) -> dict[tuple[str, str], Floats]:
         """Sample the fields of a layer's spheres on the layer's edges, (angles, 3, k, points) each.
 
         Tractions on surface, side and interfaces, displacements of ends, floor and interfaces.
         """
-        surface, side, floor = turns(self.rounds)
-        kinds = {(name, "lifted"): (DISPLACEMENT, surface[:, 3:]) for name in LIFTED}
+        surface, side, floor = build_turn_matrices(self.rounds)
+        kinds = {(name, "lifted"): (DISPLACEMENT_COMPONENTS, surface[:, 3:]) for name in LIFTED_EDGES}
         kinds |= {
-            (name, "forces"): (PLANE[:3], turn[:, :3])
+            (name, "forces"): (PLANE_COMPONENTS[:3], turn[:, :3])
             for name, turn in (("surface", surface), ("above", surface), ("below", floor))
         }
-        kinds["side", "forces"] = ROUND[:5], side[:, :3]
-        out, boundary = {}, self.interior(0, layer).boundary
+        kinds["side", "forces"] = SIDE_COMPONENTS[:5], side[:, :3]
+        samples, boundary = {}, self.interior(0, layer).boundary
         for (name, kind), (components, turn) in kinds.items():
             edges, total = getattr(boundary, name), np.zeros(())
             if not len(edges.element):
@@ -106,30 +106,32 @@ class CloseExchange:
             for sphere, c in zip(self.spheres, scattered, strict=True):
                 if sphere.layer != layer:
                     continue
-                table = Table(sphere.modes.harmonics, "outgoing", (self._points(edges) - sphere.centre) / sphere.radius)
-                sampler = Sampler(stack(sphere.modes, "outgoing", components), table, slice(0, len(table.points)), name != "side")
+                table = Table(sphere.modes.harmonics, "outgoing", (self._list_points(edges) - sphere.centre) / sphere.radius)
+                sampler = Sampler(
+                    build_stack(sphere.modes, "outgoing", components), table, slice(0, len(table.points)), name != "side"
+                )
                 sampled = sampler.values(c).reshape(len(components), c.shape[1], self.rounds.count, -1).transpose(2, 0, 1, 3)
                 unit = sphere.two_mu / sphere.radius if kind == "forces" else 1.0
                 turned = turn[..., components] @ sampled.reshape(self.rounds.count, len(components), -1)
                 total = total + unit * turned.reshape(self.rounds.count, 3, c.shape[1], -1)
-            out[name, kind] = total
-        if self.interface == "frictionless" and ("ends", "lifted") in out:
-            out["ends", "lifted"][:, :2] = 0.0
-        return out
+            samples[name, kind] = total
+        if self.interface == "frictionless" and ("ends", "lifted") in samples:
+            samples["ends", "lifted"][:, :2] = 0.0
+        return samples
 
-    def _points(self, edges: Edges) -> Floats:
+    def _list_points(self, edges: Edges) -> Floats:
         angle, r, z = self.rounds.angles[:, None], edges.r.ravel(), edges.z.ravel()
         return np.stack([r * np.cos(angle), r * np.sin(angle), z + 0 * angle], axis=-1).reshape(-1, 3)
 
-    def _amplitudes(self, samples: dict[tuple[str, str], Floats], m: int, layer: int) -> BoundaryAmplitudes:
+    def _compute_amplitudes(self, samples: dict[tuple[str, str], Floats], m: int, layer: int) -> BoundaryAmplitudes:
         """Compute the amplitudes of one order from the samples."""
         families = 1 if self.rounds.mirrored else 2
         waves, boundary = self.rounds.waves[:, m * families : (m + 1) * families], self.interior(0, layer).boundary
-        out: dict[str, dict[str, Floats]] = {"forces": {}, "lifted": {}}
+        amplitudes: dict[str, dict[str, Floats]] = {"forces": {}, "lifted": {}}
         for (name, kind), values in samples.items():
-            one = np.einsum("cft,tckn->ncfk", waves, values, optimize=True)
-            out[kind][name] = np.asarray(one.reshape(*getattr(boundary, name).r.shape, 3, -1))
-        return BoundaryAmplitudes(**out)
+            amplitude = np.einsum("cft,tckn->ncfk", waves, values, optimize=True)
+            amplitudes[kind][name] = np.asarray(amplitude.reshape(*getattr(boundary, name).r.shape, 3, -1))
+        return BoundaryAmplitudes(**amplitudes)
 
     @cached_property
     def _places(self) -> list[_SpherePlace]:
@@ -137,15 +139,15 @@ class CloseExchange:
         for sphere in self.spheres:
             x, y, z = sphere.points.T
             element, places, _ = self.field.locate(np.stack([np.hypot(x, y), z], axis=1))
-            value = functions(places, shapes.degrees)[0]
-            places_of_spheres.append(_SpherePlace(element, value, pressures(places, shapes.order), np.arctan2(y, x)))
+            value = evaluate_functions(places, shapes.degrees)[0]
+            places_of_spheres.append(_SpherePlace(element, value, evaluate_pressures(places, shapes.order), np.arctan2(y, x)))
         return places_of_spheres
 
     @cached_property
     def _elements(self) -> Ints:
         return np.unique(np.concatenate([place.element for place in self._places]))
 
-    def _arrived(
+    def _evaluate_returned(
         self, sphere: ScatteringSphere, place: _SpherePlace, m: int, displacement: Floats
     ) -> tuple[Floats, Floats | None]:
         """Evaluate the reflected displacement of one order, (e, 3, s, families k), at a sphere's points.
@@ -156,14 +158,14 @@ class CloseExchange:
         waves: Floats = np.array([[cos, sin, cos], [sin, -cos, sin]][: 1 if self.rounds.mirrored else 2])
         displacement = displacement.reshape(*displacement.shape[:3], len(waves), -1)
         row, model = np.searchsorted(self._elements, place.element), self.field.states.model
-        at = (place.value[:, None, None] @ displacement.reshape(*displacement.shape[:3], -1)[row]).reshape(
+        local = (place.value[:, None, None] @ displacement.reshape(*displacement.shape[:3], -1)[row]).reshape(
             len(row), 3, len(waves), -1
         )
-        u = (waves.transpose(2, 1, 0)[:, :, None] @ at)[:, :, 0]
+        u = (waves.transpose(2, 1, 0)[:, :, None] @ local)[:, :, 0]
         cos, sin = np.cos(place.angle)[:, None], np.sin(place.angle)[:, None]
         cartesian = np.stack([cos * u[:, 0] - sin * u[:, 1], sin * u[:, 0] + cos * u[:, 1], u[:, 2]], axis=1)
-        if sphere.matrix.poisson_ratio < NEARLY:
+        if sphere.matrix.poisson_ratio < INCOMPRESSIBLE_POISSON_RATIO:
             return cartesian, None
-        strains = dilations(model.at.of(self._elements), model.shapes, m)
+        strains = compute_dilations(model.geometry.select(self._elements), model.shapes, m)
         pressed = np.einsum("ekcs,ecsfj->ekfj", strains, displacement, optimize=True)
         return cartesian, np.einsum("qk,fq,qkfj->qj", place.pressure, waves[:, 0], pressed[row], optimize=True)

@@ -14,10 +14,10 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.meridian.section import Section
 
-STEP = 1.4  # minimum panel in outer radii, times the order of the elements
-GROWTH = 0.4  # of panels, per distance from the axis
-SIDE, FLOOR = 0.4, 0.3  # minimum panels on side and floor, of the tissue's radius and depth
-EXTRA = 4  # points of a panel beyond the order of the elements
+MIN_PANEL_RELATIVE = 1.4  # minimum panel in outer radii, times the order of the elements
+PANEL_GROWTH = 0.4  # of panels, per distance from the axis
+MIN_SIDE_PANEL_RELATIVE, MIN_FLOOR_PANEL_RELATIVE = 0.4, 0.3  # minimum panels on side and floor, of the tissue's radius and depth
+EXTRA_POINTS = 4  # points of a panel beyond the order of the elements
 
 
 @dataclass(frozen=True)
@@ -33,11 +33,11 @@ class PanelLine:
     points: int
 
     @classmethod
-    def graded(cls, length: float, step: float, points: int) -> PanelLine:
+    def from_length(cls, length: float, step: float, points: int) -> PanelLine:
         """Build panels of at least ``step`` that grow with the distance from 0, up to ``length``, m."""
         ends = [0.0]
         while ends[-1] < length:
-            ends.append(ends[-1] + max(step, GROWTH * ends[-1]))
+            ends.append(ends[-1] + max(step, PANEL_GROWTH * ends[-1]))
         return cls(np.array(ends) * length / ends[-1], points)
 
     @cached_property
@@ -46,17 +46,17 @@ class PanelLine:
         middle, half = (self.ends[1:] + self.ends[:-1]) / 2, np.diff(self.ends) / 2
         return (middle[:, None] + half[:, None] * self._nodes).ravel()
 
-    def to(self, places: Floats) -> Floats:
+    def build_interpolation(self, places: Floats) -> Floats:
         """Return the matrix that interpolates values at the points to other places, shape (*places, points)."""
         panel = np.clip(np.searchsorted(self.ends, places, side="right") - 1, 0, len(self.ends) - 2)
         low, high = self.ends[panel], self.ends[panel + 1]
         x, nodes = (2 * places - low - high) / (high - low), self._nodes
-        out = np.zeros((*places.shape, len(self.ends) - 1, self.points))
+        weights = np.zeros((*places.shape, len(self.ends) - 1, self.points))
         for k, node in enumerate(nodes):
-            others = np.delete(nodes, k)
-            values = np.prod((x[..., None] - others) / (node - others), axis=-1)
-            np.put_along_axis(out[..., k], panel[..., None], values[..., None], axis=-1)
-        return out.reshape(*places.shape, len(self.places))
+            other_nodes = np.delete(nodes, k)
+            values = np.prod((x[..., None] - other_nodes) / (node - other_nodes), axis=-1)
+            np.put_along_axis(weights[..., k], panel[..., None], values[..., None], axis=-1)
+        return weights.reshape(*places.shape, len(self.places))
 
     @cached_property
     def _nodes(self) -> Floats:
@@ -82,14 +82,16 @@ class Panels:
     bottom: float
 
     @classmethod
-    def of(cls, section: Section, order: int, layer: int = 0) -> Panels:
+    def from_section(cls, section: Section, order: int, layer: int = 0) -> Panels:
         """Build panels for elements of an order, on a layer by its number or on the tissue below all layers."""
         top, bottom = [0.0, *section.interfaces, section.tissue_depth][layer : layer + 2]
-        step, points = STEP / order * section.tube_radius, order + EXTRA
-        below = max(step, FLOOR * section.tissue_depth) if layer == len(section.interfaces) else step
-        steps = step, max(step, SIDE * section.tissue_radius), below
+        step, points = MIN_PANEL_RELATIVE / order * section.tube_radius, order + EXTRA_POINTS
+        floor_step = max(step, MIN_FLOOR_PANEL_RELATIVE * section.tissue_depth) if layer == len(section.interfaces) else step
+        steps = step, max(step, MIN_SIDE_PANEL_RELATIVE * section.tissue_radius), floor_step
         lengths = section.tissue_radius, bottom - top, section.tissue_radius
-        surface, side, floor = (PanelLine.graded(length, one, points) for length, one in zip(lengths, steps, strict=True))
+        surface, side, floor = (
+            PanelLine.from_length(length, panel_step, points) for length, panel_step in zip(lengths, steps, strict=True)
+        )
         return cls(surface, side, floor, section, top, bottom)
 
     @cached_property

@@ -26,16 +26,16 @@ class Reflections:
     moments: tuple[Floats, ...]
 
     @classmethod
-    def first(cls, field: Floats, work: Floats) -> Reflections:
+    def begin(cls, field: Floats, work: Floats) -> Reflections:
         """Begin with the incident field, before any reflection."""
-        return cls((field,), (work,), (_symmetric(field.T @ work),))
+        return cls((field,), (work,), (_symmetrise(field.T @ work),))
 
-    def followed(self, field: Floats, work: Floats) -> Reflections:
+    def append(self, field: Floats, work: Floats) -> Reflections:
         """Return the series with one more reflection."""
-        new = _symmetric(self.works[-1].T @ field), _symmetric(field.T @ work)
+        new = _symmetrise(self.works[-1].T @ field), _symmetrise(field.T @ work)
         return Reflections((*self.fields, field), (*self.works, work), (*self.moments, *new))
 
-    def whole(self, weights: Floats) -> Floats:
+    def sum_fields(self, weights: Floats) -> Floats:
         """Return the sum of the fields with weights (n + 1, 2, k), shape (modes, k)."""
         return sum((c @ a for c, a in zip(self.fields, weights, strict=True)), np.zeros(()))
 
@@ -45,43 +45,43 @@ class Reflections:
         return len(self.fields) - 1
 
     @cached_property
-    def galerkin(self) -> Floats:
+    def galerkin_weights(self) -> Floats:
         """Weights a of c_0 .. c_n (the last 0) in eq. MS.8, shape (n + 1, 2, 2)."""
         n, mu = self.count, np.array(self.moments)
-        A = _hankel(mu[:-1] - mu[1:], n)
+        A = _build_hankel(mu[:-1] - mu[1:], n)
         a = np.linalg.lstsq(A, mu[:n].reshape(-1, 2), rcond=1e-12)[0].reshape(n, 2, 2)
         return np.concatenate([a, np.zeros((1, 2, 2))])
 
     @cached_property
-    def remainder(self) -> Floats:
+    def remainder_weights(self) -> Floats:
         """Weights of the remainder r = c_0 - (1 - R S) c, with c, R and S of eq. MS.7, shape (n + 1, 2, 2)."""
-        return np.concatenate([np.eye(2)[None], self.galerkin[:-1]]) - self.galerkin
+        return np.concatenate([np.eye(2)[None], self.galerkin_weights[:-1]]) - self.galerkin_weights
 
     @cached_property
     def forces(self) -> Floats:
         """Change of the film forces: B^T a of eq. MS.8 plus the remainder's r^T T r, N/m, shape (2, 2)."""
-        remainder = self.remainder.reshape(-1, 2)
-        value = sum((mu @ a for mu, a in zip(self.moments, self.galerkin, strict=False)), np.zeros((2, 2)))
-        return _symmetric(value + remainder.T @ _hankel(np.array(self.moments), self.count + 1) @ remainder)
+        remainder = self.remainder_weights.reshape(-1, 2)
+        value = sum((mu @ a for mu, a in zip(self.moments, self.galerkin_weights, strict=False)), np.zeros((2, 2)))
+        return _symmetrise(value + remainder.T @ _build_hankel(np.array(self.moments), self.count + 1) @ remainder)
 
     @cached_property
     def correction(self) -> Floats:
         """Difference of ``forces`` from c_0^T T c, which includes asymmetry of the reflections; shape (2, 2)."""
-        works = [_symmetric(self.works[0].T @ c) @ a for c, a in zip(self.fields, self.galerkin, strict=True)]
+        works = [_symmetrise(self.works[0].T @ c) @ a for c, a in zip(self.fields, self.galerkin_weights, strict=True)]
         return np.asarray(self.forces - np.sum(works, axis=0))
 
     @cached_property
     def rho(self) -> float:
         """Share rho of a field that is reflected back, of eq. MS.9, at most 0.9."""
-        size = [max(float(np.linalg.norm(one)), 1e-300) for one in self.moments]
+        size = [max(float(np.linalg.norm(moment)), 1e-300) for moment in self.moments]
         return min(0.9, max(size[1] / size[0], sqrt(size[-1] / size[-3]), size[-1] / size[-2]))
 
 
-def _hankel(blocks: Floats, n: int) -> Floats:
+def _build_hankel(blocks: Floats, n: int) -> Floats:
     """Build the Hankel matrix (2 n, 2 n) whose block (i, j), (2, 2), is ``blocks[i + j]``."""
     i = np.arange(n)
     return np.asarray(blocks[i[:, None] + i].transpose(0, 2, 1, 3).reshape(2 * n, 2 * n))
 
 
-def _symmetric(matrix: Floats) -> Floats:
+def _symmetrise(matrix: Floats) -> Floats:
     return np.asarray((matrix + matrix.T) / 2)

@@ -17,17 +17,17 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.probe import Material
-from solver.inclusions.projection import quadrature
+from solver.inclusions.projection import build_quadrature
 from solver.inclusions.sphere_scattering import Scattering
-from solver.inclusions.sphere_scattering import scattering as scattering_by
+from solver.inclusions.sphere_scattering import compute_scattering as scattering_by
 from solver.multiple_scattering.spheres import ScatteringSphere
 
-STEP = 1e-30  # complex step: no cancellation, so that it may be tiny
-VOIGT = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])  # of xx, yy, zz, yz, xz, xy in s:e
+COMPLEX_STEP = 1e-30  # complex step: no cancellation, so that it may be tiny
+VOIGT_WEIGHTS = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])  # of xx, yy, zz, yz, xz, xy in s:e
 
 
 @dataclass(frozen=True)
-class Moved:
+class ShapeDerivatives:
     """Derivatives of the film forces, N/m per unit, shapes (2, 2).
 
     Attributes:
@@ -43,28 +43,32 @@ class Moved:
     by_poisson: Floats
 
 
-def moved(sphere: ScatteringSphere, scattering: Scattering, matrix: Material, own: Material, incident: Floats) -> Moved:
+def compute_shape_derivatives(
+    sphere: ScatteringSphere, scattering: Scattering, matrix: Material, material: Material, incident: Floats
+) -> ShapeDerivatives:
     """Compute the shape derivatives of eq. MS.10 for a sphere in the whole incident field, (modes, 2)."""
     modes = sphere.modes
-    points, weights = quadrature(modes, 6)
+    points, weights = build_quadrature(modes, 6)
     outside = modes.regular(points, incident)[1] + modes.outgoing(points, scattering.S @ incident)[1]
-    inside = replace(modes, nu=own.poisson_ratio).regular(points, scattering.inside @ incident)[1]
-    pairs = [_stress_and_strain(part, body, sphere.radius) for part, body in ((inside, own), (outside, matrix))]
+    inside = replace(modes, nu=material.poisson_ratio).regular(points, scattering.inside @ incident)[1]
+    pairs = [_compute_stress_and_strain(part, body, sphere.radius) for part, body in ((inside, material), (outside, matrix))]
     (s_in, e_in), (s_out, e_out) = pairs
     jump = e_in - e_out
-    density = _product(s_in, e_in) - _product(s_out, e_out) - _product(s_out, jump) - _product(jump, s_out)
+    density = _contract(s_in, e_in) - _contract(s_out, e_out) - _contract(s_out, jump) - _contract(jump, s_out)
     x, y, _ = sphere.centre
     offset = float(np.hypot(x, y))
-    away = np.array([x, y, 0.0]) / offset if offset > 0 else np.zeros(3)
+    radial = np.array([x, y, 0.0]) / offset if offset > 0 else np.zeros(3)
     area = weights * sphere.radius**2
-    motions = -points[:, 2], points @ away, np.full(len(points), sphere.radius)
-    shifted = scattering_by(modes, matrix.youngs_modulus, own.youngs_modulus, own.poisson_ratio + STEP * 1j, sphere.radius)
-    by_poisson = incident.T @ (shifted.T.imag @ incident) / STEP
-    sink, apart, grow = (np.einsum("q,qij->ij", area * motion, density) for motion in motions)
-    return Moved(sink, apart, grow, by_poisson)
+    motions = -points[:, 2], points @ radial, np.full(len(points), sphere.radius)
+    shifted = scattering_by(
+        modes, matrix.youngs_modulus, material.youngs_modulus, material.poisson_ratio + COMPLEX_STEP * 1j, sphere.radius
+    )
+    by_poisson = incident.T @ (shifted.T.imag @ incident) / COMPLEX_STEP
+    downward, outward, grow = (np.einsum("q,qij->ij", area * motion, density) for motion in motions)
+    return ShapeDerivatives(downward, outward, grow, by_poisson)
 
 
-def _stress_and_strain(scaled: Floats, material: Material, radius: float) -> tuple[Floats, Floats]:
+def _compute_stress_and_strain(scaled: Floats, material: Material, radius: float) -> tuple[Floats, Floats]:
     """Return stress, Pa, and strain from stress times R / (2 mu), (q, 6, 2), with radius R and shear modulus mu."""
     nu = material.poisson_ratio
     trace = scaled[:, :3].sum(axis=1, keepdims=True)
@@ -73,6 +77,6 @@ def _stress_and_strain(scaled: Floats, material: Material, radius: float) -> tup
     return scaled * (material.youngs_modulus / (1 + nu) / radius), strain / radius
 
 
-def _product(one: Floats, other: Floats) -> Floats:
+def _contract(first: Floats, second: Floats) -> Floats:
     """Return the products s_i:e_j of stresses and strains at all points, (q, 2, 2)."""
-    return np.asarray(np.einsum("qai,a,qaj->qij", one, VOIGT, other, optimize=True))
+    return np.asarray(np.einsum("qai,a,qaj->qij", first, VOIGT_WEIGHTS, second, optimize=True))

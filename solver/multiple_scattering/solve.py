@@ -28,31 +28,31 @@ from geometry.common.arrays import Floats
 from geometry.common.resources import check_memory, check_time
 from geometry.meridian.section import Section
 from geometry.scenes.probe import Material
-from solver.axisymmetric.refinement import total_change
+from solver.axisymmetric.refinement import compute_total_change
 from solver.axisymmetric.tissue_field import TissueField
-from solver.inclusions.projection import Projection, held_bytes, projection
+from solver.inclusions.projection import Projection, build_projection, count_projection_bytes
 from solver.inclusions.strata import Strata
 from solver.inclusions.tumours import Tumours
 from solver.inclusions.vector_modes import Modes
-from solver.linalg.workspace import kept_table
-from solver.multiple_scattering.exchange import LESS, Exchange, Reflector
-from solver.multiple_scattering.lockstep import Steps, alone
+from solver.linalg.workspace import keep_table
+from solver.multiple_scattering.exchange import LESS_MEMORY_HINT, Exchange, Reflector
+from solver.multiple_scattering.lockstep import Steps, run_steps
 from solver.multiple_scattering.near_exchange import CloseExchange
 from solver.multiple_scattering.reflection_series import Reflections
-from solver.multiple_scattering.resolution import DEGREES, apart, degrees, unresolved
+from solver.multiple_scattering.resolution import DEGREE_LIMITS, compute_degrees, compute_gap, estimate_unresolved
 from solver.multiple_scattering.rings import AzimuthalGrid
-from solver.multiple_scattering.shape_derivatives import Moved, moved
+from solver.multiple_scattering.shape_derivatives import ShapeDerivatives, compute_shape_derivatives
 from solver.multiple_scattering.spheres import ScatteringSphere, SphereSet
 
-ORDERS = 16  # maximum azimuthal order of the modes
-ANGLES = (10, 40)  # minimum and maximum number of angles if a sphere lies off the axis
-SMALL = 20  # maximum degree of off-axis modes with cached projections: 1 to 30 MB each
-STEPS = 6  # each costs one solution per azimuthal order
-_kept_projection = kept_table(projection)
-SENSITIVE = 5.0  # derivatives with respect to the modulus are this much more sensitive to omitted terms
-ROWS = 4  # tumours after which the time for the rest can be estimated
-SURE = 0.5  # of that time: the machine may be busier now than later
-ENOUGH = 0.3  # of the tolerance: two azimuthal orders with less effect end the sum
+MAX_MODE_ORDER = 16  # maximum azimuthal order of the modes
+ANGLE_LIMITS = (10, 40)  # minimum and maximum number of angles if a sphere lies off the axis
+MAX_CACHED_DEGREE = 20  # maximum degree of off-axis modes with cached projections: 1 to 30 MB each
+MAX_REFLECTIONS = 6  # each costs one solution per azimuthal order
+_kept_projection = keep_table(build_projection)
+SLOPE_TOLERANCE_FACTOR = 5.0  # derivatives with respect to the modulus are this much more sensitive to omitted terms
+MIN_TIMED_TUMOURS = 4  # tumours after which the time for the rest can be estimated
+TIME_SHARE = 0.5  # of that time: the machine may be busier now than later
+ORDER_TOLERANCE_SHARE = 0.3  # of the tolerance: two azimuthal orders with less effect end the sum
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class Scattered:
     by_log_modulus: Floats
     error: Floats
     slope_error: Floats
-    moved: tuple[Moved, ...]
+    shape_derivatives: tuple[ShapeDerivatives, ...]
     steps: int
     orders: int
 
@@ -106,10 +106,10 @@ def solve_scattering(
         SolveError: the reflections could not be solved.
         LimitReached: they would exceed the limits of memory or time.
     """
-    return alone(scattering_steps(field, reflector, strata, tumours, tolerance, places=places, sensitive=sensitive), often)
+    return run_steps(iterate_scattering(field, reflector, strata, tumours, tolerance, places=places, sensitive=sensitive), often)
 
 
-def scattering_steps(
+def iterate_scattering(
     field: TissueField,
     reflector: Reflector,
     strata: Strata,
@@ -121,36 +121,44 @@ def scattering_steps(
 ) -> Steps[Scattered]:
     """Iterate ``solve_scattering`` as steps for ``lockstep``; arguments and errors are the same."""
     section = reflector.states.model.section
-    spheres, rounds = arranged(section, strata, tumours)
-    sphere_set = SphereSet.of(spheres, tumours)
-    exchange, c = reflector.exchange(spheres, rounds), np.concatenate([incident(field, one) for one in spheres])
-    series, orders, previous_energy = Reflections.first(c, sphere_set.work(c)), rounds.orders, np.inf
-    enough = ENOUGH * tolerance * float(np.abs(series.moments[0]).max())
-    slopes = sphere_set.slopes(c)
-    for _ in range(STEPS):
-        c, orders = yield from _reflected(exchange, sphere_set.scattered(series.fields[-1]), enough, orders)
-        series = series.followed(c, sphere_set.work(c))
+    spheres, rounds = arrange_spheres(section, strata, tumours)
+    sphere_set = SphereSet.from_spheres(spheres, tumours)
+    exchange, c = (
+        reflector.build_exchange(spheres, rounds),
+        np.concatenate([compute_incident(field, sphere) for sphere in spheres]),
+    )
+    series, orders, previous_energy = Reflections.begin(c, sphere_set.compute_work(c)), rounds.orders, np.inf
+    min_work = ORDER_TOLERANCE_SHARE * tolerance * float(np.abs(series.moments[0]).max())
+    slopes = sphere_set.compute_slopes(c)
+    for _ in range(MAX_REFLECTIONS):
+        c, orders = yield from _reflect(exchange, sphere_set.scatter(series.fields[-1]), min_work, orders)
+        series = series.append(c, sphere_set.compute_work(c))
         change = series.rho / (1 - series.rho) * series.correction
-        previous_energy, decay = _decay(previous_energy, float(np.linalg.norm(series.correction)), series.rho)
-        total = series.whole(series.galerkin + series.remainder)
-        last, slopes = slopes, sphere_set.slopes(total)
+        previous_energy, decay = _compute_decay(previous_energy, float(np.linalg.norm(series.correction)), series.rho)
+        total = series.sum_fields(series.galerkin_weights + series.remainder_weights)
+        last, slopes = slopes, sphere_set.compute_slopes(total)
         slope_change = np.maximum(
-            np.abs(slopes - sphere_set.slopes(series.whole(series.galerkin))), decay * np.abs(slopes - last)
+            np.abs(slopes - sphere_set.compute_slopes(series.sum_fields(series.galerkin_weights))), decay * np.abs(slopes - last)
         )
         totals = np.abs((reflector.states.forces + series.forces).sum(axis=1))
-        settled = np.all(total_change(change[None])[0] <= tolerance * totals)
-        if settled and (not sensitive or np.all(slope_change <= SENSITIVE * tolerance * np.max(np.abs(slopes)))):
+        settled = np.all(compute_total_change(change[None])[0] <= tolerance * totals)
+        if settled and (not sensitive or np.all(slope_change <= SLOPE_TOLERANCE_FACTOR * tolerance * np.max(np.abs(slopes)))):
             break
-    forces, left_out = series.forces, unresolved(section, strata, tumours, spheres) + 2 * ENOUGH * tolerance
-    error = total_change(
-        np.array([change, _tail(section, spheres, sphere_set, series=series, fields=total), left_out * forces])
+    forces, left_out = (
+        series.forces,
+        estimate_unresolved(section, strata, tumours, spheres) + 2 * ORDER_TOLERANCE_SHARE * tolerance,
+    )
+    error = compute_total_change(
+        np.array([change, _estimate_tail(section, spheres, sphere_set, series=series, fields=total), left_out * forces])
     ).sum(axis=0)
-    slope_error = slope_change + SENSITIVE * left_out * np.abs(slopes)
-    moves = tuple(_moves(tumours, spheres, sphere_set, total)) if places else ()
-    return Scattered(forces, slopes, error=error, slope_error=slope_error, moved=moves, steps=series.count, orders=orders)
+    slope_error = slope_change + SLOPE_TOLERANCE_FACTOR * left_out * np.abs(slopes)
+    moves = tuple(_list_shape_derivatives(tumours, spheres, sphere_set, total)) if places else ()
+    return Scattered(
+        forces, slopes, error=error, slope_error=slope_error, shape_derivatives=moves, steps=series.count, orders=orders
+    )
 
 
-def _decay(previous_energy: float, energy: float, rho: float) -> tuple[float, float]:
+def _compute_decay(previous_energy: float, energy: float, rho: float) -> tuple[float, float]:
     """Return the energy and the sum of all further changes of the derivatives as a multiple of the last change.
 
     Derivatives converge like fields: with the square root of the energy.
@@ -159,14 +167,16 @@ def _decay(previous_energy: float, energy: float, rho: float) -> tuple[float, fl
     return energy, share / (1 - share)
 
 
-def _moves(tumours: Tumours, spheres: Sequence[ScatteringSphere], sphere_set: SphereSet, total: Floats) -> Iterator[Moved]:
+def _list_shape_derivatives(
+    tumours: Tumours, spheres: Sequence[ScatteringSphere], sphere_set: SphereSet, total: Floats
+) -> Iterator[ShapeDerivatives]:
     """Yield the shape derivatives of each sphere in the whole field."""
-    for k, (sphere, one, part) in enumerate(zip(spheres, sphere_set.scatterings, sphere_set.parts, strict=True)):
-        own = Material(youngs_modulus=float(tumours.youngs_modulus[k]), poisson_ratio=float(tumours.poisson_ratio[k]))
-        yield moved(sphere, one, sphere.matrix, own, total[part])
+    for k, (sphere, scattering, part) in enumerate(zip(spheres, sphere_set.scatterings, sphere_set.parts, strict=True)):
+        material = Material(youngs_modulus=float(tumours.youngs_modulus[k]), poisson_ratio=float(tumours.poisson_ratio[k]))
+        yield compute_shape_derivatives(sphere, scattering, sphere.matrix, material, total[part])
 
 
-def arranged(section: Section, strata: Strata, tumours: Tumours) -> tuple[list[ScatteringSphere], AzimuthalGrid]:
+def arrange_spheres(section: Section, strata: Strata, tumours: Tumours) -> tuple[list[ScatteringSphere], AzimuthalGrid]:
     """Rotate spheres about the probe's axis, if possible into the plane y = 0, and choose modes and angles that resolve them.
 
     Raises:
@@ -178,76 +188,84 @@ def arranged(section: Section, strata: Strata, tumours: Tumours) -> tuple[list[S
     x, y = np.cos(turn) * tumours.x + np.sin(turn) * tumours.y, np.cos(turn) * tumours.y - np.sin(turn) * tumours.x
     plane = bool(np.all(np.abs(y) <= 1e-9 * radius))
     axis = bool(np.all(offset <= 1e-9 * radius))
-    layers = strata.number(tumours.depth).tolist()
+    layers = strata.find_layer(tumours.depth).tolist()
     parity: Literal["even", "both"] = "even" if plane else "both"
-    required = np.clip(np.ceil(np.maximum(*degrees(section, tumours))), *DEGREES).astype(int).tolist()
+    required = np.clip(np.ceil(np.maximum(*compute_degrees(section, tumours))), *DEGREE_LIMITS).astype(int).tolist()
     modes = [
-        _same(Modes(degree, strata.materials[layer].poisson_ratio, 0 if axis else min(degree, ORDERS), parity))
+        _share_modes(Modes(degree, strata.materials[layer].poisson_ratio, 0 if axis else min(degree, MAX_MODE_ORDER), parity))
         for degree, layer in zip(required, layers, strict=True)
     ]
-    projections = _projections(modes)
+    projections = _find_projections(modes)
     centres = np.stack([x * (not axis), 0 * y if plane else y, -tumours.depth], axis=1)
     spheres = [
-        ScatteringSphere(centre, float(size), own, projections[own], strata.materials[layer], layer)
-        for centre, size, own, layer in zip(centres, radius, modes, layers, strict=True)
+        ScatteringSphere(centre, float(size), sphere_modes, projections[sphere_modes], strata.materials[layer], layer)
+        for centre, size, sphere_modes, layer in zip(centres, radius, modes, layers, strict=True)
     ]
-    angles = int(np.clip(np.ceil(np.max(3 * offset / (apart(section, tumours) + 0.2 * radius))) + 6, *ANGLES))
+    angles = int(np.clip(np.ceil(np.max(3 * offset / (compute_gap(section, tumours) + 0.2 * radius))) + 6, *ANGLE_LIMITS))
     return spheres, AzimuthalGrid(1 if axis else angles * (1 if plane else 2), plane)
 
 
-def _projections(modes: Sequence[Modes]) -> dict[Modes, Projection]:
+def _find_projections(modes: Sequence[Modes]) -> dict[Modes, Projection]:
     """Return the projections on all modes; small ones are cached, as they take half of the time of a tumour on the axis.
 
     Raises:
         LimitReached: they would exceed the memory limit.
     """
-    every = set(modes)
-    check_memory(f"reflections of {len(modes)} tumours ({LESS})", sum(held_bytes(one) for one in every))
-    return {one: (_kept_projection if one.order == 0 or one.degree <= SMALL else projection)(one) for one in every}
+    distinct = set(modes)
+    check_memory(
+        f"reflections of {len(modes)} tumours ({LESS_MEMORY_HINT})",
+        sum(count_projection_bytes(sphere_modes) for sphere_modes in distinct),
+    )
+    return {
+        sphere_modes: (
+            _kept_projection if sphere_modes.order == 0 or sphere_modes.degree <= MAX_CACHED_DEGREE else build_projection
+        )(sphere_modes)
+        for sphere_modes in distinct
+    }
 
 
 @lru_cache(maxsize=64)
-def _same(modes: Modes) -> Modes:
+def _share_modes(modes: Modes) -> Modes:
     """Return the first of equal modes, whose labels may be computed already."""
     return modes
 
 
-def incident(field: TissueField, sphere: ScatteringSphere) -> Floats:
+def compute_incident(field: TissueField, sphere: ScatteringSphere) -> Floats:
     """Compute regular coefficients of the base states at a sphere, (modes, 2), m per m."""
     x, y, z = sphere.points.T
     r = np.hypot(x, y)
-    strains = field.at(r, z)
+    strains = field.evaluate(r, z)
     u = strains.displacement
-    away = np.stack([np.divide(part, r, out=np.zeros_like(r), where=r > 0) for part in (x, y)], axis=1)
-    return sphere.coefficients(np.concatenate([away[:, :, None] * u[:, :1], u[:, 1:]], axis=1), strains.dilation)
+    radial = np.stack([np.divide(part, r, out=np.zeros_like(r), where=r > 0) for part in (x, y)], axis=1)
+    return sphere.compute_coefficients(np.concatenate([radial[:, :, None] * u[:, :1], u[:, 1:]], axis=1), strains.dilation)
 
 
-def _reflected(
-    exchange: Exchange | CloseExchange, outgoing: Sequence[Floats], enough: float, orders: int
+def _reflect(
+    exchange: Exchange | CloseExchange, outgoing: Sequence[Floats], min_work: float, orders: int
 ) -> Steps[tuple[Floats, int]]:
     """Compute one more reflection: by the other spheres and, order by order, by the boundary."""
-    sent = _neighbours(exchange.spheres, outgoing)  # first, because it estimates its time early
+    sent = _exchange_between_spheres(exchange.spheres, outgoing)  # first, because it estimates its time early
     if isinstance(exchange, CloseExchange):
-        came, orders = exchange.reflect(outgoing, enough, orders)
+        returned, orders = exchange.reflect(outgoing, min_work, orders)
     else:
-        came, orders = yield from exchange.reflecting(outgoing, enough, orders)
-    return np.concatenate([a + b for a, b in zip(came, sent, strict=True)]), orders
+        returned, orders = yield from exchange.iterate_reflection(outgoing, min_work, orders)
+    return np.concatenate([a + b for a, b in zip(returned, sent, strict=True)]), orders
 
 
-def _neighbours(spheres: Sequence[ScatteringSphere], outgoing: Sequence[Floats]) -> list[Floats]:
+def _exchange_between_spheres(spheres: Sequence[ScatteringSphere], outgoing: Sequence[Floats]) -> list[Floats]:
     """Compute the fields scattered to each sphere by the others in its layer, as regular coefficients."""
     total, start = [np.zeros_like(c) for c in outgoing], perf_counter()
-    for k, here in enumerate(spheres):
-        left = SURE * (perf_counter() - start) / k * (len(spheres) - k) if k >= ROWS else 0.0
+    for k, sphere in enumerate(spheres):
+        left = TIME_SHARE * (perf_counter() - start) / k * (len(spheres) - k) if k >= MIN_TIMED_TUMOURS else 0.0
         check_time(f"reflections of {len(spheres)} tumours (fewer take less)", left)
-        for other, c in zip(spheres, outgoing, strict=True):
-            if other is not here and other.layer == here.layer:  # from other layers it comes through the interfaces
-                local = (here.points - other.centre) / other.radius
-                total[k] += here.coefficients(other.modes.displacement(local, c, "outgoing"))
+        for neighbour, c in zip(spheres, outgoing, strict=True):
+            if neighbour is not sphere and neighbour.layer == sphere.layer:  # from other layers it comes through the interfaces
+                local = (sphere.points - neighbour.centre) / neighbour.radius
+                total[k] += sphere.compute_coefficients(neighbour.modes.displacement(local, c, "outgoing"))
     return total
 
 
-def _tail(
+def _estimate_tail(
     section: Section, spheres: Sequence[ScatteringSphere], sphere_set: SphereSet, *, series: Reflections, fields: Floats
 ) -> Floats:
     """Estimate the contribution of degrees beyond the largest, N/m, shape (2, 2).

@@ -12,7 +12,7 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.scenes.probe import Material
 from solver.inclusions.projection import Projection
-from solver.inclusions.sphere_scattering import Scattering, scattering
+from solver.inclusions.sphere_scattering import Scattering, compute_scattering
 from solver.inclusions.tumours import Tumours
 from solver.inclusions.vector_modes import Modes
 from solver.multiple_scattering.rings import ModeSource
@@ -52,18 +52,18 @@ class ScatteringSphere:
         """Points at which displacements are projected, m, shape (q, 3)."""
         return np.asarray(self.centre + self.radius * self.projection.points)
 
-    def coefficients(self, displacement: Floats, dilation: Floats | None = None) -> Floats:
+    def compute_coefficients(self, displacement: Floats, dilation: Floats | None = None) -> Floats:
         """Compute regular coefficients (modes, k) of a field from displacement (q, 3, k), m, and dilation (q, k) at q points.
 
         The mode of degree 0, u = c x / R with radius R, is taken from the dilation if that is given: in equilibrium the dilation
         is harmonic, so that its mean over the surface equals that over the ball, 3 c / R. In nearly incompressible tissue an
         error of the displacement's flux would be multiplied by the bulk modulus.
         """
-        out = self.projection.coefficients(displacement)
+        coefficients = self.projection.coefficients(displacement)
         if dilation is not None:
             mean = self.radius * np.sqrt(4 * np.pi) / 3 * self.projection.weights / (4 * np.pi)
-            out[self.modes.ell == 0] = mean @ dilation
-        return np.asarray(out)
+            coefficients[self.modes.ell == 0] = mean @ dilation
+        return np.asarray(coefficients)
 
 
 @dataclass(frozen=True)
@@ -79,22 +79,25 @@ class SphereSet:
     parts: Sequence[slice]
 
     @classmethod
-    def of(cls, spheres: Sequence[ScatteringSphere], tumours: Tumours) -> SphereSet:
+    def from_spheres(cls, spheres: Sequence[ScatteringSphere], tumours: Tumours) -> SphereSet:
         """Compute the scattering of t tumours, each in its surrounding material."""
         moduli = zip(spheres, tumours.youngs_modulus, tumours.poisson_ratio, strict=True)
-        scatterings = [scattering(one.modes, one.matrix.youngs_modulus, float(E), float(nu), one.radius) for one, E, nu in moduli]
-        ends = np.cumsum([0, *(len(one.modes) for one in spheres)]).tolist()
+        scatterings = [
+            compute_scattering(sphere.modes, sphere.matrix.youngs_modulus, float(E), float(nu), sphere.radius)
+            for sphere, E, nu in moduli
+        ]
+        ends = np.cumsum([0, *(len(sphere.modes) for sphere in spheres)]).tolist()
         return cls(scatterings, [slice(*pair) for pair in pairwise(ends)])
 
-    def scattered(self, c: Floats) -> list[Floats]:
+    def scatter(self, c: Floats) -> list[Floats]:
         """Return the outgoing coefficients S c about each sphere, with its scattering matrix S."""
-        return [one.S @ c[part] for one, part in zip(self.scatterings, self.parts, strict=True)]
+        return [scattering.S @ c[part] for scattering, part in zip(self.scatterings, self.parts, strict=True)]
 
-    def work(self, c: Floats) -> Floats:
+    def compute_work(self, c: Floats) -> Floats:
         """Return T c, of the shape of c, with the spheres' work matrices T."""
-        return np.concatenate([one.T @ c[part] for one, part in zip(self.scatterings, self.parts, strict=True)])
+        return np.concatenate([scattering.T @ c[part] for scattering, part in zip(self.scatterings, self.parts, strict=True)])
 
-    def slopes(self, c: Floats) -> Floats:
+    def compute_slopes(self, c: Floats) -> Floats:
         """Return c^T (dT / d ln E) c of every sphere, with its work matrix T and modulus E, shape (t, k, k)."""
         pairs = zip(self.scatterings, self.parts, strict=True)
-        return np.array([c[part].T @ (one.by_log_modulus[1] @ c[part]) for one, part in pairs])
+        return np.array([c[part].T @ (scattering.by_log_modulus[1] @ c[part]) for scattering, part in pairs])

@@ -15,55 +15,55 @@ from __future__ import annotations
 import math
 
 from geometry.common.errors import InputError, Words
-from geometry.common.limits import most
-from geometry.scenes.probe import mm
+from geometry.common.limits import format_maximum
+from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
-from geometry.scenes.units import FREQUENCY
+from geometry.scenes.units import FREQUENCY_QUANTITY
 
-DENSITY = 1100.0  # kg/m^3: tissue and elastomers
-LARGEST = 0.5  # of eq. PH.4: larger ones are refused
-STILL = 0.8  # of the frequency of eq. PH.5: up to there the tissue does not swing
+TISSUE_DENSITY_KG_M3 = 1100.0  # kg/m^3: tissue and elastomers
+MAX_INERTIA_NUMBER = 0.5  # of eq. PH.4: larger ones are refused
+MAX_SWING_SHARE = 0.8  # of the frequency of eq. PH.5: up to there the tissue does not swing
 
 
-def inertia(scene: Scene, frequency: float) -> float:
+def compute_inertia_number(scene: Scene, frequency: float) -> float:
     """Return inertia relative to stiffness, N of eq. PH.4, at a frequency, Hz."""
-    return (_wave_number(scene, frequency) * scene.probe.tube_radius) ** 2
+    return (_compute_wave_number(scene, frequency) * scene.probe.tube_radius) ** 2
 
 
-def swinging(scene: Scene, frequency: float) -> str | None:
+def find_swing_refusal(scene: Scene, frequency: float) -> str | None:
     """Return why no phase is computed if the tissue as a whole may swing at a frequency, Hz; None where it cannot."""
     if scene.tissue.shape == "half-space":
         return None
-    share = _wave_number(scene, frequency) * scene.tissue.depth / (math.pi / 2)
-    if share <= STILL:
+    share = _compute_wave_number(scene, frequency) * scene.tissue.depth / (math.pi / 2)
+    if share <= MAX_SWING_SHARE:
         return None
-    limit = most(frequency * STILL / share, 2)
-    return f"at {frequency:.4g} Hz tissue {mm(scene.tissue.depth)} deep may swing as a whole; allowed is up to {limit} Hz"
+    limit = format_maximum(frequency * MAX_SWING_SHARE / share, 2)
+    return f"at {frequency:.4g} Hz tissue {format_mm(scene.tissue.depth)} deep may swing as a whole; allowed is up to {limit} Hz"
 
 
-def with_inertia(error: float | None, scene: Scene, frequency: float) -> float | None:
+def add_inertia_error(error: float | None, scene: Scene, frequency: float) -> float | None:
     """Add the effect of inertia, at most N of eq. PH.4, to a ratio's relative error bound.
 
     Complex solutions with masses give changes up to 0.6 N.
     """
-    return None if error is None else (1 + error) * (1 + inertia(scene, frequency)) - 1
+    return None if error is None else (1 + error) * (1 + compute_inertia_number(scene, frequency)) - 1
 
 
-def _wave_number(scene: Scene, frequency: float) -> float:
+def _compute_wave_number(scene: Scene, frequency: float) -> float:
     """Return k of eq. PH.5, the wave number of shear waves in the softest tissue, 1/m."""
     tissue = scene.tissue
-    softest = min(one.youngs_modulus / (2 * (1 + one.poisson_ratio)) for one in (tissue, *tissue.layer))
-    return 2 * math.pi * frequency * math.sqrt(DENSITY / softest)
+    softest = min(material.youngs_modulus / (2 * (1 + material.poisson_ratio)) for material in (tissue, *tissue.layer))
+    return 2 * math.pi * frequency * math.sqrt(TISSUE_DENSITY_KG_M3 / softest)
 
 
 def check_frequency(scene: Scene, frequency: float) -> None:
     """Raise ``InputError`` for an invalid frequency (Hz), or one at which inertia is not small."""
     try:
-        FREQUENCY.checked(frequency)
+        FREQUENCY_QUANTITY.check(frequency)
     except ValueError:
-        raise InputError("frequency", frequency, FREQUENCY.allowed) from None
-    number = inertia(scene, frequency)
-    if number > LARGEST:
-        limit = most(frequency * math.sqrt(LARGEST / number), 3)
+        raise InputError("frequency", frequency, FREQUENCY_QUANTITY.allowed) from None
+    number = compute_inertia_number(scene, frequency)
+    if number > MAX_INERTIA_NUMBER:
+        limit = format_maximum(frequency * math.sqrt(MAX_INERTIA_NUMBER / number), 3)
         text = f"up to {limit} Hz: above it inertia, which is left out, is not small compared with the tissue's stiffness"
         raise InputError("frequency", Words(f"{frequency:.6g} Hz"), text)

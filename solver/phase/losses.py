@@ -11,51 +11,56 @@ from __future__ import annotations
 import math
 
 from geometry.scenes.scene import Scene
-from geometry.scenes.variables import BLOCKS, loss_factors
+from geometry.scenes.variables import BLOCK_NAMES, list_loss_factors
 
-Turns = dict[str, float]  # by the materials' names, "probe.inner", "tissue.layer[0]", "inclusion[1]"; of all that can be lossy
+ValueOfMaterial = dict[
+    str, float
+]  # by the materials' names, "probe.inner", "tissue.layer[0]", "inclusion[1]"; of all that can be lossy
 
 
-def angles(scene: Scene) -> Turns:
+def compute_loss_angles(scene: Scene) -> ValueOfMaterial:
     """Return the loss angle delta of eq. PH.1 of every material that can be lossy, rad."""
-    return {_owner(key): math.atan(loss) for key, loss in loss_factors(scene).items()}
+    return {_remove_key_suffix(key): math.atan(loss) for key, loss in list_loss_factors(scene).items()}
 
 
-def stretches(scene: Scene) -> Turns:
+def compute_log_growths(scene: Scene) -> ValueOfMaterial:
     """Return the growth v of ln |E| by losses, eq. PH.1, of every material that can be lossy."""
-    return {_owner(key): math.log1p(loss**2) / 2 for key, loss in loss_factors(scene).items()}
+    return {_remove_key_suffix(key): math.log1p(loss**2) / 2 for key, loss in list_loss_factors(scene).items()}
 
 
-def spread(scene: Scene) -> float:
+def compute_angle_spread(scene: Scene) -> float:
     """Return the largest less the smallest loss angle, rad; where it is 0, so is the ratio's phase.
 
     An elastic base and films are lossless: their loss angle is 0.
     """
     elastic = scene.probe.film is not None or not scene.probe.base.rigid
-    every = [*angles(scene).values(), *([0.0] if elastic else [])]
-    return max(every) - min(every)
+    deltas = [*compute_loss_angles(scene).values(), *([0.0] if elastic else [])]
+    return max(deltas) - min(deltas)
 
 
-def stiffened(scene: Scene, by: Turns, times: float) -> Scene:
+def scale_moduli(scene: Scene, log_changes: ValueOfMaterial, times: float) -> Scene:
     """Return a scene whose moduli are multiplied by exp(times * by), ``log_changes`` a number for each material."""
 
-    def grown(name: str, body: object) -> dict[str, float]:
-        return {"youngs_modulus": body.youngs_modulus * math.exp(times * by[name])}  # type: ignore[attr-defined]
+    def scale_modulus(name: str, body: object) -> dict[str, float]:
+        return {"youngs_modulus": body.youngs_modulus * math.exp(times * log_changes[name])}  # type: ignore[attr-defined]
 
     probe, tissue, alone = scene.probe, scene.tissue, len(scene.inclusion) == 1
-    blocks = {key: getattr(probe, key).model_copy(update=grown(f"probe.{key}", getattr(probe, key))) for key in BLOCKS}
-    layers = (one.model_copy(update=grown(f"tissue.layer[{k}]", one)) for k, one in enumerate(tissue.layer))
+    blocks = {
+        key: getattr(probe, key).model_copy(update=scale_modulus(f"probe.{key}", getattr(probe, key))) for key in BLOCK_NAMES
+    }
+    layers = (part.model_copy(update=scale_modulus(f"tissue.layer[{k}]", part)) for k, part in enumerate(tissue.layer))
     bodies = (
-        one.model_copy(update=grown("inclusion" if alone else f"inclusion[{k}]", one)) for k, one in enumerate(scene.inclusion)
+        part.model_copy(update=scale_modulus("inclusion" if alone else f"inclusion[{k}]", part))
+        for k, part in enumerate(scene.inclusion)
     )
     return scene.model_copy(
         update={
             "probe": probe.model_copy(update=blocks),
-            "tissue": tissue.model_copy(update={"layer": tuple(layers), **grown("tissue", tissue)}),
+            "tissue": tissue.model_copy(update={"layer": tuple(layers), **scale_modulus("tissue", tissue)}),
             "inclusion": tuple(bodies),
         }
     )
 
 
-def _owner(key: str) -> str:
+def _remove_key_suffix(key: str) -> str:
     return key.removesuffix(".loss_factor")

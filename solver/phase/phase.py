@@ -27,22 +27,22 @@ from threadpoolctl import threadpool_limits
 
 from geometry.common.errors import ProbeError, SolveError
 from geometry.scenes.scene import Scene
-from geometry.scenes.variables import loss_factors, values
-from solver.phase.inertia import check_frequency, inertia, swinging
-from solver.phase.losses import angles, spread, stiffened, stretches
-from solver.phase.slopes import MODULUS, Slopes, sloped
+from geometry.scenes.variables import list_loss_factors, list_values
+from solver.phase.inertia import check_frequency, compute_inertia_number, find_swing_refusal
+from solver.phase.losses import compute_angle_spread, compute_log_growths, compute_loss_angles, scale_moduli
+from solver.phase.slopes import MODULUS_SUFFIX, LogDerivatives, choose_derivatives
 from solver.results.result import Result
 from solver.results.warnings import Note
 
-STEP = 1e-2  # h of eq. PH.3 times the largest loss angle
-HIGHER = 1.5  # times the sizes of the terms of third order: allows for higher orders
-LOGARITHMIC, INERTIAL = 2.0, 2.0
-CONTACT = "contact"  # the evaluator for whose results no phase is computed
-LARGEST = 0.5  # above this error bound no phase is reported
-LOSSLESS = Note("null", "all loss factors are 0, and with them ratio_phase")
+STEP_RAD = 1e-2  # h of eq. PH.3 times the largest loss angle
+HIGHER_ORDER_FACTOR = 1.5  # times the sizes of the terms of third order: allows for higher orders
+RATIO_ERROR_FACTOR, INERTIA_ERROR_FACTOR = 2.0, 2.0
+CONTACT_EVALUATOR = "contact"  # the evaluator for whose results no phase is computed
+MAX_PHASE_ERROR_RAD = 0.5  # above this error bound no phase is reported
+LOSSLESS_NOTE = Note("null", "all loss factors are 0, and with them ratio_phase")
 
 
-class NotTold(ProbeError):  # noqa: N818 - says why
+class PhaseUnknown(ProbeError):  # noqa: N818 - says why
     """Raised where no phase can be computed; the text is the reason."""
 
 
@@ -63,12 +63,12 @@ class RatioPhase:
     notes: tuple[Note, ...] = ()
 
     @property
-    def parts(self) -> dict[str, Any]:
+    def suffixed_fields(self) -> dict[str, Any]:
         """The values by the suffix that is appended to the name ``ratio_phase``."""
         return {"": self.value, "_error": self.error, "_derivatives": self.derivatives}
 
 
-def ratio_phase(scene: Scene, result: Result, accuracy: float, frequency: float) -> RatioPhase:
+def compute_ratio_phase(scene: Scene, result: Result, accuracy: float, frequency: float) -> RatioPhase:
     """Compute the phase of the ratio under a small sinusoidal load, for which linear elasticity holds.
 
     Args:
@@ -83,34 +83,45 @@ def ratio_phase(scene: Scene, result: Result, accuracy: float, frequency: float)
         LimitReached: see ``solver.evaluate``.
     """
     check_frequency(scene, frequency)
-    moving = swinging(scene, frequency)
-    if moving is not None:
-        raise NotTold(moving)
+    swing_refusal = find_swing_refusal(scene, frequency)
+    if swing_refusal is not None:
+        raise PhaseUnknown(swing_refusal)
     if result.ratio is None or result.error_estimate is None:
-        raise NotTold("the ratio has to be known with its error")
-    if result.evaluator == CONTACT:  # derivatives change with the load more than the ratio, which may return to its value
-        raise NotTold("nothing is known of phases at finite strain and with contact")
-    why, at = sloped(scene, accuracy)
-    if why is not None:
-        raise NotTold(why)
-    turns, growth = angles(scene), stretches(scene)
+        raise PhaseUnknown("the ratio has to be known with its error")
+    if (
+        result.evaluator == CONTACT_EVALUATOR
+    ):  # derivatives change with the load more than the ratio, which may return to its value
+        raise PhaseUnknown("nothing is known of phases at finite strain and with contact")
+    reason, differentiate = choose_derivatives(scene, accuracy)
+    if reason is not None:
+        raise PhaseUnknown(reason)
+    deltas, growth = compute_loss_angles(scene), compute_log_growths(scene)
     with threadpool_limits(1, user_api="blas"):
         try:
-            middle = at(scene, (turns, growth))
-            by, third = _changes(scene, middle, lambda times: at(stiffened(scene, turns, times), (turns, growth)))
+            middle = differentiate(scene, (deltas, growth))
+            derivatives, third = _differentiate_phase(
+                scene, middle, lambda times: differentiate(scale_moduli(scene, deltas, times), (deltas, growth))
+            )
         except SolveError as fault:
-            raise NotTold(f"its derivatives cannot be solved for: {fault}") from fault
-    apart = result.ratio / middle.ratio
-    off = abs(math.log(apart)) + math.log1p(result.error_estimate) if apart > 0 else math.inf
-    spreading = spread(scene) * (LOGARITHMIC * off + INERTIAL * inertia(scene, frequency)) if spread(scene) else 0.0
-    error = HIGHER * third + spreading
-    if not error <= LARGEST:
-        raise NotTold(f"its error would be {error:.2g} rad, above the allowed {LARGEST:g} rad")
-    notes = () if any(turns.values()) else (LOSSLESS,)
-    return RatioPhase(float(middle.along[0]), float(error), by | _by_losses(scene, middle), notes)
+            raise PhaseUnknown(f"its derivatives cannot be solved for: {fault}") from fault
+    ratio_factor = result.ratio / middle.ratio
+    log_error = abs(math.log(ratio_factor)) + math.log1p(result.error_estimate) if ratio_factor > 0 else math.inf
+    first_order_error = (
+        compute_angle_spread(scene)
+        * (RATIO_ERROR_FACTOR * log_error + INERTIA_ERROR_FACTOR * compute_inertia_number(scene, frequency))
+        if compute_angle_spread(scene)
+        else 0.0
+    )
+    error = HIGHER_ORDER_FACTOR * third + first_order_error
+    if not error <= MAX_PHASE_ERROR_RAD:
+        raise PhaseUnknown(f"its error would be {error:.2g} rad, above the allowed {MAX_PHASE_ERROR_RAD:g} rad")
+    notes = () if any(deltas.values()) else (LOSSLESS_NOTE,)
+    return RatioPhase(float(middle.directional[0]), float(error), derivatives | _differentiate_by_losses(scene, middle), notes)
 
 
-def _changes(scene: Scene, middle: Slopes, at: Callable[[float], Slopes]) -> tuple[dict[str, float], float]:
+def _differentiate_phase(
+    scene: Scene, middle: LogDerivatives, differentiate: Callable[[float], LogDerivatives]
+) -> tuple[dict[str, float], float]:
     """Return the phase's derivatives by eq. PH.3, and the sum of the sizes of the third-order terms of eq. PH.2.
 
     Args:
@@ -118,20 +129,20 @@ def _changes(scene: Scene, middle: Slopes, at: Callable[[float], Slopes]) -> tup
         middle: its derivatives.
         differentiate: returns the derivatives after the logarithms of the moduli moved by a multiple of the loss angles.
     """
-    largest = max(angles(scene).values())
-    if largest == 0:
-        return dict.fromkeys(middle.by, 0.0), 0.0
-    h, numbers = STEP / largest, values(scene)
-    above, below = at(h), at(-h)
-    by = {name: (above.by[name] - below.by[name]) / (2 * h) for name in middle.by}
-    by = {name: slope / (numbers[name] if name.endswith(MODULUS) else 1.0) for name, slope in by.items()}
-    stretched = (above.along[1] - below.along[1]) / (2 * h)
-    cubic = (above.along[0] - 2 * middle.along[0] + below.along[0]) / h**2
-    return by, abs(float(stretched)) + abs(float(cubic)) / 6
+    max_delta = max(compute_loss_angles(scene).values())
+    if max_delta == 0:
+        return dict.fromkeys(middle.derivatives, 0.0), 0.0
+    h, numbers = STEP_RAD / max_delta, list_values(scene)
+    plus, minus = differentiate(h), differentiate(-h)
+    derivatives = {name: (plus.derivatives[name] - minus.derivatives[name]) / (2 * h) for name in middle.derivatives}
+    derivatives = {name: slope / (numbers[name] if name.endswith(MODULUS_SUFFIX) else 1.0) for name, slope in derivatives.items()}
+    stretched = (plus.directional[1] - minus.directional[1]) / (2 * h)
+    cubic = (plus.directional[0] - 2 * middle.directional[0] + minus.directional[0]) / h**2
+    return derivatives, abs(float(stretched)) + abs(float(cubic)) / 6
 
 
-def _by_losses(scene: Scene, middle: Slopes) -> dict[str, float]:
+def _differentiate_by_losses(scene: Scene, middle: LogDerivatives) -> dict[str, float]:
     """Return the phase's derivatives by the loss factors t = tan delta: d delta / dt = 1 / (1 + t^2)."""
-    losses = loss_factors(scene)
-    slopes = {key: middle.by.get(key.replace(".loss_factor", MODULUS)) for key in losses}
+    losses = list_loss_factors(scene)
+    slopes = {key: middle.derivatives.get(key.replace(".loss_factor", MODULUS_SUFFIX)) for key in losses}
     return {key: slope / (1 + losses[key] ** 2) for key, slope in slopes.items() if slope is not None}

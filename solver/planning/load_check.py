@@ -9,26 +9,26 @@ import numpy as np
 
 from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import Refusal, Words
-from geometry.common.limits import most
-from geometry.scenes.probe import mm
+from geometry.common.limits import format_maximum
+from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
-from solver.planning.load_limits import LOAD_SHARE, largest, limits_of, load_rule
-from solver.planning.loads import CLOSING, LARGEST_X, SENSITIVITY_GROWTH, LoadRule, least_closure
-from solver.planning.strains import RATIO_CHANGE
-from solver.planning.tumour_effects import adjusted
-from solver.results.film_forces import indented
-from solver.results.load_limits import Known, LargestLoad
+from solver.planning.load_limits import LOAD_SHARE, build_limits, build_load_rule, find_largest_load
+from solver.planning.loads import CLOSURE_FORCE_SHARE, MAX_X, SENSITIVITY_GROWTH, LoadRule, bound_closure_force
+from solver.planning.strains import RATIO_CHANGE_PER_X
+from solver.planning.tumour_effects import adjust_rule
+from solver.results.film_forces import compute_indentation
+from solver.results.load_limits import Basis, LargestLoad
 from solver.results.result import Result
 from solver.results.warnings import Note
 
 FORMULAS_MARGIN = 0.9  # of the stiffness by formulas, which is off by some per cent, and counts tumours that stiffen
-WHY = {
+LIMIT_REASONS = {
     "ratio": "beyond it finite strain may change ratio and stresses by more than {accuracy:.2g}",
     "log_sensitivity": "beyond it finite strain may change log_sensitivity by more than {promise:.2g} of itself",
     "strain limit": "the effect of larger strains is unknown",
     "gap closure": "at larger loads the gap may close",
 }
-REMEDY = "or --linear (linear=True)"
+LINEAR_REMEDY = "or --linear (linear=True)"
 
 
 def check_load(scene: Scene, rule: LoadRule, accuracy: float, promise: bool) -> None:
@@ -40,46 +40,48 @@ def check_load(scene: Scene, rule: LoadRule, accuracy: float, promise: bool) -> 
         accuracy: see ``find_largest_load``.
         promise: likewise.
     """
-    limit = largest(rule, accuracy, promise)
-    if _within(rule.force(scene), limit):
+    limit = find_largest_load(rule, accuracy, promise)
+    if _is_within(rule.compute_force(scene), limit):
         return
     if limit.force == 0:
-        raise Refusal("placement.tilt", Words(f"{math.degrees(scene.placement.tilt):.3g} deg"), f"a smaller one, {REMEDY}")
-    raise Refusal(*_load(scene), f"up to {_most(scene, limit)} ({why(limit, accuracy)}), {REMEDY}")
+        raise Refusal("placement.tilt", Words(f"{math.degrees(scene.placement.tilt):.3g} deg"), f"a smaller one, {LINEAR_REMEDY}")
+    raise Refusal(
+        *_describe_load(scene), f"up to {_format_limit(scene, limit)} ({explain_limit(limit, accuracy)}), {LINEAR_REMEDY}"
+    )
 
 
-def check_known(scene: Scene, rule: LoadRule) -> None:
+def check_known_load(scene: Scene, rule: LoadRule) -> None:
     """Raise ``Refusal`` where the effect of the scene's load is unknown, so that no error of a linear result can be given.
 
     Args:
         scene: for its load.
         rule: of the scene.
     """
-    if rule.knows(rule.force(scene)):
+    if rule.is_known(rule.compute_force(scene)):
         return
-    text = f"up to {_most(scene, rule.largest_open)}; larger loads have unknown effects, also with --linear"
-    raise Refusal(*_load(scene), text)
+    text = f"up to {_format_limit(scene, rule.largest_open_load)}; larger loads have unknown effects, also with --linear"
+    raise Refusal(*_describe_load(scene), text)
 
 
-def why(limit: LargestLoad, accuracy: float) -> str:
+def explain_limit(limit: LargestLoad, accuracy: float) -> str:
     """Return in words what sets a limit."""
-    return WHY[limit.by].format(accuracy=LOAD_SHARE * accuracy, promise=5 * LOAD_SHARE * accuracy)
+    return LIMIT_REASONS[limit.by].format(accuracy=LOAD_SHARE * accuracy, promise=5 * LOAD_SHARE * accuracy)
 
 
-def budget(rule: LoadRule, force: float, accuracy: float, promise: bool) -> float:
+def compute_budget(rule: LoadRule, force: float, accuracy: float, promise: bool) -> float:
     """Return the accuracy that a force, N, leaves for the evaluator; all of it where the load is refused anyway."""
-    if force > largest(rule, accuracy, promise).force:
+    if force > find_largest_load(rule, accuracy, promise).force:
         return accuracy
-    change = max(rule.ratio_change(force), accuracy * rule.promise_taken(force, accuracy) if promise else 0.0)
+    change = max(rule.bound_ratio_change(force), accuracy * rule.compute_promise_share(force, accuracy) if promise else 0.0)
     return (1 + accuracy) / (1 + min(change, LOAD_SHARE * accuracy)) - 1
 
 
-def with_error(error: float | None, change: float) -> float | None:
+def add_load_error(error: float | None, change: float) -> float | None:
     """Return an error bound with what the load may change on top; None where either is not known."""
     return None if error is None or math.isinf(change) else float(math.expm1(math.log1p(error) + math.log1p(change)))
 
 
-def with_load(result: Result, scene: Scene, rule: LoadRule, accuracy: float, promise: bool) -> Result:
+def add_load_effect(result: Result, scene: Scene, rule: LoadRule, accuracy: float, promise: bool) -> Result:
     """Return a linear result with the load's effect added to its error.
 
     Args:
@@ -89,21 +91,28 @@ def with_load(result: Result, scene: Scene, rule: LoadRule, accuracy: float, pro
         accuracy: see ``find_largest_load``.
         promise: likewise.
     """
-    error = with_error(result.error_estimate, rule.ratio_change(rule.force(scene)))
-    result = replace(result, error_estimate=error, load_limits=limits_of(rule, accuracy, promise))
-    return _noted(result, load_notes(scene, rule, accuracy, promise))
+    error = add_load_error(result.error_estimate, rule.bound_ratio_change(rule.compute_force(scene)))
+    result = replace(result, error_estimate=error, load_limits=build_limits(rule, accuracy, promise))
+    return _add_notes(result, build_load_notes(scene, rule, accuracy, promise))
 
 
-def load_notes(scene: Scene, rule: LoadRule, accuracy: float, promise: bool) -> tuple[Note, ...]:
+def build_load_notes(scene: Scene, rule: LoadRule, accuracy: float, promise: bool) -> tuple[Note, ...]:
     """Return the note on a result beyond the linear limit; none within the limit."""
-    force, limit = rule.force(scene), largest(rule, accuracy, promise)
-    if _within(force, limit):
+    force, limit = rule.compute_force(scene), find_largest_load(rule, accuracy, promise)
+    if _is_within(force, limit):
         return ()
-    null = "" if rule.knows(force) else "; error_estimate is null"
-    return (Note("linear", f"linear elasticity used beyond {_most(scene, limit)}: {effect(rule, force, promise)}{null}"),)
+    null = "" if rule.is_known(force) else "; error_estimate is null"
+    return (
+        Note(
+            "linear",
+            f"linear elasticity used beyond {_format_limit(scene, limit)}: {describe_effect(rule, force, promise)}{null}",
+        ),
+    )
 
 
-def with_warning(result: Result, scene: Scene, accuracy: float, rule: LoadRule | None = None, known: Known = "bound") -> Result:
+def add_load_warning(
+    result: Result, scene: Scene, accuracy: float, rule: LoadRule | None = None, known: Basis = "bound"
+) -> Result:
     """Return the result of a named evaluator with load limits, and a warning beyond the linear limit: its error is linear only.
 
     Args:
@@ -116,18 +125,18 @@ def with_warning(result: Result, scene: Scene, accuracy: float, rule: LoadRule |
     if result.stiffness is None:
         return result
     try:
-        rule = rule or load_rule(scene)
+        rule = rule or build_load_rule(scene)
     except Refusal as fault:
         return replace(result, warnings=(*result.warnings, Note("linear", f"linear_limit_load is null: {fault}")))
     promise = scene.target is not None
-    limits, force = limits_of(rule, accuracy, promise, known), rule.force(scene)
+    limits, force = build_limits(rule, accuracy, promise, known), rule.compute_force(scene)
     result, limit = replace(result, load_limits=limits), limits.linear
     assert limit is not None  # a rule knows all of them
-    if _within(force, limit):
+    if _is_within(force, limit):
         return result
-    at = f"the load is beyond linear_limit_load, {_most(scene, limit)}"
-    text = f"{at}: error_estimate refers to linear elasticity; {effect(rule, force, promise)}"
-    return _noted(result, (Note("linear", text),))
+    prefix = f"the load is beyond linear_limit_load, {_format_limit(scene, limit)}"
+    text = f"{prefix}: error_estimate refers to linear elasticity; {describe_effect(rule, force, promise)}"
+    return _add_notes(result, (Note("linear", text),))
 
 
 @dataclass(frozen=True)
@@ -144,74 +153,78 @@ class LoadChanges:
     weakest: LoadRule
 
     @classmethod
-    def of(cls, scene: Scene, rule: LoadRule, stiffness: Floats) -> LoadChanges:
+    def from_stiffness(cls, scene: Scene, rule: LoadRule, stiffness: Floats) -> LoadChanges:
         """Compute the changes at given stiffnesses, N/m, shape (n,).
 
         Raises:
             Refusal: the load drives the probe deeper than the tissue.
         """
-        indented(scene, float(stiffness.min()))
+        compute_indentation(scene, float(stiffness.min()))
         load = scene.load
         force = stiffness * load.indentation if load.indentation is not None else np.full_like(stiffness, load.force or 0.0)
         x = rule.strain * (force / stiffness + rule.tilted)
-        known = (x <= LARGEST_X) & (force <= CLOSING * rule.closure)
-        slopes = np.expm1(SENSITIVITY_GROWTH * np.minimum(x, LARGEST_X))
-        ratio = np.where(known, RATIO_CHANGE * rule.covered * x, np.inf)
-        every = (rule.stiffness, *stiffness.tolist())
-        weakest = min(every) if load.indentation is None else max(every)
+        known = (x <= MAX_X) & (force <= CLOSURE_FORCE_SHARE * rule.closure)
+        slopes = np.expm1(SENSITIVITY_GROWTH * np.minimum(x, MAX_X))
+        ratio = np.where(known, RATIO_CHANGE_PER_X * rule.covered * x, np.inf)
+        stiffnesses = (rule.stiffness, *stiffness.tolist())
+        weakest = min(stiffnesses) if load.indentation is None else max(stiffnesses)
         return cls(ratio, np.where(known, slopes, np.inf), replace(rule, stiffness=weakest))
 
     @property
-    def known(self) -> Bools:
+    def is_known(self) -> Bools:
         """Whether the changes are known, shape (n,)."""
         return np.isfinite(self.ratio)
 
-    def with_errors(self, errors: Floats) -> Floats:
+    def add_to_errors(self, errors: Floats) -> Floats:
         """Return bounds on relative errors of the ratio, shape (n,), with the load's change on top."""
         return np.asarray((1 + errors) * (1 + self.ratio) - 1)
 
 
-def rule_by_formulas(scene: Scene, result: Result) -> LoadRule:
+def build_rule_from_formulas(scene: Scene, result: Result) -> LoadRule:
     """Build the load rule from a result of formulas, without a mesh; the gap's closure is bounded."""
     inner, outer = (result.ratio or 0.0) * scene.probe.inner_area, scene.probe.outer_area
     totals = (result.stiffness or 0.0) * np.array([inner, outer]) / (inner + outer)
-    return adjusted(LoadRule.of(scene, totals, least_closure(scene, totals)), FORMULAS_MARGIN, _slopes(result))
+    return adjust_rule(
+        LoadRule.from_totals(scene, totals, bound_closure_force(scene, totals)),
+        FORMULAS_MARGIN,
+        _get_film_log_sensitivities(result),
+    )
 
 
-def rule_of_answer(rule: LoadRule, result: Result) -> LoadRule:
+def build_rule_from_result(rule: LoadRule, result: Result) -> LoadRule:
     """Build the load rule with tumours from the one without them and a result with them."""
     times = 1.0 if result.stiffness is None else result.stiffness / rule.stiffness
-    return adjusted(rule, times, _slopes(result))
+    return adjust_rule(rule, times, _get_film_log_sensitivities(result))
 
 
-def _slopes(result: Result) -> Floats | None:
+def _get_film_log_sensitivities(result: Result) -> Floats | None:
     return None if result.film_log_sensitivities is None else np.array(result.film_log_sensitivities)
 
 
-def effect(rule: LoadRule, force: float, promise: bool) -> str:
+def describe_effect(rule: LoadRule, force: float, promise: bool) -> str:
     """Describe in words what a force, N, changes beyond linear elasticity."""
-    if not rule.knows(force):
+    if not rule.is_known(force):
         return "the effects of finite strain and of contact in the gap are unknown at this load"
     return f"finite strain may change {rule.describe_changes(force, promise)}"
 
 
-def _within(force: float, limit: LargestLoad) -> bool:
+def _is_within(force: float, limit: LargestLoad) -> bool:
     """Return whether a force, N, is at most the limit, up to rounding; zero force always is, even with a tilt."""
     return force == 0 or force <= limit.force * (1 + 1e-12)
 
 
-def _noted(result: Result, notes: tuple[Note, ...]) -> Result:
+def _add_notes(result: Result, notes: tuple[Note, ...]) -> Result:
     return replace(result, warnings=(*result.warnings, *notes))
 
 
-def _load(scene: Scene) -> tuple[str, Words]:
+def _describe_load(scene: Scene) -> tuple[str, Words]:
     """Return the load's key and value for a message."""
     if scene.load.indentation is not None:
-        return "load.indentation", mm(scene.load.indentation)
+        return "load.indentation", format_mm(scene.load.indentation)
     return "load.force", Words(f"{scene.load.force:g} N")
 
 
-def _most(scene: Scene, limit: LargestLoad) -> str:
+def _format_limit(scene: Scene, limit: LargestLoad) -> str:
     """Return a limit in the unit of the scene's load, rounded down so that the printed value itself is allowed."""
     value, unit = (limit.force, "N") if scene.load.indentation is None else (1e3 * limit.indentation, "mm")
-    return f"{most(value, 3)} {unit}"
+    return f"{format_maximum(value, 3)} {unit}"

@@ -11,64 +11,64 @@ from typing import TYPE_CHECKING
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
-from solver.linalg.workspace import kept, kept_table
+from solver.linalg.workspace import keep_result, keep_table
 from solver.planning.loads import LoadRule
 from solver.results.load_limits import (
     GAP_OPEN,
-    Known,
+    Basis,
     LargestLoad,
     LoadLimits,
-    auto_question,
-    ratio_question,
-    sensitivity_question,
+    describe_auto_limit,
+    describe_ratio_limit,
+    describe_sensitivity_limit,
 )
 
 if TYPE_CHECKING:
-    from solver.contact.load_curve import Ends
+    from solver.contact.load_curve import LoadEnds
     from solver.planning.coarse_model import CoarseModel
 
 LOAD_SHARE = 0.8  # fraction of the accuracy for the load's effect; the rest is for the evaluator's error
 
 
-def load_rule(scene: Scene) -> LoadRule:
+def build_load_rule(scene: Scene) -> LoadRule:
     """Build the rule for loads on a scene from the coarsest mesh and its tumours' first-order effects.
 
     Raises:
         InputError: a surface file that cannot be used.
         Refusal: so extreme that not even the coarsest mesh can be solved in double precision.
     """
-    from solver.planning.coarse_model import without_tumours  # formulas start without finite elements
+    from solver.planning.coarse_model import remove_tumours  # formulas start without finite elements
 
-    return _coarse(without_tumours(scene)).rule(scene)
+    return _solve_coarse_model(remove_tumours(scene)).build_rule(scene)
 
 
-def rule_numbers(scene: Scene) -> tuple[Floats, float]:
+def compute_rule_numbers(scene: Scene) -> tuple[Floats, float]:
     """Return film forces per indentation without tumours, N/m, shape (2,), and the force that closes the gap, N.
 
     Raises:
         Refusal: see ``build_load_rule``.
     """
-    from solver.planning.coarse_model import without_tumours
+    from solver.planning.coarse_model import remove_tumours
 
-    return _alone(without_tumours(scene))
+    return _solve_without_tumours(remove_tumours(scene))
 
 
-@kept
-def _coarse(scene: Scene) -> CoarseModel:
+@keep_result
+def _solve_coarse_model(scene: Scene) -> CoarseModel:
     """Solve the coarse model of a scene without tumours; it is cached, as many tumours may follow."""
     from solver.planning.coarse_model import CoarseModel
 
-    return CoarseModel.of(scene, details=False)
+    return CoarseModel.from_scene(scene, details=False)
 
 
-@kept_table
-def _alone(scene: Scene) -> tuple[Floats, float]:
+@keep_table
+def _solve_without_tumours(scene: Scene) -> tuple[Floats, float]:
     """Return film forces per indentation, N/m, shape (2,), and the closing force, N; cached for more scenes than models are."""
-    coarse = _coarse(scene)
-    return coarse.forces.sum(axis=1), coarse.closure
+    coarse = _solve_coarse_model(scene)
+    return coarse.forces.sum(axis=1), coarse.closure_force
 
 
-def load_limits(scene: Scene, accuracy: float) -> LoadLimits:
+def compute_load_limits(scene: Scene, accuracy: float) -> LoadLimits:
     """Return the loads up to which linear elasticity holds on a scene, by the rule.
 
     Args:
@@ -78,10 +78,10 @@ def load_limits(scene: Scene, accuracy: float) -> LoadLimits:
     Raises:
         InputError, Refusal: see ``build_load_rule``.
     """
-    return limits_of(load_rule(scene), accuracy, scene.target is not None)
+    return build_limits(build_load_rule(scene), accuracy, scene.target is not None)
 
 
-def limits_of(rule: LoadRule, accuracy: float, promise: bool, known: Known = "bound") -> LoadLimits:
+def build_limits(rule: LoadRule, accuracy: float, promise: bool, known: Basis = "bound") -> LoadLimits:
     """Build the load limits that a rule sets.
 
     Args:
@@ -90,16 +90,16 @@ def limits_of(rule: LoadRule, accuracy: float, promise: bool, known: Known = "bo
         promise: whether the log-sensitivity is promised too.
         known: how the rule's numbers are.
     """
-    sensitive = rule.largest_for_sensitivity(accuracy) if promise else None
+    sensitive = rule.find_sensitivity_limit(accuracy) if promise else None
     return LoadLimits(
-        ratio=replace(rule.largest_for_ratio(accuracy), question=ratio_question(accuracy), known=known),
-        log_sensitivity=sensitive and replace(sensitive, question=sensitivity_question(accuracy), known=known),
-        gap_closure=replace(rule.largest_open, question=GAP_OPEN, known=known),
-        auto=replace(largest(rule, accuracy, promise), question=auto_question(accuracy), known=known),
+        ratio=replace(rule.find_ratio_limit(accuracy), question=describe_ratio_limit(accuracy), known=known),
+        log_sensitivity=sensitive and replace(sensitive, question=describe_sensitivity_limit(accuracy), known=known),
+        gap_closure=replace(rule.largest_open_load, question=GAP_OPEN, known=known),
+        auto=replace(find_largest_load(rule, accuracy, promise), question=describe_auto_limit(accuracy), known=known),
     )
 
 
-def computed_limits(ends: Ends, bounds: LoadLimits, accuracy: float) -> LoadLimits:
+def combine_computed_limits(ends: LoadEnds, bounds: LoadLimits, accuracy: float) -> LoadLimits:
     """Return the limits that ``contact`` computed; the linear limit of ``auto`` still follows from the rule.
 
     Args:
@@ -108,18 +108,18 @@ def computed_limits(ends: Ends, bounds: LoadLimits, accuracy: float) -> LoadLimi
         accuracy: see ``compute_load_limits``.
     """
 
-    def told(end: LargestLoad | None, question: str) -> LargestLoad | None:
+    def restate(end: LargestLoad | None, question: str) -> LargestLoad | None:
         return None if end is None else replace(end, question=question, known="contact")
 
     return LoadLimits(
-        told(ends.ratio, ratio_question(accuracy)),
-        told(ends.log_sensitivity, sensitivity_question(accuracy)),
-        told(ends.gap_closure, GAP_OPEN),
+        restate(ends.ratio, describe_ratio_limit(accuracy)),
+        restate(ends.log_sensitivity, describe_sensitivity_limit(accuracy)),
+        restate(ends.gap_closure, GAP_OPEN),
         bounds.auto,
     )
 
 
-def largest(rule: LoadRule, accuracy: float, promise: bool) -> LargestLoad:
+def find_largest_load(rule: LoadRule, accuracy: float, promise: bool) -> LargestLoad:
     """Return the largest load at which ``auto`` uses linear elasticity: finite strain may take ``LOAD_SHARE`` of the accuracy.
 
     Args:
@@ -127,4 +127,4 @@ def largest(rule: LoadRule, accuracy: float, promise: bool) -> LargestLoad:
         accuracy: relative, on ratio, stresses and stiffness.
         promise: whether the log-sensitivity is promised too, to five times that.
     """
-    return rule.largest(LOAD_SHARE * accuracy, promise)
+    return rule.find_largest_load(LOAD_SHARE * accuracy, promise)

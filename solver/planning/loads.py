@@ -21,37 +21,37 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
 from solver.planning.strains import (
-    RATIO_CHANGE,
-    block_strain,
-    both_strains,
-    cancelling_factor,
-    cover_factor,
-    most_nearing,
-    slimness,
+    RATIO_CHANGE_PER_X,
+    bound_nearing,
+    compute_block_strain,
+    compute_both_strains,
+    compute_cancelling_factor,
+    compute_cover_factor,
+    compute_slimness,
 )
 from solver.results.load_limits import LargestLoad
 
 SENSITIVITY_GROWTH = 0.8  # of ln(log-sensitivity) per x
-LARGEST_X = 0.3
-CLOSING = 1 / 20  # fraction of the linear closing force up to which the gap is known to stay open
-CANCELLING_WALLS = 1 / 12  # of eq. PL.9
-CANCELLING = 0.2  # of eq. PL.8: the worst of 240 scenes needs 0.065
-LEAST_SENSITIVITY = 1e-5  # absolute, that a log-sensitivity is promised to
+MAX_X = 0.3
+CLOSURE_FORCE_SHARE = 1 / 20  # fraction of the linear closing force up to which the gap is known to stay open
+CANCELLING_WALL_SHARE = 1 / 12  # of eq. PL.9
+CANCELLING_FILM_SHARE = 0.2  # of eq. PL.8: the worst of 240 scenes needs 0.065
+MIN_SENSITIVITY_PROMISE = 1e-5  # absolute, that a log-sensitivity is promised to
 
 Cause = Literal["ratio", "log_sensitivity", "strain limit", "gap closure"]
 
 
-def ratio_change(x: float, covered: float = 1.0) -> float:
+def bound_ratio_change(x: float, covered: float = 1.0) -> float:
     """Bound the relative change of ratio, stresses and stiffness by finite strain: eq. PL.2 times eq. PL.7."""
-    return RATIO_CHANGE * covered * x
+    return RATIO_CHANGE_PER_X * covered * x
 
 
-def log_sensitivity_change(x: float) -> float:
+def bound_log_sensitivity_change(x: float) -> float:
     """Bound the relative change of the log-sensitivity by finite strain, eq. PL.2; infinite where it would overflow."""
     return math.expm1(SENSITIVITY_GROWTH * x) if x < 800 else math.inf
 
 
-def sensitivity_size(films: tuple[float, float]) -> float:
+def compute_sensitivity_size(films: tuple[float, float]) -> float:
     """Return the size of the log-sensitivity S = S_inner - S_outer to which relative changes by finite strain refer.
 
     Where the films' own nearly cancel, each still changes, so that S counts as
@@ -62,10 +62,10 @@ def sensitivity_size(films: tuple[float, float]) -> float:
         films: d ln force / d ln E_object of inner and outer film at a given indentation.
     """
     inner, outer = films
-    return max(abs(inner - outer), CANCELLING * max(abs(inner), abs(outer)))
+    return max(abs(inner - outer), CANCELLING_FILM_SHARE * max(abs(inner), abs(outer)))
 
 
-def largest_x(accuracy: float, promise: float | None, covered: float = 1.0) -> tuple[float, Cause]:
+def find_largest_x(accuracy: float, promise: float | None, covered: float = 1.0) -> tuple[float, Cause]:
     """Return the largest x (indentation over outer radius) at which the rule keeps an accuracy, and what limits it.
 
     Args:
@@ -73,30 +73,30 @@ def largest_x(accuracy: float, promise: float | None, covered: float = 1.0) -> t
         promise: how good the log-sensitivity has to be, relative to its size by eq. PL.8; None where it does not matter.
         covered: eq. PL.7.
     """
-    limits: dict[Cause, float] = {"strain limit": LARGEST_X, "ratio": accuracy / RATIO_CHANGE / covered}
+    limits: dict[Cause, float] = {"strain limit": MAX_X, "ratio": accuracy / RATIO_CHANGE_PER_X / covered}
     if promise is not None:
         limits["log_sensitivity"] = math.log1p(promise) / SENSITIVITY_GROWTH
-    by = min(limits, key=lambda cause: limits[cause])
-    return limits[by], by
+    limiting_cause = min(limits, key=lambda cause: limits[cause])
+    return limits[limiting_cause], limiting_cause
 
 
-def least_closure(scene: Scene, totals: Floats) -> float:
+def bound_closure_force(scene: Scene, totals: Floats) -> float:
     """Return a lower bound on the force that closes the gap in linear elasticity, N, from formulas that do not model the walls.
 
     Args:
         scene: its load does not matter.
         totals: force on each film, inner and outer, per indentation, N/m, shape (2,).
     """
-    return float(totals.sum()) * scene.probe.gap / nearing_at_most(scene, totals)
+    return float(totals.sum()) * scene.probe.gap / bound_wall_nearing(scene, totals)
 
 
-def nearing_at_most(scene: Scene, totals: Floats) -> float:
+def bound_wall_nearing(scene: Scene, totals: Floats) -> float:
     """Return an upper bound on the walls' approach per indentation, eq. PL.4; arguments as of the closing force's bound."""
     probe = scene.probe
     areas, moduli = (probe.inner_area, probe.outer_area), (probe.inner.youngs_modulus, probe.outer.youngs_modulus)
     inner, outer = np.abs(totals) / areas / moduli
     radii = (probe.inner_radius, probe.hole_radius, probe.tube_radius)
-    return float(most_nearing(scene.tissue, radii, (inner, outer), moduli[1]))
+    return float(bound_nearing(scene.tissue, radii, (inner, outer), moduli[1]))
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ class LoadRule:
     films: tuple[float, float] | None = None
 
     @classmethod
-    def of(cls, scene: Scene, totals: Floats, closure: float) -> LoadRule:
+    def from_totals(cls, scene: Scene, totals: Floats, closure: float) -> LoadRule:
         """Build the rule of a scene from its linear film forces.
 
         A block of height h whose mean strain is e per indentation d changes the stiffness by about e times its share e h / d of
@@ -133,90 +133,98 @@ class LoadRule:
             closure: ``CoarseModel.closure_force``.
         """
         probe = scene.probe
-        inner = block_strain(probe.core_height, totals[0] / probe.inner_area / probe.inner.youngs_modulus)
-        outer = block_strain(probe.tube_height, totals[1] / probe.outer_area / probe.outer.youngs_modulus)
-        outer *= slimness(probe.tube_radius, probe.tube_radius - probe.hole_radius)
+        inner = compute_block_strain(probe.core_height, totals[0] / probe.inner_area / probe.inner.youngs_modulus)
+        outer = compute_block_strain(probe.tube_height, totals[1] / probe.outer_area / probe.outer.youngs_modulus)
+        outer *= compute_slimness(probe.tube_radius, probe.tube_radius - probe.hole_radius)
         tilted = probe.tube_radius * math.tan(abs(scene.placement.tilt))
-        added, cover = max(inner, outer), cover_factor(scene.inclusion)
+        added, cover = max(inner, outer), compute_cover_factor(scene.inclusion)
         strain, of_ratio = (
-            float(one) for one in both_strains(probe.tube_radius, scene.tissue, scene.contact.interface, added, cover)
+            float(value) for value in compute_both_strains(probe.tube_radius, scene.tissue, scene.contact.interface, added, cover)
         )
-        covered = of_ratio / strain * cancelling_factor(totals, (probe.inner_area, probe.outer_area))
+        covered = of_ratio / strain * compute_cancelling_factor(totals, (probe.inner_area, probe.outer_area))
         return cls(strain, float(totals.sum()), closure, tilted, covered)
 
-    def force(self, scene: Scene) -> float:
+    def compute_force(self, scene: Scene) -> float:
         """Return the force of a scene's load, N."""
         load = scene.load
         return self.stiffness * load.indentation if load.indentation is not None else load.force or 0.0
 
-    def x(self, force: float) -> float:
+    def compute_x(self, force: float) -> float:
         """Return x under a force, N."""
         return self.strain * (force / self.stiffness + self.tilted)
 
-    def largest(self, accuracy: float, promise: bool) -> LargestLoad:
+    def find_largest_load(self, accuracy: float, promise: bool) -> LargestLoad:
         """Return the largest load that keeps an accuracy; 0 where the tilt alone does not.
 
         Args:
             accuracy: relative, on ratio, stresses and stiffness.
             promise: whether the log-sensitivity has to be good to five times that.
         """
-        limits = [self.largest_open, self.largest_for_ratio(accuracy)]
-        limits += [self.largest_for_sensitivity(accuracy)] if promise else []
-        return min(limits, key=lambda one: one.force)
+        limits = [self.largest_open_load, self.find_ratio_limit(accuracy)]
+        limits += [self.find_sensitivity_limit(accuracy)] if promise else []
+        return min(limits, key=lambda load: load.force)
 
-    def largest_for_ratio(self, accuracy: float) -> LargestLoad:
+    def find_ratio_limit(self, accuracy: float) -> LargestLoad:
         """Return the largest load that changes ratio, stresses and stiffness by at most an accuracy, relative."""
-        return self._up_to(*largest_x(accuracy, None, self.covered))
+        return self._find_load(*find_largest_x(accuracy, None, self.covered))
 
-    def largest_for_sensitivity(self, accuracy: float) -> LargestLoad:
+    def find_sensitivity_limit(self, accuracy: float) -> LargestLoad:
         """Return the largest load that changes the log-sensitivity by at most five times an accuracy, relative."""
-        return self._up_to(*largest_x(math.inf, self._promised(accuracy)))
+        return self._find_load(*find_largest_x(math.inf, self._compute_promise(accuracy)))
 
     @property
-    def largest_open(self) -> LargestLoad:
+    def largest_open_load(self) -> LargestLoad:
         """The largest load that the rule covers: the gap stays open up to it."""
-        deepest = self._up_to(LARGEST_X, "strain limit")
-        if deepest.force < CLOSING * self.closure:
+        deepest = self._find_load(MAX_X, "strain limit")
+        if deepest.force < CLOSURE_FORCE_SHARE * self.closure:
             return deepest
-        return LargestLoad(CLOSING * self.closure, CLOSING * self.closure / self.stiffness, "gap closure")
+        return LargestLoad(CLOSURE_FORCE_SHARE * self.closure, CLOSURE_FORCE_SHARE * self.closure / self.stiffness, "gap closure")
 
-    def _up_to(self, x: float, by: Cause) -> LargestLoad:
+    def _find_load(self, x: float, cause: Cause) -> LargestLoad:
         """Return the load under which x has a given value."""
         force = max(0.0, x / self.strain - self.tilted) * self.stiffness
-        return LargestLoad(force, force / self.stiffness, by)
+        return LargestLoad(force, force / self.stiffness, cause)
 
-    def _promised(self, accuracy: float) -> float:
+    def _compute_promise(self, accuracy: float) -> float:
         """Return the tolerance on the log-sensitivity, relative to its size: five times the accuracy, relative to itself."""
         if self.films is None or not any(self.films):
             return 5 * accuracy
-        own = abs(self.films[0] - self.films[1])
-        return max(5 * accuracy * own, LEAST_SENSITIVITY) / sensitivity_size(self.films)
+        sensitivity = abs(self.films[0] - self.films[1])
+        return max(5 * accuracy * sensitivity, MIN_SENSITIVITY_PROMISE) / compute_sensitivity_size(self.films)
 
-    def promise_taken(self, force: float, accuracy: float) -> float:
+    def compute_promise_share(self, force: float, accuracy: float) -> float:
         """Return the fraction of the log-sensitivity's tolerance that a force, N, may use up; infinite where it is unknown."""
-        return log_sensitivity_change(self.x(force)) / self._promised(accuracy) if self.knows(force) else math.inf
+        return (
+            bound_log_sensitivity_change(self.compute_x(force)) / self._compute_promise(accuracy)
+            if self.is_known(force)
+            else math.inf
+        )
 
     @property
-    def known(self) -> float:
+    def largest_known_force(self) -> float:
         """The largest force that the rule covers, N."""
-        return self.largest_open.force
+        return self.largest_open_load.force
 
-    def knows(self, force: float) -> bool:
+    def is_known(self, force: float) -> bool:
         """Return whether the rule covers a force, N."""
-        return self.x(force) <= LARGEST_X and force <= CLOSING * self.closure
+        return self.compute_x(force) <= MAX_X and force <= CLOSURE_FORCE_SHARE * self.closure
 
-    def ratio_change(self, force: float) -> float:
+    def bound_ratio_change(self, force: float) -> float:
         """Bound the relative change of ratio, stresses and stiffness by a force, N; infinite where it is unknown."""
-        return ratio_change(self.x(force), self.covered) if self.knows(force) else math.inf
+        return bound_ratio_change(self.compute_x(force), self.covered) if self.is_known(force) else math.inf
 
-    def log_sensitivity_change(self, force: float) -> float:
+    def bound_log_sensitivity_change(self, force: float) -> float:
         """Bound the relative change of the log-sensitivity by a force, N; infinite where unknown or for a sensitivity of 0."""
-        if not self.knows(force):
+        if not self.is_known(force):
             return math.inf
         if self.films is None or not any(self.films):
-            return log_sensitivity_change(self.x(force))
-        own = abs(self.films[0] - self.films[1])
-        return log_sensitivity_change(self.x(force)) * sensitivity_size(self.films) / own if own else math.inf
+            return bound_log_sensitivity_change(self.compute_x(force))
+        sensitivity = abs(self.films[0] - self.films[1])
+        return (
+            bound_log_sensitivity_change(self.compute_x(force)) * compute_sensitivity_size(self.films) / sensitivity
+            if sensitivity
+            else math.inf
+        )
 
     def describe_changes(self, force: float, promise: bool) -> str:
         """Return in words how much a force, N, within what the rule knows changes at most.
@@ -227,11 +235,13 @@ class LoadRule:
             force: N.
             promise: whether there is a log-sensitivity.
         """
-        changes = f"ratio, stresses and stiffness by at most {self.ratio_change(force):.2g}"
+        changes = f"ratio, stresses and stiffness by at most {self.bound_ratio_change(force):.2g}"
         if not promise:
             return changes
-        fraction = self.log_sensitivity_change(force)
+        fraction = self.bound_log_sensitivity_change(force)
         change = f"{fraction:.2g} of itself"
         if fraction > 1 and self.films is not None and any(self.films):
-            change = f"{log_sensitivity_change(self.x(force)) * sensitivity_size(self.films):.2g} (absolute)"
+            change = (
+                f"{bound_log_sensitivity_change(self.compute_x(force)) * compute_sensitivity_size(self.films):.2g} (absolute)"
+            )
         return f"{changes}, log_sensitivity by at most {change}"

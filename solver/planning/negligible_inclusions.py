@@ -8,14 +8,14 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Inclusion, Scene
-from solver.equivalent_inclusion.first_order_bound import first_order_error, first_order_share
+from solver.equivalent_inclusion.first_order_bound import bound_first_order_error, bound_first_order_share
 from solver.inclusions.tumours import Tumours
 from solver.planning.coarse_model import CoarseModel
 from solver.planning.tumour_effects import TumourEffects
 from solver.results.result import Decision, Effect
 
-SHARE = 0.1  # fraction of the accuracy for all inclusions left out together
-DOUBT = 2.0  # on the bound of a first-order effect: neighbours change it too
+LEFT_OUT_ACCURACY_SHARE = 0.1  # fraction of the accuracy for all inclusions left out together
+NEIGHBOUR_SAFETY_FACTOR = 2.0  # on the bound of a first-order effect: neighbours change it too
 
 
 @dataclass(frozen=True)
@@ -43,12 +43,12 @@ class _InclusionEffects:
     doubt: Floats
     on_target: Floats
 
-    def effect(self, k: int, bounded: bool) -> Effect:
-        more = float(self.doubt[k]) if bounded else 0.0
-        return Effect(float(self.ratio[k]) + more, float(self.stresses[k]) + more, float(self.stiffness[k]) + more)
+    def build_effect(self, k: int, bounded: bool) -> Effect:
+        margin = float(self.doubt[k]) if bounded else 0.0
+        return Effect(float(self.ratio[k]) + margin, float(self.stresses[k]) + margin, float(self.stiffness[k]) + margin)
 
 
-def reduced(scene: Scene, rough: CoarseModel, accuracy: float) -> Reduced:
+def leave_out_negligible(scene: Scene, rough: CoarseModel, accuracy: float) -> Reduced:
     """Leave out the inclusions with the smallest effects, while all of them together change less than a tenth of the accuracy.
 
     The target stays, as do a body from a surface file, whose size is not known well enough, and all in layers of tissue: the
@@ -60,63 +60,69 @@ def reduced(scene: Scene, rough: CoarseModel, accuracy: float) -> Reduced:
     """
     if not scene.inclusion:
         return Reduced(scene, (), 0.0)
-    effects = _effects(scene, rough)
-    every = [effects.effect(k, bounded=True) for k in range(len(scene.inclusion))]
+    effects = _compute_effects(scene, rough)
+    inclusion_effects = [effects.build_effect(k, bounded=True) for k in range(len(scene.inclusion))]
     dropped: list[int] = []
     spent = np.zeros(2)
-    for k in sorted(range(len(every)), key=lambda k: every[k].largest):
-        cost = np.array([every[k].largest, effects.on_target[k] / 5])  # DESIGN: the log-sensitivity may be off by 5 times as much
+    for k in sorted(range(len(inclusion_effects)), key=lambda k: inclusion_effects[k].maximum):
+        cost = np.array(
+            [inclusion_effects[k].maximum, effects.on_target[k] / 5]
+        )  # DESIGN: the log-sensitivity may be off by 5 times as much
         known = scene.inclusion[k].surface is None and not scene.tissue.layer
-        if k != scene.target and known and np.all(spent + cost <= SHARE * accuracy):
+        if k != scene.target and known and np.all(spent + cost <= LEFT_OUT_ACCURACY_SHARE * accuracy):
             dropped.append(k)
             spent += cost
-    decisions = tuple(_decision(scene, k, effects, k in dropped, accuracy) for k in range(len(every)))
-    kept = tuple(_marked(scene, k) for k in range(len(every)) if k not in dropped)
+    decisions = tuple(_build_decision(scene, k, effects, k in dropped, accuracy) for k in range(len(inclusion_effects)))
+    kept = tuple(_mark_target(scene, k) for k in range(len(inclusion_effects)) if k not in dropped)
     return Reduced(scene.model_copy(update={"inclusion": kept}) if dropped else scene, decisions, float(spent[0]))
 
 
-def _marked(scene: Scene, k: int) -> Inclusion:
+def _mark_target(scene: Scene, k: int) -> Inclusion:
     return scene.inclusion[k].model_copy(update={"target": k == scene.target})
 
 
-def _effects(scene: Scene, rough: CoarseModel) -> _InclusionEffects:
-    base, target = rough.undisturbed, scene.target
-    found = TumourEffects.of(scene, base)
-    tumours, each = found.tumours, found.each
-    changes = each.forces
-    share = first_order_share(base, tumours)[0]
-    doubt = DOUBT * first_order_error(share[:, None], changes[:, None])
+def _compute_effects(scene: Scene, rough: CoarseModel) -> _InclusionEffects:
+    base, target = rough.base_states, scene.target
+    tumour_effects = TumourEffects.from_scene(scene, base)
+    tumours, single_effects = tumour_effects.tumours, tumour_effects.single_effects
+    changes = single_effects.forces
+    share = bound_first_order_share(base, tumours)[0]
+    doubt = NEIGHBOUR_SAFETY_FACTOR * bound_first_order_error(share[:, None], changes[:, None])
     totals = rough.forces.sum(axis=1)
-    least = np.minimum(np.abs(totals), np.abs(totals + changes.sum(axis=(0, 2))))
-    least = np.maximum(least, 1e-9 * np.abs(totals).sum())  # a stress near zero: nothing is left out
-    parts, doubts = changes.sum(axis=2) / least, doubt / least
-    doubts[base.strata.gap(tumours)[0] < 0] = np.inf  # across an interface: the first order knows one material about it
-    whole = np.abs(changes.sum(axis=(1, 2))) / least.sum()
+    min_totals = np.minimum(np.abs(totals), np.abs(totals + changes.sum(axis=(0, 2))))
+    min_totals = np.maximum(min_totals, 1e-9 * np.abs(totals).sum())  # a stress near zero: nothing is left out
+    parts, doubts = changes.sum(axis=2) / min_totals, doubt / min_totals
+    doubts[base.strata.compute_gap(tumours)[0] < 0] = np.inf  # across an interface: the first order knows one material about it
+    whole = np.abs(changes.sum(axis=(1, 2))) / min_totals.sum()
     on_target = np.zeros(len(share))
     if target is not None:
-        on_target = doubts.sum(axis=1) + np.abs(parts).max(axis=1) + _on_target(tumours, each.forces, each.by_log_modulus, target)
+        on_target = (
+            doubts.sum(axis=1)
+            + np.abs(parts).max(axis=1)
+            + _bound_effect_on_target(tumours, single_effects.forces, single_effects.by_log_modulus, target)
+        )
     return _InclusionEffects(np.abs(parts[:, 0] - parts[:, 1]), np.abs(parts).max(axis=1), whole, doubts.sum(axis=1), on_target)
 
 
-def _on_target(tumours: Tumours, changes: Floats, slopes: Floats, target: int) -> Floats:
+def _bound_effect_on_target(tumours: Tumours, changes: Floats, slopes: Floats, target: int) -> Floats:
     """Bound the relative change of the target's sensitivity by each inclusion's field at the target.
 
     Fields of spheres fall off with the cube of the distance; the work of one on the other is bounded by both effects:
     4 sqrt(dF_k / dF_t) (r_k r_t)^(3/2) / d^3 (PL.1).
     """
-    one = tumours.of_index(0)
-    radius = one.diameter / 2
-    apart = np.sqrt(sum((getattr(one, key) - getattr(one, key)[target]) ** 2 for key in ("x", "y", "depth")))
-    apart = np.maximum(apart, radius + radius[target])
+    tumour_set = tumours.select(0)
+    radius = tumour_set.diameter / 2
+    distance = np.sqrt(sum((getattr(tumour_set, key) - getattr(tumour_set, key)[target]) ** 2 for key in ("x", "y", "depth")))
+    distance = np.maximum(distance, radius + radius[target])
     sizes = np.abs(changes.sum(axis=(1, 2)))
-    own = max(float(sizes[target]), float(np.abs(slopes[target].sum())), 1e-300)
-    return np.asarray(4 * np.sqrt(sizes / own) * (radius * radius[target]) ** 1.5 / apart**3)
+    target_size = max(float(sizes[target]), float(np.abs(slopes[target].sum())), 1e-300)
+    return np.asarray(4 * np.sqrt(sizes / target_size) * (radius * radius[target]) ** 1.5 / distance**3)
 
 
-def _decision(scene: Scene, k: int, effects: _InclusionEffects, dropped: bool, accuracy: float) -> Decision:
-    effect = effects.effect(k, bounded=dropped)
+def _build_decision(scene: Scene, k: int, effects: _InclusionEffects, dropped: bool, accuracy: float) -> Decision:
+    effect = effects.build_effect(k, bounded=dropped)
     size = f"changes the ratio by {'at most ' if dropped else ''}about {effect.ratio:.2g}"
     what = f"left out: {size}, counted in error_estimate" if dropped else f"modelled: {size}"
     if k == scene.target:
         what = f"modelled, as the target: {size}"
-    return Decision.of(f"inclusion[{k}]", not dropped, effect, SHARE * accuracy, what)
+    return Decision.from_effect(f"inclusion[{k}]", not dropped, effect, LEFT_OUT_ACCURACY_SHARE * accuracy, what)

@@ -14,29 +14,29 @@ import numpy as np
 
 from geometry.common.errors import InputError, Refusal
 from geometry.scenes.scene import Scene
-from solver.axisymmetric.converged_forces import NEGLIGIBLE
+from solver.axisymmetric.converged_forces import NEGLIGIBLE_SHARE
 from solver.axisymmetric.level import Axisymmetric
-from solver.axisymmetric.omitted_details import BEYOND, IN_PLANE, Change
-from solver.contact.level import ContactLevel
+from solver.axisymmetric.omitted_details import IN_PLANE_DETAILS, OUTER_TISSUE, Change
+from solver.contact.level import ContactEvaluator
 from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.planning.coarse_model import CoarseModel
-from solver.planning.layers import forgotten_skin, layer_decisions
-from solver.planning.load_check import LoadChanges, budget, check_load, load_notes, with_error, with_load
-from solver.planning.load_limits import limits_of
+from solver.planning.layers import decide_layers, warn_of_missing_skin
+from solver.planning.load_check import LoadChanges, add_load_effect, add_load_error, build_load_notes, check_load, compute_budget
+from solver.planning.load_limits import build_limits
 from solver.planning.loads import LoadRule
-from solver.planning.negligible_inclusions import SHARE, reduced
-from solver.planning.nonlinear_effects import unmodelled
+from solver.planning.negligible_inclusions import LEFT_OUT_ACCURACY_SHARE, leave_out_negligible
+from solver.planning.nonlinear_effects import decide_nonlinear_effects
 from solver.results.evaluator import OutOfReach
-from solver.results.kinds import needs_solid, unsupported
-from solver.results.load_limits import LargestLoad, LoadLimits, limits_dict
+from solver.results.kinds import find_geometry_refusal, find_linear_refusal
+from solver.results.load_limits import LargestLoad, LoadLimits, build_limits_dict
 from solver.results.notebook import Notebook
 from solver.results.result import Curve, Decision, Effect, Result
-from solver.results.warnings import Note, null_sensitivity
-from solver.solid.domain import domain, reach
-from solver.solid.level import BEST, SolidLevel
+from solver.results.warnings import Note, explain_null_sensitivity
+from solver.solid.domain import choose_domain, compute_reach
+from solver.solid.level import BEST_ACCURACY, SolidEvaluator
 
 AXISYMMETRIC, HARMONICS, SOLID, CONTACT = "axisymmetric", "equivalent-inclusion", "solid", "contact"
-MESHED = "inclusion", "groove", "sides"  # features whose effects have a relative error on meshes of tetrahedra
+MESHED_FEATURES = "inclusion", "groove", "sides"  # features whose effects have a relative error on meshes of tetrahedra
 MESH_SHARE = 0.015  # that relative error of ``solid``, at most, where it meshes half by symmetry
 WHOLE_MESH_SHARE = 0.06  # likewise without symmetry: twice the tetrahedra for the same memory; 2 GB reach 0.034 to 0.045
 
@@ -91,24 +91,28 @@ class Plan(Notebook):
         return {
             "evaluator": self.evaluator,
             "dimension": self.dimension,
-            "plan": [asdict(one) for one in self.decisions],
-            **limits_dict(self.load_limits),
+            "plan": [asdict(decision) for decision in self.decisions],
+            **build_limits_dict(self.load_limits),
             "warnings": list(self.warnings),
             "refusal": None if self.refusal is None else str(self.refusal),
         }
 
-    def refused(self, fault: InputError) -> Plan:
+    def with_refusal(self, fault: InputError) -> Plan:
         """Return the plan of a scene that ``auto`` refuses."""
-        return replace(self, evaluator=None, dimension=_model(self.scene, None), refusal=fault)
+        return replace(self, evaluator=None, dimension=_describe_model(self.scene, None), refusal=fault)
 
-    def sure(self) -> bool:
+    def is_sure(self) -> bool:
         """Return whether the evaluator is ``solid``, which takes tens of seconds, and surely meets the allowed error."""
         if self.evaluator != SOLID:
             return False
-        changed = (max(one.effect, one.effect_on_stresses or 0.0) for one in self.decisions if one.feature.startswith(MESHED))
-        return self.allowed >= BEST + (MESH_SHARE if _half(self.scene) else WHOLE_MESH_SHARE) * sum(changed)
+        changed = (
+            max(decision.effect, decision.effect_on_stresses or 0.0)
+            for decision in self.decisions
+            if decision.feature.startswith(MESHED_FEATURES)
+        )
+        return self.allowed >= BEST_ACCURACY + (MESH_SHARE if _half(self.scene) else WHOLE_MESH_SHARE) * sum(changed)
 
-    def reached(self, error: float, accuracy: float) -> float:
+    def compute_reached_error(self, error: float, accuracy: float) -> float:
         """Return the error of a result for the whole scene, given the evaluator's own error."""
         return (1 + error) * (1 + accuracy) / (1 + self.allowed) - 1
 
@@ -117,21 +121,21 @@ class Plan(Notebook):
         if self.evaluator != CONTACT:
             check_load(scene, self.rule, accuracy, scene.target is not None)
 
-    def completed(self, result: Result, scene: Scene, accuracy: float, linear: bool) -> Result:
+    def complete_result(self, result: Result, scene: Scene, accuracy: float, linear: bool) -> Result:
         """Complete a result for the reduced scene to one for the whole: load and left-out inclusions add to its error.
 
         Raises:
             Refusal: the error is above the accuracy, unless ``linear``.
         """
         notes = tuple(note for note in result.warnings if note.kind != "accuracy")  # of a share of what was asked, which is met
-        result = replace(result, plan=self._with(result.plan), warnings=(*notes, *self.warnings))
+        result = replace(result, plan=self._merge_decisions(result.plan), warnings=(*notes, *self.warnings))
         if len(self.scene.inclusion) < len(scene.inclusion):
-            result = replace(result, error_estimate=with_error(result.error_estimate, float(np.expm1(self.left_out))))
-            result = result if scene.target is not None else _untargeted(result)
+            result = replace(result, error_estimate=add_load_error(result.error_estimate, float(np.expm1(self.left_out))))
+            result = result if scene.target is not None else _remove_sensitivity(result)
         if self.evaluator == CONTACT:
             result = replace(result, load_limits=self.load_limits)
         else:
-            result = with_load(result, scene, self.rule, accuracy, scene.target is not None)
+            result = add_load_effect(result, scene, self.rule, accuracy, scene.target is not None)
         error = result.error_estimate
         if not linear and error is not None and error > accuracy * (1 + 1e-9):
             raise OutOfReach(
@@ -139,31 +143,31 @@ class Plan(Notebook):
             )
         return result
 
-    def completed_curve(self, curve: Curve, scene: Scene, accuracy: float, linear: bool) -> Curve:
+    def complete_curve(self, curve: Curve, scene: Scene, accuracy: float, linear: bool) -> Curve:
         """Complete an evaluator's curve of the reduced scene to one of the whole; see ``complete_result``."""
         left = float(np.expm1(self.left_out))
         if self.evaluator == CONTACT:
-            errors = tuple(with_error(one, left) for one in curve.error_estimate)
-            return replace(curve, error_estimate=errors, plan=self._with(curve.plan), load_limits=self.load_limits)
-        changes = LoadChanges.of(scene, self.rule, np.array(curve.stiffness))
+            errors = tuple(add_load_error(error, left) for error in curve.error_estimate)
+            return replace(curve, error_estimate=errors, plan=self._merge_decisions(curve.plan), load_limits=self.load_limits)
+        changes = LoadChanges.from_stiffness(scene, self.rule, np.array(curve.stiffness))
         if not linear:
             check_load(scene, changes.weakest, accuracy, True)
         pairs = zip(curve.error_estimate, changes.ratio.tolist(), strict=True)
-        errors = tuple(with_error(with_error(one, left), load) for one, load in pairs)
-        notes = load_notes(scene, changes.weakest, accuracy, True)
-        told = replace(curve, error_estimate=errors, plan=self._with(curve.plan), load_limits=self.load_limits)
-        return replace(told, warnings=(*curve.warnings, *notes))
+        errors = tuple(add_load_error(add_load_error(error, left), load) for error, load in pairs)
+        notes = build_load_notes(scene, changes.weakest, accuracy, True)
+        completed = replace(curve, error_estimate=errors, plan=self._merge_decisions(curve.plan), load_limits=self.load_limits)
+        return replace(completed, warnings=(*curve.warnings, *notes))
 
-    def _with(self, decisions: tuple[Decision, ...]) -> tuple[Decision, ...]:
+    def _merge_decisions(self, decisions: tuple[Decision, ...]) -> tuple[Decision, ...]:
         """Replace planned decisions by the evaluator's own on the same features."""
-        own = {one.feature for one in decisions}
-        return (*(one for one in self.decisions if one.feature not in own), *decisions)
+        replaced_features = {decision.feature for decision in decisions}
+        return (*(decision for decision in self.decisions if decision.feature not in replaced_features), *decisions)
 
 
-def plan(
+def build_plan(
     scene: Scene,
     accuracy: float,
-    level: str | None = None,
+    evaluator: str | None = None,
     skin: bool = False,
     linear: bool = False,
     *,
@@ -183,35 +187,45 @@ def plan(
         InputError: a surface file that cannot be used.
         Refusal: so extreme that not even the coarsest mesh can be solved in double precision.
     """
-    rough = CoarseModel.of(scene) if rough is None else rough
-    fewer = reduced(scene, rough, accuracy)
-    rule, promise = rough.rule(scene), scene.target is not None
-    rest = budget(rule, rule.force(scene), accuracy, promise)
-    asked = rest if len(scene.inclusion) < 2 else float((1 + rest) * np.exp(-SHARE * accuracy) - 1)
-    limits = limits_of(rule, accuracy, promise)
-    if level is None:
-        level = _level(fewer.scene, rough, asked)
-        beyond = level == AXISYMMETRIC and rule.force(scene) > limits.auto.force
-        if not linear and (beyond or unsupported(scene) is not None) and ContactLevel().refusal(fewer.scene) is None:
-            level = CONTACT
-    if level == CONTACT:
-        asked = accuracy if len(scene.inclusion) < 2 else float((1 + accuracy) * np.exp(-SHARE * accuracy) - 1)
-    whole = accuracy if level == CONTACT else budget(rule, rule.force(scene), accuracy, promise=False)
-    decisions = (
-        _dimension(fewer.scene, rough, level, accuracy),
-        *fewer.decisions,
-        *_edges(rough, accuracy),
-        *layer_decisions(rough, accuracy),
-        *(_detail(change, level, accuracy) for change in rough.changes),
-        *unmodelled(scene, rough, accuracy, level == CONTACT),
+    rough = CoarseModel.from_scene(scene) if rough is None else rough
+    fewer = leave_out_negligible(scene, rough, accuracy)
+    rule, promise = rough.build_rule(scene), scene.target is not None
+    remaining_accuracy = compute_budget(rule, rule.compute_force(scene), accuracy, promise)
+    requested_accuracy = (
+        remaining_accuracy
+        if len(scene.inclusion) < 2
+        else float((1 + remaining_accuracy) * np.exp(-LEFT_OUT_ACCURACY_SHARE * accuracy) - 1)
     )
-    warnings = tuple(forgotten_skin(scene, rough)) if skin else ()
+    limits = build_limits(rule, accuracy, promise)
+    if evaluator is None:
+        evaluator = _choose_evaluator(fewer.scene, rough, requested_accuracy)
+        is_beyond_limit = evaluator == AXISYMMETRIC and rule.compute_force(scene) > limits.auto.force
+        if (
+            not linear
+            and (is_beyond_limit or find_linear_refusal(scene) is not None)
+            and ContactEvaluator().refusal(fewer.scene) is None
+        ):
+            evaluator = CONTACT
+    if evaluator == CONTACT:
+        requested_accuracy = (
+            accuracy if len(scene.inclusion) < 2 else float((1 + accuracy) * np.exp(-LEFT_OUT_ACCURACY_SHARE * accuracy) - 1)
+        )
+    whole = accuracy if evaluator == CONTACT else compute_budget(rule, rule.compute_force(scene), accuracy, promise=False)
+    decisions = (
+        _decide_dimension(fewer.scene, rough, evaluator, accuracy),
+        *fewer.decisions,
+        *_decide_edges(rough, accuracy),
+        *decide_layers(rough, accuracy),
+        *(_decide_detail(change, evaluator, accuracy) for change in rough.changes),
+        *decide_nonlinear_effects(scene, rough, accuracy, evaluator == CONTACT),
+    )
+    warnings = tuple(warn_of_missing_skin(scene, rough)) if skin else ()
     return Plan(
-        level,
-        _model(fewer.scene, level),
+        evaluator,
+        _describe_model(fewer.scene, evaluator),
         fewer.scene,
-        asked,
-        max(asked, float((1 + whole) * np.exp(-fewer.left_out) - 1)),
+        requested_accuracy,
+        max(requested_accuracy, float((1 + whole) * np.exp(-fewer.left_out) - 1)),
         fewer.left_out,
         decisions,
         rule=rule,
@@ -220,7 +234,7 @@ def plan(
     )
 
 
-def following(
+def find_next_evaluator(
     planned: Plan, tried: Collection[str], fault: Refusal, scene: Scene, *, accuracy: float, linear: bool
 ) -> str | None:
     """Return the next evaluator that may solve the scene where those tried refuse, else None.
@@ -235,26 +249,26 @@ def following(
     """
     fewer = planned.scene
     if fault.key.startswith("load."):
-        takes = {CONTACT: not linear and ContactLevel().refusal(fewer) is None}
+        takes = {CONTACT: not linear and ContactEvaluator().refusal(fewer) is None}
     elif planned.evaluator in (SOLID, CONTACT):
         takes = {}
     else:
         takes = {
             AXISYMMETRIC: Axisymmetric().refusal(fewer) is None,
             HARMONICS: EquivalentInclusion().refusal(fewer) is None,
-            SOLID: SolidLevel().may_help(scene, max(accuracy, BEST)),
+            SOLID: SolidEvaluator().may_help(scene, max(accuracy, BEST_ACCURACY)),
         }
-    return next((level for level, may in takes.items() if may and level not in tried), None)
+    return next((evaluator for evaluator, may in takes.items() if may and evaluator not in tried), None)
 
 
-def _level(scene: Scene, rough: CoarseModel, accuracy: float) -> str | None:
+def _choose_evaluator(scene: Scene, rough: CoarseModel, accuracy: float) -> str | None:
     """Return the cheapest evaluator that takes a scene and leaves out no more than the accuracy allows."""
-    if unsupported(scene) is not None:
+    if find_linear_refusal(scene) is not None:
         return None
-    if needs_solid(scene) is not None:
+    if find_geometry_refusal(scene) is not None:
         return SOLID
-    flat = sum(change.effect for change in rough.changes if change.feature not in (*IN_PLANE, BEYOND))
-    if flat > accuracy and SolidLevel().may_help(scene, accuracy):
+    flat = sum(change.effect for change in rough.changes if change.feature not in (*IN_PLANE_DETAILS, OUTER_TISSUE))
+    if flat > accuracy and SolidEvaluator().may_help(scene, accuracy):
         return SOLID
     if Axisymmetric().refusal(scene) is None:
         return AXISYMMETRIC
@@ -263,46 +277,56 @@ def _level(scene: Scene, rough: CoarseModel, accuracy: float) -> str | None:
 
 def _half(scene: Scene) -> bool:
     """Whether ``solid`` meshes half of a scene."""
-    return domain(scene, reach(scene), scene.probe.tube_radius).half
+    return choose_domain(scene, compute_reach(scene), scene.probe.tube_radius).half
 
 
-def _model(scene: Scene, level: str | None) -> str:
-    if level == SOLID:
+def _describe_model(scene: Scene, evaluator: str | None) -> str:
+    if evaluator == SOLID:
         return "three dimensions" + (", half by symmetry" if _half(scene) else "")
     return {
         AXISYMMETRIC: "the meridian plane",
         CONTACT: "the meridian plane, pressed at finite strain",
         HARMONICS: "the meridian plane, tumours by harmonics about the axis",
-    }.get(level or "", "none: no evaluator")
+    }.get(evaluator or "", "none: no evaluator")
 
 
-def _dimension(scene: Scene, rough: CoarseModel, level: str | None, accuracy: float) -> Decision:
+def _decide_dimension(scene: Scene, rough: CoarseModel, evaluator: str | None, accuracy: float) -> Decision:
     """Decide on the third dimension: features other than tumours that are not axisymmetric."""
-    flat = [change.decision(accuracy) for change in rough.changes if change.feature not in (*IN_PLANE, BEYOND)]
+    flat = [
+        change.build_decision(accuracy) for change in rough.changes if change.feature not in (*IN_PLANE_DETAILS, OUTER_TISSUE)
+    ]
     effect = Effect(
-        sum((one.effect for one in flat), 0.0),
-        sum((one.effect_on_stresses or 0.0 for one in flat), 0.0),
-        sum((one.effect_on_stiffness or 0.0 for one in flat), 0.0),
+        sum((decision.effect for decision in flat), 0.0),
+        sum((decision.effect_on_stresses or 0.0 for decision in flat), 0.0),
+        sum((decision.effect_on_stiffness or 0.0 for decision in flat), 0.0),
     )
-    why = needs_solid(scene) or ", ".join(one.feature for one in flat) or "the scene is axisymmetric except for tumours"
-    return Decision.of("third dimension", level == SOLID, effect, accuracy, f"{_model(scene, level)}: {why}")
+    reason = (
+        find_geometry_refusal(scene)
+        or ", ".join(decision.feature for decision in flat)
+        or "the scene is axisymmetric except for tumours"
+    )
+    return Decision.from_effect(
+        "third dimension", evaluator == SOLID, effect, accuracy, f"{_describe_model(scene, evaluator)}: {reason}"
+    )
 
 
-def _edges(rough: CoarseModel, accuracy: float) -> Iterator[Decision]:
+def _decide_edges(rough: CoarseModel, accuracy: float) -> Iterator[Decision]:
     """Yield the decision on the tissue's sides and floor, against an unbounded tissue."""
-    effect = rough.edges
+    effect = rough.edge_effect
     if effect is not None:
-        yield Decision.of("far edges", True, effect, accuracy, f"modelled: they change the ratio by about {effect.ratio:.2g}")
+        yield Decision.from_effect(
+            "far edges", True, effect, accuracy, f"modelled: they change the ratio by about {effect.ratio:.2g}"
+        )
 
 
-def _detail(change: Change, level: str | None, accuracy: float) -> Decision:
+def _decide_detail(change: Change, evaluator: str | None, accuracy: float) -> Decision:
     """Decide on a detail: groove, sides that are not round, films or base."""
-    in_plane = change.feature in IN_PLANE
-    modelled = change.effect > NEGLIGIBLE * accuracy if in_plane else level == SOLID and change.feature != BEYOND
-    return replace(change, modelled=modelled).decision(accuracy)
+    in_plane = change.feature in IN_PLANE_DETAILS
+    modelled = change.effect > NEGLIGIBLE_SHARE * accuracy if in_plane else evaluator == SOLID and change.feature != OUTER_TISSUE
+    return replace(change, modelled=modelled).build_decision(accuracy)
 
 
-def _untargeted(result: Result) -> Result:
+def _remove_sensitivity(result: Result) -> Result:
     """Remove the log-sensitivity of a result whose whole scene has no target."""
-    others = tuple(note for note in result.warnings if note.kind != "sensitivity")
-    return replace(result, log_sensitivity=None, warnings=(null_sensitivity(2), *others))
+    notes = tuple(note for note in result.warnings if note.kind != "sensitivity")
+    return replace(result, log_sensitivity=None, warnings=(explain_null_sensitivity(2), *notes))

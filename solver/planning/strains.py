@@ -12,23 +12,32 @@ from typing import Any
 from geometry.scenes.probe import Interface, Material
 from geometry.scenes.scene import Inclusion, Tissue
 
-RATIO_CHANGE = 0.1  # of ratio, stresses and stiffness per x
-COVERED = (0.55, 0.05, 0.5, 1.3)  # of eq. PL.7: the worst of 150 scenes needs 86 % of what it says, half of them an eighth
-SHALLOW = 25.0  # of eq. PL.5: the worst row needs 97 % of it, at 9 outer radii; at 3 the worst needs 92 %, at one 40 %
-SOFT, EDGE, THIN = (
+RATIO_CHANGE_PER_X = 0.1  # of ratio, stresses and stiffness per x
+COVER_COEFFICIENTS = (
+    0.55,
+    0.05,
+    0.5,
+    1.3,
+)  # of eq. PL.7: the worst of 150 scenes needs 86 % of what it says, half of them an eighth
+SHALLOW_COEFFICIENT = (
+    25.0  # of eq. PL.5: the worst row needs 97 % of it, at 9 outer radii; at 3 the worst needs 92 %, at one 40 %
+)
+SOFT_LAYER_COEFFICIENT, EDGE_LENGTH_RELATIVE, THIN_LAYER_RELATIVE = (
     1.6,
     0.1,
     0.02,
 )  # of eq. PL.6: the worst of 62 scenes of layer_loads takes 0.8 of its promise
-BENDING, PLATE = 1.6, 5.0  # of eq. PL.11, likewise
-SLIDING = 2.2  # of frictionless faces: examples/scene.toml's log-sensitivity is 7 % off at 0.039 R, with bonded faces 3 %
-LAYERED = 1.6  # likewise
-CANCELLING_FILMS = 0.2  # of eq. PL.10
-NEARING = (1.45, 0.3, 1.6, 0.12)  # of eq. PL.4: 1.2 times what 2263 scenes need; 7 times too much for half of them
-SLIM = 0.15  # of eq. PL.3: the worst of 360 scenes needs 0.9 of what it says then, and 1.35 times that with 0 and no sum
+BENDING_COEFFICIENT, PLATE_COEFFICIENT = 1.6, 5.0  # of eq. PL.11, likewise
+SLIDING_FACTOR = 2.2  # of frictionless faces: examples/scene.toml's log-sensitivity is 7 % off at 0.039 R, with bonded faces 3 %
+LAYERED_RATIO_FACTOR = 1.6  # likewise
+CANCELLING_STRESS_SHARE = 0.2  # of eq. PL.10
+NEARING_COEFFICIENTS = (1.45, 0.3, 1.6, 0.12)  # of eq. PL.4: 1.2 times what 2263 scenes need; 7 times too much for half of them
+SLIM_TUBE_COEFFICIENT = (
+    0.15  # of eq. PL.3: the worst of 360 scenes needs 0.9 of what it says then, and 1.35 times that with 0 and no sum
+)
 
 
-def cover_factor(bodies: Iterable[Inclusion]) -> float:
+def compute_cover_factor(bodies: Iterable[Inclusion]) -> float:
     """Return the factor by which inclusions near the surface increase the effect of finite strain on ratio and stresses.
 
     What covers them is strained the more the thinner it is, and counts the more the wider they are: with diameter D and cover t
@@ -39,13 +48,13 @@ def cover_factor(bodies: Iterable[Inclusion]) -> float:
     whatever their moduli are and wherever beside the axis they lie. The log-sensitivity needs no more than eq. PL.2. Bodies from
     surface files, whose sizes are not known here, count as nothing.
     """
-    share, least, nothing, power = COVERED
+    share, cover_offset, threshold, power = COVER_COEFFICIENTS
     sizes = [(max(body.diameters) if body.diameters is not None else body.diameter or 0.0, body.depth) for body in bodies]
-    wide = [size / (max(0.0, depth - size / 2) + least * size) for size, depth in sizes if size > 0]
-    return float(1 + share * max(0.0, max(wide, default=0.0) - nothing) ** power)
+    wide = [size / (max(0.0, depth - size / 2) + cover_offset * size) for size, depth in sizes if size > 0]
+    return float(1 + share * max(0.0, max(wide, default=0.0) - threshold) ** power)
 
 
-def both_strains(
+def compute_both_strains(
     tube_radius: Any, tissue: Tissue, interface: Interface, added: Any = 0.0, covered: float = 1.0
 ) -> tuple[Any, Any]:
     """Return x per indentation, 1/m, for the log-sensitivity, and its counterpart for ratio, stresses and stiffness.
@@ -62,13 +71,15 @@ def both_strains(
         added: by the blocks, eq. PL.3, 1/m; it counts k times.
         covered: k.
     """
-    deep, soft, plate = _strains(tube_radius, tissue)
-    bending = 1 + BENDING * ((1 + PLATE * plate) ** 0.5 - 1)
-    of_ratio = (deep**2 * (bending**2 - 1 + covered**2) + (LAYERED * soft) ** 2) ** 0.5
-    return tissue_strain(tube_radius, tissue, interface) + added, _slides(interface) * of_ratio + covered * added
+    deep, soft, plate = _compute_strains(tube_radius, tissue)
+    bending = 1 + BENDING_COEFFICIENT * ((1 + PLATE_COEFFICIENT * plate) ** 0.5 - 1)
+    of_ratio = (deep**2 * (bending**2 - 1 + covered**2) + (LAYERED_RATIO_FACTOR * soft) ** 2) ** 0.5
+    return compute_tissue_strain(tube_radius, tissue, interface) + added, _get_sliding_factor(
+        interface
+    ) * of_ratio + covered * added
 
 
-def tissue_strain(tube_radius: Any, tissue: Tissue, interface: Interface = "bonded") -> Any:
+def compute_tissue_strain(tube_radius: Any, tissue: Tissue, interface: Interface = "bonded") -> Any:
     """Return x per indentation on deep, shallow or layered tissue, 1/m.
 
     Where the bottom is near the tissue is squeezed out from under the probe, which is bad sooner than an indentation of deep
@@ -101,43 +112,45 @@ def tissue_strain(tube_radius: Any, tissue: Tissue, interface: Interface = "bond
         tissue: of any shape.
         interface: of the blocks and the tissue.
     """
-    deep, soft, _ = _strains(tube_radius, tissue)
-    return _slides(interface) * (deep**2 + soft**2) ** 0.5
+    deep, soft, _ = _compute_strains(tube_radius, tissue)
+    return _get_sliding_factor(interface) * (deep**2 + soft**2) ** 0.5
 
 
-def _slides(interface: Interface) -> float:
-    return 1.0 if interface == "bonded" else SLIDING
+def _get_sliding_factor(interface: Interface) -> float:
+    return 1.0 if interface == "bonded" else SLIDING_FACTOR
 
 
-def _strains(tube_radius: Any, tissue: Tissue) -> tuple[Any, Any, Any]:
+def _compute_strains(tube_radius: Any, tissue: Tissue) -> tuple[Any, Any, Any]:
     """Return b and f / R, 1/m, and m of eqs. PL.5, PL.6."""
-    squeezed = 0.0 if tissue.shape == "half-space" else SHALLOW * tube_radius / tissue.depth**2
+    squeezed = 0.0 if tissue.shape == "half-space" else SHALLOW_COEFFICIENT * tube_radius / tissue.depth**2
     softest, plate = 0.0 * tube_radius, 0.0 * tube_radius
-    moduli, depths = _materials(tissue)
+    moduli, depths = _list_materials(tissue)
     for k, depth in enumerate(depths[1:], 1):
-        below, harmonic = _means_below(moduli[k:], depths[k:])
+        mean_below, harmonic_mean = _compute_means_below(moduli[k:], depths[k:])
         spans = list(zip(moduli[:k], depths[:k], depths[1:], strict=False))
-        stiffer = [(e, top, bottom) for modulus, top, bottom in spans if (e := modulus / harmonic - 1) > 0]
-        softer = [(s, top, bottom) for modulus, top, bottom in spans if (s := below / modulus - 1) > 0]
+        stiffer = [(e, top, bottom) for modulus, top, bottom in spans if (e := modulus / harmonic_mean - 1) > 0]
+        softer = [(s, top, bottom) for modulus, top, bottom in spans if (s := mean_below / modulus - 1) > 0]
         if stiffer:
-            plate = _greater(plate, sum(e * _near(tube_radius, top, bottom) for e, top, bottom in stiffer))
+            plate = _choose_greater(
+                plate, sum(e * _integrate_edge_weight(tube_radius, top, bottom) for e, top, bottom in stiffer)
+            )
         if softer:
-            softest = _greater(softest, _soft(tube_radius, softer, depth))
+            softest = _choose_greater(softest, _compute_soft_strain(tube_radius, softer, depth))
     return (1 / tube_radius**2 + squeezed**2) ** 0.5, softest / tube_radius, plate
 
 
-def _materials(tissue: Tissue) -> tuple[list[float], list[float]]:
+def _list_materials(tissue: Tissue) -> tuple[list[float], list[float]]:
     """Moduli from the surface down, Pa, the tissue's own last, and the depths where they begin, m; neighbours alike are one."""
     moduli, depths = list[float](), list[float]()
-    every = [*(layer.youngs_modulus for layer in tissue.layer), tissue.youngs_modulus]
-    for modulus, depth in zip(every, (0.0, *tissue.interfaces), strict=True):
+    all_moduli = [*(layer.youngs_modulus for layer in tissue.layer), tissue.youngs_modulus]
+    for modulus, depth in zip(all_moduli, (0.0, *tissue.interfaces), strict=True):
         if not moduli or modulus != moduli[-1]:
             moduli.append(modulus)
             depths.append(depth)
     return moduli, depths
 
 
-def _means_below(moduli: list[float], depths: list[float]) -> tuple[float, float]:
+def _compute_means_below(moduli: list[float], depths: list[float]) -> tuple[float, float]:
     """Mean modulus and harmonic mean of materials that begin at depths, m, weighted by h / z^2 from the first, h, on."""
     begins = [1 - depths[0] / depth for depth in depths] + [1.0]
     shares = [end - begin for begin, end in pairwise(begins)]
@@ -145,31 +158,31 @@ def _means_below(moduli: list[float], depths: list[float]) -> tuple[float, float
     return mean, 1 / sum(share / modulus for share, modulus in zip(shares, moduli, strict=True))
 
 
-def _soft(tube_radius: Any, softer: list[tuple[float, float, float]], depth: float) -> Any:
+def _compute_soft_strain(tube_radius: Any, softer: list[tuple[float, float, float]], depth: float) -> Any:
     """Return f of eq. PL.6 down to an interface at a depth, m, for (s, top, bottom) of what is softer."""
-    taken = sum(s * (bottom - top) for s, top, bottom in softer)
+    softness = sum(s * (bottom - top) for s, top, bottom in softer)
     square: Any = 0.0
     cube: Any = 0.0
     for s, top, bottom in softer:
-        begin, end = (1 / (1 + z / (EDGE * tube_radius)) for z in (top, bottom))
-        part = s**2 * _near(EDGE * tube_radius, top, bottom)  # of the integral of s^2 w^2
+        begin, end = (1 / (1 + z / (EDGE_LENGTH_RELATIVE * tube_radius)) for z in (top, bottom))
+        part = s**2 * _integrate_edge_weight(EDGE_LENGTH_RELATIVE * tube_radius, top, bottom)  # of the integral of s^2 w^2
         square, cube = square + part, cube + part * s * (begin + end) / 2
-    strained = SOFT * cube / square / (1 + (THIN * tube_radius / taken) ** 2)
-    return strained / (1 + strained * depth**2 / (SHALLOW * tube_radius**2))
+    strained = SOFT_LAYER_COEFFICIENT * cube / square / (1 + (THIN_LAYER_RELATIVE * tube_radius / softness) ** 2)
+    return strained / (1 + strained * depth**2 / (SHALLOW_COEFFICIENT * tube_radius**2))
 
 
-def _near(size: Any, top: float, bottom: float) -> Any:
+def _integrate_edge_weight(size: Any, top: float, bottom: float) -> Any:
     """Return the integral of 1 / (1 + z / size)^2 over depths z, m, in sizes."""
     return (bottom - top) / size / ((1 + top / size) * (1 + bottom / size))
 
 
-def _greater(a: Any, b: Any) -> Any:
+def _choose_greater(a: Any, b: Any) -> Any:
     """Return the greater of two floats, arrays or casadi expressions; complex numbers compare by their real parts."""
     first = a.real >= b.real if hasattr(a, "real") else a >= b
     return a * first + b * (1 - first)
 
 
-def cancelling_factor(totals: Any, areas: tuple[float, float]) -> float:
+def compute_cancelling_factor(totals: Any, areas: tuple[float, float]) -> float:
     """Return the factor by which a film's relative change grows where its pressures nearly cancel.
 
     Where a stiff layer carries the load to one block, the other's film is pushed here and pulled there. With the films' stresses
@@ -181,31 +194,34 @@ def cancelling_factor(totals: Any, areas: tuple[float, float]) -> float:
         areas: of the films, m^2.
     """
     stresses = [abs(float(total)) / area for total, area in zip(totals, areas, strict=True)]
-    mean, least = abs(float(sum(totals))) / sum(areas), min(stresses)
-    return max(1.0, CANCELLING_FILMS * mean / least) if least > 0 else 1.0
+    mean, min_stress = abs(float(sum(totals))) / sum(areas), min(stresses)
+    return max(1.0, CANCELLING_STRESS_SHARE * mean / min_stress) if min_stress > 0 else 1.0
 
 
-def block_strain(height: Any, strain: Any) -> Any:
+def compute_block_strain(height: Any, strain: Any) -> Any:
     """Return what a block of given height, m, and mean strain per indentation, 1/m, adds to x per indentation, 1/m: eq. PL.3."""
-    return height * strain**2 / RATIO_CHANGE
+    return height * strain**2 / RATIO_CHANGE_PER_X
 
 
-def slimness(radius: Any, wall: Any) -> Any:
+def compute_slimness(radius: Any, wall: Any) -> Any:
     """Return the factor of eq. PL.3 for a tube of given outer radius and wall, m."""
-    return 1 + SLIM * radius / wall
+    return 1 + SLIM_TUBE_COEFFICIENT * radius / wall
 
 
-def _with_layers(tube_radius: Any, tissue: Tissue, value: Callable[[Material], float]) -> Any:
+def _maximise_over_layers(tube_radius: Any, tissue: Tissue, value: Callable[[Material], float]) -> Any:
     """Return the maximum of a value over tissue and layers, thin layers counted in part; see ``bound_nearing``."""
-    own = most = value(tissue)
-    for one in tissue.layer:
-        if value(one) > own:
-            thickness = sum(other.thickness for other in tissue.layer if value(other) >= value(one))
-            most = _greater(most, own + (value(one) - own) * thickness / (thickness + THIN * tube_radius))
-    return most
+    tissue_value = maximum = value(tissue)
+    for layer in tissue.layer:
+        if value(layer) > tissue_value:
+            thickness = sum(thicker.thickness for thicker in tissue.layer if value(thicker) >= value(layer))
+            maximum = _choose_greater(
+                maximum,
+                tissue_value + (value(layer) - tissue_value) * thickness / (thickness + THIN_LAYER_RELATIVE * tube_radius),
+            )
+    return maximum
 
 
-def most_nearing(tissue: Tissue, radii: tuple[Any, Any, Any], strains: tuple[Any, Any], modulus: Any) -> Any:
+def bound_nearing(tissue: Tissue, radii: tuple[Any, Any, Any], strains: tuple[Any, Any], modulus: Any) -> Any:
     """Return an upper bound on the approach of the walls at the gap per indentation.
 
     Per indentation that is
@@ -225,9 +241,9 @@ def most_nearing(tissue: Tissue, radii: tuple[Any, Any, Any], strains: tuple[Any
     inner_radius, hole, tube_radius = radii
     wall = tube_radius - hole
     thin = wall / hole
-    hardest = _with_layers(tube_radius, tissue, lambda one: one.youngs_modulus)
-    least = -_with_layers(tube_radius, tissue, lambda one: -one.poisson_ratio)
+    hardest = _maximise_over_layers(tube_radius, tissue, lambda material: material.youngs_modulus)
+    min_poisson_ratio = -_maximise_over_layers(tube_radius, tissue, lambda material: -material.poisson_ratio)
     dragged = hardest / (hardest + modulus * thin * (1 + 5 * thin))
-    by_inner, by_outer, compressible, rest = NEARING
+    by_inner, by_outer, compressible, constant = NEARING_COEFFICIENTS
     widened = by_inner * strains[0] * inner_radius + by_outer * strains[1] * wall
-    return widened + (compressible * (1 - 2 * least) + rest) * dragged
+    return widened + (compressible * (1 - 2 * min_poisson_ratio) + constant) * dragged

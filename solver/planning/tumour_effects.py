@@ -9,16 +9,16 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Inclusion, Scene
-from solver.equivalent_inclusion.first_order import Effects, effects
+from solver.equivalent_inclusion.first_order import Effects, compute_effects
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.inclusions.tumours import Tumours
 from solver.planning.loads import LoadRule
 
-BURIED = 0.98  # of its depth: the maximum radius of the ball that stands for a body of another shape
+MAX_BALL_RADIUS_DEPTHS = 0.98  # of its depth: the maximum radius of the ball that stands for a body of another shape
 STIFFNESS_MARGIN = 0.99  # of the coarsest mesh's stiffness, which is at most 0.4 % above the true one in 40 drawn scenes
 # of the larger film log-sensitivity: by so much less their difference counts (docs/explanation/plan.md)
 SENSITIVITY_MARGIN = 0.05
-LEAST_STIFFNESS = 0.1  # of that without tumours: the first order overestimates the effect of large soft ones
+MIN_STIFFNESS_RELATIVE = 0.1  # of that without tumours: the first order overestimates the effect of large soft ones
 
 
 @dataclass(frozen=True)
@@ -31,22 +31,22 @@ class TumourEffects:
     """
 
     tumours: Tumours
-    each: Effects
+    single_effects: Effects
 
     @classmethod
-    def of(cls, scene: Scene, base: Undisturbed) -> TumourEffects:
+    def from_scene(cls, scene: Scene, base: Undisturbed) -> TumourEffects:
         """Compute the effects of a scene's tumours.
 
         Raises:
             InputError: a surface file that cannot be used.
             Refusal: a tumour larger than the modelled tissue.
         """
-        balls = tuple(_ball(k, body) for k, body in enumerate(scene.inclusion))
-        tumours = base.inside(Tumours.of(scene.model_copy(update={"inclusion": balls})))[0]
-        return cls(tumours, effects(base.energies, base.strata.hosts(tumours.flat().depth), tumours.flat()))
+        balls = tuple(_build_ball(k, body) for k, body in enumerate(scene.inclusion))
+        tumours = base.move_inside(Tumours.from_scene(scene.model_copy(update={"inclusion": balls})))[0]
+        return cls(tumours, compute_effects(base.energies, base.strata.find_hosts(tumours.flatten().depth), tumours.flatten()))
 
 
-def with_tumours(rule: LoadRule, scene: Scene, base: Callable[[], Undisturbed]) -> LoadRule:
+def add_tumours(rule: LoadRule, scene: Scene, base: Callable[[], Undisturbed]) -> LoadRule:
     """Adapt the load rule without tumours to a scene's tumours.
 
     Args:
@@ -58,16 +58,16 @@ def with_tumours(rule: LoadRule, scene: Scene, base: Callable[[], Undisturbed]) 
         InputError, Refusal: see ``TumourEffects.from_scene``.
     """
     if not scene.inclusion:
-        return adjusted(rule, 1.0, None)
+        return adjust_rule(rule, 1.0, None)
     states = base()
-    found, totals = TumourEffects.of(scene, states).each, states.films.totals
-    changed = totals + found.forces.sum(axis=0).sum(axis=1)
-    slopes = None if scene.target is None else found.by_log_modulus[scene.target].sum(axis=1)
+    single_effects, totals = TumourEffects.from_scene(scene, states).single_effects, states.films.totals
+    changed = totals + single_effects.forces.sum(axis=0).sum(axis=1)
+    slopes = None if scene.target is None else single_effects.by_log_modulus[scene.target].sum(axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return adjusted(rule, float(changed.sum() / totals.sum()), None if slopes is None else slopes / changed)
+        return adjust_rule(rule, float(changed.sum() / totals.sum()), None if slopes is None else slopes / changed)
 
 
-def adjusted(rule: LoadRule, times: float, slopes: Floats | None) -> LoadRule:
+def adjust_rule(rule: LoadRule, times: float, slopes: Floats | None) -> LoadRule:
     """Adapt the load rule to tumours that change the stiffness, so that it holds for any evaluator.
 
     Softer tumours let a force press deeper; how much the film log-sensitivities cancel decides how well the log-sensitivity has
@@ -78,22 +78,22 @@ def adjusted(rule: LoadRule, times: float, slopes: Floats | None) -> LoadRule:
         times: the stiffness with them, over that.
         slopes: film log-sensitivities, inner and outer, shape (2,); None without a target.
     """
-    stiffness = STIFFNESS_MARGIN * float(np.clip(times, LEAST_STIFFNESS, 1.0)) * rule.stiffness
-    return replace(rule, stiffness=stiffness, films=_cautious(slopes))
+    stiffness = STIFFNESS_MARGIN * float(np.clip(times, MIN_STIFFNESS_RELATIVE, 1.0)) * rule.stiffness
+    return replace(rule, stiffness=stiffness, films=_reduce_difference(slopes))
 
 
-def _cautious(slopes: Floats | None) -> tuple[float, float] | None:
+def _reduce_difference(slopes: Floats | None) -> tuple[float, float] | None:
     """Return film log-sensitivities with the smallest difference that their errors allow; None where they are unknown."""
     if slopes is None or not np.isfinite(slopes).all():
         return None
     larger = int(np.argmax(np.abs(slopes)))
-    apart = slopes[0] - slopes[1] if larger == 0 else slopes[1] - slopes[0]
-    least = np.sign(apart) * max(0.0, abs(apart) - SENSITIVITY_MARGIN * abs(slopes[larger]))
-    films = [float(slopes[larger]), float(slopes[larger] - least)]
+    difference = slopes[0] - slopes[1] if larger == 0 else slopes[1] - slopes[0]
+    min_difference = np.sign(difference) * max(0.0, abs(difference) - SENSITIVITY_MARGIN * abs(slopes[larger]))
+    films = [float(slopes[larger]), float(slopes[larger] - min_difference)]
     return (films[0], films[1]) if larger == 0 else (films[1], films[0])
 
 
-def _ball(k: int, body: Inclusion) -> Inclusion:
+def _build_ball(k: int, body: Inclusion) -> Inclusion:
     """Return the ball that encloses an inclusion; it changes more than the body, stiff or soft (Rayleigh)."""
     if body.diameter is not None:
         return body
@@ -105,4 +105,6 @@ def _ball(k: int, body: Inclusion) -> Inclusion:
         assert body.surface is not None
         sheet = read_surface(body.surface, f"inclusion[{k}].surface", np.zeros(3))
         size = 2 * float(np.linalg.norm(sheet.points, axis=1).max())
-    return body.model_copy(update={"diameter": min(size, 2 * BURIED * body.depth), "diameters": None, "surface": None})
+    return body.model_copy(
+        update={"diameter": min(size, 2 * MAX_BALL_RADIUS_DEPTHS * body.depth), "diameters": None, "surface": None}
+    )

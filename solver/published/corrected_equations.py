@@ -10,36 +10,36 @@ for ``d`` well above ``a`` and ``D``, not one to measure with. Symbols, units an
 from __future__ import annotations
 
 from geometry.common.errors import InputError, Words
-from geometry.common.limits import most
-from solver.published.equations import checked
+from geometry.common.limits import format_maximum
+from solver.published.equations import check_numbers
 
 
-@checked
+@check_numbers
 def modulus(a: float, d: float, D: float, E_matrix: float, E_object: float) -> float:
     """Return the equivalent modulus E_eq by eq. PU.1, Pa.
 
     Raises:
         InputError: k is not below 1.
     """
-    k = _share(a, d, D)
+    k = _compute_share(a, d, D)
     return 1 / ((1 - k) / E_matrix + k / E_object)
 
 
-@checked
+@check_numbers
 def object_modulus(a: float, d: float, D: float, E_matrix: float, E_eq: float) -> float:
     """Return E_object from E_eq by eq. PU.1, Pa.
 
     Raises:
         InputError: k is not below 1, or E_eq is not below that of a rigid object.
     """
-    k = _share(a, d, D)
+    k = _compute_share(a, d, D)
     rigid = E_matrix / (1 - k)
     if E_eq >= rigid:
-        raise InputError("E_eq", E_eq, f"below that of a rigid object, {most(rigid)} Pa")
+        raise InputError("E_eq", E_eq, f"below that of a rigid object, {format_maximum(rigid)} Pa")
     return k * E_eq * rigid / (rigid - E_eq)
 
 
-@checked
+@check_numbers
 def diameter(a: float, d: float, E_matrix: float, E_object: float, E_eq: float) -> float:
     """Return the object's diameter D from E_eq by eq. PU.1, m.
 
@@ -52,7 +52,7 @@ def diameter(a: float, d: float, E_matrix: float, E_object: float, E_eq: float) 
     return 4 * d**2 * k / (3 * a)
 
 
-def _share(a: float, d: float, D: float) -> float:
+def _compute_share(a: float, d: float, D: float) -> float:
     """Return k of eq. PU.1, the object's share of the shortening."""
     if 3 * a * D >= 4 * d**2:
         raise InputError("3 a D / (4 d^2)", Words(f"{3 * a * D / (4 * d**2):.4g}"), "below 1: a smaller or deeper object")

@@ -17,121 +17,121 @@ from inspect import signature
 from typing import ParamSpec, TypeVar
 
 from geometry.common.errors import InputError, Words
-from geometry.common.limits import most
+from geometry.common.limits import format_maximum
 
 P = ParamSpec("P")
 R = TypeVar("R", float, tuple[float, float], tuple[float, float, float])
 
-SIGNED = ("Q", "psi_1", "psi_2", "d31", "d32", "d33")
+SIGNED_SYMBOLS = ("Q", "psi_1", "psi_2", "d31", "d32", "d33")
 
 
-def checked(formula: Callable[P, R]) -> Callable[P, R]:
+def check_numbers(formula: Callable[P, R]) -> Callable[P, R]:
     """Decorate a formula with checks of its arguments, by their names, and of its result."""
     names = signature(formula)
 
     @wraps(formula)
-    def of(*args: P.args, **kwargs: P.kwargs) -> R:
+    def call_checked(*args: P.args, **kwargs: P.kwargs) -> R:
         arguments = names.bind(*args, **kwargs).arguments
         for name, value in arguments.items():
-            for one in _numbers(value):
-                _check(name, one)
+            for number in _list_numbers(value):
+                _check_number(name, number)
         try:
             result = formula(*args, **kwargs)
         except ArithmeticError:
             result = None
-        if result is None or not all(map(math.isfinite, _numbers(result))):
+        if result is None or not all(map(math.isfinite, _list_numbers(result))):
             raise InputError(formula.__name__, Words("out of range"), "arguments whose result double precision holds")
         return result
 
-    return of
+    return call_checked
 
 
-def _numbers(value: object) -> Iterable[float]:
+def _list_numbers(value: object) -> Iterable[float]:
     return value if isinstance(value, tuple) else (value,)
 
 
-def _check(name: str, value: float) -> None:
+def _check_number(name: str, value: float) -> None:
     if not isinstance(value, int | float) or not math.isfinite(value):
         raise InputError(name, value, "a finite number")
     if name.startswith("nu") and not 0 <= value <= 0.5:
         raise InputError(name, value, "from 0 to 0.5")
-    if name not in SIGNED and not name.startswith("nu") and value <= 0:
+    if name not in SIGNED_SYMBOLS and not name.startswith("nu") and value <= 0:
         raise InputError(name, value, "above 0")
 
 
-@checked
+@check_numbers
 def stress_at_depth(sigma: float, a: float, d: float) -> float:
     """Return the stress at depth d, Pa. Eq. (1): sigma_1 = 3 sigma a^2 / (2 d^2)."""
     return 3 * sigma * a**2 / (2 * d**2)
 
 
-@checked
+@check_numbers
 def displacement_matrix(sigma: float, a: float, nu: float, E_matrix: float) -> float:
     """Return the displacement of the matrix, m. Eq. (2): DIS_A = 2 (1-nu^2) sigma a / E_matrix."""
     return 2 * (1 - nu**2) * sigma * a / E_matrix
 
 
-@checked
+@check_numbers
 def displacement_object(sigma: float, a: float, d: float, D: float, E_object: float) -> float:
     """Return the shortening of the object, m. Eq. (3): DIS_B = sigma_1 D / E_object = 3 sigma a^2 D / (2 d^2 E_object)."""
     return 3 * sigma * a**2 * D / (2 * d**2 * E_object)
 
 
-@checked
+@check_numbers
 def displacement_below(sigma: float, a: float, d: float, D: float, *, nu: float, E_matrix: float) -> float:
     """Return the displacement below the object, m. Eq. (4): DIS_C = 3 (1-nu^2) sigma a^2 D / (2 E_matrix d^2)."""
     return 3 * (1 - nu**2) * sigma * a**2 * D / (2 * E_matrix * d**2)
 
 
-@checked
+@check_numbers
 def displacement_equivalent(sigma: float, a: float, nu: float, E_eq: float) -> float:
     """Return the displacement of the equivalent tissue, m. Eq. (5): DIS = 2 (1-nu^2) sigma a / E_eq."""
     return 2 * (1 - nu**2) * sigma * a / E_eq
 
 
-@checked
+@check_numbers
 def displacement_total(sigma: float, a: float, d: float, D: float, *, nu: float, E_matrix: float, E_object: float) -> float:
     """Return the total displacement, m. Eq. (6): DIS = DIS_A + DIS_B + DIS_C, by eqs. (2) to (4)."""
     a_and_b = displacement_matrix(sigma, a, nu, E_matrix) + displacement_object(sigma, a, d, D, E_object)
     return a_and_b + displacement_below(sigma, a, d, D, nu=nu, E_matrix=E_matrix)
 
 
-@checked
+@check_numbers
 def modulus_from_compatibility(a: float, d: float, D: float, *, nu: float, E_matrix: float, E_object: float) -> float:
     """Return E_eq by eq. (7), Pa: eq. (5) set equal to eq. (6); sigma cancels."""
     return 2 * (1 - nu**2) * a / displacement_total(1.0, a, d, D, nu=nu, E_matrix=E_matrix, E_object=E_object)
 
 
-@checked
+@check_numbers
 def modulus_printed(a: float, d: float, D: float, *, nu: float, E_matrix: float, E_object: float) -> float:
     """Return E_eq as printed, Pa.
 
     Eq. (8): E_eq = 4 E_matrix E_object (1-nu^2) d^2 / [E_object (1-nu)^2 (4 d^2 + 3 a D) + 3 a D E_matrix].
     """
-    below = E_object * (1 - nu) ** 2 * (4 * d**2 + 3 * a * D) + 3 * a * D * E_matrix
-    return 4 * E_matrix * E_object * (1 - nu**2) * d**2 / below
+    denominator = E_object * (1 - nu) ** 2 * (4 * d**2 + 3 * a * D) + 3 * a * D * E_matrix
+    return 4 * E_matrix * E_object * (1 - nu**2) * d**2 / denominator
 
 
-@checked
+@check_numbers
 def layer_shortenings(sigma: float, a: float, nu_1: float, nu_2: float, E_1: float) -> tuple[float, float, float]:
     """Return the shortenings of tissue, tumour and tissue by eq. (9), m; the tumour's with E_1, as printed."""
     tissue = 2 * (1 - nu_1**2) * sigma * a / E_1
     return tissue, 2 * (1 - nu_2**2) * sigma * a / E_1, tissue
 
 
-@checked
+@check_numbers
 def modulus_from_shortenings(sigma: float, a: float, nu_1: float, shortenings: tuple[float, float, float]) -> float:
     """Return E_eq from the shortenings, Pa. Eq. (10): E_eq = 2 (1-nu_1^2) sigma a / (sum of the shortenings)."""
     return 2 * (1 - nu_1**2) * sigma * a / sum(shortenings)
 
 
-@checked
+@check_numbers
 def modulus_of_layers(E_1: float, E_2: float, E_3: float) -> float:
     """Return E_eq of three layers, Pa. Eq. (11): 1 / E_eq = 1/E_1 + 1/E_2 + 1/E_3."""
     return 1 / (1 / E_1 + 1 / E_2 + 1 / E_3)
 
 
-@checked
+@check_numbers
 def film_force(Q: float, psi_1: float, psi_2: float, *, d31: float, d32: float, d33: float) -> float:
     """Return the force on a film from its charge Q, N. Eq. (12): F = Q / (psi_1 d31 + psi_2 d32 + d33).
 
@@ -152,7 +152,7 @@ EQUATIONS: dict[int, Callable[..., float | tuple[float, float, float]]] = {
 """The equations by their numbers."""
 
 
-@checked
+@check_numbers
 def object_modulus_from_layers(E_eq: float, E_1: float) -> float:
     """Return E_object from eq. (11) with E_2 = E_object and E_3 = E_1, Pa, as at the end of section 2.3.
 
@@ -160,11 +160,11 @@ def object_modulus_from_layers(E_eq: float, E_1: float) -> float:
         InputError: E_eq is not below E_1 / 2: no positive modulus fits.
     """
     if E_eq >= E_1 / 2:
-        raise InputError("E_eq", E_eq, f"below E_1 / 2 = {most(E_1 / 2)} Pa, else eq. (11) has no positive E_object")
+        raise InputError("E_eq", E_eq, f"below E_1 / 2 = {format_maximum(E_1 / 2)} Pa, else eq. (11) has no positive E_object")
     return E_eq * E_1 / (E_1 - 2 * E_eq)
 
 
-@checked
+@check_numbers
 def diameter_printed(a: float, d: float, *, nu: float, E_matrix: float, E_object: float, E_eq: float) -> float:
     """Return D from eq. (8), m; it may be larger than 2 d, which the paper does not exclude.
 
@@ -175,12 +175,14 @@ def diameter_printed(a: float, d: float, *, nu: float, E_matrix: float, E_object
     """
     largest = E_matrix * (1 + nu) / (1 - nu)
     if E_eq >= largest:
-        raise InputError("E_eq", E_eq, f"below E_matrix (1+nu) / (1-nu) = {most(largest)} Pa, else eq. (8) has no positive D")
+        raise InputError(
+            "E_eq", E_eq, f"below E_matrix (1+nu) / (1-nu) = {format_maximum(largest)} Pa, else eq. (8) has no positive D"
+        )
     stiff = E_object * (1 - nu) ** 2
     return 4 * d**2 * stiff * (largest - E_eq) / (3 * a * E_eq * (stiff + E_matrix))
 
 
-@checked
+@check_numbers
 def object_modulus_printed(a: float, d: float, D: float, *, nu: float, E_matrix: float, E_eq: float) -> float:
     """Return E_object from eq. (8), Pa.
 
@@ -192,11 +194,13 @@ def object_modulus_printed(a: float, d: float, D: float, *, nu: float, E_matrix:
     loose = (1 - nu) ** 2 * (4 * d**2 + 3 * a * D)
     rigid = 4 * E_matrix * (1 - nu**2) * d**2 / loose
     if E_eq >= rigid:
-        raise InputError("E_eq", E_eq, f"below that of a rigid object, {most(rigid)} Pa, else eq. (8) has no positive E_object")
+        raise InputError(
+            "E_eq", E_eq, f"below that of a rigid object, {format_maximum(rigid)} Pa, else eq. (8) has no positive E_object"
+        )
     return 3 * a * D * E_matrix * E_eq / (loose * (rigid - E_eq))
 
 
-@checked
+@check_numbers
 def object_and_diameter(a: float, d: float, nu: float, E_matrix: float, E_eq: float) -> tuple[float, float]:
     """Return E_object, Pa, and D, m, from E_eq in the paper's order (end of section 2.3): by eq. (11), then by eq. (8).
 

@@ -11,12 +11,12 @@ from geometry.common.errors import InputError, Refusal
 from geometry.scenes.scene import Scene
 from solver.published import corrected_equations as corrected
 from solver.published import equations as printed
-from solver.results.evaluator import Tell
-from solver.results.kinds import layered
+from solver.results.evaluator import ProgressCallback
+from solver.results.kinds import find_layer_refusal
 from solver.results.result import Curve, Result
 from solver.results.warnings import Note
 
-DEFECTS = (
+PAPER_DEFECTS = (
     "eq. (1) is a far field: on the axis sigma [1 - (d / sqrt(a^2 + d^2))^3] holds, at d = a 0.646 sigma, printed 1.5 sigma",
     "eqs. (4), (6), (7) add the object's shortening without subtracting that of the tissue it replaces: "
     "a rigid object softens the tissue, one of the tissue's modulus does not vanish",
@@ -40,12 +40,12 @@ class Published:
 
     def refusal(self, scene: Scene) -> str | None:
         """Return why the paper's equations cannot describe the scene, with the evaluator that can; None where they can."""
-        if layered(scene) is not None:
-            return layered(scene)
+        if find_layer_refusal(scene) is not None:
+            return find_layer_refusal(scene)
         if len(scene.inclusion) != 1 or scene.inclusion[0].diameter is None:
             return "axisymmetric or closed-form unless there is exactly one sphere: eq. (8) has one diameter, one depth"
-        body, at = scene.inclusion[0], scene.placement
-        if at.tilt != 0 or math.hypot(body.x - at.x, body.y - at.y) > 1e-9 * scene.inclusion[0].diameter:
+        body, placement = scene.inclusion[0], scene.placement
+        if placement.tilt != 0 or math.hypot(body.x - placement.x, body.y - placement.y) > 1e-9 * scene.inclusion[0].diameter:
             return "closed-form for an inclusion off the axis of an upright probe"
         return None
 
@@ -56,17 +56,17 @@ class Published:
             Refusal: the equations cannot describe the scene.
         """
         start = perf_counter()
-        why = self.refusal(scene)
-        if why is not None:
-            raise Refusal("evaluator", self.name, why)
+        reason = self.refusal(scene)
+        if reason is not None:
+            raise Refusal("evaluator", self.name, reason)
         body, tissue = scene.inclusion[0], scene.tissue
         sizes, moduli = (scene.probe.tube_radius, body.depth, body.diameter or 0.0), (tissue.youngs_modulus, body.youngs_modulus)
         elastic = {"nu": tissue.poisson_ratio, "E_matrix": moduli[0], "E_object": moduli[1]}
         modulus = printed.modulus_printed(*sizes, **elastic)
         by_7 = printed.modulus_from_compatibility(*sizes, **elastic)
         null = "stresses, ratio and error_estimate are null: the paper's equations give an equivalent modulus, not film stresses"
-        cost = f"equivalent_modulus is {modulus:.4g} Pa by eq. (8), {by_7:.4g} Pa by eq. (7), {_corrected(sizes, moduli)}"
-        texts = (cost, *(f"defect of the paper: {defect}" for defect in DEFECTS))
+        cost = f"equivalent_modulus is {modulus:.4g} Pa by eq. (8), {by_7:.4g} Pa by eq. (7), {_write_corrected(sizes, moduli)}"
+        texts = (cost, *(f"defect of the paper: {defect}" for defect in PAPER_DEFECTS))
         notes = (Note("null", null), *(Note("published", text) for text in texts))
         return Result(self.name, perf_counter() - start, equivalent_modulus=modulus, warnings=notes)
 
@@ -87,13 +87,13 @@ class Published:
         raise Refusal("evaluator", self.name, "any other for a curve: the paper's equations give no film stresses")
 
 
-def _corrected(sizes: tuple[float, float, float], moduli: tuple[float, float]) -> str:
+def _write_corrected(sizes: tuple[float, float, float], moduli: tuple[float, float]) -> str:
     try:
         return f"{corrected.modulus(*sizes, *moduli):.4g} Pa without their defects"
     except InputError as fault:
         return f"none without their defects ({fault})"
 
 
-def level(tell: Tell | None = None) -> Published:
+def level(tell: ProgressCallback | None = None) -> Published:
     """Return the evaluator; it reports no progress."""
     return Published()

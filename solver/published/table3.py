@@ -5,7 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-PLACES = {1: "between tumours 1 and 2", 2: "on top of tumour 2", 3: "on top of tumour 1", 4: "far away from both"}  # Table 2
+POSITION_NAMES = {
+    1: "between tumours 1 and 2",
+    2: "on top of tumour 2",
+    3: "on top of tumour 1",
+    4: "far away from both",
+}  # Table 2
 AREA_RATIO = 3.7  # A2/A1, section 2.3
 
 
@@ -61,14 +66,14 @@ class PositionCheck:
     area: float
 
 
-def check(rows: Sequence[PublishedRow]) -> PositionCheck:
+def check_position(rows: Sequence[PublishedRow]) -> PositionCheck:
     """Check the printed rows of one position for consistency."""
     ratios, quotients = [row.ratio for row in rows], [row.stress_1 / row.stress_2 for row in rows]
-    off = max(abs(abs(one) / ratio - 1) for one, ratio in zip(quotients, ratios, strict=True))
+    max_deviation = max(abs(abs(quotient) / ratio - 1) for quotient, ratio in zip(quotients, ratios, strict=True))
     area = rows[0].load / -(AREA_RATIO * rows[0].stress_1 + rows[0].stress_2)
-    return PositionCheck(max(ratios) / min(ratios) - 1, off, quotients[0], area)
+    return PositionCheck(max(ratios) / min(ratios) - 1, max_deviation, quotients[0], area)
 
 
-def printed_ratios(signed: bool) -> dict[int, float]:
+def get_printed_ratios(signed: bool) -> dict[int, float]:
     """Return the ratio of each position at 1 N, as printed or with the sign of its stresses."""
     return {k: rows[0].stress_1 / rows[0].stress_2 if signed else rows[0].ratio for k, rows in TABLE_3.items()}

@@ -28,31 +28,31 @@ class Detail:
 
     name: str
     compliance: Floats
-    sure: bool = False
-    lost: float = 0.0
+    is_exact: bool = False
+    lost_share: float = 0.0
 
-    def bound(self, forces: Floats) -> Bound:
+    def compute_bound(self, forces: Floats) -> Bound:
         """Return a bound on what the detail changes of the film forces, N/m, shape (2, 2), by eq. RE.4."""
         totals = forces.sum(axis=1)
         change = forces @ self.compliance @ totals
         with np.errstate(divide="ignore"):
             inner, outer = change / totals
-        ratio = abs(inner - outer) if self.sure else abs(inner) + abs(outer)
-        return Bound(np.abs(change) + self.lost * np.abs(totals), float(ratio + self.lost))
+        ratio = abs(inner - outer) if self.is_exact else abs(inner) + abs(outer)
+        return Bound(np.abs(change) + self.lost_share * np.abs(totals), float(ratio + self.lost_share))
 
 
-def details(probe: Probe) -> Iterator[Detail]:
+def iterate_details(probe: Probe) -> Iterator[Detail]:
     """Yield the details of a probe beyond two blocks on a rigid base: groove, films, elastic base."""
     areas = np.array([probe.inner_area, probe.outer_area])
     if probe.groove is not None:
-        yield Detail("groove", _groove(probe), lost=_bridged(probe))
+        yield Detail("groove", _compute_groove_compliance(probe), lost_share=_compute_groove_loss(probe))
     if probe.film is not None:
-        yield Detail("film compliance", np.diag(_film(probe.film) / areas), sure=True)
+        yield Detail("film compliance", np.diag(_compute_film_compliance(probe.film) / areas), is_exact=True)
     if probe.base.youngs_modulus is not None:
-        yield Detail("elastic base", _base(probe.base, probe.tube_radius))
+        yield Detail("elastic base", _compute_base_compliance(probe.base, probe.tube_radius))
 
 
-def _groove(probe: Probe) -> Floats:
+def _compute_groove_compliance(probe: Probe) -> Floats:
     """Return the compliance that a groove adds to the outer block, m/N.
 
     The block is a column of area A_1 and modulus E_1 that lacks a share f of its section over the groove's depth g.
@@ -62,11 +62,11 @@ def _groove(probe: Probe) -> Floats:
     """
     assert probe.groove is not None
     missing = probe.groove_footprint / probe.outer_area
-    give = 6 * missing / (1 - missing) * probe.groove.depth / (probe.outer_area * probe.outer.youngs_modulus)
-    return np.diag([0.0, give])
+    compliance = 6 * missing / (1 - missing) * probe.groove.depth / (probe.outer_area * probe.outer.youngs_modulus)
+    return np.diag([0.0, compliance])
 
 
-def _bridged(probe: Probe) -> float:
+def _compute_groove_loss(probe: Probe) -> float:
     """Return the share of force that the floor under the groove, which bends, may fail to carry: -1.5 ln(1 - f) g / h (RE.6).
 
     f is the share of the block's section that the groove removes, g the groove's depth and h the block's height. It is what stiff
@@ -78,13 +78,13 @@ def _bridged(probe: Probe) -> float:
     return -1.5 * float(np.log1p(-missing)) * probe.groove.depth / probe.tube_height
 
 
-def _film(film: Film) -> float:
+def _compute_film_compliance(film: Film) -> float:
     """Return compliance times area of film and adhesive in series, m/Pa; by default the adhesive has the film's modulus."""
     adhesive = film.adhesive_thickness / (film.adhesive_modulus or film.youngs_modulus)
     return film.thickness / film.youngs_modulus + adhesive
 
 
-def _base(base: Base, radius: float) -> Floats:
+def _compute_base_compliance(base: Base, radius: float) -> Floats:
     """Return the compliance of the elastic base for each block and between them, m/N: 2 (1 - nu^2) / (pi R E) (RE.7).
 
     The base is a half-space of modulus E and Poisson's ratio nu under the probe's footprint of radius R.
@@ -94,5 +94,5 @@ def _base(base: Base, radius: float) -> Floats:
     """
     assert base.youngs_modulus is not None
     assert base.poisson_ratio is not None
-    give = (1 - base.poisson_ratio**2) / (radius * base.youngs_modulus)
-    return give * np.array([[2.0, 1.0], [1.0, 2.0]])
+    compliance = (1 - base.poisson_ratio**2) / (radius * base.youngs_modulus)
+    return compliance * np.array([[2.0, 1.0], [1.0, 2.0]])

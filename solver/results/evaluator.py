@@ -9,18 +9,18 @@ from typing import Any, Protocol
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal
-from geometry.common.limits import least
-from geometry.common.resources import timed
+from geometry.common.limits import format_minimum
+from geometry.common.resources import start_clock
 from geometry.scenes.scene import Scene
-from solver.linalg.workspace import Workspace, current, in_own_workspace
-from solver.results.film_forces import FilmForces, checked_moduli, outputs, ratio
+from solver.linalg.workspace import Workspace, get_workspace, use_own_workspace
+from solver.results.film_forces import FilmForces, check_moduli, compute_ratio_fields, compute_result_fields
 from solver.results.result import Curve, Decision, Result
-from solver.results.warnings import Note, of_kind
+from solver.results.warnings import Note, select_notes
 
-Tell = Callable[[str], None]
+ProgressCallback = Callable[[str], None]
 
 
-def silent(text: str) -> None:
+def ignore_progress(text: str) -> None:
     """Ignore a line of progress."""
 
 
@@ -70,7 +70,7 @@ class Evaluator(Protocol):
 
 
 @dataclass(frozen=True)
-class Answer:
+class FilmSolution:
     """The film forces of a scene with their errors, at the target's modulus or at several.
 
     Attributes:
@@ -87,24 +87,24 @@ class Answer:
     notes: tuple[Note, ...] = ()
     stiffness: float | None = None
 
-    def result(self, name: str, scene: Scene, seconds: float) -> Result:
+    def build_result(self, name: str, scene: Scene, seconds: float) -> Result:
         """Return the result at the scene's own target modulus."""
-        fields = outputs(scene, self.films[0])
+        fields = compute_result_fields(scene, self.films[0])
         if self.stiffness is not None:
             fields["stiffness"] = self.stiffness
         warnings = (*fields.pop("warnings"), *self.notes)
         return Result(name, seconds, **fields, residual=self.residual, plan=self.plan, warnings=warnings)
 
-    def curve(self, name: str, scene: Scene, moduli: Floats, seconds: float) -> Curve:
+    def build_curve(self, name: str, scene: Scene, moduli: Floats, seconds: float) -> Curve:
         """Return the curve over moduli of the target, Pa, shape (k,)."""
-        rows = [ratio(scene, films) for films in self.films]
+        rows = [compute_ratio_fields(scene, films) for films in self.films]
         values: dict[str, Any] = {key: tuple(row[key] for row in rows) for key in ("ratio", "log_sensitivity", "error_estimate")}
         values["stiffness"] = tuple(float(films.totals.sum()) for films in self.films)
         return Curve(name, seconds, tuple(moduli.tolist()), **values, plan=self.plan, warnings=self.notes)
 
 
 @dataclass(frozen=True, kw_only=True)
-class FilmLevel:
+class FilmEvaluator:
     """An evaluator that computes film forces: a subclass defines ``solve``, from which the methods of ``Evaluator`` follow.
 
     Attributes:
@@ -112,32 +112,32 @@ class FilmLevel:
     """
 
     name: str
-    workspace: Workspace = field(default_factory=current, compare=False, repr=False)
+    workspace: Workspace = field(default_factory=get_workspace, compare=False, repr=False)
 
-    def answer(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> Answer:
+    def solve(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> FilmSolution:
         """Compute film forces at the target's modulus, or at all ``moduli`` (Pa); see ``Evaluator`` for what it raises."""
         raise NotImplementedError
 
-    @in_own_workspace
+    @use_own_workspace
     def evaluate(self, scene: Scene, accuracy: float = 0.01) -> Result:
         """See ``Evaluator``."""
         start = perf_counter()
-        with timed():
-            answer = self.answer(scene, accuracy)
-        return answer.result(self.name, scene, perf_counter() - start)
+        with start_clock():
+            solution = self.solve(scene, accuracy)
+        return solution.build_result(self.name, scene, perf_counter() - start)
 
-    def answers(self, scenes: Sequence[Scene], accuracies: Sequence[float]) -> list[Answer | InputError]:
+    def solve_many(self, scenes: Sequence[Scene], accuracies: Sequence[float]) -> list[FilmSolution | InputError]:
         """Solve each scene at its accuracy, or return its refusal; subclasses may solve scenes together to save time."""
-        return [self._alone(scene, accuracy) for scene, accuracy in zip(scenes, accuracies, strict=True)]
+        return [self._solve_or_refuse(scene, accuracy) for scene, accuracy in zip(scenes, accuracies, strict=True)]
 
-    def _alone(self, scene: Scene, accuracy: float) -> Answer | InputError:
+    def _solve_or_refuse(self, scene: Scene, accuracy: float) -> FilmSolution | InputError:
         try:
-            with timed():
-                return self.answer(scene, accuracy)
+            with start_clock():
+                return self.solve(scene, accuracy)
         except InputError as fault:
             return fault
 
-    @in_own_workspace
+    @use_own_workspace
     def evaluate_many(self, scenes: Sequence[Scene], accuracy: float | Sequence[float] = 0.01) -> list[Result | InputError]:
         """Return for each scene what ``evaluate`` returns, or the refusal it raises; ``seconds`` are divided evenly.
 
@@ -146,34 +146,34 @@ class FilmLevel:
             accuracy: one for all scenes, or one for each.
         """
         start = perf_counter()
-        every = self.answers(scenes, accuracy if isinstance(accuracy, Sequence) else [accuracy] * len(scenes))
-        share = (perf_counter() - start) / max(len(scenes), 1)
-        return [self._result(answer, scene, share) for answer, scene in zip(every, scenes, strict=True)]
+        solutions = self.solve_many(scenes, accuracy if isinstance(accuracy, Sequence) else [accuracy] * len(scenes))
+        seconds_each = (perf_counter() - start) / max(len(scenes), 1)
+        return [self._build_result(solution, scene, seconds_each) for solution, scene in zip(solutions, scenes, strict=True)]
 
-    def _result(self, answer: Answer | InputError, scene: Scene, seconds: float) -> Result | InputError:
+    def _build_result(self, solution: FilmSolution | InputError, scene: Scene, seconds: float) -> Result | InputError:
         try:
-            return answer if isinstance(answer, InputError) else answer.result(self.name, scene, seconds)
+            return solution if isinstance(solution, InputError) else solution.build_result(self.name, scene, seconds)
         except InputError as fault:
             return fault
 
-    @in_own_workspace
+    @use_own_workspace
     def evaluate_within(self, scene: Scene, accuracy: float, allowed: float | None = None) -> Result:
         """See ``Evaluator``."""
         start = perf_counter()
-        with timed():
-            answer = self.answer(scene, accuracy)
-        reached = answer.films[0].error_under(scene)
+        with start_clock():
+            solution = self.solve(scene, accuracy)
+        reached = solution.films[0].compute_max_error(scene)
         if reached > (accuracy if allowed is None else allowed):
-            raise OutOfReach(self.name, scene, accuracy, reached, stopped=next(iter(of_kind(answer.notes, "limit")), ""))
-        return answer.result(self.name, scene, perf_counter() - start)
+            raise OutOfReach(self.name, scene, accuracy, reached, stopped=next(iter(select_notes(solution.notes, "limit")), ""))
+        return solution.build_result(self.name, scene, perf_counter() - start)
 
-    @in_own_workspace
+    @use_own_workspace
     def curve(self, scene: Scene, moduli: Floats, accuracy: float = 0.01) -> Curve:
         """See ``Evaluator``."""
-        start, moduli = perf_counter(), checked_moduli(scene, moduli)
-        with timed():
-            answer = self.answer(scene, accuracy, moduli)
-        return answer.curve(self.name, scene, moduli, perf_counter() - start)
+        start, moduli = perf_counter(), check_moduli(scene, moduli)
+        with start_clock():
+            solution = self.solve(scene, accuracy, moduli)
+        return solution.build_curve(self.name, scene, moduli, perf_counter() - start)
 
 
 class OutOfReach(Refusal):
@@ -189,8 +189,8 @@ class OutOfReach(Refusal):
 
     def __init__(self, name: str, scene: Scene, accuracy: float, reached: float, *, stopped: str = "", allowed: str = "") -> None:
         self.name, self.scene, self.accuracy, self.reached, self.stopped = name, scene, accuracy, reached, stopped
-        why = f"{least(reached, 2)} or more for this scene (--evaluator {name} answers with that error)"
+        reason = f"{format_minimum(reached, 2)} or more for this scene (--evaluator {name} answers with that error)"
         if reached >= 1:
-            why = f"none for this scene: errors are no smaller than the values (--evaluator {name} prints their bounds)"
-        why = allowed or why
-        super().__init__("accuracy", accuracy, f"{why}; {stopped}" if stopped else why)
+            reason = f"none for this scene: errors are no smaller than the values (--evaluator {name} prints their bounds)"
+        reason = allowed or reason
+        super().__init__("accuracy", accuracy, f"{reason}; {stopped}" if stopped else reason)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from solver.results.result import Curve
 
 
-def curve_figure(curve: Curve, scene_modulus: float | None = None, tissue_modulus: float | None = None) -> Figure:
+def draw_curve(curve: Curve, scene_modulus: float | None = None, tissue_modulus: float | None = None) -> Figure:
     """Draw a curve with its error band, and mark the moduli of the scene's own inclusion and tissue, Pa."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -23,7 +23,9 @@ def curve_figure(curve: Curve, scene_modulus: float | None = None, tissue_modulu
     top, bottom = figure.subplots(2, 1, sharex=True)
     modulus = np.array(curve.youngs_modulus)
     order = np.argsort(modulus)
-    ratio, error, sensitivity = (_numbers(values)[order] for values in (curve.ratio, curve.error_estimate, curve.log_sensitivity))
+    ratio, error, sensitivity = (
+        _replace_missing(values)[order] for values in (curve.ratio, curve.error_estimate, curve.log_sensitivity)
+    )
     top.plot(modulus[order], ratio, color="tab:blue", marker="." if len(modulus) < 25 else None)
     band = np.abs(ratio) * np.minimum(error, 1.0)
     top.fill_between(modulus[order], ratio - band, ratio + band, color="tab:blue", alpha=0.2, label="bound on the error")
@@ -43,7 +45,7 @@ def curve_figure(curve: Curve, scene_modulus: float | None = None, tissue_modulu
     return figure
 
 
-def load_figure(curve: LoadCurve) -> Figure:
+def draw_load_curve(curve: LoadCurve) -> Figure:
     """Draw ratio, log-sensitivity and gap width over force, and mark where linear theory ends and where the gap closes."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -57,8 +59,8 @@ def load_figure(curve: LoadCurve) -> Figure:
     panels[0].plot(force, ratio, color="tab:blue", marker=marker)
     panels[0].fill_between(force, ratio - band, ratio + band, color="tab:blue", alpha=0.2, label="bound on the error")
     panels[0].set_ylabel("ratio of inner to outer film stress")
-    told = [np.nan if value is None else value for value in curve.log_sensitivity]
-    panels[1].plot(force, told, color="tab:orange", marker=marker)
+    sensitivities = [np.nan if value is None else value for value in curve.log_sensitivity]
+    panels[1].plot(force, sensitivities, color="tab:orange", marker=marker)
     panels[1].set_ylabel("log-sensitivity  d ln ratio / d ln E")
     panels[2].plot(force, 1e6 * np.array(curve.closest_walls), color="tab:green", marker=marker)
     panels[2].set_ylabel("closest walls of the gap, \u00b5m")
@@ -73,26 +75,26 @@ def load_figure(curve: LoadCurve) -> Figure:
             if load is not None and load.force <= 1.05 * force.max():
                 axes.axvline(load.force, color="0.4", linestyle=style, linewidth=1.0, label=name)
     panels[0].legend(loc="best", fontsize=9)
-    depth = panels[0].secondary_xaxis("top", functions=_between(force, 1e3 * np.array(curve.indentation)))
+    depth = panels[0].secondary_xaxis("top", functions=_build_axis_functions(force, 1e3 * np.array(curve.indentation)))
     depth.set_xlabel("indentation, mm")
     panels[0].set_title(f"{curve.evaluator}: {len(force)} loads in {curve.seconds:.2g} s", fontsize=10)
     return figure
 
 
-def _numbers(values: tuple[float | None, ...]) -> np.ndarray:
+def _replace_missing(values: tuple[float | None, ...]) -> np.ndarray:
     """Return an array with NaN in place of None."""
     return np.array([np.nan if value is None else value for value in values])
 
 
-def _between(force: np.ndarray, depth: np.ndarray) -> tuple:  # type: ignore[type-arg]
+def _build_axis_functions(force: np.ndarray, depth: np.ndarray) -> tuple:  # type: ignore[type-arg]
     """Return functions from force to indentation and back: piecewise linear, and proportional above the last point."""
     f, d = np.append(0.0, force), np.append(0.0, depth)
     ends = max(f[-1], 1e-300), max(d[-1], 1e-300)
 
-    def ahead(x: np.ndarray) -> np.ndarray:
+    def to_depth(x: np.ndarray) -> np.ndarray:
         return np.asarray(np.where(x > f[-1], x * ends[1] / ends[0], np.interp(x, f, d)))
 
-    def back(x: np.ndarray) -> np.ndarray:
+    def to_force(x: np.ndarray) -> np.ndarray:
         return np.asarray(np.where(x > d[-1], x * ends[0] / ends[1], np.interp(x, d, f)))
 
-    return ahead, back
+    return to_depth, to_force

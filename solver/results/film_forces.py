@@ -12,9 +12,9 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal, Words
-from geometry.scenes.probe import mm
+from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
-from solver.results.warnings import Note, null_sensitivity
+from solver.results.warnings import Note, explain_null_sensitivity
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Bound:
     log_ratio: float
 
     @classmethod
-    def independent(cls, totals: Floats, forces: Floats) -> Bound:
+    def from_independent_errors(cls, totals: Floats, forces: Floats) -> Bound:
         """Return the bound for independent errors of the two films.
 
         With e_i the relative error of film i (0 inner, 1 outer), that of ln(ratio) is at most -ln(1 - e_0) - ln(1 - e_1) (RE.1).
@@ -57,7 +57,7 @@ class FilmForces:
 
     forces: Floats
     bound: Bound
-    slope: Floats | None = None
+    modulus_derivative: Floats | None = None
     sensitivity_error: float = 0.0
 
     @cached_property
@@ -72,7 +72,7 @@ class FilmForces:
             return np.asarray(self.bound.totals / np.abs(self.totals))
 
     @property
-    def unresolved_stress(self) -> str | None:
+    def stress_below_error(self) -> str | None:
         """Name of a stress that is smaller than its error bound; None where there is none."""
         return next(
             (name for name, error in zip(("stress_inner", "stress_outer"), self.relative_errors, strict=True) if error >= 1), None
@@ -84,7 +84,7 @@ class FilmForces:
 
         F_0 and F_1 are the forces on inner and outer film per unit indentation, E_object the target's Young's modulus.
         """
-        if self.slope is None:
+        if self.modulus_derivative is None:
             return None
         inner, outer = self.film_log_sensitivities or (0.0, 0.0)
         return inner - outer
@@ -92,9 +92,9 @@ class FilmForces:
     @cached_property
     def film_log_sensitivities(self) -> tuple[float, float] | None:
         """Log-sensitivities of the inner and the outer film's force at a given indentation: d ln F_i / d ln E_object."""
-        if self.slope is None:
+        if self.modulus_derivative is None:
             return None
-        inner, outer = (self.slope.sum(axis=1) / self.totals).tolist()
+        inner, outer = (self.modulus_derivative.sum(axis=1) / self.totals).tolist()
         return inner, outer
 
     @property
@@ -107,7 +107,7 @@ class FilmForces:
         """Bound on the relative error of the total force per indentation."""
         return float(self.bound.totals.sum() / abs(self.totals.sum()))
 
-    def error_under(self, scene: Scene) -> float:
+    def compute_max_error(self, scene: Scene) -> float:
         """Return the largest relative error bound of ratio, both stresses and stiffness, for the scene's kind of load.
 
         Where the force is given, the stresses are shares of it, so that the ratio's error bounds theirs.
@@ -116,33 +116,33 @@ class FilmForces:
         return max(self.ratio_error, stresses, self.stiffness_error)
 
 
-def outputs(scene: Scene, films: FilmForces) -> dict[str, Any]:
+def compute_result_fields(scene: Scene, films: FilmForces) -> dict[str, Any]:
     """Return the fields of a ``Result`` that follow from film forces, warnings included.
 
     Raises:
         Refusal: the load drives the probe deeper than the tissue.
     """
     areas = np.array([scene.probe.inner_area, scene.probe.outer_area])
-    indentation = indented(scene, float(films.totals.sum()))
+    indentation = compute_indentation(scene, float(films.totals.sum()))
     stress = films.totals * indentation / areas
     film = scene.probe.film
     charge = stress * areas * film.charge_per_force if film is not None else (None, None)
-    reasons = [] if films.slope is not None else [null_sensitivity(len(scene.inclusion))]
-    if films.unresolved_stress is not None:
-        why = f"ratio, log_sensitivity and error_estimate are null: {films.unresolved_stress} is below its own error"
-        reasons = [Note("null", why)]
+    reasons = [] if films.modulus_derivative is not None else [explain_null_sensitivity(len(scene.inclusion))]
+    if films.stress_below_error is not None:
+        reason = f"ratio, log_sensitivity and error_estimate are null: {films.stress_below_error} is below its own error"
+        reasons = [Note("null", reason)]
     return {
         "stress_inner": float(stress[0]),
         "stress_outer": float(stress[1]),
         "stiffness": float(films.totals.sum()),
         "charge_inner": None if charge[0] is None else float(charge[0]),
         "charge_outer": None if charge[1] is None else float(charge[1]),
-        **ratio(scene, films),
+        **compute_ratio_fields(scene, films),
         "warnings": tuple(reasons),
     }
 
 
-def indented(scene: Scene, stiffness: float) -> float:
+def compute_indentation(scene: Scene, stiffness: float) -> float:
     """Return the indentation at the scene's load, m, from the stiffness, N/m.
 
     Raises:
@@ -151,19 +151,19 @@ def indented(scene: Scene, stiffness: float) -> float:
     if scene.load.indentation is not None:
         return scene.load.indentation
     force = scene.load.force or 0.0
-    deep = force / stiffness
-    if scene.tissue.shape != "half-space" and deep >= scene.tissue.depth:
-        why = f"it drives the probe {1e3 * deep:.3g} mm into tissue {mm(scene.tissue.depth)} deep"
-        raise Refusal("load.force", Words(f"{force:g} N"), f"below {stiffness * scene.tissue.depth:.3g} N ({why})")
-    return deep
+    indentation = force / stiffness
+    if scene.tissue.shape != "half-space" and indentation >= scene.tissue.depth:
+        reason = f"it drives the probe {1e3 * indentation:.3g} mm into tissue {format_mm(scene.tissue.depth)} deep"
+        raise Refusal("load.force", Words(f"{force:g} N"), f"below {stiffness * scene.tissue.depth:.3g} N ({reason})")
+    return indentation
 
 
-def ratio(scene: Scene, films: FilmForces) -> dict[str, Any]:
+def compute_ratio_fields(scene: Scene, films: FilmForces) -> dict[str, Any]:
     """Return the fields ratio, log_sensitivity, film_log_sensitivities and error_estimate of a ``Result``.
 
     All are None where a stress is smaller than its error bound.
     """
-    if films.unresolved_stress is not None:
+    if films.stress_below_error is not None:
         return dict.fromkeys(("ratio", "log_sensitivity", "film_log_sensitivities", "error_estimate"))
     inner, outer = films.totals / [scene.probe.inner_area, scene.probe.outer_area]
     return {
@@ -174,7 +174,7 @@ def ratio(scene: Scene, films: FilmForces) -> dict[str, Any]:
     }
 
 
-def checked_moduli(scene: Scene, moduli: Floats) -> Floats:
+def check_moduli(scene: Scene, moduli: Floats) -> Floats:
     """Return the moduli of a curve, Pa, as an array of shape (k,), after checks.
 
     Raises:
@@ -188,21 +188,23 @@ def checked_moduli(scene: Scene, moduli: Floats) -> Floats:
     return values
 
 
-def shortfalls(films: FilmForces, reached: float, accuracy: float, stopped: Iterable[Note] = ()) -> list[Note]:
+def find_shortfalls(films: FilmForces, reached: float, accuracy: float, stopped: Iterable[Note] = ()) -> list[Note]:
     """Return warnings of bounds above the accuracy, preceded by the notes ``stopped``; empty where all are met.
 
     ``reached`` is the largest of the error bounds on ratio, stresses and stiffness.
     """
-    notes = [] if reached <= accuracy else [Note("accuracy", f"{above(reached, accuracy)}: the best of this evaluator")]
+    notes = (
+        [] if reached <= accuracy else [Note("accuracy", f"{describe_shortfall(reached, accuracy)}: the best of this evaluator")]
+    )
     size = abs(films.log_sensitivity or 0.0)
-    if films.slope is not None and films.sensitivity_error > max(5 * accuracy * size, 1e-5):
+    if films.modulus_derivative is not None and films.sensitivity_error > max(5 * accuracy * size, 1e-5):
         share = films.sensitivity_error / size if size > 0 else np.inf
         good = f"good to about {share:.1g} of itself only" if share < 10 else "smaller than its own error"
         notes.append(Note("sensitivity", f"log_sensitivity is {good}"))
     return [*stopped, *notes] if notes else []
 
 
-def above(reached: float, accuracy: float) -> str:
+def describe_shortfall(reached: float, accuracy: float) -> str:
     """Return the text that the largest error bound is above the accuracy."""
     bounds = f"error bounds of {reached:.2g}" if reached < 1 else "error bounds no smaller than the values themselves"
     return f"{bounds} reached, accuracy {accuracy:g} asked for"

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from geometry.provenance.block import Provenance
-from solver.results.load_limits import LargestLoad, LoadLimits, limits_dict
+from solver.results.load_limits import LargestLoad, LoadLimits, build_limits_dict
 from solver.results.notebook import Notebook
 from solver.results.warnings import Note
 
@@ -83,10 +83,10 @@ class LoadCurve(Notebook):
 
     def as_dict(self) -> dict[str, Any]:
         """Return the JSON object of ``probe-design load``."""
-        return asdict(self) | limits_dict(self.load_limits)
+        return asdict(self) | build_limits_dict(self.load_limits)
 
     def plot(self) -> Figure:
         """Draw ratio, log-sensitivity and the gap's walls against force; returns the figure, whose ``savefig`` writes it."""
-        from solver.results.figures import load_figure
+        from solver.results.figures import draw_load_curve
 
-        return load_figure(self)
+        return draw_load_curve(self)

@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass, fields
 from typing import Any, Literal
 
-from geometry.common.limits import most
+from geometry.common.limits import format_maximum
 
-Known = Literal["bound", "formulas", "contact"]
+Basis = Literal["bound", "formulas", "contact"]
 
 GAP_OPEN = "the gap stays open"
-HOW: dict[Known, str] = {"bound": "bound", "formulas": "bound by formulas", "contact": "computed by contact"}
+BASIS_TEXTS: dict[Basis, str] = {"bound": "bound", "formulas": "bound by formulas", "contact": "computed by contact"}
 
 
 @dataclass(frozen=True)
@@ -32,31 +32,32 @@ class LargestLoad:
     indentation: float
     by: str
     question: str = ""
-    known: Known = "bound"
+    known: Basis = "bound"
 
     @property
-    def how(self) -> str:
+    def basis_text(self) -> str:
         """How the load was determined, in words."""
-        return HOW[self.known]
+        return BASIS_TEXTS[self.known]
 
     def __str__(self) -> str:
         """Return the load, rounded down so that it is itself allowed, with what sets it and how it was determined."""
         return (
-            f"{most(self.force, 3)} N, an indentation of {most(1e3 * self.indentation, 3)} mm (limited by {self.by}, {self.how})"
+            f"{format_maximum(self.force, 3)} N, an indentation of {format_maximum(1e3 * self.indentation, 3)} mm "
+            f"(limited by {self.by}, {self.basis_text})"
         )
 
 
-def ratio_question(accuracy: float) -> str:
+def describe_ratio_limit(accuracy: float) -> str:
     """Return the statement that limits the load by ratio, stresses and stiffness."""
     return f"ratio, stresses and stiffness within {accuracy:.4g} of linear elasticity"
 
 
-def sensitivity_question(accuracy: float) -> str:
+def describe_sensitivity_limit(accuracy: float) -> str:
     """Return the statement that limits the load by the log-sensitivity, whose tolerance is five times the accuracy."""
     return f"log_sensitivity within {5 * accuracy:.4g} of linear elasticity"
 
 
-def auto_question(accuracy: float) -> str:
+def describe_auto_limit(accuracy: float) -> str:
     """Return the statement that limits the load up to which ``auto`` uses linear elasticity."""
     return f"auto answers linearly within {accuracy:.4g}, its own error included"
 
@@ -81,22 +82,22 @@ class LoadLimits:
     @property
     def linear(self) -> LargestLoad | None:
         """The smallest of the first three: up to it linear elasticity holds."""
-        known = [one for one in (self.ratio, self.log_sensitivity, self.gap_closure) if one is not None]
-        return min(known, key=lambda one: one.force, default=None)
+        limits = [limit for limit in (self.ratio, self.log_sensitivity, self.gap_closure) if limit is not None]
+        return min(limits, key=lambda limit: limit.force, default=None)
 
     @property
-    def known(self) -> tuple[LargestLoad, ...]:
+    def available_limits(self) -> tuple[LargestLoad, ...]:
         """All limits that are not None."""
-        return tuple(one for one in (getattr(self, field.name) for field in fields(self)) if one is not None)
+        return tuple(limit for limit in (getattr(self, field.name) for field in fields(self)) if limit is not None)
 
     @property
-    def lines(self) -> Iterator[str]:
+    def sentences(self) -> Iterator[str]:
         """Each limit in a sentence."""
-        return (f"{limit.question}: up to {limit}" for limit in self.known)
+        return (f"{limit.question}: up to {limit}" for limit in self.available_limits)
 
 
-def limits_dict(limits: LoadLimits | None) -> dict[str, Any]:
+def build_limits_dict(limits: LoadLimits | None) -> dict[str, Any]:
     """Return the limits as every JSON object has them: the two used most at the top, and all of them together."""
     linear, closure = (None, None) if limits is None else (limits.linear, limits.gap_closure)
     named = {"linear_limit_load": linear, "gap_closure_load": closure, "load_limits": limits}
-    return {name: None if one is None else asdict(one) for name, one in named.items()}
+    return {name: None if limit is None else asdict(limit) for name, limit in named.items()}

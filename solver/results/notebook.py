@@ -16,7 +16,7 @@ from geometry.common.errors import MissingLibrary
 if TYPE_CHECKING:
     import xarray as xr
 
-UNITS = {
+SI_UNITS = {
     "stress_inner": "Pa", "stress_outer": "Pa", "ratio": "1", "log_sensitivity": "1", "stiffness": "N/m", "charge_inner": "C",
     "charge_outer": "C", "error_estimate": "1", "equivalent_modulus": "Pa", "residual": "1", "frequency": "Hz",
     "ratio_phase": "rad", "ratio_phase_error": "rad", "youngs_modulus": "Pa", "force": "N", "indentation": "m",
@@ -26,7 +26,7 @@ UNITS = {
     "seconds": "s", "strength": "m^3", "p_value": "1",
 }  # fmt: skip
 """SI units of the fields of results, by name; 1 is a pure number."""
-SHOWN = 12  # rows of a long table that a notebook shows
+MAX_TABLE_ROWS = 12  # rows of a long table that a notebook shows
 
 
 class Notebook:
@@ -40,20 +40,20 @@ class Notebook:
     DIMENSIONS: ClassVar[tuple[str, ...]] = ()
     LABELS: ClassVar[tuple[str, ...]] = ()
 
-    def _arrays(self) -> dict[str, np.ndarray]:
+    def _collect_arrays(self) -> dict[str, np.ndarray]:
         """Return the fields that are arrays along the dimensions; NaN where a value is missing, as a warning then explains."""
         shape = tuple(len(getattr(self, name)) for name in self.DIMENSIONS)
-        found: dict[str, np.ndarray] = {}
-        for one in fields(self):  # type: ignore[arg-type]
-            value = getattr(self, one.name)
-            if isinstance(value, tuple) and one.name in UNITS and one.name not in self.DIMENSIONS and shape:
+        arrays: dict[str, np.ndarray] = {}
+        for field in fields(self):  # type: ignore[arg-type]
+            value = getattr(self, field.name)
+            if isinstance(value, tuple) and field.name in SI_UNITS and field.name not in self.DIMENSIONS and shape:
                 array = np.array(value, dtype=float)  # None becomes NaN
-                found |= {one.name: array} if array.shape == shape else {}
-        return found
+                arrays |= {field.name: array} if array.shape == shape else {}
+        return arrays
 
-    def _numbers(self) -> dict[str, Any]:
+    def _collect_numbers(self) -> dict[str, Any]:
         """Return the fields that are one number or text."""
-        values = {one.name: getattr(self, one.name) for one in fields(self)}  # type: ignore[arg-type]
+        values = {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
         return {name: value for name, value in values.items() if isinstance(value, str | bool | int | float)}
 
     def to_dataset(self) -> xr.Dataset:
@@ -68,42 +68,46 @@ class Notebook:
             xarray = import_module("xarray")
         except ImportError:
             raise MissingLibrary("xarray is not installed: pip install 'probe-design[sweep]'") from None
-        arrays: dict[str, Any] = {name: (self.DIMENSIONS, values) for name, values in self._arrays().items()}
+        arrays: dict[str, Any] = {name: (self.DIMENSIONS, values) for name, values in self._collect_arrays().items()}
         labels = {name: (name, np.array(getattr(self, name))) for name in self.DIMENSIONS}
         labels |= {name: arrays.pop(name) for name in self.LABELS}
-        told: xr.Dataset = xarray.Dataset(arrays, coords=labels)
-        for name in told.variables:
-            told[name].attrs["units"] = UNITS[str(name)]
-        told.attrs |= self._numbers() | {"warnings": [*map(str, getattr(self, "warnings", ()))]}
-        told.attrs["provenance"] = json.dumps(getattr(self, "provenance", None))
-        return told
+        dataset: xr.Dataset = xarray.Dataset(arrays, coords=labels)
+        for name in dataset.variables:
+            dataset[name].attrs["units"] = SI_UNITS[str(name)]
+        dataset.attrs |= self._collect_numbers() | {"warnings": [*map(str, getattr(self, "warnings", ()))]}
+        dataset.attrs["provenance"] = json.dumps(getattr(self, "provenance", None))
+        return dataset
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows as HTML: the numbers, some rows of the arrays, the warnings."""
-        single = [(name, _text(value), _unit(name)) for name, value in self._numbers().items()]
-        parts = [html_table(("quantity", "value", "unit"), single)]
+        single = [(name, _format_value(value), _format_unit(name)) for name, value in self._collect_numbers().items()]
+        parts = [format_html_table(("quantity", "value", "unit"), single)]
         if len(self.DIMENSIONS) == 1:
-            along = self.DIMENSIONS[0]
-            columns = {along: np.array(getattr(self, along))} | self._arrays()
+            dimension = self.DIMENSIONS[0]
+            columns = {dimension: np.array(getattr(self, dimension))} | self._collect_arrays()
             rows = list(zip(*columns.values(), strict=True))
-            heads = [f"{name}, {_unit(name)}".rstrip(", ") for name in columns]
-            parts.append(html_table(heads, [[_text(value) for value in row] for row in rows[:: -(-len(rows) // SHOWN)]]))
+            heads = [f"{name}, {_format_unit(name)}".rstrip(", ") for name in columns]
+            parts.append(
+                format_html_table(
+                    heads, [[_format_value(value) for value in row] for row in rows[:: -(-len(rows) // MAX_TABLE_ROWS)]]
+                )
+            )
         notes = "".join(f"<li>{escape(str(text))}</li>" for text in getattr(self, "warnings", ()))
         return "".join(parts) + (f"<ul>{notes}</ul>" if notes else "")
 
 
-def html_table(headings: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+def format_html_table(headings: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
     """Return a table as HTML; texts are escaped."""
     head = "".join(f"<th>{escape(text)}</th>" for text in headings)
     body = "".join("<tr>" + "".join(f"<td>{escape(text)}</td>" for text in row) + "</tr>" for row in rows)
     return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
 
 
-def _unit(name: str) -> str:
-    return UNITS.get(name, "").replace("1", "")
+def _format_unit(name: str) -> str:
+    return SI_UNITS.get(name, "").replace("1", "")
 
 
-def _text(value: Any) -> str:
+def _format_value(value: Any) -> str:
     """Return a number with six digits, or a dash for None and NaN."""
     if isinstance(value, str | bool):
         return str(value)

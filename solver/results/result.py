@@ -6,14 +6,14 @@ from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from geometry.provenance.block import Provenance
-from solver.results.load_limits import LargestLoad, LoadLimits, limits_dict
+from solver.results.load_limits import LargestLoad, LoadLimits, build_limits_dict
 from solver.results.notebook import Notebook
 from solver.results.warnings import Note
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-LARGEST = 1e9  # larger effects are cut to this, as JSON has no infinity
+MAX_EFFECT = 1e9  # larger effects are cut to this, as JSON has no infinity
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Effect:
     stiffness: float
 
     @property
-    def largest(self) -> float:
+    def maximum(self) -> float:
         """The largest of the three changes."""
         return max(self.ratio, self.stresses, self.stiffness)
 
@@ -50,9 +50,9 @@ class Decision:
     effect_on_stiffness: float | None = None
 
     @classmethod
-    def of(cls, feature: str, modelled: bool, effect: Effect, tolerance: float, reason: str) -> Decision:
+    def from_effect(cls, feature: str, modelled: bool, effect: Effect, tolerance: float, reason: str) -> Decision:
         """Return the line for an effect; effects above ``MAX_EFFECT`` are cut to it."""
-        ratio, stresses, stiffness = (min(one, LARGEST) for one in (effect.ratio, effect.stresses, effect.stiffness))
+        ratio, stresses, stiffness = (min(change, MAX_EFFECT) for change in (effect.ratio, effect.stresses, effect.stiffness))
         return cls(feature, modelled, ratio, tolerance, reason, stresses, stiffness)
 
 
@@ -118,7 +118,7 @@ class Result(Notebook):
 
     def as_dict(self) -> dict[str, Any]:
         """Return the JSON object of ``probe-design evaluate``."""
-        return asdict(self) | limits_dict(self.load_limits)
+        return asdict(self) | build_limits_dict(self.load_limits)
 
 
 @dataclass(frozen=True)
@@ -148,10 +148,10 @@ class Curve(Notebook):
 
     def as_dict(self) -> dict[str, Any]:
         """Return the JSON object of ``probe-design curve``."""
-        return asdict(self) | limits_dict(self.load_limits)
+        return asdict(self) | build_limits_dict(self.load_limits)
 
     def plot(self) -> Figure:
         """Draw ratio and log-sensitivity against Young's modulus; returns the figure, whose ``savefig`` writes it."""
-        from solver.results.figures import curve_figure
+        from solver.results.figures import draw_curve
 
-        return curve_figure(self)
+        return draw_curve(self)

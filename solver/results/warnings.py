@@ -32,12 +32,12 @@ class Note(str):
         return self.kind, str(self)
 
 
-def of_kind(notes: Iterable[Note], kind: Kind) -> tuple[Note, ...]:
+def select_notes(notes: Iterable[Note], kind: Kind) -> tuple[Note, ...]:
     """Return the notes of one kind, in order."""
     return tuple(note for note in notes if note.kind == kind)
 
 
-def null_sensitivity(inclusions: int) -> Note:
+def explain_null_sensitivity(inclusions: int) -> Note:
     """Return the warning that a scene with so many inclusions and no target has no log-sensitivity."""
-    how = "several inclusions and none marked target = true" if inclusions else "the scene has no inclusion"
-    return Note("sensitivity", f"log_sensitivity is null: {how}")
+    reason = "several inclusions and none marked target = true" if inclusions else "the scene has no inclusion"
+    return Note("sensitivity", f"log_sensitivity is null: {reason}")

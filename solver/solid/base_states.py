@@ -9,16 +9,23 @@ import numpy as np
 
 from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import SolveError
-from geometry.tetra.tet_mesh import TISSUE
+from geometry.tetra.tet_mesh import TISSUE_BODY
 from solver.linalg.cholesky import Factor
-from solver.linalg.conjugate_gradients import TARGET_RESIDUAL, MatrixAnalysis, factorised, residual, rounded, solve
-from solver.solid.body_stiffness import Elastic, Isotropic, lame
-from solver.solid.problem import BLOCKS, STATES, Problem
+from solver.linalg.conjugate_gradients import (
+    TARGET_RESIDUAL,
+    MatrixAnalysis,
+    compute_residual,
+    factorise_lower,
+    round_to_single,
+    solve,
+)
+from solver.solid.body_stiffness import Elastic, Isotropic, compute_lame_constants
+from solver.solid.problem import BLOCK_BODIES, STATE_NAMES, Problem
 from solver.solid.regions import Region
-from solver.solid.tetrahedron import integrated
+from solver.solid.tetrahedron import iterate_quadrature
 
 DOUBLE = 20_000  # unknowns up to which factors are in double precision; above, single precision is faster and half as large
-TAMED = 100.0
+MAX_MODULUS_RATIO = 100.0
 
 
 @dataclass(frozen=True)
@@ -38,7 +45,7 @@ class SolidStates:
     @property
     def reactions(self) -> Floats:
         """Forces on both films and the moment about y, by rows, in the three states: N/m, N/rad, N m/rad; (3, 3), symmetric."""
-        return np.asarray(sum(self.energies.values(), start=np.zeros((len(STATES),) * 2)))
+        return np.asarray(sum(self.energies.values(), start=np.zeros((len(STATE_NAMES),) * 2)))
 
     @property
     def forces(self) -> Floats:
@@ -48,19 +55,19 @@ class SolidStates:
     @property
     def residual(self) -> float:
         """Maximum residual of the three states, relative to the loads."""
-        return residual(self.problem.matrix, self.problem.loads, self.v)
+        return compute_residual(self.problem.matrix, self.problem.loads, self.v)
 
     @property
     def tilt(self) -> Floats:
         """Forces on both films per unit rotation of the base about y, N/rad, shape (2,)."""
         return self.reactions[:2, 2]
 
-    def slope(self, bodies: Iterable[int]) -> Floats:
+    def compute_modulus_derivative(self, bodies: Iterable[int]) -> Floats:
         """Return the derivative of the reactions with respect to ln E of some bodies together, (3, 3).
 
         The states are their own adjoints, so that it is v_i^T K_b v_j.
         """
-        return np.asarray(sum((self.energies[body] for body in bodies), start=np.zeros((len(STATES),) * 2)))
+        return np.asarray(sum((self.energies[body] for body in bodies), start=np.zeros((len(STATE_NAMES),) * 2)))
 
 
 @dataclass(frozen=True)
@@ -74,14 +81,14 @@ class FactorisedStates(SolidStates):
     factor: Factor
 
     @property
-    def bare(self) -> SolidStates:
+    def bare_states(self) -> SolidStates:
         """The states without the factor, which takes most of their memory."""
         return SolidStates(self.problem, self.v, self.energies)
 
 
 def solid_states(
     problem: Problem,
-    near: FactorisedStates | None = None,
+    neighbour: FactorisedStates | None = None,
     *,
     factor: Factor | None = None,
     start: Floats | None = None,
@@ -99,15 +106,15 @@ def solid_states(
     Raises:
         SolveError: the residual is too large.
     """
-    if near is not None and near.problem.supports is problem.supports:
-        factor, start = near.factor, near.v
+    if neighbour is not None and neighbour.problem.supports is problem.supports:
+        factor, start = neighbour.factor, neighbour.v
     factor, loads = factor or factor_of(problem), problem.loads
     try:
         v = solve(problem.matrix, loads, factor, start, target)
     except SolveError:  # too far away, or too rough
         factor = problem.matrix.factor(single=False)
         v = solve(problem.matrix, loads, factor, target=target)
-    return FactorisedStates(problem, v, energies(problem, v), factor)
+    return FactorisedStates(problem, v, compute_energies(problem, v), factor)
 
 
 def factor_of(problem: Problem, like: MatrixAnalysis | None = None) -> Factor:
@@ -123,20 +130,22 @@ def factor_of(problem: Problem, like: MatrixAnalysis | None = None) -> Factor:
     if problem.supports.unknowns <= DOUBLE:
         return problem.matrix.factor(like=like)
     tamed = dict(problem.materials)
-    tissue = min(stuff.youngs_modulus for body, stuff in tamed.items() if Region.of(body).body == TISSUE)
+    tissue = min(stuff.youngs_modulus for body, stuff in tamed.items() if Region.from_number(body).body == TISSUE_BODY)
     for body, stuff in problem.materials.items():
-        if Region.of(body).body >= TISSUE:
-            modulus = float(np.clip(stuff.youngs_modulus, tissue / TAMED, tissue * TAMED))
+        if Region.from_number(body).body >= TISSUE_BODY:
+            modulus = float(np.clip(stuff.youngs_modulus, tissue / MAX_MODULUS_RATIO, tissue * MAX_MODULUS_RATIO))
             if modulus != stuff.youngs_modulus:
                 tamed[body] = Isotropic(modulus, stuff.poisson_ratio)
     if tamed == problem.materials:
         return problem.matrix.factor(single=True, like=like)
-    return factorised(rounded(Problem.of(problem.solid, tamed, problem.supports).matrix.lower), like)  # which frees the matrix
+    return factorise_lower(
+        round_to_single(Problem.assemble(problem.solid, tamed, problem.supports).matrix.lower), like
+    )  # which frees the matrix
 
 
-def energies(problem: Problem, v: Floats) -> Mapping[int, Floats]:
+def compute_energies(problem: Problem, v: Floats) -> Mapping[int, Floats]:
     """Return twice the elastic energies of pairs of states, for each body that is present; symmetric (k, k)."""
-    products = {body: problem.energy(body, v) for body in problem.materials if body in problem.solid.parts}
+    products = {body: problem.compute_energy(body, v) for body in problem.materials if body in problem.solid.parts}
     return {body: (e + e.T) / 2 for body, e in products.items()}
 
 
@@ -160,40 +169,42 @@ class SolidFields:
         return np.asarray(np.sqrt((differences**2).sum(axis=1) / 2 + 3 * (shear**2).sum(axis=1)))
 
     @property
-    def vertical(self) -> Floats:
+    def vertical_stress(self) -> Floats:
         """Stress zz, compression positive, Pa, shape (t,)."""
         return -self.stress[:, 2]
 
 
-def fields(states: SolidStates, motion: Floats) -> SolidFields:
+def compute_fields(states: SolidStates, motion: Floats) -> SolidFields:
     """Compute displacements and stresses for a motion of the base: amounts of the three states (m, m, rad), shape (3,)."""
     problem, solid = states.problem, states.problem.solid
     u, body = np.zeros(solid.nodes.size), solid.body
     stress = np.zeros((len(body), 6))
     for number, material in problem.materials.items():
         inside = np.flatnonzero(body == number)
-        own = problem.own(states.v, number) @ motion
-        stress[inside] = _stresses(solid.nodes[solid.elements[inside]], own.reshape(-1, 3)[solid.elements[inside]], material)
-        if number in BLOCKS:
-            own = own + problem.supports.motion.reshape(-1, len(STATES)) @ motion
-        here = (3 * np.unique(solid.elements[inside])[:, None] + np.arange(3)).ravel()
-        u[here] = own[here]
+        displacements = problem.compute_displacements(states.v, number) @ motion
+        stress[inside] = _compute_stresses(
+            solid.nodes[solid.elements[inside]], displacements.reshape(-1, 3)[solid.elements[inside]], material
+        )
+        if number in BLOCK_BODIES:
+            displacements = displacements + problem.supports.motion.reshape(-1, len(STATE_NAMES)) @ motion
+        components = (3 * np.unique(solid.elements[inside])[:, None] + np.arange(3)).ravel()
+        u[components] = displacements[components]
     return SolidFields(u.reshape(-1, 3), stress)
 
 
-def _stresses(x: Floats, u: Floats, material: Elastic) -> Floats:
+def _compute_stresses(x: Floats, u: Floats, material: Elastic) -> Floats:
     """Compute mean stresses (t, 6) of elements with nodes x and displacements u, both (t, 10, 3)."""
-    (lam, mu), out = lame(material), np.zeros((len(x), 6))
-    for some, _, g, weight in integrated(x):
+    (lam, mu), stresses = compute_lame_constants(material), np.zeros((len(x), 6))
+    for selection, _, g, weight in iterate_quadrature(x):
         mean = np.einsum("nqaj,nq->naj", g, weight / weight.sum(axis=1, keepdims=True))
-        gradient = u[some].transpose(0, 2, 1) @ mean
+        gradient = u[selection].transpose(0, 2, 1) @ mean
         strain = (gradient + gradient.transpose(0, 2, 1)) / 2
         whole = 2 * mu * strain + lam * np.trace(strain, axis1=1, axis2=2)[:, None, None] * np.eye(3)
-        out[some] = whole[:, [0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1]]
-    return out
+        stresses[selection] = whole[:, [0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1]]
+    return stresses
 
 
-def at_nodes(elements: Ints, values: Floats, count: int) -> Floats:
+def average_at_nodes(elements: Ints, values: Floats, count: int) -> Floats:
     """Average elements' values (t,) at their nodes, (count,).
 
     Where bodies meet this would mix their values: pass the elements of one body.

@@ -16,21 +16,23 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
-from geometry.tetra.check import files_error
-from geometry.tetra.layout import body_layout, extent
-from geometry.tetra.tet_mesh import INCLUSION, TISSUE, TetMesh
+from geometry.tetra.check import find_max_file_error
+from geometry.tetra.layout import build_layout, find_extent
+from geometry.tetra.tet_mesh import FIRST_INCLUSION_BODY, TISSUE_BODY, TetMesh
 from solver.linalg.conjugate_gradients import TARGET_RESIDUAL
 from solver.solid.base_states import FactorisedStates, SolidStates
 from solver.solid.body_stiffness import Elastic
 from solver.solid.domain import Domain
-from solver.solid.kept_mesh import kept_mesh
-from solver.solid.modulus_response import solid_response
+from solver.solid.kept_mesh import find_cached_mesh
+from solver.solid.modulus_response import compute_solid_response
 from solver.solid.problem import Solid
-from solver.solid.regions import Region, own_material, reference_material, tissue_about, without_inclusions
+from solver.solid.regions import Region, find_base_material, find_material_at_depth, find_reference_material, find_scene_material
 
-ENOUGH = 1e-6  # relative residual: errors are about its square in forces, its size in their derivatives
-NEARLY = 0.04  # shear over bulk modulus (nu = 0.48) below which the residual is smaller: loads grow with the bulk modulus
-TAMED = 30.0  # maximum ratio of moduli of target and tissue at which curves start
+MAX_RESIDUAL = 1e-6  # relative residual: errors are about its square in forces, its size in their derivatives
+INCOMPRESSIBLE_SHEAR_RATIO = (
+    0.04  # shear over bulk modulus (nu = 0.48) below which the residual is smaller: loads grow with the bulk modulus
+)
+MAX_TARGET_RATIO = 30.0  # maximum ratio of moduli of target and tissue at which curves start
 
 
 @dataclass(frozen=True)
@@ -70,28 +72,30 @@ def difference(domain: Domain, mesh: TetMesh, moduli: Floats | None = None) -> t
     """
     scene, target = domain.scene, domain.scene.target
     if moduli is not None and target is not None:
-        scene = _with_modulus(scene, target, float(np.sqrt(moduli.min() * moduli.max())))
-    kept = kept_mesh(mesh, scene.contact.interface == "frictionless")
-    plain, own = (_materials(scene, kept.solid, of) for of in (reference_material, own_material))
-    base = _materials(scene, kept.solid, without_inclusions)
-    enough = _enough(own) if moduli is None else TARGET_RESIDUAL
-    reference = kept.states("reference", plain, base, enough)
-    less, residual = reference.reactions, reference.residual
-    edges = kept.states("edges", base, base, enough).forces if _has_edges(domain) else None
-    states = kept.states("scene", own, base, enough)
-    reactions, slope = _reactions(states, scene, target, moduli)
-    found = SceneDifference(
-        reactions[:, :2, :2] - less[:2, :2],
+        scene = _replace_modulus(scene, target, float(np.sqrt(moduli.min() * moduli.max())))
+    kept = find_cached_mesh(mesh, scene.contact.interface == "frictionless")
+    reference_materials, scene_materials = (
+        _find_materials(scene, kept.solid, find_material) for find_material in (find_reference_material, find_scene_material)
+    )
+    base = _find_materials(scene, kept.solid, find_base_material)
+    max_residual = _choose_residual(scene_materials) if moduli is None else TARGET_RESIDUAL
+    reference = kept.find_states("reference", reference_materials, base, max_residual)
+    reference_reactions, residual = reference.reactions, reference.residual
+    edges = kept.find_states("edges", base, base, max_residual).forces if _has_edges(domain) else None
+    states = kept.find_states("scene", scene_materials, base, max_residual)
+    reactions, slope = _compute_reactions(states, scene, target, moduli)
+    result = SceneDifference(
+        reactions[:, :2, :2] - reference_reactions[:2, :2],
         slope[:, :2, :2],
-        tilt=reactions[:, :2, 2] - less[:2, 2],
+        tilt=reactions[:, :2, 2] - reference_reactions[:2, 2],
         tilt_slope=slope[:, :2, 2],
-        reference=less[:2, :2],
+        reference=reference_reactions[:2, :2],
         edges=edges,
         unknowns=states.problem.supports.unknowns,
         residual=max(residual, states.residual),
         lost=_lost(domain, mesh),
     )
-    return found, states.bare
+    return result, states.bare_states
 
 
 def _has_edges(domain: Domain) -> bool:
@@ -99,13 +103,17 @@ def _has_edges(domain: Domain) -> bool:
     return domain.radius is not None and domain.scene.probe.groove is None
 
 
-def _enough(materials: Mapping[int, Elastic]) -> float:
+def _choose_residual(materials: Mapping[int, Elastic]) -> float:
     """Choose the residual at which the iteration ends, smaller in nearly incompressible tissue.
 
     There, a relative residual of 1e-6 left an error of 18 % in a soft tumour's ratio.
     """
-    poisson = max(stuff.poisson_ratio for body, stuff in materials.items() if Region.of(body).body >= TISSUE)
-    return float(np.clip(ENOUGH / NEARLY * 1.5 * (1 - 2 * poisson) / (1 + poisson), TARGET_RESIDUAL, ENOUGH))
+    poisson = max(stuff.poisson_ratio for body, stuff in materials.items() if Region.from_number(body).body >= TISSUE_BODY)
+    return float(
+        np.clip(
+            MAX_RESIDUAL / INCOMPRESSIBLE_SHEAR_RATIO * 1.5 * (1 - 2 * poisson) / (1 + poisson), TARGET_RESIDUAL, MAX_RESIDUAL
+        )
+    )
 
 
 def _lost(domain: Domain, mesh: TetMesh) -> float:
@@ -115,30 +123,32 @@ def _lost(domain: Domain, mesh: TetMesh) -> float:
     """
     if all(body.surface is None for body in domain.scene.inclusion):
         return 0.0
-    return files_error(mesh, body_layout(domain.scene, domain.half, extent(domain.scene, None), domain.radius))
+    return find_max_file_error(mesh, build_layout(domain.scene, domain.half, find_extent(domain.scene, None), domain.radius))
 
 
-def _with_modulus(scene: Scene, target: int, modulus: float) -> Scene:
+def _replace_modulus(scene: Scene, target: int, modulus: float) -> Scene:
     """Return the scene with another modulus of its target, limited to a range about the tissue's."""
-    tissue = tissue_about(scene, scene.inclusion[target].depth).youngs_modulus
-    begin = float(np.clip(modulus, tissue / TAMED, tissue * TAMED))
+    tissue = find_material_at_depth(scene, scene.inclusion[target].depth).youngs_modulus
+    begin = float(np.clip(modulus, tissue / MAX_TARGET_RATIO, tissue * MAX_TARGET_RATIO))
     bodies = list(scene.inclusion)
     bodies[target] = bodies[target].model_copy(update={"youngs_modulus": begin})
     return scene.model_copy(update={"inclusion": tuple(bodies)})
 
 
-def _reactions(states: FactorisedStates, scene: Scene, target: int | None, moduli: Floats | None) -> tuple[Floats, Floats]:
+def _compute_reactions(
+    states: FactorisedStates, scene: Scene, target: int | None, moduli: Floats | None
+) -> tuple[Floats, Floats]:
     """Return reactions and their derivatives with respect to ln E of the target, for k moduli; shape (k, 3, 3) each."""
     if target is None:
         return states.reactions[None], np.zeros((1, 3, 3))
-    bodies = tuple(b for b in states.energies if Region.of(b).body == INCLUSION + target)
+    bodies = tuple(b for b in states.energies if Region.from_number(b).body == FIRST_INCLUSION_BODY + target)
     if moduli is None:
-        return states.reactions[None], states.slope(bodies)[None]
+        return states.reactions[None], states.compute_modulus_derivative(bodies)[None]
     times = moduli / scene.inclusion[target].youngs_modulus
-    return solid_response(states, bodies, float(times.min()), float(times.max())).reactions(times)
+    return compute_solid_response(states, bodies, float(times.min()), float(times.max())).compute_reactions(times)
 
 
-def _materials(scene: Scene, solid: Solid, of: Callable[[Scene, int], Elastic | None]) -> Mapping[int, Elastic]:
+def _find_materials(scene: Scene, solid: Solid, find_material: Callable[[Scene, int], Elastic | None]) -> Mapping[int, Elastic]:
     """Return the materials of the regions that are present."""
-    found = {number: of(scene, number) for number in solid.parts}
-    return {number: material for number, material in found.items() if material is not None}
+    materials = {number: find_material(scene, number) for number in solid.parts}
+    return {number: material for number, material in materials.items() if material is not None}

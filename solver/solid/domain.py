@@ -12,13 +12,13 @@ from dataclasses import dataclass
 
 from geometry.scenes.probe import Base
 from geometry.scenes.scene import CylinderTissue, Inclusion, Load, Placement, Scene
-from geometry.tetra.layout import mirror_symmetric
+from geometry.tetra.layout import is_mirror_symmetric
 
-SPAN = 8.0  # outer radii: minimum radius and depth of the modelled tissue
-AROUND = 5.0  # outer radii: with this much tissue about the axis, a coaxial cylinder replaces other shapes
-REACH = 1.7  # times the distance of the farthest point of an inclusion
-SLICE = 0.9  # of the depth at which tissue is cut off: layers that begin deeper are left out
-EVEN = 1e-9
+MIN_SPAN_RADII = 8.0  # outer radii: minimum radius and depth of the modelled tissue
+ROUND_SPAN_RADII = 5.0  # outer radii: with this much tissue about the axis, a coaxial cylinder replaces other shapes
+INCLUSION_REACH_FACTOR = 1.7  # times the distance of the farthest point of an inclusion
+MIN_LAYER_DEPTH_SHARE = 0.9  # of the depth at which tissue is cut off: layers that begin deeper are left out
+COORDINATE_TOLERANCE_RELATIVE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -40,34 +40,34 @@ class Domain:
     shortened: bool
 
 
-def plain(scene: Scene) -> Scene:
+def remove_asymmetry(scene: Scene) -> Scene:
     """Return the scene without what is not rotationally symmetric: inclusions, groove and tilt."""
     probe = scene.probe.model_copy(update={"groove": None})
-    at = scene.placement.model_copy(update={"tilt": 0.0})
-    return scene.model_copy(update={"probe": probe, "inclusion": (), "placement": at, "load": Load(indentation=0.0)})
+    placement = scene.placement.model_copy(update={"tilt": 0.0})
+    return scene.model_copy(update={"probe": probe, "inclusion": (), "placement": placement, "load": Load(indentation=0.0)})
 
 
-def room(scene: Scene) -> float:
+def compute_free_radius(scene: Scene) -> float:
     """Return the radius of the largest cylinder about the probe's axis inside the tissue, m."""
-    tissue, at = scene.tissue, scene.placement
+    tissue, placement = scene.tissue, scene.placement
     if tissue.shape == "half-space":
         return math.inf
     if tissue.shape == "cylinder":
-        return tissue.radius - math.hypot(at.x, at.y)
-    return min(tissue.length / 2 - abs(at.x), tissue.breadth / 2 - abs(at.y))
+        return tissue.radius - math.hypot(placement.x, placement.y)
+    return min(tissue.length / 2 - abs(placement.x), tissue.breadth / 2 - abs(placement.y))
 
 
-def reach(scene: Scene, span: float = SPAN) -> float:
+def compute_reach(scene: Scene, span: float = MIN_SPAN_RADII) -> float:
     """Return the distance from the probe, m, that the model must include: ``span`` probe radii, and all inclusions."""
-    at, probe = scene.placement, scene.probe
+    placement, probe = scene.placement, scene.probe
     sizes = [max(probe.tube_radius, probe.core_height, probe.tube_height) * span]
     for body in scene.inclusion:
         size = body.diameter or max(body.diameters or (0.0,))
-        sizes.append(REACH * (math.hypot(body.x - at.x, body.y - at.y, body.depth) + size / 2))
+        sizes.append(INCLUSION_REACH_FACTOR * (math.hypot(body.x - placement.x, body.y - placement.y, body.depth) + size / 2))
     return max(sizes)
 
 
-def domain(scene: Scene, span: float, wall: float | None) -> Domain:
+def choose_domain(scene: Scene, span: float, wall: float | None) -> Domain:
     """Choose the domain to mesh and its reference.
 
     Args:
@@ -76,78 +76,80 @@ def domain(scene: Scene, span: float, wall: float | None) -> Domain:
         wall: radius of the reference cylinder if tissue is not coaxial with the probe and cannot be cut, or None.
     """
     whole = math.inf if scene.tissue.shape == "half-space" else scene.tissue.depth
-    if coaxial(scene) or (math.isfinite(span) and room(scene) >= min(span, reach(scene, AROUND))):
-        radius, depth = min(span, room(scene)), min(whole, span)
-        tissue = _cylinder(scene, radius, depth)
-        own = _about_the_axis(scene, tissue)
-        cut = not coaxial(scene) or radius < room(scene) or depth < whole
-        return Domain(own, _reference(own, tissue), None, mirror_symmetric(own), cut)
+    if is_coaxial(scene) or (
+        math.isfinite(span) and compute_free_radius(scene) >= min(span, compute_reach(scene, ROUND_SPAN_RADII))
+    ):
+        radius, depth = min(span, compute_free_radius(scene)), min(whole, span)
+        tissue = _build_cylinder(scene, radius, depth)
+        meshed_scene = _move_to_axis(scene, tissue)
+        cut = not is_coaxial(scene) or radius < compute_free_radius(scene) or depth < whole
+        return Domain(meshed_scene, _build_reference(meshed_scene, tissue), None, is_mirror_symmetric(meshed_scene), cut)
     assert wall is not None
     assert scene.tissue.shape != "half-space"
-    tissue = _cylinder(scene, wall, scene.tissue.depth)
-    own = _mirrored(scene)
-    return Domain(own, _reference(own, tissue), wall, mirror_symmetric(own), False)
+    tissue = _build_cylinder(scene, wall, scene.tissue.depth)
+    meshed_scene = _mirror_scene(scene)
+    return Domain(meshed_scene, _build_reference(meshed_scene, tissue), wall, is_mirror_symmetric(meshed_scene), False)
 
 
-def _cylinder(scene: Scene, radius: float, depth: float) -> CylinderTissue:
+def _build_cylinder(scene: Scene, radius: float, depth: float) -> CylinderTissue:
     """Return a cylinder of the scene's tissue; a cut above or just below an interface omits the layers beneath."""
     tissue = scene.tissue
     cut = tissue.shape == "half-space" or depth < tissue.depth
-    kept = bisect_left(tissue.interfaces, SLICE * depth if cut else depth)
-    own = (*tissue.layer, tissue)[kept]
+    layer_count = bisect_left(tissue.interfaces, MIN_LAYER_DEPTH_SHARE * depth if cut else depth)
+    material = (*tissue.layer, tissue)[layer_count]
     return CylinderTissue(
         shape="cylinder",
         radius=radius,
         depth=depth,
-        youngs_modulus=own.youngs_modulus,
-        poisson_ratio=own.poisson_ratio,
-        layer=tissue.layer[:kept],
+        youngs_modulus=material.youngs_modulus,
+        poisson_ratio=material.poisson_ratio,
+        layer=tissue.layer[:layer_count],
     )
 
 
-def coaxial(scene: Scene) -> bool:
+def is_coaxial(scene: Scene) -> bool:
     """Return whether the tissue is rotationally symmetric about the probe's axis."""
-    at = scene.placement
-    off = math.hypot(at.x, at.y) > EVEN * scene.probe.tube_radius
-    return scene.tissue.shape == "half-space" or (scene.tissue.shape == "cylinder" and not off)
+    placement = scene.placement
+    is_off_axis = math.hypot(placement.x, placement.y) > COORDINATE_TOLERANCE_RELATIVE * scene.probe.tube_radius
+    return scene.tissue.shape == "half-space" or (scene.tissue.shape == "cylinder" and not is_off_axis)
 
 
-def _reference(scene: Scene, tissue: CylinderTissue) -> Scene:
+def _build_reference(scene: Scene, tissue: CylinderTissue) -> Scene:
     """Return the reference: the probe alone, on a rigid base and without films, on a coaxial cylinder of tissue."""
-    alone = plain(scene)
+    alone = remove_asymmetry(scene)
     probe = alone.probe.model_copy(update={"film": None, "base": Base(rigid=True)})
     return alone.model_copy(update={"probe": probe, "tissue": tissue, "placement": Placement()})
 
 
-def _about_the_axis(scene: Scene, tissue: CylinderTissue) -> Scene:
+def _move_to_axis(scene: Scene, tissue: CylinderTissue) -> Scene:
     """Return the scene in the probe's axes; without groove and tilt, rotated so that the farthest inclusion lies in y = 0."""
-    at = scene.placement
-    bodies = [body.model_copy(update={"x": body.x - at.x, "y": body.y - at.y}) for body in scene.inclusion]
+    placement = scene.placement
+    bodies = [body.model_copy(update={"x": body.x - placement.x, "y": body.y - placement.y}) for body in scene.inclusion]
     turned = bodies
-    if scene.probe.groove is None and at.tilt == 0 and bodies and all(body.surface is None for body in bodies):
+    if scene.probe.groove is None and placement.tilt == 0 and bodies and all(body.surface is None for body in bodies):
         far = max(bodies, key=lambda body: math.hypot(body.x, body.y))
-        turned = [_turned(body, -math.atan2(far.y, far.x)) for body in bodies]
-    placed = Placement(tilt=at.tilt)
+        turned = [_turn_inclusion(body, -math.atan2(far.y, far.x)) for body in bodies]
+    placed = Placement(tilt=placement.tilt)
     return scene.model_copy(update={"tissue": tissue, "inclusion": tuple(turned), "placement": placed})
 
 
-def _mirrored(scene: Scene) -> Scene:
+def _mirror_scene(scene: Scene) -> Scene:
     """Mirror a scene of spheres so that the probe stands at x, y >= 0 of its tissue: mirror images share a mesh."""
-    at = scene.placement
-    if scene.probe.groove is not None or at.tilt != 0 or any(body.diameter is None for body in scene.inclusion):
+    placement = scene.placement
+    if scene.probe.groove is not None or placement.tilt != 0 or any(body.diameter is None for body in scene.inclusion):
         return scene
-    x, y = (-1.0 if side < 0 else 1.0 for side in (at.x, at.y))
+    x, y = (-1.0 if side < 0 else 1.0 for side in (placement.x, placement.y))
     bodies = tuple(body.model_copy(update={"x": x * body.x, "y": y * body.y}) for body in scene.inclusion)
-    return scene.model_copy(update={"inclusion": bodies, "placement": Placement(x=x * at.x, y=y * at.y)})
+    return scene.model_copy(update={"inclusion": bodies, "placement": Placement(x=x * placement.x, y=y * placement.y)})
 
 
-def _turned(body: Inclusion, angle: float) -> Inclusion:
+def _turn_inclusion(body: Inclusion, angle: float) -> Inclusion:
     """Return an inclusion rotated about the z axis by an angle, rad."""
     x, y = (
         math.cos(angle) * body.x - math.sin(angle) * body.y,
         math.sin(angle) * body.x + math.cos(angle) * body.y,
     )
-    y = 0.0 if abs(y) < EVEN * max(abs(x), body.depth) else y
+    y = 0.0 if abs(y) < COORDINATE_TOLERANCE_RELATIVE * max(abs(x), body.depth) else y
     if body.diameter is not None:
         return body.model_copy(update={"x": x, "y": y})
     rz, ry, rx = body.orientation

@@ -6,13 +6,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
 
-from geometry.tetra.cache import cached_mesh, folder, key
-from geometry.tetra.layout import BodyLayout, body_layout, extent
+from geometry.tetra.cache import compute_key, find_cache_folder, read_or_make_mesh
+from geometry.tetra.layout import BodyLayout, build_layout, find_extent
 from geometry.tetra.sizing import TetraFineness
 from geometry.tetra.tet_mesh import TetMesh
-from solver.linalg.workspace import current
+from solver.linalg.workspace import get_workspace
 from solver.solid.domain import Domain
-from solver.solid.moved_mesh import may_move, moved_mesh, unmoved
+from solver.solid.moved_mesh import may_move, move_mesh, remove_movable_sizes
 
 
 @dataclass
@@ -31,39 +31,43 @@ def mesh_domain(domain: Domain, fineness: TetraFineness) -> TetMesh:
     """Return the domain's mesh, from the cache if possible.
 
     Raises:
-        InputError, Refusal, SolveError: see ``geometry.tetra.cache.cached_mesh``.
+        InputError, Refusal, SolveError: see ``geometry.tetra.cache.read_or_make_mesh``.
     """
-    layout = _layout(domain)
-    mesh = cached_mesh(domain.scene, fineness, domain.half, None, domain.radius)
-    latest = _latest(layout, fineness)
+    layout = _build_layout(domain)
+    mesh = read_or_make_mesh(domain.scene, fineness, domain.half, None, domain.radius)
+    latest = _find_latest_mesh(layout, fineness)
     latest.layout, latest.mesh = layout, mesh
     return mesh
 
 
-def moved_meshes(domain: Domain, finenesses: Iterable[TetraFineness]) -> list[TetMesh] | None:
+def move_meshes(domain: Domain, finenesses: Iterable[TetraFineness]) -> list[TetMesh] | None:
     """Return meshes moved from those of nearly the same domain; None if one cannot be moved or is in the cache."""
-    layout, found = _layout(domain), list[TetMesh]()
+    layout, meshes = _build_layout(domain), list[TetMesh]()
     for fineness in finenesses:
-        latest = _latest(layout, fineness)
+        latest = _find_latest_mesh(layout, fineness)
         if latest.mesh is None or latest.layout is None or is_meshed(domain, fineness) or not may_move(latest.layout, layout):
             return None
-        mesh = current().keep((TetMesh, key(layout, fineness)), partial(moved_mesh, latest.mesh, latest.layout, layout, fineness))
+        mesh = get_workspace().keep(
+            (TetMesh, compute_key(layout, fineness)), partial(move_mesh, latest.mesh, latest.layout, layout, fineness)
+        )
         if mesh is None:
             return None
-        found.append(mesh)
-    return found
+        meshes.append(mesh)
+    return meshes
 
 
-def _latest(layout: BodyLayout, fineness: TetraFineness) -> LatestMesh:
+def _find_latest_mesh(layout: BodyLayout, fineness: TetraFineness) -> LatestMesh:
     """Return the workspace's record of the last mesh for layouts of this kind."""
-    return current().keep((LatestMesh, f"{key(unmoved(layout), fineness)} {len(layout.inclusions)}"), LatestMesh)
+    return get_workspace().keep(
+        (LatestMesh, f"{compute_key(remove_movable_sizes(layout), fineness)} {len(layout.inclusions)}"), LatestMesh
+    )
 
 
 def is_meshed(domain: Domain, fineness: TetraFineness) -> bool:
     """Return whether the cache has a mesh of the domain."""
-    return (folder() / f"{key(_layout(domain), fineness)}.mesh").exists()
+    return (find_cache_folder() / f"{compute_key(_build_layout(domain), fineness)}.mesh").exists()
 
 
-def _layout(domain: Domain) -> BodyLayout:
+def _build_layout(domain: Domain) -> BodyLayout:
     """Return the layout of the bodies of a domain."""
-    return body_layout(domain.scene, domain.half, extent(domain.scene, None), domain.radius)
+    return build_layout(domain.scene, domain.half, find_extent(domain.scene, None), domain.radius)

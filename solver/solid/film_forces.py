@@ -16,24 +16,27 @@ from geometry.common.arrays import Floats
 from geometry.common.child_process import ProgramGroup
 from geometry.common.resources import LimitReached
 from geometry.scenes.scene import Scene
-from geometry.tetra.sizing import COARSE, FINE, ROUGH, ROUGHEST, TetraFineness
+from geometry.tetra.sizing import COARSE_FINENESS, FINE_FINENESS, ROUGH_FINENESS, ROUGHEST_FINENESS, TetraFineness
 from geometry.tetra.tet_mesh import TetMesh
-from solver.linalg.workspace import current
+from solver.linalg.workspace import get_workspace
 from solver.results.film_forces import FilmForces
 from solver.results.result import Decision
 from solver.results.warnings import Note
 from solver.solid.base_states import SolidStates
-from solver.solid.cost import UNKNOWNS, check_mesh, check_unknowns
+from solver.solid.cost import UNKNOWNS_PER_TETRAHEDRON, check_mesh, check_unknowns
 from solver.solid.difference import SceneDifference, difference
 from solver.solid.domain import Domain
-from solver.solid.domain_mesh import is_meshed, mesh_domain, moved_meshes
-from solver.solid.mesh_agreement import FLOOR, SAFETY, films_of
-from solver.solid.symmetric_part import EDGES, SymmetricPart, symmetric_part
+from solver.solid.domain_mesh import is_meshed, mesh_domain, move_meshes
+from solver.solid.mesh_agreement import ERROR_FLOOR_RELATIVE, FORCE_SAFETY_FACTOR, bound_film_forces
+from solver.solid.symmetric_part import FAR_TISSUE_PRODUCT_SHARE, SymmetricPart, compute_symmetric_part
 
-MESHES = ROUGHEST, ROUGH, COARSE, FINE
-ROUGHLY = 0.015  # accuracy from which on the two coarsest meshes may suffice
-STAGES = ((ROUGHEST, ROUGH), (COARSE,), (FINE,)), ((ROUGH, COARSE), (ROUGHEST,), (FINE,))  # from that accuracy on, and below it
-NEAR = 2.0  # times the tolerance of log_sensitivity: above this a third mesh would not reach it
+FINENESSES = ROUGHEST_FINENESS, ROUGH_FINENESS, COARSE_FINENESS, FINE_FINENESS
+ROUGH_ACCURACY = 0.015  # accuracy from which on the two coarsest meshes may suffice
+MESH_STAGES = (
+    ((ROUGHEST_FINENESS, ROUGH_FINENESS), (COARSE_FINENESS,), (FINE_FINENESS,)),
+    ((ROUGH_FINENESS, COARSE_FINENESS), (ROUGHEST_FINENESS,), (FINE_FINENESS,)),
+)  # from that accuracy on, and below it
+MAX_SENSITIVITY_EXCESS = 2.0  # times the tolerance of log_sensitivity: above this a third mesh would not reach it
 Tell = Callable[[str], None]
 
 
@@ -64,7 +67,9 @@ class SolidForces:
     notes: tuple[Note, ...]
 
 
-def solid_forces(scene: Scene, accuracy: float, moduli: Floats | None = None, tell: Tell = lambda text: None) -> SolidForces:
+def compute_solid_forces(
+    scene: Scene, accuracy: float, moduli: Floats | None = None, tell: Tell = lambda text: None
+) -> SolidForces:
     """Return film forces from two meshes, or from more if two do not agree to ``accuracy``.
 
     Args:
@@ -74,105 +79,130 @@ def solid_forces(scene: Scene, accuracy: float, moduli: Floats | None = None, te
         tell: called with a line of text before each piece of work.
 
     Raises:
-        InputError, Refusal: see ``geometry.tetra.cache.cached_mesh``.
+        InputError, Refusal: see ``geometry.tetra.cache.read_or_make_mesh``.
         LimitReached: two meshes already exceed the limits of memory or time.
         SolveError: a mesh or a solution failed.
     """
     tell("the symmetric part")
-    symmetric = symmetric_part(scene, accuracy)
-    current().begin()  # its memory may be freed
-    films, differences, states, stopped = _agreed(scene, symmetric, accuracy, moduli, tell)
+    symmetric = compute_symmetric_part(scene, accuracy)
+    get_workspace().begin()  # its memory may be freed
+    films, differences, states, stopped = _refine_until_agreed(scene, symmetric, accuracy, moduli, tell)
     notes = (*symmetric.whole.notes, *stopped)
-    tilt = _tilted(symmetric, differences[-1])
-    before = _tilted(symmetric, differences[-2])
-    error = SAFETY * np.abs(tilt[0] - before[0]).max(axis=0) + FLOOR * np.abs(tilt[0]).max(axis=0)
-    plan = (*symmetric.whole.plan, *_decisions(symmetric, differences[-1], accuracy))
+    tilt = _compute_tilt_forces(symmetric, differences[-1])
+    coarser_tilt = _compute_tilt_forces(symmetric, differences[-2])
+    error = FORCE_SAFETY_FACTOR * np.abs(tilt[0] - coarser_tilt[0]).max(axis=0) + ERROR_FLOOR_RELATIVE * np.abs(tilt[0]).max(
+        axis=0
+    )
+    plan = (*symmetric.whole.plan, *_list_decisions(symmetric, differences[-1], accuracy))
     return SolidForces(films, *tilt, error, symmetric.domain, differences[-1], states, plan, notes)
 
 
-def _agreed(
+def _refine_until_agreed(
     scene: Scene, symmetric: SymmetricPart, accuracy: float, moduli: Floats | None, tell: Tell
 ) -> tuple[tuple[FilmForces, ...], list[SceneDifference], SolidStates, tuple[Note, ...]]:
     """Refine until the meshes agree or a limit is reached; return film forces, differences, the finest mesh's states and notes.
 
     The differences are those of all meshes. The notes name the limit that prevented a further mesh.
     """
-    found: dict[TetraFineness, tuple[SceneDifference, SolidStates]] = {}
+    solutions: dict[TetraFineness, tuple[SceneDifference, SolidStates]] = {}
     films: tuple[FilmForces, ...] = ()
-    roughly = accuracy >= ROUGHLY
-    for stage in STAGES[0] if roughly else STAGES[1]:
-        every = [found[fineness] for fineness in MESHES if fineness in found]
-        if stage == (ROUGHEST,) and not _may_do(scene, symmetric, [one for one, _ in every], accuracy):
+    is_rough = accuracy >= ROUGH_ACCURACY
+    for stage in MESH_STAGES[0] if is_rough else MESH_STAGES[1]:
+        solved = [solutions[fineness] for fineness in FINENESSES if fineness in solutions]
+        if stage == (ROUGHEST_FINENESS,) and not _may_suffice(
+            scene, symmetric, [scene_difference for scene_difference, _ in solved], accuracy
+        ):
             continue
         try:
             for fineness, mesh in zip(stage, _meshes(symmetric.domain, stage, tell), strict=True):
                 tell(f"solving on {len(mesh.elements)} tetrahedra")
-                current().begin()  # a coarser mesh's factor may be freed
-                found[fineness] = difference(symmetric.domain, mesh, moduli)
+                get_workspace().begin()  # a coarser mesh's factor may be freed
+                solutions[fineness] = difference(symmetric.domain, mesh, moduli)
         except LimitReached as limit:
             if not films:
                 raise
-            return films, [one for one, _ in every], every[-1][1], (Note("limit", f"no finer mesh: {limit}"),)
-        every = [found[fineness] for fineness in MESHES if fineness in found]
-        films = films_of(scene, symmetric, [one for one, _ in every], FLOOR / 2 if FINE in found else FLOOR)
-        if not any(_may_improve(film, scene, accuracy, np.inf if roughly and len(every) == 2 else NEAR) for film in films):
+            return (
+                films,
+                [scene_difference for scene_difference, _ in solved],
+                solved[-1][1],
+                (Note("limit", f"no finer mesh: {limit}"),),
+            )
+        solved = [solutions[fineness] for fineness in FINENESSES if fineness in solutions]
+        films = bound_film_forces(
+            scene,
+            symmetric,
+            [scene_difference for scene_difference, _ in solved],
+            ERROR_FLOOR_RELATIVE / 2 if FINE_FINENESS in solutions else ERROR_FLOOR_RELATIVE,
+        )
+        if not any(
+            _may_improve(film, scene, accuracy, np.inf if is_rough and len(solved) == 2 else MAX_SENSITIVITY_EXCESS)
+            for film in films
+        ):
             break
-    return films, [one for one, _ in every], every[-1][1], ()
+    return films, [scene_difference for scene_difference, _ in solved], solved[-1][1], ()
 
 
-def _may_do(scene: Scene, symmetric: SymmetricPart, differences: list[SceneDifference], accuracy: float) -> bool:
+def _may_suffice(scene: Scene, symmetric: SymmetricPart, differences: list[SceneDifference], accuracy: float) -> bool:
     """Return whether two meshes suffice if a coarser one shows steady convergence: then the last step counts once."""
-    films = films_of(scene, symmetric, differences, FLOOR, times=(1.0, 1.0))
+    films = bound_film_forces(scene, symmetric, differences, ERROR_FLOOR_RELATIVE, times=(1.0, 1.0))
     return not any(_may_improve(film, scene, accuracy) for film in films)
 
 
 def _meshes(domain: Domain, finenesses: tuple[TetraFineness, ...], tell: Tell) -> Iterator[TetMesh]:
     """Yield meshes moved from those of a similar scene, or made in parallel."""
-    moved = moved_meshes(domain, finenesses)
+    moved = move_meshes(domain, finenesses)
     if moved is not None:
         for mesh in moved:
-            check_unknowns(UNKNOWNS * len(mesh.elements))
+            check_unknowns(UNKNOWNS_PER_TETRAHEDRON * len(mesh.elements))
         yield from moved
         return
     for fineness in finenesses:
-        _check(domain, fineness)
-    tell("meshing twice" if len(finenesses) > 1 else "meshing again" if finenesses == (ROUGHEST,) else "meshing more finely")
+        _check_cost(domain, fineness)
+    tell(
+        "meshing twice"
+        if len(finenesses) > 1
+        else "meshing again"
+        if finenesses == (ROUGHEST_FINENESS,)
+        else "meshing more finely"
+    )
     with ThreadPoolExecutor(len(finenesses)) as pool, ProgramGroup() as group:
         for made in [pool.submit(group.context().run, mesh_domain, domain, fineness) for fineness in finenesses]:
             yield made.result()
 
 
-def _check(domain: Domain, fineness: TetraFineness) -> None:
+def _check_cost(domain: Domain, fineness: TetraFineness) -> None:
     """Refuse a mesh, or the equations of a cached mesh, that would exceed the limits."""
     if is_meshed(domain, fineness):
-        check_unknowns(UNKNOWNS * len(mesh_domain(domain, fineness).elements))
+        check_unknowns(UNKNOWNS_PER_TETRAHEDRON * len(mesh_domain(domain, fineness).elements))
     else:
         check_mesh(domain, fineness)
 
 
-def _may_improve(films: FilmForces, scene: Scene, accuracy: float, near: float = NEAR) -> bool:
+def _may_improve(films: FilmForces, scene: Scene, accuracy: float, max_excess: float = MAX_SENSITIVITY_EXCESS) -> bool:
     """Return whether another mesh is worth its cost: errors of forces are too large, or log_sensitivity is within reach.
 
     A finer mesh divides the bound by two to four. Where that would not suffice, the present bound is reported.
     """
     allowed = max(5 * accuracy * abs(films.log_sensitivity or 0.0), 1e-5)
-    return allowed < films.sensitivity_error <= near * allowed or films.error_under(scene) > accuracy
+    return allowed < films.sensitivity_error <= max_excess * allowed or films.compute_max_error(scene) > accuracy
 
 
-def _tilted(symmetric: SymmetricPart, one: SceneDifference) -> tuple[Floats, Floats]:
+def _compute_tilt_forces(symmetric: SymmetricPart, difference: SceneDifference) -> tuple[Floats, Floats]:
     """Return film forces per unit rotation and their derivatives, corrected by eq. SO.5, shape (k, 2) each."""
-    tilt, slope = (symmetric.carried(one, part[..., None])[..., 0] for part in (one.tilt, one.tilt_slope))
+    tilt, slope = (
+        symmetric.propagate_change(difference, part[..., None])[..., 0] for part in (difference.tilt, difference.tilt_slope)
+    )
     return tilt, slope
 
 
-def _decisions(symmetric: SymmetricPart, difference: SceneDifference, accuracy: float) -> Iterator[Decision]:
+def _list_decisions(symmetric: SymmetricPart, difference: SceneDifference, accuracy: float) -> Iterator[Decision]:
     """Yield what of the scene was meshed or left out."""
-    none, every = symmetric.exact, symmetric.exact + difference.forces[0]
-    effect = abs(float(np.log(np.abs(every.sum(axis=1) / none.sum(axis=1))) @ [1.0, -1.0]))
+    exact, whole = symmetric.exact, symmetric.exact + difference.forces[0]
+    effect = abs(float(np.log(np.abs(whole.sum(axis=1) / exact.sum(axis=1))) @ [1.0, -1.0]))
     size = f"changes the ratio by about {effect:.2g}"
     yield Decision("inclusions, groove and edges, in three dimensions", True, effect, accuracy, f"modelled: {size}")
     if symmetric.domain.shortened:
-        left = EDGES * symmetric.edges * effect
+        left = FAR_TISSUE_PRODUCT_SHARE * symmetric.edges * effect
         reason = f"left out but for its compliance: changes the ratio by at most about {left:.2g}, counted in error_estimate"
         yield Decision("far tissue's effect on the change by inclusions", False, left, accuracy, reason)
     if symmetric.domain.half:

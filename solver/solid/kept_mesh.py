@@ -25,19 +25,19 @@ from threading import RLock
 import numpy as np
 
 from geometry.common.arrays import Floats, Ints
-from geometry.tetra.tet_mesh import INCLUSION, TetMesh
+from geometry.tetra.tet_mesh import FIRST_INCLUSION_BODY, TetMesh
 from solver.linalg.cholesky import Factor
-from solver.linalg.conjugate_gradients import MOST, TARGET_RESIDUAL, pattern_of
-from solver.linalg.workspace import current
+from solver.linalg.conjugate_gradients import MAX_RESIDUAL_FACTOR, TARGET_RESIDUAL, get_analysis
+from solver.linalg.workspace import get_workspace
 from solver.solid.base_states import FactorisedStates, SolidStates, factor_of, solid_states
-from solver.solid.body_stiffness import Elastic, Isotropic, lame
-from solver.solid.moved_mesh import stretches
+from solver.solid.body_stiffness import Elastic, Isotropic, compute_lame_constants
+from solver.solid.moved_mesh import compute_stretches
 from solver.solid.problem import Problem, Solid, Supports
 from solver.solid.regions import Region
 
-WORTH = 0.03  # steps that cost as much as a factorisation, over unknowns^(2/3), the ratio of their operations
-BESIDE = 1e-4  # of the old modulus: smaller new moduli are assembled, not added as a difference
-SOLVED = 2  # solutions with one factor: reference and scene
+REUSE_STEPS_COEFFICIENT = 0.03  # steps that cost as much as a factorisation, over unknowns^(2/3), the ratio of their operations
+MIN_MODULUS_RATIO = 1e-4  # of the old modulus: smaller new moduli are assembled, not added as a difference
+SOLVES_PER_FACTOR = 2  # solutions with one factor: reference and scene
 Materials = Mapping[int, Elastic]
 
 
@@ -56,12 +56,12 @@ class RestrictedFactor:
     size: int
 
     @classmethod
-    def of(cls, factor: Factor, whole: Supports, some: Supports) -> Factor:
+    def restrict(cls, factor: Factor, whole: Supports, supports: Supports) -> Factor:
         """Restrict a factor of all regions to the unknowns in use; return it unchanged if all are."""
-        if np.array_equal(whole.number, some.number):
+        if np.array_equal(whole.number, supports.number):
             return factor
-        has, place = some.number >= 0, np.empty(some.unknowns, dtype=np.int64)
-        place[some.number[has]] = whole.number[has]
+        has, place = supports.number >= 0, np.empty(supports.unknowns, dtype=np.int64)
+        place[supports.number[has]] = whole.number[has]
         return cls(factor, place, whole.unknowns)
 
     def solve(self, forces: Floats) -> Floats:
@@ -82,7 +82,7 @@ class FactorisedRegions:
 
 
 @dataclass
-class KeptFactor:
+class SharedFactor:
     """Factor and states that meshes with the same elements share.
 
     Attributes:
@@ -97,34 +97,34 @@ class KeptFactor:
     latest: dict[str, Floats] = field(default_factory=dict)
     lock: RLock = field(default_factory=RLock)
 
-    def near(self, problem: Problem, base: Materials) -> Factor:
+    def find_factor(self, problem: Problem, base: Materials) -> Factor:
         """Return a factor near a problem's matrix; factorise again if the cached one is too far away."""
-        if self.regions is None or not self._serves(problem, base, self.regions):
-            like = None if self.regions is None else pattern_of(self.regions.factor)
+        if self.regions is None or not self._is_worth_reusing(problem, base, self.regions):
+            like = None if self.regions is None else get_analysis(self.regions.factor)
             self.regions = None  # frees it before the next is made
-            whole = problem if problem.materials == base else Problem.of(problem.solid, base)
+            whole = problem if problem.materials == base else Problem.assemble(problem.solid, base)
             self.regions = FactorisedRegions(base, problem.solid.nodes, whole.supports, factor_of(whole, like))
-        return RestrictedFactor.of(self.regions.factor, self.regions.supports, problem.supports)
+        return RestrictedFactor.restrict(self.regions.factor, self.regions.supports, problem.supports)
 
     @staticmethod
-    def _serves(problem: Problem, base: Materials, regions: FactorisedRegions) -> bool:
+    def _is_worth_reusing(problem: Problem, base: Materials, regions: FactorisedRegions) -> bool:
         """Return whether iterating with a factor costs less than a new one; the inclusions' contrast adds to both alike."""
         solid = problem.solid
         stretch = 1.0
         if regions.nodes is not solid.nodes:
-            lengths = stretches(solid.elements, regions.nodes, solid.nodes)
+            lengths = compute_stretches(solid.elements, regions.nodes, solid.nodes)
             stretch = float(lengths.max() / lengths.min())
-        many = SOLVED * steps(spread(regions.materials, base) * stretch**4)
-        return bool(many <= WORTH * regions.supports.unknowns ** (2 / 3))
+        step_count = SOLVES_PER_FACTOR * estimate_steps(compute_modulus_spread(regions.materials, base) * stretch**4)
+        return bool(step_count <= REUSE_STEPS_COEFFICIENT * regions.supports.unknowns ** (2 / 3))
 
-    def start(self, kind: str, unknowns: int) -> Floats | None:
+    def find_start(self, kind: str, unknowns: int) -> Floats | None:
         """Return the last solution of this kind, or of another one with as many unknowns."""
         of_kinds = (self.latest.get(kind), *self.latest.values())
         return next((v for v in of_kinds if v is not None and len(v) == unknowns), None)
 
 
 @dataclass
-class KeptMesh:
+class CachedMesh:
     """A mesh with its last solutions; scenes that differ in moduli, Poisson's ratios and loads share it.
 
     Attributes:
@@ -133,11 +133,11 @@ class KeptMesh:
     """
 
     solid: Solid
-    shared: KeptFactor
+    shared: SharedFactor
     _states: dict[str, SolidStates] = field(default_factory=dict)
     _own_factors: dict[str, Factor] = field(default_factory=dict)  # of states for which the shared factor was too far away
 
-    def states(self, kind: str, materials: Materials, base: Materials, target: float = TARGET_RESIDUAL) -> FactorisedStates:
+    def find_states(self, kind: str, materials: Materials, base: Materials, target: float = TARGET_RESIDUAL) -> FactorisedStates:
         """Return the states for a scene's materials: the cached ones, or solved from there.
 
         Args:
@@ -150,47 +150,58 @@ class KeptMesh:
             SolveError: the equations could not be solved.
             LimitReached: a factor would exceed the limits of memory or time.
         """
-        own, whole = constants(materials), constants(base)
+        own_constants, base_constants = extract_constants(materials), extract_constants(base)
         with self.shared.lock:
-            before = self._states.get(kind)
-            if before is not None and before.problem.materials == own and before.residual <= MOST * target:
-                factor = self._own_factors.get(kind) or self.shared.near(before.problem, whole)
-                return FactorisedStates(before.problem, before.v, before.energies, factor)
-            problem = self._problem(own)
-            near, start = self.shared.near(problem, whole), self.shared.start(kind, problem.supports.unknowns)
-            found = solid_states(problem, factor=near, start=start, target=target)
-            self._states[kind], self.shared.latest[kind] = found.bare, found.v
-            self._own_factors = {kind: found.factor} if found.factor is not near else {}
-            return found
+            previous = self._states.get(kind)
+            if (
+                previous is not None
+                and previous.problem.materials == own_constants
+                and previous.residual <= MAX_RESIDUAL_FACTOR * target
+            ):
+                factor = self._own_factors.get(kind) or self.shared.find_factor(previous.problem, base_constants)
+                return FactorisedStates(previous.problem, previous.v, previous.energies, factor)
+            problem = self._assemble_problem(own_constants)
+            shared_factor, start = (
+                self.shared.find_factor(problem, base_constants),
+                self.shared.find_start(kind, problem.supports.unknowns),
+            )
+            states = solid_states(problem, factor=shared_factor, start=start, target=target)
+            self._states[kind], self.shared.latest[kind] = states.bare_states, states.v
+            self._own_factors = {kind: states.factor} if states.factor is not shared_factor else {}
+            return states
 
-    def _problem(self, materials: Materials) -> Problem:
+    def _assemble_problem(self, materials: Materials) -> Problem:
         """Assemble a problem, by the difference from earlier states of the same regions if rounding allows it."""
-        alike = [one.problem for one in self._states.values() if set(one.problem.materials) == set(materials)]
-        for other in alike:
-            changed = [body for body in materials if materials[body] != other.materials[body]]
-            if all(Region.of(body).body >= INCLUSION and not _lost(materials[body], other.materials[body]) for body in changed):
-                return other.like(materials)
-        return Problem.of(self.solid, materials, alike[0].supports if alike else None)
+        problems = [states.problem for states in self._states.values() if set(states.problem.materials) == set(materials)]
+        for known_problem in problems:
+            changed = [body for body in materials if materials[body] != known_problem.materials[body]]
+            if all(
+                Region.from_number(body).body >= FIRST_INCLUSION_BODY
+                and not _is_rounded_away(materials[body], known_problem.materials[body])
+                for body in changed
+            ):
+                return known_problem.change_materials(materials)
+        return Problem.assemble(self.solid, materials, problems[0].supports if problems else None)
 
 
-def kept_mesh(mesh: TetMesh, frictionless: bool) -> KeptMesh:
+def find_cached_mesh(mesh: TetMesh, frictionless: bool) -> CachedMesh:
     """Return the workspace's cached mesh with the same content.
 
     Raises:
         SolveError: an element is turned inside out.
     """
-    elements = _digest(f"{frictionless} {mesh.half}", mesh.elements, mesh.body, mesh.beyond, mesh.layer)
-    shared = current().keep((KeptFactor, elements), KeptFactor)
-    nodes = _digest(elements, mesh.nodes)
+    elements = _compute_digest(f"{frictionless} {mesh.half}", mesh.elements, mesh.body, mesh.beyond, mesh.layer)
+    shared = get_workspace().keep((SharedFactor, elements), SharedFactor)
+    nodes = _compute_digest(elements, mesh.nodes)
 
-    def made() -> KeptMesh:
-        shared.solid = Solid.of(mesh, frictionless, like=shared.solid)
-        return KeptMesh(shared.solid, shared)
+    def build() -> CachedMesh:
+        shared.solid = Solid.from_mesh(mesh, frictionless, like=shared.solid)
+        return CachedMesh(shared.solid, shared)
 
-    return current().keep((KeptMesh, nodes), made)
+    return get_workspace().keep((CachedMesh, nodes), build)
 
 
-def _digest(head: str, *arrays: np.ndarray) -> str:
+def _compute_digest(head: str, *arrays: np.ndarray) -> str:
     """Return a hash of a text and some arrays."""
     digest = hashlib.sha256(head.encode())
     for array in arrays:
@@ -198,29 +209,29 @@ def _digest(head: str, *arrays: np.ndarray) -> str:
     return digest.hexdigest()
 
 
-def constants(materials: Materials) -> dict[int, Isotropic]:
+def extract_constants(materials: Materials) -> dict[int, Isotropic]:
     """Return the materials as two constants each, so that they can be compared."""
     return {body: Isotropic(stuff.youngs_modulus, stuff.poisson_ratio) for body, stuff in materials.items()}
 
 
-def steps(condition: float) -> float:
+def estimate_steps(condition: float) -> float:
     """Estimate the steps of conjugate gradients, eq. SO.8, to the target residual for a condition number."""
     root = np.sqrt(max(condition, 1 + 1e-9))
     return float(np.log(2 / TARGET_RESIDUAL) / np.log((root + 1) / (root - 1)))
 
 
-def spread(one: Materials, other: Materials) -> float:
+def compute_modulus_spread(old: Materials, new: Materials) -> float:
     """Return how much the moduli of all regions changed relative to each other: the maximum change over the minimum."""
-    changes = [np.divide(_moduli(other[body]), _moduli(one[body])) for body in one]
+    changes = [np.divide(_compute_moduli(new[body]), _compute_moduli(old[body])) for body in old]
     return float(np.max(changes) / np.min(changes))
 
 
-def _lost(new: Elastic, old: Elastic) -> bool:
+def _is_rounded_away(new: Elastic, old: Elastic) -> bool:
     """Return whether new moduli are so small that a difference from the old ones would lose them to rounding."""
-    return bool(np.min(np.divide(_moduli(new), _moduli(old))) < BESIDE)
+    return bool(np.min(np.divide(_compute_moduli(new), _compute_moduli(old))) < MIN_MODULUS_RATIO)
 
 
-def _moduli(stuff: Elastic) -> tuple[float, float]:
+def _compute_moduli(stuff: Elastic) -> tuple[float, float]:
     """Return bulk and shear modulus, Pa: the extremes of an isotropic material's moduli."""
-    lam, mu = lame(stuff)
+    lam, mu = compute_lame_constants(stuff)
     return lam + 2 * mu / 3, mu

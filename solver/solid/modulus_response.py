@@ -21,9 +21,9 @@ from solver.linalg.conjugate_gradients import solve
 from solver.linalg.rational_response import KrylovBasis, RationalResponse
 from solver.solid.base_states import FactorisedStates, SolidStates
 
-TOLERANCE = 1e-7  # of the film forces: change by the last step, above the remaining error
-MOST_STEPS = 60
-NOTHING_NEW = 1e-16  # of a vector's energy: new directions with less are dropped
+FORCE_TOLERANCE_RELATIVE = 1e-7  # of the film forces: change by the last step, above the remaining error
+MAX_BASIS_STEPS = 60
+MIN_NEW_ENERGY_SHARE = 1e-16  # of a vector's energy: new directions with less are dropped
 
 
 @dataclass(frozen=True)
@@ -40,15 +40,15 @@ class SolidResponse:
     bodies: tuple[int, ...]
     rational: RationalResponse
 
-    def reactions(self, t: Floats) -> tuple[Floats, Floats]:
+    def compute_reactions(self, t: Floats) -> tuple[Floats, Floats]:
         """Return reactions, as in ``SolidStates``, and their derivatives with respect to ln E; shape (n, 3, 3) each.
 
         ``t`` = E / E_0 > 0, shape (n,).
         """
-        return self.rational.at(t)
+        return self.rational.evaluate(t)
 
 
-def solid_response(states: FactorisedStates, bodies: tuple[int, ...], low: float, high: float) -> SolidResponse:
+def compute_solid_response(states: FactorisedStates, bodies: tuple[int, ...], low: float, high: float) -> SolidResponse:
     """Compute reactions as a function of an inclusion's modulus; the bodies are its parts.
 
     Moduli range from ``low`` to ``high``, multiples of the modulus that ``states`` were solved with. That modulus should be
@@ -59,17 +59,17 @@ def solid_response(states: FactorisedStates, bodies: tuple[int, ...], low: float
         SolveError: the range is too wide for the tolerance, or a system could not be solved.
     """
     space, ends = _BodyForces(states, bodies), np.array([low, high])
-    before = states.reactions[None]
-    for _ in range(MOST_STEPS):
+    previous = states.reactions[None]
+    for _ in range(MAX_BASIS_STEPS):
         grown = space.grow()
-        curve = space.response()
-        after = curve.reactions(ends)[0]
-        scale = np.sqrt(np.abs(np.einsum("nii->ni", after)))
-        change = np.abs(after - before) / (scale[:, :, None] * scale[:, None])
-        if not grown or np.all(change[:, :2] < TOLERANCE):
+        curve = space.build_response()
+        reactions = curve.compute_reactions(ends)[0]
+        scale = np.sqrt(np.abs(np.einsum("nii->ni", reactions)))
+        change = np.abs(reactions - previous) / (scale[:, :, None] * scale[:, None])
+        if not grown or np.all(change[:, :2] < FORCE_TOLERANCE_RELATIVE):
             return curve
-        before = after
-    raise SolveError(f"the curve from {low:g} to {high:g} times the modulus did not converge to {TOLERANCE:.0e}")
+        previous = reactions
+    raise SolveError(f"the curve from {low:g} to {high:g} times the modulus did not converge to {FORCE_TOLERANCE_RELATIVE:.0e}")
 
 
 class _BodyForces:
@@ -77,16 +77,20 @@ class _BodyForces:
 
     def __init__(self, states: FactorisedStates, bodies: tuple[int, ...]) -> None:
         self.states, self.bodies, self.problem = states, bodies, states.problem
-        self.of_states = self.problem.restricted(self._push(self.problem.own(states.v, bodies[0])))  # K_b u_j on the unknowns
-        self.last = self.of_states  # K_b of the newest vectors
+        self.state_forces = self.problem.restrict(
+            self._apply_body_stiffness(self.problem.compute_displacements(states.v, bodies[0]))
+        )  # K_b u_j on the unknowns
+        self.last = self.state_forces  # K_b of the newest vectors
         unknowns = len(states.v)
-        self.basis = KrylovBasis(self.problem.matrix, self._solve, unknowns, NOTHING_NEW)
-        self.of_basis = np.zeros((unknowns, 0))  # K_b v_k
+        self.basis = KrylovBasis(self.problem.matrix, self._solve, unknowns, MIN_NEW_ENERGY_SHARE)
+        self.basis_forces = np.zeros((unknowns, 0))  # K_b v_k
 
-    def _push(self, own: Floats) -> Floats:
+    def _apply_body_stiffness(self, displacements: Floats) -> Floats:
         """Return the inclusion's nodal forces, N, for displacements, m, (3 n, k) both."""
         parts, materials = self.problem.solid.parts, self.problem.materials
-        return np.asarray(sum((parts[b].forces(materials[b], own) for b in self.bodies), start=np.zeros_like(own)))
+        return np.asarray(
+            sum((parts[b].compute_forces(materials[b], displacements) for b in self.bodies), start=np.zeros_like(displacements))
+        )
 
     def _solve(self, loads: Floats) -> Floats:
         """Solve the problem at t = 1 for some loads."""
@@ -98,15 +102,17 @@ class _BodyForces:
         new = self.basis.grow(self.last)
         if not new.shape[1]:
             return False
-        self.last = self.problem.restricted(self._push(self.problem.spread(new)))
-        self.of_basis = np.hstack([self.of_basis, self.last])
+        self.last = self.problem.restrict(self._apply_body_stiffness(self.problem.expand(new)))
+        self.basis_forces = np.hstack([self.basis_forces, self.last])
         return True
 
-    def response(self) -> SolidResponse:
+    def build_response(self) -> SolidResponse:
         """Build the response on the present basis."""
-        energy, coupling = (self.basis.vectors.T @ forces for forces in (self.of_basis, self.of_states))
-        start, inside = self.states.reactions, self.states.slope(self.bodies)
-        symmetric, share = (energy + energy.T) / 2, self.problem.share
+        energy, coupling = (self.basis.vectors.T @ forces for forces in (self.basis_forces, self.state_forces))
+        start, inside = self.states.reactions, self.states.compute_modulus_derivative(self.bodies)
+        symmetric, share = (energy + energy.T) / 2, self.problem.symmetry_factor
         return SolidResponse(
-            self.states, self.bodies, RationalResponse.of(symmetric, coupling, start=start, inside=inside, weight=share)
+            self.states,
+            self.bodies,
+            RationalResponse.from_energies(symmetric, coupling, start=start, inside=inside, weight=share),
         )

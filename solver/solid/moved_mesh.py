@@ -22,81 +22,106 @@ from scipy.sparse.linalg import splu
 
 from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import SolveError
-from geometry.tetra.check import check
-from geometry.tetra.layers import body_faces
+from geometry.tetra.check import check_mesh
+from geometry.tetra.layers import find_body_faces
 from geometry.tetra.layout import BodyLayout, Ellipsoid
-from geometry.tetra.mesher import space_of
-from geometry.tetra.sizing import TetraFineness, sizes
-from geometry.tetra.snapping import curved_mesh, exact_surfaces, memberships, snap
-from geometry.tetra.tet_mesh import BEYOND, INCLUSION, TISSUE, TetMesh, element_volumes, scaled_jacobians
+from geometry.tetra.mesher import choose_space
+from geometry.tetra.sizing import TetraFineness, compute_sizes
+from geometry.tetra.snapping import build_exact_surfaces, curve_mesh, find_memberships, snap
+from geometry.tetra.tet_mesh import (
+    BEYOND_BODY,
+    FIRST_INCLUSION_BODY,
+    TISSUE_BODY,
+    TetMesh,
+    compute_scaled_jacobians,
+    compute_volumes,
+)
 
-KEEP = 0.2  # of an element's quality, when its edges are curved; as in ``geometry.tetra.regular_mesh``
-LARGER = 1.2  # maximum growth of large tetrahedra relative to the wanted size
-FLATTER = 0.4  # of an element's scaled Jacobian before, or of the mesh's tenth worst
-LARGE = 0.98  # quantile of sizes above which tetrahedra count as large
-FAR = 1.0  # of a tumour's shortest semi-axis: its maximum displacement
-THICKER = 1.3  # maximum change of a layer's thickness or the tissue's size
-MOVABLE = "inclusions", "tissue_radius", "depth", "interfaces"  # fields of a layout that may change
-STRETCHED = 3.0  # maximum over minimum principal stretch of all elements
-TOP, FLOOR, GROOVES = 5, 6, 3  # indices in ``exact_surfaces``; number of groove surfaces
+MIN_CURVED_QUALITY = 0.2  # of an element's quality, when its edges are curved; as in ``geometry.tetra.regular_mesh``
+MAX_OVERSIZE_GROWTH = 1.2  # maximum growth of large tetrahedra relative to the wanted size
+MIN_QUALITY_SHARE = 0.4  # of an element's scaled Jacobian before, or of the mesh's tenth worst
+LARGE_QUANTILE = 0.98  # quantile of sizes above which tetrahedra count as large
+MAX_MOVE_RELATIVE = 1.0  # of a tumour's shortest semi-axis: its maximum displacement
+MAX_THICKNESS_FACTOR = 1.3  # maximum change of a layer's thickness or the tissue's size
+MOVABLE_FIELDS = "inclusions", "tissue_radius", "depth", "interfaces"  # fields of a layout that may change
+MAX_STRETCH_RATIO = 3.0  # maximum over minimum principal stretch of all elements
+TOP_SURFACE, FLOOR_SURFACE, GROOVE_SURFACES = 5, 6, 3  # indices in ``exact_surfaces``; number of groove surfaces
 PER_EDGE = 6 * 2**0.5  # cube of a regular tetrahedron's edge over its volume
 
 
-def unmoved(layout: BodyLayout) -> BodyLayout:
+def remove_movable_sizes(layout: BodyLayout) -> BodyLayout:
     """Return the layout without all that a moved mesh may change."""
     sides = None if layout.tissue_radius is None else 0.0
     return replace(layout, inclusions=(), tissue_radius=sides, depth=0.0, interfaces=(0.0,) * len(layout.interfaces))
 
 
-def may_move(before: BodyLayout, after: BodyLayout) -> bool:
+def may_move(old_layout: BodyLayout, new_layout: BodyLayout) -> bool:
     """Return whether two layouts differ only a little, and only in ellipsoidal tumours and the tissue's sizes."""
-    alike = all(getattr(before, f.name) == getattr(after, f.name) for f in fields(BodyLayout) if f.name not in MOVABLE)
-    if not alike or len(before.inclusions) != len(after.inclusions) or len(before.interfaces) != len(after.interfaces):
+    is_same = all(
+        getattr(old_layout, f.name) == getattr(new_layout, f.name) for f in fields(BodyLayout) if f.name not in MOVABLE_FIELDS
+    )
+    if (
+        not is_same
+        or len(old_layout.inclusions) != len(new_layout.inclusions)
+        or len(old_layout.interfaces) != len(new_layout.interfaces)
+    ):
         return False
-    near = all(_near(one, other) for one, other in zip(before.inclusions, after.inclusions, strict=True))
-    sizes = [np.array([one.tissue_radius or 1.0, *np.diff([0.0, *one.interfaces, one.depth])]) for one in (before, after)]
-    return near and bool(np.all(np.abs(np.log(sizes[1] / sizes[0])) <= np.log(THICKER)))
+    is_near = all(
+        _is_near(item, moved_item) for item, moved_item in zip(old_layout.inclusions, new_layout.inclusions, strict=True)
+    )
+    sizes = [
+        np.array([item.tissue_radius or 1.0, *np.diff([0.0, *item.interfaces, item.depth])]) for item in (old_layout, new_layout)
+    ]
+    return is_near and bool(np.all(np.abs(np.log(sizes[1] / sizes[0])) <= np.log(MAX_THICKNESS_FACTOR)))
 
 
-def _near(one: object, other: object) -> bool:
+def _is_near(old: object, new: object) -> bool:
     """Return whether two inclusions are ellipsoids that differ only a little."""
-    if not (isinstance(one, Ellipsoid) and isinstance(other, Ellipsoid)):
+    if not (isinstance(old, Ellipsoid) and isinstance(new, Ellipsoid)):
         return False
-    return bool(np.linalg.norm(other.centre - one.centre) + np.linalg.norm(other.axes - one.axes, 2) <= FAR * one.smallest)
+    return bool(
+        np.linalg.norm(new.centre - old.centre) + np.linalg.norm(new.axes - old.axes, 2) <= MAX_MOVE_RELATIVE * old.min_semi_axis
+    )
 
 
-def moved_mesh(mesh: TetMesh, before: BodyLayout, after: BodyLayout, fineness: TetraFineness) -> TetMesh | None:
+def move_mesh(mesh: TetMesh, old_layout: BodyLayout, new_layout: BodyLayout, fineness: TetraFineness) -> TetMesh | None:
     """Move the mesh of a layout to another layout, see ``may_move``; return None if the result is not good enough."""
     count = int(mesh.elements[:, :4].max()) + 1
-    points, cells, surfaces = mesh.nodes[:count], mesh.elements[:, :4], exact_surfaces(before)
-    faces, chosen = body_faces(before, surfaces, points, cells, body=mesh.body, layer=mesh.layer)
-    member = memberships(count, faces, chosen, len(surfaces))
-    moved = snap(exact_surfaces(after), points + _displacement(mesh, points, member, before, after), member)
-    nodes, elements = curved_mesh(moved, cells, exact_surfaces(after), faces=faces, chosen=chosen, keep=KEEP)
-    found = TetMesh(nodes, elements, mesh.body, mesh.beyond, mesh.layer, mesh.half)
+    points, cells, surfaces = mesh.nodes[:count], mesh.elements[:, :4], build_exact_surfaces(old_layout)
+    faces, chosen = find_body_faces(old_layout, surfaces, points, cells, body=mesh.body, layer=mesh.layer)
+    member = find_memberships(count, faces, chosen, len(surfaces))
+    moved = snap(
+        build_exact_surfaces(new_layout), points + _compute_displacement(mesh, points, member, old_layout, new_layout), member
+    )
+    nodes, elements = curve_mesh(
+        moved, cells, build_exact_surfaces(new_layout), faces=faces, chosen=chosen, keep=MIN_CURVED_QUALITY
+    )
+    result = TetMesh(nodes, elements, mesh.body, mesh.beyond, mesh.layer, mesh.half)
     try:
-        check(found, after)
+        check_mesh(result, new_layout)
     except SolveError:
         return None
-    lengths = stretches(cells, mesh.nodes, nodes)
-    straight = lengths.max() <= STRETCHED * lengths.min()
-    return found if straight and _good(mesh, found, before, after, fineness) else None
+    lengths = compute_stretches(cells, mesh.nodes, nodes)
+    straight = lengths.max() <= MAX_STRETCH_RATIO * lengths.min()
+    return result if straight and _is_good(mesh, result, old_layout, new_layout, fineness) else None
 
 
-def stretches(elements: Ints, before: Floats, after: Floats) -> Floats:
+def compute_stretches(elements: Ints, old_nodes: Floats, new_nodes: Floats) -> Floats:
     """Return the principal stretches, (t, 3), of elements (t, 4 or more) whose corner nodes move; nodes are (n, 3)."""
-    edges = [nodes[elements[:, 1:4]] - nodes[elements[:, :1]] for nodes in (before, after)]
+    edges = [nodes[elements[:, 1:4]] - nodes[elements[:, :1]] for nodes in (old_nodes, new_nodes)]
     return np.asarray(np.linalg.svd(np.linalg.solve(edges[0], edges[1]), compute_uv=False))
 
 
-def _displacement(mesh: TetMesh, points: Floats, member: NDArray[np.bool_], before: BodyLayout, after: BodyLayout) -> Floats:
+def _compute_displacement(
+    mesh: TetMesh, points: Floats, member: NDArray[np.bool_], old_layout: BodyLayout, new_layout: BodyLayout
+) -> Floats:
     """Compute the displacements of corners, (n, 3), by eq. SO.9."""
-    cells, free = mesh.elements[:, :4], np.isin(mesh.body, [TISSUE, BEYOND])
-    u, given = _tumours(mesh, points, before, after)
-    _set_by_surfaces(u, given, points, member, (before, after))
-    given[np.unique(cells[mesh.body < TISSUE])] = True
+    cells, free = mesh.elements[:, :4], np.isin(mesh.body, [TISSUE_BODY, BEYOND_BODY])
+    u, given = _move_tumours(mesh, points, old_layout, new_layout)
+    _set_surface_displacements(u, given, points, member, (old_layout, new_layout))
+    given[np.unique(cells[mesh.body < TISSUE_BODY])] = True
     given[np.setdiff1d(np.arange(len(points)), cells[free])] = True
-    matrix = _conductance(points, cells[free])
+    matrix = _assemble_conductance(points, cells[free])
     for k in range(3):
         inside, known = np.flatnonzero(~given[:, k]), np.flatnonzero(given[:, k])
         if len(inside) and u[known, k].any():
@@ -105,39 +130,41 @@ def _displacement(mesh: TetMesh, points: Floats, member: NDArray[np.bool_], befo
     return u
 
 
-def _tumours(mesh: TetMesh, points: Floats, before: BodyLayout, after: BodyLayout) -> tuple[Floats, NDArray[np.bool_]]:
+def _move_tumours(
+    mesh: TetMesh, points: Floats, old_layout: BodyLayout, new_layout: BodyLayout
+) -> tuple[Floats, NDArray[np.bool_]]:
     """Return the displacements of tumours' corners, (n, 3), and the mask of these, (n, 3)."""
     u, given = np.zeros_like(points), np.zeros(points.shape, dtype=bool)
-    for k, (one, other) in enumerate(zip(before.inclusions, after.inclusions, strict=True)):
-        if isinstance(one, Ellipsoid) and isinstance(other, Ellipsoid):
-            own = np.unique(mesh.elements[mesh.body == INCLUSION + k, :4])
-            u[own] = other.centre + (points[own] - one.centre) @ np.linalg.solve(one.axes.T, other.axes.T) - points[own]
-            given[own] = True
+    for k, (old, new) in enumerate(zip(old_layout.inclusions, new_layout.inclusions, strict=True)):
+        if isinstance(old, Ellipsoid) and isinstance(new, Ellipsoid):
+            corners = np.unique(mesh.elements[mesh.body == FIRST_INCLUSION_BODY + k, :4])
+            u[corners] = new.centre + (points[corners] - old.centre) @ np.linalg.solve(old.axes.T, new.axes.T) - points[corners]
+            given[corners] = True
     return u, given
 
 
-def _set_by_surfaces(
+def _set_surface_displacements(
     u: Floats, given: NDArray[np.bool_], points: Floats, member: NDArray[np.bool_], layouts: tuple[BodyLayout, BodyLayout]
 ) -> None:
     """Set and mark the displacements (n, 3) prescribed by planes, the tissue's sides and the reference cylinder."""
-    before, after = layouts
-    mirror = member.shape[1] - len(before.interfaces) - 1  # behind the bodies' surfaces
-    heights = {TOP: 0.0, FLOOR: before.depth - after.depth}
-    heights |= {mirror + 1 + k: a - b for k, (a, b) in enumerate(zip(before.interfaces, after.interfaces, strict=True))}
-    for plane, up in heights.items():
-        on = member[:, plane]
-        u[on, 2], given[on, 2] = up, True
-    on = member[:, mirror]
-    u[on, 1], given[on, 1] = 0.0, True
-    first = FLOOR + 1 + (GROOVES if before.groove is not None else 0)
-    for side in range(first, mirror - len(before.inclusions)):
-        beside = np.flatnonzero(member[:, side])
-        wider = (after.tissue_radius or 1.0) / (before.tissue_radius or 1.0) if side == first else 1.0
-        u[beside, :2] = (wider - 1.0) * (points[beside, :2] - before.centre)
-        given[beside, :2] = True
+    old_layout, new_layout = layouts
+    mirror = member.shape[1] - len(old_layout.interfaces) - 1  # behind the bodies' surfaces
+    heights = {TOP_SURFACE: 0.0, FLOOR_SURFACE: old_layout.depth - new_layout.depth}
+    heights |= {mirror + 1 + k: a - b for k, (a, b) in enumerate(zip(old_layout.interfaces, new_layout.interfaces, strict=True))}
+    for plane, height_change in heights.items():
+        on_surface = member[:, plane]
+        u[on_surface, 2], given[on_surface, 2] = height_change, True
+    on_surface = member[:, mirror]
+    u[on_surface, 1], given[on_surface, 1] = 0.0, True
+    first = FLOOR_SURFACE + 1 + (GROOVE_SURFACES if old_layout.groove is not None else 0)
+    for side in range(first, mirror - len(old_layout.inclusions)):
+        side_nodes = np.flatnonzero(member[:, side])
+        wider = (new_layout.tissue_radius or 1.0) / (old_layout.tissue_radius or 1.0) if side == first else 1.0
+        u[side_nodes, :2] = (wider - 1.0) * (points[side_nodes, :2] - old_layout.centre)
+        given[side_nodes, :2] = True
 
 
-def _conductance(points: Floats, cells: Ints) -> sp.csr_array:
+def _assemble_conductance(points: Floats, cells: Ints) -> sp.csr_array:
     """Assemble the matrix of eq. SO.9 on straight tetrahedra."""
     corners = points[cells]
     edges = corners[:, 1:] - corners[:, :1]
@@ -148,17 +175,17 @@ def _conductance(points: Floats, cells: Ints) -> sp.csr_array:
     return sp.coo_array((local.ravel(), (rows, columns)), shape=(len(points),) * 2).tocsr()
 
 
-def _good(mesh: TetMesh, found: TetMesh, before: BodyLayout, after: BodyLayout, fineness: TetraFineness) -> bool:
+def _is_good(mesh: TetMesh, result: TetMesh, old_layout: BodyLayout, new_layout: BodyLayout, fineness: TetraFineness) -> bool:
     """Return whether no tetrahedron is much larger than wanted or much flatter than before."""
-    quality, was = (scaled_jacobians(one.nodes, one.elements) for one in (found, mesh))
-    allowed = FLATTER * np.minimum(was, np.sort(was)[min(9, len(was) - 1)])
-    large, large_before = (_oversize(*pair, fineness) for pair in ((found, after), (mesh, before)))
-    return bool(np.all(quality >= allowed)) and large <= LARGER * large_before
+    quality, old_quality = (compute_scaled_jacobians(item.nodes, item.elements) for item in (result, mesh))
+    allowed = MIN_QUALITY_SHARE * np.minimum(old_quality, np.sort(old_quality)[min(9, len(old_quality) - 1)])
+    large, large_before = (_compute_oversize(*pair, fineness) for pair in ((result, new_layout), (mesh, old_layout)))
+    return bool(np.all(quality >= allowed)) and large <= MAX_OVERSIZE_GROWTH * large_before
 
 
-def _oversize(mesh: TetMesh, layout: BodyLayout, fineness: TetraFineness) -> float:
+def _compute_oversize(mesh: TetMesh, layout: BodyLayout, fineness: TetraFineness) -> float:
     """Return the edge length of large tetrahedra in tissue and tumours relative to the wanted length."""
-    inside = mesh.body >= TISSUE
+    inside = mesh.body >= TISSUE_BODY
     middles = mesh.nodes[mesh.elements[inside, :4]].mean(axis=1)
-    edges = np.cbrt(PER_EDGE * element_volumes(mesh.nodes, mesh.elements[inside]))
-    return float(np.quantile(edges / sizes(layout, fineness, space_of(layout, fineness), middles), LARGE))
+    edges = np.cbrt(PER_EDGE * compute_volumes(mesh.nodes, mesh.elements[inside]))
+    return float(np.quantile(edges / compute_sizes(layout, fineness, choose_space(layout, fineness), middles), LARGE_QUANTILE))

@@ -20,14 +20,14 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from geometry.common.arrays import Floats, Ints
-from geometry.tetra.tet_mesh import GROOVE, INNER, OUTER, TetMesh
+from geometry.tetra.tet_mesh import GROOVE_BODY, INNER_BODY, OUTER_BODY, TetMesh
 from solver.linalg.conjugate_gradients import Stiffness
-from solver.solid.body_stiffness import Elastic, Part, assembled, assembled_changes, parts
-from solver.solid.regions import numbers
+from solver.solid.body_stiffness import Elastic, Part, assemble, assemble_changes, integrate_parts
+from solver.solid.regions import number_elements
 
-STATES = ("inner", "outer", "tilt")
-AT = 1e-7  # of the mesh's size: nodes closer to a plane lie in it
-BLOCKS = (INNER, OUTER, GROOVE)
+STATE_NAMES = ("inner", "outer", "tilt")
+PLANE_TOLERANCE_RELATIVE = 1e-7  # of the mesh's size: nodes closer to a plane lie in it
+BLOCK_BODIES = (INNER_BODY, OUTER_BODY, GROOVE_BODY)
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Solid:
     parts: Mapping[int, Part]
 
     @classmethod
-    def of(cls, mesh: TetMesh, frictionless: bool = False, averaged: bool = True, like: Solid | None = None) -> Solid:
+    def from_mesh(cls, mesh: TetMesh, frictionless: bool = False, averaged: bool = True, like: Solid | None = None) -> Solid:
         """Integrate a mesh; with ``averaged``, each element's dilation is its mean, which avoids locking near nu = 1/2.
 
         ``like`` is a solid of the same elements and kind; bodies with unmoved nodes are copied from it.
@@ -59,32 +59,34 @@ class Solid:
         Raises:
             SolveError: an element is turned inside out.
         """
-        nodes, elements, twin = _sliding(mesh) if frictionless else (mesh.nodes, mesh.elements, np.arange(len(mesh.nodes)))
-        body = numbers(mesh)
-        known = {} if like is None else like.unmoved(nodes)
-        found = parts(nodes, elements, body, averaged, known)
-        return cls(mesh, nodes, elements=elements, body=body, twin=twin, parts=found)
+        nodes, elements, twin = (
+            _split_sliding_nodes(mesh) if frictionless else (mesh.nodes, mesh.elements, np.arange(len(mesh.nodes)))
+        )
+        body = number_elements(mesh)
+        known = {} if like is None else like.find_unmoved_parts(nodes)
+        body_parts = integrate_parts(nodes, elements, body, averaged, known)
+        return cls(mesh, nodes, elements=elements, body=body, twin=twin, parts=body_parts)
 
-    def unmoved(self, nodes: Floats) -> dict[int, Part]:
+    def find_unmoved_parts(self, nodes: Floats) -> dict[int, Part]:
         """Return the parts whose nodes all equal the given nodes of another solid with the same elements."""
         moved = (nodes != self.nodes).any(axis=1)
         return {body: part for body, part in self.parts.items() if not moved[self.elements[self.body == body]].any()}
 
-    def on(self, bodies: Iterable[int]) -> NDArray[np.bool_]:
+    def find_nodes(self, bodies: Iterable[int]) -> NDArray[np.bool_]:
         """Return the mask of nodes that belong to some bodies, shape (n,)."""
         inside = np.zeros(len(self.nodes), dtype=bool)
         inside[self.elements[np.isin(self.body, list(bodies))]] = True
         return inside
 
 
-def _sliding(mesh: TetMesh) -> tuple[Floats, Ints, Ints]:
+def _split_sliding_nodes(mesh: TetMesh) -> tuple[Floats, Ints, Ints]:
     """Double the nodes between blocks and tissue, so that the blocks can slide."""
-    block = np.isin(mesh.body, BLOCKS)
+    block = np.isin(mesh.body, BLOCK_BODIES)
     shared = np.intersect1d(mesh.elements[block], mesh.elements[~block])
-    own = np.arange(len(mesh.nodes))
-    own[shared] = len(own) + np.arange(len(shared))
+    block_nodes = np.arange(len(mesh.nodes))
+    block_nodes[shared] = len(block_nodes) + np.arange(len(shared))
     elements = mesh.elements.copy()
-    elements[block] = own[elements[block]]
+    elements[block] = block_nodes[elements[block]]
     return np.vstack([mesh.nodes, mesh.nodes[shared]]), elements, np.concatenate([np.arange(len(mesh.nodes)), shared])
 
 
@@ -108,37 +110,37 @@ class Supports:
         return int(self.number.max()) + 1
 
     @classmethod
-    def of(cls, solid: Solid, bodies: Iterable[int]) -> Supports:
+    def from_bodies(cls, solid: Solid, bodies: Iterable[int]) -> Supports:
         """Fix the blocks' tops, the tissue's floor and, on a half mesh, the plane of symmetry."""
-        nodes, near = solid.nodes, AT * float(np.ptp(solid.nodes, axis=0).max())
-        inner, outer = solid.on([INNER]), solid.on({OUTER, GROOVE} & set(bodies))
+        nodes, tolerance = solid.nodes, PLANE_TOLERANCE_RELATIVE * float(np.ptp(solid.nodes, axis=0).max())
+        inner, outer = solid.find_nodes([INNER_BODY]), solid.find_nodes({OUTER_BODY, GROOVE_BODY} & set(bodies))
         fixed = np.zeros(nodes.shape, dtype=bool)
         for block in (inner, outer):
-            fixed[block & (nodes[:, 2] > nodes[block, 2].max(initial=-np.inf) - near)] = True
-        fixed[nodes[:, 2] < nodes[:, 2].min() + near] = True
+            fixed[block & (nodes[:, 2] > nodes[block, 2].max(initial=-np.inf) - tolerance)] = True
+        fixed[nodes[:, 2] < nodes[:, 2].min() + tolerance] = True
         if solid.mesh.half:
-            fixed[np.abs(nodes[:, 1]) < near, 1] = True
-        fixed[~solid.on(bodies)] = True
+            fixed[np.abs(nodes[:, 1]) < tolerance, 1] = True
+        fixed[~solid.find_nodes(bodies)] = True
         owner = 3 * np.arange(len(nodes))[:, None] + np.arange(3)
         owner[:, 2] = 3 * solid.twin + 2
         number = np.full(nodes.size, -1)
         free = np.setdiff1d(owner, owner[fixed])
         number[free] = np.arange(len(free))
-        motion = _motions(solid, inner, outer)
+        motion = _compute_motions(solid, inner, outer)
         lift = np.zeros((nodes.size, 3))
         lift[owner[inner | outer].ravel()] = motion[inner | outer].reshape(-1, 3)
-        tissue = solid.on(set(bodies) - set(BLOCKS))
+        tissue = solid.find_nodes(set(bodies) - set(BLOCK_BODIES))
         return cls(number[owner], np.where(tissue[:, None, None], lift[owner], 0.0), motion)
 
 
-def _motions(solid: Solid, inner: NDArray[np.bool_], outer: NDArray[np.bool_]) -> Floats:
+def _compute_motions(solid: Solid, inner: NDArray[np.bool_], outer: NDArray[np.bool_]) -> Floats:
     """Return the three unit motions at every node: inner block down, outer block down, rotation about y (+ lowers +x)."""
-    nodes, out = solid.nodes, np.zeros((len(solid.nodes), 3, 3))
-    out[inner, 2, 0], out[outer, 2, 1] = -1.0, -1.0
+    nodes, motions = solid.nodes, np.zeros((len(solid.nodes), 3, 3))
+    motions[inner, 2, 0], motions[outer, 2, 1] = -1.0, -1.0
     block = inner | outer
     height = nodes[block, 2] - nodes[inner, 2].max()
-    out[block, 0, 2], out[block, 2, 2] = height, -nodes[block, 0]
-    return out
+    motions[block, 0, 2], motions[block, 2, 2] = height, -nodes[block, 0]
+    return motions
 
 
 @dataclass(frozen=True)
@@ -157,52 +159,56 @@ class Problem:
     matrix: Stiffness
 
     @classmethod
-    def of(cls, solid: Solid, materials: Mapping[int, Elastic], supports: Supports | None = None) -> Problem:
+    def assemble(cls, solid: Solid, materials: Mapping[int, Elastic], supports: Supports | None = None) -> Problem:
         """Assemble a problem; problems with the same bodies may share their supports."""
-        supports = supports or Supports.of(solid, materials)
-        return cls(solid, materials, supports, Stiffness(assembled(solid.parts, materials, supports.number)))
+        supports = supports or Supports.from_bodies(solid, materials)
+        return cls(solid, materials, supports, Stiffness(assemble(solid.parts, materials, supports.number)))
 
-    def like(self, materials: Mapping[int, Elastic]) -> Problem:
+    def change_materials(self, materials: Mapping[int, Elastic]) -> Problem:
         """Return the problem for other materials of the same bodies: the change is added to the present stiffness."""
         changed = {body: (self.materials[body], stuff) for body, stuff in materials.items() if stuff != self.materials[body]}
         if not changed:
             return Problem(self.solid, materials, self.supports, self.matrix)
-        more = assembled_changes(self.solid.parts, changed, self.supports.number)
-        return Problem(self.solid, materials, self.supports, Stiffness(sp.csc_array(self.matrix.lower + more)))
+        difference = assemble_changes(self.solid.parts, changed, self.supports.number)
+        return Problem(self.solid, materials, self.supports, Stiffness(sp.csc_array(self.matrix.lower + difference)))
 
     @property
-    def share(self) -> float:
+    def symmetry_factor(self) -> float:
         """Factor from forces on the mesh to those on the whole: 2 for a half mesh, else 1."""
         return 2.0 if self.solid.mesh.half else 1.0
 
-    def own(self, v: Floats, body: int) -> Floats:
+    def compute_displacements(self, v: Floats, body: int) -> Floats:
         """Return the displacements (3 n, k) that strain a body, from unknowns v (unknowns, k): u of eq. SO.3."""
-        out = self.spread(v)
-        return out if body in BLOCKS else out + self.supports.lift.reshape(out.shape)
+        displacements = self.expand(v)
+        return displacements if body in BLOCK_BODIES else displacements + self.supports.lift.reshape(displacements.shape)
 
     @cached_property
     def loads(self) -> Floats:
         """Right-hand sides of the three states, -K_tissue lift, shape (unknowns, 3)."""
-        lift = self.supports.lift.reshape(-1, len(STATES))
+        lift = self.supports.lift.reshape(-1, len(STATE_NAMES))
         forces = sum(
-            (self.solid.parts[b].forces(m, lift) for b, m in self.materials.items() if b in self.solid.parts and b not in BLOCKS),
+            (
+                self.solid.parts[b].compute_forces(m, lift)
+                for b, m in self.materials.items()
+                if b in self.solid.parts and b not in BLOCK_BODIES
+            ),
             start=np.zeros_like(lift),
         )
-        return self.restricted(-forces)
+        return self.restrict(-forces)
 
-    def spread(self, v: Floats) -> Floats:
+    def expand(self, v: Floats) -> Floats:
         """Expand unknowns (unknowns, k) to all displacements (3 n, k), zero where they are fixed."""
         number = self.supports.number.ravel()
         return np.where(number[:, None] >= 0, v[np.maximum(number, 0)], 0.0)
 
-    def restricted(self, forces: Floats) -> Floats:
+    def restrict(self, forces: Floats) -> Floats:
         """Restrict nodal forces (3 n, k) to the unknowns, (unknowns, k)."""
         number = self.supports.number.ravel()
         free = np.flatnonzero(number >= 0)
         gather = sp.csr_array((np.ones(len(free)), (number[free], free)), shape=(self.supports.unknowns, len(number)))
         return np.asarray(gather @ forces)
 
-    def energy(self, body: int, v: Floats) -> Floats:
+    def compute_energy(self, body: int, v: Floats) -> Floats:
         """Return v_i^T K_b v_j, twice the elastic energy of pairs of states in one body of the whole solid, shape (k, k)."""
-        u = self.own(v, body)
-        return np.asarray(self.share * (u.T @ self.solid.parts[body].forces(self.materials[body], u)))
+        u = self.compute_displacements(v, body)
+        return np.asarray(self.symmetry_factor * (u.T @ self.solid.parts[body].compute_forces(self.materials[body], u)))

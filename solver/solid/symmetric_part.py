@@ -23,22 +23,22 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, Words
-from geometry.common.limits import least_mm, reaches
-from geometry.scenes.probe import mm
+from geometry.common.limits import format_minimum_mm, is_at_least
+from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
-from geometry.tetra.layout import body_layout
-from solver.axisymmetric.converged_forces import converged_forces
-from solver.linalg.workspace import kept_within_limits
+from geometry.tetra.layout import build_layout
+from solver.axisymmetric.converged_forces import compute_converged_forces
+from solver.linalg.workspace import keep_within_limits
 from solver.results.film_forces import FilmForces
 from solver.results.result import Decision
 from solver.results.warnings import Note
 from solver.solid.difference import SceneDifference
-from solver.solid.domain import Domain, coaxial, domain, plain, reach, room
+from solver.solid.domain import Domain, choose_domain, compute_free_radius, compute_reach, is_coaxial, remove_asymmetry
 
-SHARE = 0.1  # of the accuracy, for the symmetric part
-EDGES = 0.3  # of the product of the changes by far tissue and by inclusions, groove and edges
-BESIDE = 0.11  # outer radii: minimum distance of the probe from the tissue's side
-STEP = 1.6  # factor by which the modelled tissue grows if its cut matters
+SYMMETRIC_ACCURACY_SHARE = 0.1  # of the accuracy, for the symmetric part
+FAR_TISSUE_PRODUCT_SHARE = 0.3  # of the product of the changes by far tissue and by inclusions, groove and edges
+MIN_SIDE_TISSUE_RADII = 0.11  # outer radii: minimum distance of the probe from the tissue's side
+SPAN_GROWTH_FACTOR = 1.6  # factor by which the modelled tissue grows if its cut matters
 
 
 @dataclass(frozen=True)
@@ -50,11 +50,11 @@ class Exact:
     notes: tuple[Note, ...]
 
 
-@kept_within_limits
-def _exact(scene: Scene, accuracy: float) -> Exact:
+@keep_within_limits
+def _solve_exact(scene: Scene, accuracy: float) -> Exact:
     """Solve a rotationally symmetric scene in the meridian plane; results are cached."""
-    found = converged_forces(scene, accuracy)
-    return Exact(found.films[0], found.plan, found.notes)
+    converged = compute_converged_forces(scene, accuracy)
+    return Exact(converged.films[0], converged.plan, converged.notes)
 
 
 @dataclass(frozen=True)
@@ -75,61 +75,71 @@ class SymmetricPart:
     whole: Exact
     edges: float
 
-    def corrected(self, found: SceneDifference) -> Floats:
+    def correct_forces(self, difference: SceneDifference) -> Floats:
         """Return the film forces by eq. SO.5, with eq. SO.10 if the mesh has edges, N/m, shape (k, 2, 2)."""
-        return np.asarray(np.linalg.inv(np.linalg.inv(self._bare(found)) + self.compliance))
+        return np.asarray(np.linalg.inv(np.linalg.inv(self._compute_bare_forces(difference)) + self.compliance))
 
-    def carried(self, found: SceneDifference, small: Floats) -> Floats:
+    def propagate_change(self, difference: SceneDifference, small: Floats) -> Floats:
         """Return the change of F for a small change of D: matrices (k, 2, 2), or columns (k, 2, 1)."""
-        left = self.corrected(found) @ np.linalg.inv(self._bare(found))
+        left = self.correct_forces(difference) @ np.linalg.inv(self._compute_bare_forces(difference))
         return np.asarray(left @ small @ (left.transpose(0, 2, 1) if small.shape[-1] == 2 else np.eye(1)))
 
-    def _bare(self, found: SceneDifference) -> Floats:
+    def _compute_bare_forces(self, difference: SceneDifference) -> Floats:
         """Return the film forces without the compliance C, shape (k, 2, 2)."""
-        if found.edges is None:
-            return self.exact + found.forces
-        beyond = np.linalg.inv(found.edges) - np.linalg.inv(found.reference)
-        return np.linalg.inv(np.linalg.inv(self.exact) + beyond) + found.forces - (found.edges - found.reference)
+        if difference.edges is None:
+            return self.exact + difference.forces
+        compliance_change = np.linalg.inv(difference.edges) - np.linalg.inv(difference.reference)
+        return (
+            np.linalg.inv(np.linalg.inv(self.exact) + compliance_change)
+            + difference.forces
+            - (difference.edges - difference.reference)
+        )
 
 
-def symmetric_part(scene: Scene, accuracy: float) -> SymmetricPart:
+def compute_symmetric_part(scene: Scene, accuracy: float) -> SymmetricPart:
     """Choose the domain: cut far tissue off if that changes the effect of inclusions by less than the accuracy."""
-    alone = plain(scene)
-    whole = _exact(alone, SHARE * accuracy)
-    unsure = not coaxial(scene) and whole.films.error_under(alone) > accuracy / 4
-    span = np.inf if unsure else reach(scene)  # the tissue's sides are known better where they are meshed
+    alone = remove_asymmetry(scene)
+    whole = _solve_exact(alone, SYMMETRIC_ACCURACY_SHARE * accuracy)
+    unsure = not is_coaxial(scene) and whole.films.compute_max_error(alone) > accuracy / 4
+    span = np.inf if unsure else compute_reach(scene)  # the tissue's sides are known better where they are meshed
     while True:
-        chosen = domain(scene, span, reference_wall(scene))
-        exact = _exact(chosen.reference, SHARE * accuracy).films.forces
-        symmetric = SymmetricPart(chosen, exact, *_compliance(alone, chosen, exact, whole, accuracy))
-        if not chosen.shortened or EDGES * symmetric.edges <= accuracy:
+        chosen = choose_domain(scene, span, find_reference_wall(scene))
+        exact = _solve_exact(chosen.reference, SYMMETRIC_ACCURACY_SHARE * accuracy).films.forces
+        symmetric = SymmetricPart(chosen, exact, *_compute_compliance(alone, chosen, exact, whole, accuracy))
+        if not chosen.shortened or FAR_TISSUE_PRODUCT_SHARE * symmetric.edges <= accuracy:
             return symmetric
-        span = STEP * span if coaxial(scene) or span < room(scene) else np.inf
+        span = SPAN_GROWTH_FACTOR * span if is_coaxial(scene) or span < compute_free_radius(scene) else np.inf
 
 
-def reference_wall(scene: Scene) -> float | None:
+def find_reference_wall(scene: Scene) -> float | None:
     """Return the radius of the reference cylinder in tissue that is not coaxial with the probe, or None."""
-    if coaxial(scene):
+    if is_coaxial(scene):
         return None
     tube = scene.probe.tube_radius
-    if not reaches(room(scene) - tube, BESIDE * tube):
-        near = Words(f"the probe {mm(room(scene) - tube)} from the tissue's edge")
-        raise Refusal("placement", near, f"{least_mm(BESIDE * tube)} or more for solid: the reference cylinder needs room")
-    return body_layout(scene, False, np.inf, None).wall
+    if not is_at_least(compute_free_radius(scene) - tube, MIN_SIDE_TISSUE_RADII * tube):
+        distance = Words(f"the probe {format_mm(compute_free_radius(scene) - tube)} from the tissue's edge")
+        raise Refusal(
+            "placement",
+            distance,
+            f"{format_minimum_mm(MIN_SIDE_TISSUE_RADII * tube)} or more for solid: the reference cylinder needs room",
+        )
+    return build_layout(scene, False, np.inf, None).wall
 
 
-def _compliance(alone: Scene, chosen: Domain, exact: Floats, whole: Exact, accuracy: float) -> tuple[Floats, Exact, float]:
+def _compute_compliance(
+    alone: Scene, chosen: Domain, exact: Floats, whole: Exact, accuracy: float
+) -> tuple[Floats, Exact, float]:
     """Return C of eq. SO.5, the converged film forces of the whole, and the relative effect of far tissue."""
     if chosen.radius is not None:  # edges are meshed: only films and base are left for C
         probe = alone.probe
-        whole = _exact(chosen.reference.model_copy(update={"probe": probe}), SHARE * accuracy)
+        whole = _solve_exact(chosen.reference.model_copy(update={"probe": probe}), SYMMETRIC_ACCURACY_SHARE * accuracy)
     forces = whole.films.forces
     compliance = np.linalg.inv(forces) - np.linalg.inv(exact)
-    return compliance, whole, _edges(alone, chosen, exact, accuracy) if chosen.shortened else 0.0
+    return compliance, whole, _compute_far_tissue_effect(alone, chosen, exact, accuracy) if chosen.shortened else 0.0
 
 
-def _edges(alone: Scene, chosen: Domain, exact: Floats, accuracy: float) -> float:
+def _compute_far_tissue_effect(alone: Scene, chosen: Domain, exact: Floats, accuracy: float) -> float:
     """Return the relative change of the total forces by far tissue, for blocks on a rigid base."""
     bare = alone.model_copy(update={"probe": chosen.reference.probe})
-    with_it = _exact(bare, SHARE * accuracy).films.forces.sum(axis=1)
+    with_it = _solve_exact(bare, SYMMETRIC_ACCURACY_SHARE * accuracy).films.forces.sum(axis=1)
     return float(np.abs(with_it / exact.sum(axis=1) - 1).max())

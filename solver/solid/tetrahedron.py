@@ -22,11 +22,13 @@ from numpy.typing import NDArray
 from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import SolveError
 
-EDGES = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])
-CHUNK = 8192  # elements at once: 60 MB of matrices
-STRAIGHT = 1e-6  # of the longest edge: smaller offsets of mid-edge nodes are neglected
+EDGE_CORNERS = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])
+CHUNK_ELEMENTS = 8192  # elements at once: 60 MB of matrices
+STRAIGHT_TOLERANCE_RELATIVE = 1e-6  # of the longest edge: smaller offsets of mid-edge nodes are neglected
 
-PLACES = np.vstack([np.eye(4), (np.eye(4)[EDGES[:, 0]] + np.eye(4)[EDGES[:, 1]]) / 2])[:, 1:]  # of the nodes, (10, 3)
+NODE_PLACES = np.vstack([np.eye(4), (np.eye(4)[EDGE_CORNERS[:, 0]] + np.eye(4)[EDGE_CORNERS[:, 1]]) / 2])[
+    :, 1:
+]  # of the nodes, (10, 3)
 
 
 @dataclass(frozen=True)
@@ -44,11 +46,11 @@ class Rule:
     slopes: Floats
 
 
-def functions(points: Floats) -> tuple[Floats, Floats]:
+def evaluate_functions(points: Floats) -> tuple[Floats, Floats]:
     """Return values (q, 10) and derivatives (q, 10, 3) of the ten shape functions at points (q, 3)."""
     bary = np.column_stack([1 - points.sum(axis=1), points])
     slope = np.vstack([-np.ones(3), np.eye(3)])  # of the barycentric coordinates
-    a, b = EDGES.T
+    a, b = EDGE_CORNERS.T
     values = np.hstack([bary * (2 * bary - 1), 4 * bary[:, a] * bary[:, b]])
     corner = (4 * bary - 1)[:, :, None] * slope
     edge = 4 * (bary[:, a, None] * slope[b] + bary[:, b, None] * slope[a])
@@ -56,7 +58,7 @@ def functions(points: Floats) -> tuple[Floats, Floats]:
 
 
 @cache
-def rule(curved: bool) -> Rule:
+def build_rule(curved: bool) -> Rule:
     """Return the quadrature rule: 4 points, degree 2, exact for straight elements; 14 points, degree 5, for curved ones.
 
     Source: Keast, Comput. Methods Appl. Mech. Eng. 55 (1986); Walkington's rule of 14 points with positive weights.
@@ -71,23 +73,23 @@ def rule(curved: bool) -> Rule:
             weights_of.append(np.full(4, weight / 6))
         a = 0.045503704125649649492
         middle = np.full((6, 4), a)
-        np.put_along_axis(middle, EDGES, 0.5 - a, axis=1)
+        np.put_along_axis(middle, EDGE_CORNERS, 0.5 - a, axis=1)
         parts.append(middle)
         weights_of.append(np.full(6, 0.042546020777081466438 / 6))
         bary, weights = np.vstack(parts), np.concatenate(weights_of)
-    return Rule(weights, *functions(bary[:, 1:]))
+    return Rule(weights, *evaluate_functions(bary[:, 1:]))
 
 
-def curved(corners_and_middles: Floats) -> NDArray[np.bool_]:
+def find_curved(corners_and_middles: Floats) -> NDArray[np.bool_]:
     """Return the mask of curved elements, nodes (t, 10, 3): mid-edge nodes are off the middles of the chords."""
     x = corners_and_middles
-    ends = x[:, EDGES]
-    off = np.linalg.norm(x[:, 4:] - ends.mean(axis=2), axis=2).max(axis=1)
+    ends = x[:, EDGE_CORNERS]
+    max_offset = np.linalg.norm(x[:, 4:] - ends.mean(axis=2), axis=2).max(axis=1)
     longest = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2).max(axis=1)
-    return np.asarray(off > STRAIGHT * longest)
+    return np.asarray(max_offset > STRAIGHT_TOLERANCE_RELATIVE * longest)
 
 
-def gradients(x: Floats, slopes: Floats) -> tuple[Floats, Floats]:
+def compute_gradients(x: Floats, slopes: Floats) -> tuple[Floats, Floats]:
     """Return gradients g (t, q, 10, 3) and Jacobians (t, q) of elements with nodes x (t, 10, 3), for slopes (q, 10, 3).
 
     Raises:
@@ -101,25 +103,25 @@ def gradients(x: Floats, slopes: Floats) -> tuple[Floats, Floats]:
     return slopes @ (cofactors / jacobian[..., None, None]), jacobian
 
 
-def integrated(x: Floats) -> Iterator[tuple[Ints, Floats, Floats, Floats]]:
+def iterate_quadrature(x: Floats) -> Iterator[tuple[Ints, Floats, Floats, Floats]]:
     """Yield chunks of elements with nodes x (t, 10, 3): indices, functions (q, 10), gradients (n, q, 10, 3), weights (n, q)."""
-    bent = curved(x)
+    bent = find_curved(x)
     for kind in (False, True):
-        number, points = np.flatnonzero(bent == kind), rule(kind)
-        for start in range(0, len(number), CHUNK):
-            some = number[start : start + CHUNK]
-            g, jacobian = gradients(x[some], points.slopes)
-            yield some, points.values, g, jacobian * points.weights
+        number, points = np.flatnonzero(bent == kind), build_rule(kind)
+        for start in range(0, len(number), CHUNK_ELEMENTS):
+            selection = number[start : start + CHUNK_ELEMENTS]
+            g, jacobian = compute_gradients(x[selection], points.slopes)
+            yield selection, points.values, g, jacobian * points.weights
 
 
-def grams(g: Floats, weight: Floats) -> Floats:
+def compute_grams(g: Floats, weight: Floats) -> Floats:
     """Return G of eq. SO.1, shape (n, 30, 30), from gradients g (n, q, 10, 3) and weights (n, q)."""
     n, q = weight.shape
     root = (g * np.sqrt(weight)[..., None, None]).reshape(n, q, 30)
     return np.asarray(root.transpose(0, 2, 1) @ root)
 
 
-def mean_dilation(g: Floats, weight: Floats) -> Floats:
+def compute_mean_dilation(g: Floats, weight: Floats) -> Floats:
     """Return the matrix that lambda multiplies if an element's dilation is its mean: Int g_ai dV Int g_bj dV / V, (n, 30, 30)."""
     total = np.einsum("nqai,nq->nai", g, weight).reshape(len(g), 30)
     return np.asarray(total[:, :, None] * (total / weight.sum(axis=1)[:, None])[:, None])

@@ -13,18 +13,18 @@ from typing import Any
 import numpy as np
 
 from geometry.common.arrays import Floats
-from solver.closed_form.contact import NODES_PER_WAVE, REACH
-from solver.closed_form.inclusions import moment_form
-from solver.closed_form.layer import waves
-from solver.closed_form.layered_spheres import inside
-from solver.closed_form.off_axis import shifted_waves
-from solver.closed_form.surface_images import ALL, SphereArray, nearby
-from solver.closed_form.tractions import between_waves
-from solver.inclusions.eshelby import strengths
-from solver.tumour_waves.population import TumourDraws, stack
+from solver.closed_form.contact import INTEGRAL_REACH, NODES_PER_WAVE
+from solver.closed_form.inclusions import build_moment_form
+from solver.closed_form.layer import solve_waves
+from solver.closed_form.layered_spheres import build_sphere_in_layer
+from solver.closed_form.off_axis import shift_waves
+from solver.closed_form.surface_images import ALL_MOMENTS, SphereArray, compute_sphere_waves
+from solver.closed_form.tractions import build_wave_rule
+from solver.inclusions.eshelby import compute_strengths
+from solver.tumour_waves.population import TumourDraws, build_layers
 
-MOST = 160  # maximum number of wave numbers
-LEAST_WAY = 0.2  # of a sphere's radius: minimum distance to a face for the choice of wave numbers
+MAX_WAVE_NUMBERS = 160  # maximum number of wave numbers
+MIN_PATH_RADII = 0.2  # of a sphere's radius: minimum distance to a face for the choice of wave numbers
 ON_AXIS = 1e-6  # m: smaller offsets count as this one; off-axis moments tend to those on the axis
 
 
@@ -45,7 +45,7 @@ class Moments:
     form_by_log: Floats
 
 
-def moments(draws: TumourDraws, positions: Floats, widest: float) -> Moments:
+def compute_moments(draws: TumourDraws, positions: Floats, widest: float) -> Moments:
     """Compute the moments about spheres under the waves of a probe.
 
     Args:
@@ -53,42 +53,48 @@ def moments(draws: TumourDraws, positions: Floats, widest: float) -> Moments:
         positions: x and y of the probe's axis, m, shape (P, 2).
         widest: outer radius of the widest probe, m.
     """
-    apart = np.hypot(draws.x[:, None] - positions[:, 0], draws.y[:, None] - positions[:, 1])
-    k, weight = _wave_numbers(draws, widest + float(apart.max(initial=0.0)))
-    kinds = np.empty((2, len(draws.radius), len(positions), ALL, len(k)))
+    axis_distance = np.hypot(draws.x[:, None] - positions[:, 0], draws.y[:, None] - positions[:, 1])
+    k, weight = _choose_wave_numbers(draws, widest + float(axis_distance.max(initial=0.0)))
+    kinds = np.empty((2, len(draws.radius), len(positions), ALL_MOMENTS, len(k)))
     for layer in np.unique(draws.layers):
         which = np.flatnonzero(draws.layers == layer)
-        near = _of_layer(draws.of(which), int(layer), k, weight)
+        layer_moments = _compute_layer_moments(draws.select(which), int(layer), k, weight)
         for p in range(len(positions)):
-            share = shifted_waves(np.broadcast_to(k, (len(which), len(k))), np.maximum(apart[which, p], ON_AXIS))
-            kinds[:, which, p] = near * share
+            share = shift_waves(np.broadcast_to(k, (len(which), len(k))), np.maximum(axis_distance[which, p], ON_AXIS))
+            kinds[:, which, p] = layer_moments * share
     pressed, sheared = kinds.reshape(2, len(draws.radius), -1, len(k))
     modulus, poisson = draws.hosts
     volume = (4 * np.pi / 3 * draws.radius**3)[:, None, None]
-    whole, by_log = strengths(modulus, poisson, draws.youngs_modulus, draws.poisson_ratio)
-    return Moments(k, pressed, sheared, volume * moment_form(*whole, ALL), volume * moment_form(*by_log, ALL))
+    whole, by_log = compute_strengths(modulus, poisson, draws.youngs_modulus, draws.poisson_ratio)
+    return Moments(
+        k, pressed, sheared, volume * build_moment_form(*whole, ALL_MOMENTS), volume * build_moment_form(*by_log, ALL_MOMENTS)
+    )
 
 
-def _wave_numbers(draws: TumourDraws, across: float) -> tuple[Floats, Floats]:
+def _choose_wave_numbers(draws: TumourDraws, across: float) -> tuple[Floats, Floats]:
     """Choose wave numbers, 1/m, and weights k dk for the shallowest sphere, within what the nodes resolve."""
-    way = np.maximum(draws.depth - 0.8 * draws.radius, LEAST_WAY * draws.radius)
-    reach = min(REACH / float(way.min()), (MOST - 8) / (NODES_PER_WAVE * across))
-    share, weight = between_waves(min(MOST, 2 * int(np.ceil((8 + NODES_PER_WAVE * reach * across) / 2))))
+    way = np.maximum(draws.depth - 0.8 * draws.radius, MIN_PATH_RADII * draws.radius)
+    reach = min(INTEGRAL_REACH / float(way.min()), (MAX_WAVE_NUMBERS - 8) / (NODES_PER_WAVE * across))
+    share, weight = build_wave_rule(min(MAX_WAVE_NUMBERS, 2 * int(np.ceil((8 + NODES_PER_WAVE * reach * across) / 2))))
     k = reach * share
     return k, k * reach * weight
 
 
-def _of_layer(draws: TumourDraws, layer: int, k: Floats, weight: Floats) -> Floats:
+def _compute_layer_moments(draws: TumourDraws, layer: int, k: Floats, weight: Floats) -> Floats:
     """Compute moments about the axes of the spheres in one layer, times k dk / 2 mu, shape (2, m, moments, q)."""
     sphere = SphereArray(
         draws.radius, draws.depth, draws.depth, draws.youngs_modulus, draws.poisson_ratio, on_axis=False, layer=layer
     )
-    many, host, nu = np.repeat(k[None], len(draws.radius), axis=0), *draws.hosts
-    near: Any
+    wave_numbers, host, nu = np.repeat(k[None], len(draws.radius), axis=0), *draws.hosts
+    sphere_waves: Any
     if len(draws.tissue) == 1 and not draws.bounded:
-        near = nearby(sphere, waves(many, None, nu))
+        sphere_waves = compute_sphere_waves(sphere, solve_waves(wave_numbers, None, nu))
     else:
-        near = inside(
-            sphere, many, np.repeat(weight[None], len(many), axis=0), stack(draws.tissue, draws.bounded), draws.bounded
-        ).near
-    return np.stack(near.moments) * (weight * ((1 + nu) / host)[:, None])[None, :, None, :]
+        sphere_waves = build_sphere_in_layer(
+            sphere,
+            wave_numbers,
+            np.repeat(weight[None], len(wave_numbers), axis=0),
+            build_layers(draws.tissue, draws.bounded),
+            draws.bounded,
+        ).sphere_waves
+    return np.stack(sphere_waves.moments) * (weight * ((1 + nu) / host)[:, None])[None, :, None, :]

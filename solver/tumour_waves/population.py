@@ -37,7 +37,7 @@ class TumourDraws:
         faces = np.cumsum(self.tissue[:-1, 0], axis=0)
         return np.asarray((faces <= self.depth).sum(axis=0))
 
-    def of(self, which: Ints) -> TumourDraws:
+    def select(self, which: Ints) -> TumourDraws:
         """Return some of the draws."""
         return TumourDraws(
             self.radius[which],
@@ -60,12 +60,12 @@ class TumourDraws:
     def tissues(self) -> tuple[Floats, Ints]:
         """The tissues that differ, shape (layers + 1, 3, u), and which of them each draw has, shape (m,)."""
         flat = self.tissue.reshape(-1, len(self.radius))
-        found, which = np.unique(flat, axis=1, return_inverse=True)
-        return found.reshape(*self.tissue.shape[:2], -1), np.asarray(which).reshape(-1)
+        distinct, which = np.unique(flat, axis=1, return_inverse=True)
+        return distinct.reshape(*self.tissue.shape[:2], -1), np.asarray(which).reshape(-1)
 
 
-def stack(tissue: Floats, bounded: bool) -> list[TissueLayer]:
+def build_layers(tissue: Floats, bounded: bool) -> list[TissueLayer]:
     """Build the layers of n tissues given as an array (layers + 1, 3, n)."""
-    *above, (depth, modulus, poisson) = tissue
-    thicknesses = sum((layer[0] for layer in above), start=0 * depth)
-    return [TissueLayer(*layer) for layer in above] + [TissueLayer(depth - thicknesses if bounded else None, modulus, poisson)]
+    *upper, (depth, modulus, poisson) = tissue
+    thicknesses = sum((layer[0] for layer in upper), start=0 * depth)
+    return [TissueLayer(*layer) for layer in upper] + [TissueLayer(depth - thicknesses if bounded else None, modulus, poisson)]

@@ -22,9 +22,9 @@ from geometry.common.arrays import Floats, Ints
 from solver.closed_form.bessel import Array
 from solver.closed_form.block_compliance import ElasticBlocks
 from solver.closed_form.contact import ContactSolution, Tissue, solve_contact
-from solver.closed_form.tractions import long_waves
+from solver.closed_form.tractions import transform_long_waves
 from solver.layers.stack import TissueLayer
-from solver.tumour_waves.moments import Moments, moments
+from solver.tumour_waves.moments import Moments, compute_moments
 from solver.tumour_waves.population import TumourDraws
 
 FLOOR_NODES = 16
@@ -71,75 +71,75 @@ class ManyTumours:
     layer_nodes: int
 
     @classmethod
-    def of(
+    def from_draws(
         cls, draws: TumourDraws, positions: Floats, widest: float, *, bonded: bool, side: tuple[float, int], layer_nodes: int
     ) -> ManyTumours:
         """Compute what does not depend on the probe."""
         tissues, which = draws.tissues
-        found = moments(draws, positions, widest)
-        return cls(draws, found, tissues, which, draws.bounded, bonded, side, layer_nodes)
+        draw_moments = compute_moments(draws, positions, widest)
+        return cls(draws, draw_moments, tissues, which, draws.bounded, bonded, side, layer_nodes)
 
-    def films(self, probes: Array) -> Films:
+    def compute_films(self, probes: Array) -> Films:
         """Compute the film forces of n probes, eq. TW.1.
 
         Args:
             probes: the parameters ``closed_form.designs.PROBE_PARAMETERS``, a column for each, floats or complex, shape (9, n).
         """
-        parts = [self._films(probes[:, k : k + self._chunk]) for k in range(0, probes.shape[1], self._chunk)]
+        parts = [self._compute_chunk(probes[:, k : k + self._chunk]) for k in range(0, probes.shape[1], self._chunk)]
         return Films(*(np.concatenate([getattr(part, key) for part in parts]) for key in ("without", "change", "by_log")))
 
     @property
     def _chunk(self) -> int:
         return max(1, MOST_PAIRS // int(self.tissues.shape[2]))
 
-    def _films(self, probes: Array) -> Films:
+    def _compute_chunk(self, probes: Array) -> Films:
         n, u = probes.shape[1], self.tissues.shape[2]
-        base = self._alone(np.repeat(probes, u, axis=1), np.tile(self.tissues, n))
-        blocks = _blocks(probes)
+        base = self._solve_without_tumours(np.repeat(probes, u, axis=1), np.tile(self.tissues, n))
+        blocks = _build_blocks(probes)
         k = np.repeat(self.moments.k[None], n, axis=0)
-        kinds = long_waves(blocks, k, self.bonded)
+        kinds = transform_long_waves(blocks, k, self.bonded)
         tractions = base.tractions.reshape(n, u, -1, 2)
         pressures = kinds[0].shape[2]
         sent = [wave[:, None] @ part for wave, part in zip(kinds, np.split(tractions, [pressures], axis=2), strict=True)]
-        together = self._arrived(*sent)  # (m, P, moments, n, 2)
+        together = self._compute_moments(*sent)  # (m, P, moments, n, 2)
         total = together.sum(axis=-1, keepdims=True)
         forms = (self.moments.form, self.moments.form_by_log)
-        change, by_log = (np.moveaxis((_times(form, total) * together).sum(axis=2), 2, 0) for form in forms)
-        without = base.forces.sum(axis=2).reshape(n, u, 2)[:, self.which]
-        return Films(without, change, by_log)
+        change, by_log = (np.moveaxis((_apply_forms(form, total) * together).sum(axis=2), 2, 0) for form in forms)
+        baseline = base.forces.sum(axis=2).reshape(n, u, 2)[:, self.which]
+        return Films(baseline, change, by_log)
 
-    def _alone(self, probes: Array, tissues: Floats) -> ContactSolution:
+    def _solve_without_tumours(self, probes: Array, tissues: Floats) -> ContactSolution:
         """Solve eq. CF.12 for pairs of probe and tissue without tumours, a pair in each column."""
-        *above, (depth, modulus, poisson) = tissues
-        layers = tuple(TissueLayer(*layer) for layer in above)
+        *upper, (depth, modulus, poisson) = tissues
+        layers = tuple(TissueLayer(*layer) for layer in upper)
         side = np.full(probes.shape[1], self.side[0])
         tissue = Tissue(depth if self.bounded else None, modulus, poisson, side, layers)
         settings: dict[str, Any] = {"nodes": FLOOR_NODES, "side_nodes": self.side[1], "layer_nodes": self.layer_nodes}
-        return solve_contact(_blocks(probes), tissue, (), target=None, bonded=self.bonded, **settings)
+        return solve_contact(_build_blocks(probes), tissue, (), target=None, bonded=self.bonded, **settings)
 
-    def _arrived(self, pressed: Array, sheared: Array) -> Array:
+    def _compute_moments(self, pressed: Array, sheared: Array) -> Array:
         """Compute moments about each sphere under each block from waves (n, u, q, 2), shape (m, P, moments, n, 2)."""
         n = len(pressed)
         m, rows, _ = self.moments.pressed.shape
-        found: Any = 0.0
+        moments: Any = 0.0
         for kernel, sent in ((self.moments.pressed, pressed), (self.moments.sheared, sheared)):
             columns = np.ascontiguousarray(np.moveaxis(sent, 0, 2)).reshape(sent.shape[1], sent.shape[2], -1)  # (u, q, 2 n)
-            found = found + _real_times(kernel, columns, self.which)
-        return found.reshape(m, -1, self.moments.form.shape[1], n, 2) if rows else found
+            moments = moments + _multiply_real(kernel, columns, self.which)
+        return moments.reshape(m, -1, self.moments.form.shape[1], n, 2) if rows else moments
 
 
-def _blocks(probes: Array) -> tuple[ElasticBlocks, ElasticBlocks]:
+def _build_blocks(probes: Array) -> tuple[ElasticBlocks, ElasticBlocks]:
     r2, gap, ro, hi, ho, ei, ni, eo, no = probes
     return ElasticBlocks(None, r2, hi, ei, ni), ElasticBlocks(r2 + gap, ro, ho, eo, no)
 
 
-def _times(form: Floats, vectors: Array) -> Array:
+def _apply_forms(form: Floats, vectors: Array) -> Array:
     """Multiply matrices (m, i, j) by vectors (m, P, j, n, 1)."""
     m, P, size, n, _ = vectors.shape
-    return _real_times(form[:, None], vectors.reshape(m, P, size, n), None).reshape(m, P, size, n, 1)
+    return _multiply_real(form[:, None], vectors.reshape(m, P, size, n), None).reshape(m, P, size, n, 1)
 
 
-def _real_times(real: Floats, columns: Array, which: Ints | None) -> Array:
+def _multiply_real(real: Floats, columns: Array, which: Ints | None) -> Array:
     """Multiply real matrices by columns, perhaps complex, as one real product; ``which`` selects the columns of each matrix."""
     parts = columns.view(float) if np.iscomplexobj(columns) else columns
     if which is not None and len(parts) == 1:

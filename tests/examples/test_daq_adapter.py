@@ -23,6 +23,6 @@ def test_adapter_records_what_read_reads(tmp_path: Path) -> None:
     np.testing.assert_allclose(amplitudes, [8e-5, 12e-5], rtol=1e-3)
     ended = program.run("read", SCENE, "--replay", tmp_path / "run.h5", "--json")
     assert ended.returncode == 0, ended.stderr
-    found = json.loads(ended.stdout)
+    output = json.loads(ended.stdout)
     # charges are as 2 to 3, and A2/A1 = 1.2 in the scene
-    assert abs(found["ratio"] - 2 / 3 / 1.2) < 1e-3
+    assert abs(output["ratio"] - 2 / 3 / 1.2) < 1e-3

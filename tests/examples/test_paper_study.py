@@ -30,8 +30,8 @@ QUICK = "equivalent-inclusion"
 
 
 def test_order_of_positions() -> None:
-    assert paper_order.order(published_table.printed_ratios(signed=False), {}) == "1 < 2 < 3 < 4"
-    assert paper_order.order(published_table.printed_ratios(signed=True), {}) == "4 < 1 < 2 < 3"
+    assert paper_order.order(published_table.get_printed_ratios(signed=False), {}) == "1 < 2 < 3 < 4"
+    assert paper_order.order(published_table.get_printed_ratios(signed=True), {}) == "4 < 1 < 2 < 3"
     ours, bounds = {1: 1.0, 2: 1.1, 3: 2.0, 4: 1.01}, dict.fromkeys(range(1, 5), 0.01)
     assert paper_order.order(ours, bounds) == "1 ~ 4 < 2 < 3"
     pairs = paper_order.agreed(ours, bounds)
@@ -48,23 +48,23 @@ def test_four_scenes_of_the_study(study: Scene) -> None:
     assert (study.tissue.length, study.tissue.breadth, study.tissue.depth) == pytest.approx((0.1, 0.08, 0.06))
     assert [body.diameter for body in study.inclusion] == pytest.approx([0.008, 0.005])
     assert study.probe.inner_area / study.probe.outer_area == pytest.approx(published_table.AREA_RATIO)
-    found = paper_study.scenes(study)
-    assert list(found) == list(published_table.PLACES) == list(published_table.TABLE_3)
-    for k, one in found.items():
-        assert Scene.model_validate(one.model_dump()) == one
-        nearest = min(abs(body.x - one.placement.x) for body in one.inclusion)
+    scenes = paper_study.scenes(study)
+    assert list(scenes) == list(published_table.POSITION_NAMES) == list(published_table.TABLE_3)
+    for k, scene in scenes.items():
+        assert Scene.model_validate(scene.model_dump()) == scene
+        nearest = min(abs(body.x - scene.placement.x) for body in scene.inclusion)
         assert nearest == pytest.approx({1: 0.015, 2: 0.0, 3: 0.0, 4: 0.025}[k], abs=1e-12)
 
 
 def test_one_solution_serves_three_loads(study: Scene) -> None:
     """Solutions at one load and ten times that are as far apart as the table takes them to be."""
-    on = paper_study.scenes(study)[3]
-    pressed = [on.model_copy(update={"load": on.load.model_copy(update={"force": f})}) for f in (1e-4, 1e-3)]
-    one, ten = (paper_study.at_one_newton(evaluate(scene, QUICK, 0.05), scene) for scene in pressed)
-    assert paper_study.loaded(one, 10.0) == pytest.approx(paper_study.loaded(ten, 10.0), rel=1e-9)
-    assert one.stress_inner is not None
-    assert one.stress_outer is not None
-    total = one.stress_inner * on.probe.inner_area + one.stress_outer * on.probe.outer_area
+    scene_at = paper_study.scenes(study)[3]
+    pressed = [scene_at.model_copy(update={"load": scene_at.load.model_copy(update={"force": f})}) for f in (1e-4, 1e-3)]
+    small, ten = (paper_study.at_one_newton(evaluate(scene, QUICK, 0.05), scene) for scene in pressed)
+    assert paper_study.loaded(small, 10.0) == pytest.approx(paper_study.loaded(ten, 10.0), rel=1e-9)
+    assert small.stress_inner is not None
+    assert small.stress_outer is not None
+    total = small.stress_inner * scene_at.probe.inner_area + small.stress_outer * scene_at.probe.outer_area
     assert total == pytest.approx(1.0, rel=1e-9)
 
 
@@ -79,16 +79,16 @@ def test_each_position_is_solved_once(study: Scene, monkeypatch: pytest.MonkeyPa
 
     monkeypatch.setattr(paper_study, "evaluate", solved)
     assert paper_study.main(["--json"]) == 0
-    out, err = capsys.readouterr()
+    output, err = capsys.readouterr()
     assert seen == list(paper_study.scenes(study).values())
-    assert [row["stress_inner"] for row in json.loads(out)["positions"][3]["ours"]] == pytest.approx([12e3, 60e3, 120e3])
+    assert [row["stress_inner"] for row in json.loads(output)["positions"][3]["ours"]] == pytest.approx([12e3, 60e3, 120e3])
     assert "position 4 of 4: meshing" in err
 
 
 def test_notes_without_a_ratio() -> None:
-    none = dict.fromkeys(range(1, 5), Result(QUICK, 0.0))
-    assert any("ours unknown" in line for line in paper_notes.notes(none))
-    assert paper_study.loaded(replace(none[1], ratio=2.0), 5.0) == (None, None, 2.0, None)
+    results = dict.fromkeys(range(1, 5), Result(QUICK, 0.0))
+    assert any("ours unknown" in line for line in paper_notes.notes(results))
+    assert paper_study.loaded(replace(results[1], ratio=2.0), 5.0) == (None, None, 2.0, None)
 
 
 def run(*arguments: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
@@ -100,28 +100,28 @@ def run(*arguments: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
 def test_as_a_user_runs_it(tmp_path: Path) -> None:
     ended = run("--evaluator", QUICK, "--accuracy", "0.05", "--json", "--plot", "study.png", cwd=tmp_path)
     assert ended.returncode == 0, ended.stderr
-    found = json.loads(ended.stdout)
-    assert [one["position"] for one in found["positions"]] == [1, 2, 3, 4]
-    for one in found["positions"]:
-        assert [row["ratio"] for row in one["ours"]] == [one["result"]["ratio"]] * 3
-        assert one["ours"][2]["stress_inner"] == pytest.approx(10 * one["result"]["stress_inner"])
-    ratio = [one["result"]["ratio"] for one in found["positions"]]
+    output = json.loads(ended.stdout)
+    assert [position["position"] for position in output["positions"]] == [1, 2, 3, 4]
+    for position in output["positions"]:
+        assert [row["ratio"] for row in position["ours"]] == [position["result"]["ratio"]] * 3
+        assert position["ours"][2]["stress_inner"] == pytest.approx(10 * position["result"]["stress_inner"])
+    ratio = [position["result"]["ratio"] for position in output["positions"]]
     assert ratio[0] < ratio[1] < ratio[2]
     assert ratio[3] == pytest.approx(ratio[0], rel=0.005)
     assert matplotlib.image.imread(tmp_path / "study.png").shape[0] > 400
 
 
 def test_tables_and_refusal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    one = Result(
+    result = Result(
         "solid", 1.0, 12.59e3, 0.5157e3, 24.42, 1e-3, 13.0, error_estimate=0.004, warnings=(Note("accuracy", "a warning"),)
     )
-    monkeypatch.setattr(paper_study, "solved", lambda *_: dict.fromkeys(range(1, 5), one))
+    monkeypatch.setattr(paper_study, "solved", lambda *_: dict.fromkeys(range(1, 5), result))
     assert paper_study.main([]) == 0
-    out, _ = capsys.readouterr()
+    output, _ = capsys.readouterr()
     for text in ("26.59134", "0.2578", "-, printed as +", "125.9", "Can be compared, linearity", "Cannot be compared, loads"):
-        assert text in out
-    assert out.count("solid: a warning") == 1
+        assert text in output
+    assert output.count("solid: a warning") == 1
     assert paper_study.main(["--plot", "study.xyz"]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
+    output, err = capsys.readouterr()
+    assert output == ""
     assert err.count("\n") == 1

@@ -18,21 +18,21 @@ from hw.common.samples import Gap
 from hw.common.transport import Chunk
 from hw.reader import Reader
 from hw.simulation.firmware import Fault, Kind
-from hw.simulation.virtual import virtual
+from hw.simulation.virtual import make_virtual_probe
 from hw.usb.transport import Patience
-from hw.wire.frames import HIGHEST, LOWEST
+from hw.wire.frames import MAX_CODE, MIN_CODE
 from tests.support.hw.virtual_probes import LOST, RATE, SCALE, probe, read, right
 
 
 @pytest.mark.parametrize("packet", [64, 511, 512, 513, 1024])
 def test_every_sample_once(packet: int) -> None:
-    found = read(probe(packet=packet), 1.0)
-    np.testing.assert_array_equal(found.index, np.arange(100_000))
-    assert right(found)
-    assert found.whole() is found
-    assert (found.rate, found.channels) == (RATE, ("inner", "outer"))
-    assert (found.source["transport"], found.source["serial"]) == ("virtual", "V1")
-    assert found.source["scale"] == [SCALE, SCALE]
+    samples = read(probe(packet=packet), 1.0)
+    np.testing.assert_array_equal(samples.index, np.arange(100_000))
+    assert right(samples)
+    assert samples.require_complete() is samples
+    assert (samples.rate, samples.channels) == (RATE, ("inner", "outer"))
+    assert (samples.source["transport"], samples.source["serial"]) == ("virtual", "V1")
+    assert samples.source["scale"] == [SCALE, SCALE]
 
 
 @pytest.mark.parametrize(
@@ -45,16 +45,16 @@ def test_every_sample_once(packet: int) -> None:
     ],
 )  # fmt: skip
 def test_fault_becomes_a_gap(kind: Kind, count: int, lost: int, reason: str) -> None:
-    found = read(probe(Fault(kind, 70, count, 0.02)), patience=Patience(absence=1.0))
-    assert found.gaps == ((Gap(700, lost, reason),) if lost else ())
-    assert right(found)
-    np.testing.assert_array_equal(found.index, [*range(700), *range(700 + lost, 2000)])
+    samples = read(probe(Fault(kind, 70, count, 0.02)), patience=Patience(absence=1.0))
+    assert samples.gaps == ((Gap(700, lost, reason),) if lost else ())
+    assert right(samples)
+    np.testing.assert_array_equal(samples.index, [*range(700), *range(700 + lost, 2000)])
 
 
 def test_faults_with_data_between_are_borne_for_ever() -> None:
-    found = read(probe(*(Fault("stall", at) for at in range(0, 1000, 100))), 0.2)
-    assert len(found.gaps) == 10
-    assert right(found)
+    samples = read(probe(*(Fault("stall", position) for position in range(0, 1000, 100))), 0.2)
+    assert len(samples.gaps) == 10
+    assert right(samples)
 
 
 def test_frame_whose_checksum_ends_in_a_zero_is_kept_before_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -65,10 +65,10 @@ def test_frame_whose_checksum_ends_in_a_zero_is_kept_before_a_fault(monkeypatch:
 
 
 def test_lost_power_is_a_gap_of_unknown_length() -> None:
-    found = read(probe(Fault("power", 70)))
-    assert [(gap.first, gap.count) for gap in found.gaps] == [(700, -1)]
-    np.testing.assert_array_equal(found.index, [*range(700), *range(701, 2000)])
-    begun_anew = replace(found, index=np.where(found.index > 700, found.index - 701, found.index))
+    samples = read(probe(Fault("power", 70)))
+    assert [(gap.first, gap.count) for gap in samples.gaps] == [(700, -1)]
+    np.testing.assert_array_equal(samples.index, [*range(700), *range(701, 2000)])
+    begun_anew = replace(samples, index=np.where(samples.index > 700, samples.index - 701, samples.index))
     assert right(begun_anew)
 
 
@@ -77,37 +77,37 @@ def test_lost_power_is_a_gap_of_unknown_length() -> None:
 def test_any_faults_give_right_samples_or_gaps(faults: list[tuple[Kind, int, int]], packet: int) -> None:
     source = probe(*(Fault(*fault) for fault in faults), packet=packet)
     try:
-        found = read(source, patience=Patience(attempts=100))
+        samples = read(source, patience=Patience(attempts=100))
     except Timeout:  # the end of the stream may be in a gap, and nothing after it
         pytest.fail("the stream never ends")
-    assert right(found)
-    lost = [np.arange(gap.first, gap.first + gap.count) for gap in found.gaps]
-    covered = np.sort(np.concatenate([found.index, *lost]))
+    assert right(samples)
+    lost = [np.arange(gap.first, gap.first + gap.count) for gap in samples.gaps]
+    covered = np.sort(np.concatenate([samples.index, *lost]))
     np.testing.assert_array_equal(covered, np.arange(len(covered)))
 
 
 def test_saturation_is_marked_where_it_is() -> None:
-    source = virtual(lambda t: np.column_stack([40_000 * np.sin(t * 700), 0 * t]) * SCALE, RATE, "V1", scale=SCALE)
-    found = read(source)
-    truth = 40_000 * np.sin(found.times * 700)
-    np.testing.assert_array_equal(found.saturated[:, 0], (np.rint(truth) >= HIGHEST) | (np.rint(truth) <= LOWEST))
-    assert not found.saturated[:, 1].any()
-    assert found.saturated[:, 0].any()
+    source = make_virtual_probe(lambda t: np.column_stack([40_000 * np.sin(t * 700), 0 * t]) * SCALE, RATE, "V1", scale=SCALE)
+    samples = read(source)
+    truth = 40_000 * np.sin(samples.times * 700)
+    np.testing.assert_array_equal(samples.saturated[:, 0], (np.rint(truth) >= MAX_CODE) | (np.rint(truth) <= MIN_CODE))
+    assert not samples.saturated[:, 1].any()
+    assert samples.saturated[:, 0].any()
 
 
 def test_three_channels_and_another_rate() -> None:
-    source = virtual(lambda t: np.column_stack([t, 2 * t, 3 * t]), RATE, "V1", channels=3, scale=2.0**-10)
+    source = make_virtual_probe(lambda t: np.column_stack([t, 2 * t, 3 * t]), RATE, "V1", channels=3, scale=2.0**-10)
     with Reader.open(source, rate=1000.0) as reader:
-        found = reader.collect(2.0)
-    assert (found.rate, found.channels, len(found)) == (1000.0, ("inner", "outer", "force"), 2000)
-    np.testing.assert_allclose(found.volts, np.arange(2000)[:, None] / 1000 * [1, 2, 3], atol=2.0**-11)
+        samples = reader.collect(2.0)
+    assert (samples.rate, samples.channels, len(samples)) == (1000.0, ("inner", "outer", "force"), 2000)
+    np.testing.assert_allclose(samples.volts, np.arange(2000)[:, None] / 1000 * [1, 2, 3], atol=2.0**-11)
 
 
 def test_calibration_takes_only_whole_samples() -> None:
     with pytest.raises(Overrun, match="ran over 1 times"):
-        read(probe(Fault("overrun", 70))).whole()
+        read(probe(Fault("overrun", 70))).require_complete()
     with pytest.raises(TransferError, match="from index 700 on were lost"):
-        read(probe(Fault("drop", 70))).whole()
+        read(probe(Fault("drop", 70))).require_complete()
 
 
 def test_device_is_stopped_at_the_end() -> None:
@@ -129,9 +129,9 @@ def test_a_board_starts_when_it_is_read() -> None:
 
 def test_a_board_that_was_reset_and_stays_on_the_bus_is_started_again() -> None:
     """It said nothing more, and after 3 s the reading ended."""
-    found = read(probe(Fault("reset", 70)), patience=Patience(silence=0.0))
-    assert [(gap.first, gap.count, gap.reason) for gap in found.gaps] == [(700, -1, "the device was reset")]
-    assert right(replace(found, index=np.where(found.index > 700, found.index - 701, found.index)))
+    samples = read(probe(Fault("reset", 70)), patience=Patience(silence=0.0))
+    assert [(gap.first, gap.count, gap.reason) for gap in samples.gaps] == [(700, -1, "the device was reset")]
+    assert right(replace(samples, index=np.where(samples.index > 700, samples.index - 701, samples.index)))
 
 
 class Counting:
@@ -158,7 +158,7 @@ def test_somebody_reads_while_nobody_fetches() -> None:
     chunks = iter(drain)
     assert next(chunks).data == b"x"
     assert transport.enough.wait(60)
-    assert drain.behind
+    assert drain.is_behind
     assert [len(chunk.data) for chunk in chunks] == list(range(2, 301))
     drain.close()
 
@@ -167,7 +167,7 @@ def test_somebody_reads_while_nobody_fetches() -> None:
 def test_an_interrupt_at_any_point_leaves_nothing_locked() -> None:
     """The thread could wait for ever on a lock that the interrupted reader kept, and whoever closes for the thread."""
     random = np.random.default_rng(1)
-    before = signal.signal(signal.SIGALRM, _interrupted)
+    previous = signal.signal(signal.SIGALRM, _interrupted)
     try:
         for _ in range(30):
             drain = Drain(Endless())
@@ -184,7 +184,7 @@ def test_an_interrupt_at_any_point_leaves_nothing_locked() -> None:
             closing.join(60)
             assert not closing.is_alive()
     finally:
-        signal.signal(signal.SIGALRM, before)
+        signal.signal(signal.SIGALRM, previous)
 
 
 def _interrupted(*_: object) -> None:
@@ -205,6 +205,6 @@ def test_time_stamps_show_a_wrong_rate() -> None:
     for passed, wrong in ((0.05, False), (0.0505, False), (0.05 / 0.9, True), (0.05 / 1.1, True)):
         clock, said = Clock(RATE), None
         for block in blocks:
-            said = clock.told(Chunk(b"", 1, "", passed * int(block.index[-1]) / 5000), block)
+            said = clock.describe_difference(Chunk(b"", 1, "", passed * int(block.index[-1]) / 5000), block)
         assert (said is not None) == wrong
         assert said is None or "samples a second, not the stated 100000" in said

@@ -19,8 +19,8 @@ import hw
 import probe_design
 import solver
 from geometry.common.errors import InputError
-from geometry.provenance.block import provenance
-from geometry.provenance.texts import block_of
+from geometry.provenance.block import build_provenance
+from geometry.provenance.texts import read_block
 from geometry.scenes.scene_file import read_scene
 from probe_design import curve, detectability, estimate, evaluate, export, load, scan, sweep
 from tests.support.paths import SCENE
@@ -91,8 +91,8 @@ def test_help_page_has_the_functions() -> None:
 @pytest.mark.parametrize("package", [probe_design, solver, hw, geometry])
 def test_help_begins_with_what_a_user_calls(package: Any) -> None:
     """Before the rooms, which pydoc lists of any package, stands each name that the package offers."""
-    told = pydoc.render_doc(package, renderer=pydoc.plaintext).partition("\nPACKAGE CONTENTS\n")[0]
-    assert [name for name in package.__all__ if not re.search(rf"\b{name}\b", told)] == []
+    text = pydoc.render_doc(package, renderer=pydoc.plaintext).partition("\nPACKAGE CONTENTS\n")[0]
+    assert [name for name in package.__all__ if not re.search(rf"\b{name}\b", text)] == []
 
 
 def test_bare_import_is_light() -> None:
@@ -116,44 +116,44 @@ def test_a_result_shows_its_numbers() -> None:
 
 
 def test_scan_as_arrays_and_picture() -> None:
-    found = scan(SCENE, positions=[-8e-3, 0.0], accuracy=0.1)
-    data = found.to_dataset()
+    line = scan(SCENE, positions=[-8e-3, 0.0], accuracy=0.1)
+    data = line.to_dataset()
     assert data["ratio"].dims == ("position",)
-    assert data["ratio"].values.tolist() == list(found.ratio)
+    assert data["ratio"].values.tolist() == list(line.ratio)
     assert {name: data[name].attrs["units"] for name in ("position", "stiffness", "stress_inner")} == {
         "position": "m", "stiffness": "N/m", "stress_inner": "Pa"
     }  # fmt: skip
-    assert json.loads(data.attrs["provenance"])["scene"] == found.provenance["scene"]
-    assert len(found.plot().axes) == 3
-    assert "scene" not in found.as_dict()
-    assert f"{found.ratio[0]:.6g}" in Cells(found._repr_html_()).cells
+    assert json.loads(data.attrs["provenance"])["scene"] == line.provenance["scene"]
+    assert len(line.plot().axes) == 3
+    assert "scene" not in line.as_dict()
+    assert f"{line.ratio[0]:.6g}" in Cells(line._repr_html_()).cells
 
 
 def test_map_as_arrays_and_picture() -> None:
-    found = detectability(SCENE, depths=[8e-3, 4e-2], diameters=[4e-3, 6e-2, 6.5e-2])
-    data = found.to_dataset()
+    mapped = detectability(SCENE, depths=[8e-3, 4e-2], diameters=[4e-3, 6e-2, 6.5e-2])
+    data = mapped.to_dataset()
     assert data["seen"].dims == ("depth", "diameter")
     assert np.isnan(data["change"].values[1, 2])  # does not fit
-    assert data["change"].values[0, 0] == found.change[0][0]
-    assert found.plot().axes
+    assert data["change"].values[0, 0] == mapped.change[0][0]
+    assert mapped.plot().axes
 
 
 def test_curve_as_arrays_and_picture() -> None:
-    found = curve(SCENE, [1e3, 1e5])
-    data = found.to_dataset()
-    assert data["ratio"].sel(youngs_modulus=1e5) == found.ratio[1]
+    modulus_curve = curve(SCENE, [1e3, 1e5])
+    data = modulus_curve.to_dataset()
+    assert data["ratio"].sel(youngs_modulus=1e5) == modulus_curve.ratio[1]
     assert data["youngs_modulus"].attrs["units"] == "Pa"
-    assert len(found.plot().axes) == 2
+    assert len(modulus_curve.plot().axes) == 2
 
 
 @pytest.mark.slow
 def test_load_as_arrays_and_picture() -> None:
-    found = load(SCENE, force=0.02, points=2)
-    data = found.to_dataset()
+    path = load(SCENE, force=0.02, points=2)
+    data = path.to_dataset()
     assert data["indentation"].dims == ("force",)
     assert data["closest_walls"].attrs["units"] == "m"
-    assert data["indentation"].values.tolist() == list(found.indentation)
-    assert len(found.plot().axes) == 3
+    assert data["indentation"].values.tolist() == list(path.indentation)
+    assert len(path.plot().axes) == 3
 
 
 def test_estimate_needs_one_way_to_readings() -> None:
@@ -162,10 +162,10 @@ def test_estimate_needs_one_way_to_readings() -> None:
 
 
 def test_estimate_is_the_command_line_s() -> None:
-    found = estimate(SCENE, ratio=0.62, noise=0.05)
-    told = json.loads(run("estimate", SCENE, "--ratio", "0.62", "--noise", "0.05", "--json").stdout)
-    assert told["interval"] == list(found.interval)
-    assert "unknown" in Cells(found._repr_html_()).cells
+    estimated = estimate(SCENE, ratio=0.62, noise=0.05)
+    output = json.loads(run("estimate", SCENE, "--ratio", "0.62", "--noise", "0.05", "--json").stdout)
+    assert output["interval"] == list(estimated.interval)
+    assert "unknown" in Cells(estimated._repr_html_()).cells
 
 
 def test_sweep_as_arrays(tmp_path: Any) -> None:
@@ -182,6 +182,6 @@ def test_export_writes_what_the_command_writes(tmp_path: Any) -> None:
     assert {"assembly.step", "parts.json", "outer.pdf", "mould-inner-upper.step", "bill-of-materials.csv"} <= names
     assert made.rounding is not None
     assert made.scene.probe.tube_radius == pytest.approx(5.5e-3)
-    assert block_of(tmp_path / "parts")[0]["scene"] == provenance(read_scene(SCENE))["scene"]
+    assert read_block(tmp_path / "parts")[0]["scene"] == build_provenance(read_scene(SCENE))["scene"]
     with pytest.raises(InputError, match="another design"):
         export(SCENE, tmp_path / "parts")

@@ -8,50 +8,54 @@ from pathlib import Path
 import pytest
 
 from solver.closed_form import bessel
-from solver.inclusions.solid_harmonics import SolidHarmonics, _recursion, derivatives
-from solver.linalg.workspace import size
-from solver.multiple_scattering.rings import AzimuthalGrid, _waves, turns
-from solver.multiple_scattering.solve import ANGLES, DEGREES, ORDERS
+from solver.inclusions.solid_harmonics import SolidHarmonics, _build_recursion, build_derivatives
+from solver.linalg.workspace import measure_bytes
+from solver.multiple_scattering.rings import AzimuthalGrid, _compute_waves, build_turn_matrices
+from solver.multiple_scattering.solve import ANGLE_LIMITS, DEGREE_LIMITS, MAX_MODE_ORDER
 from tests.support.imports import module, sources
 
 KEEPERS = {"cache", "lru_cache"}
 CONSTANT = {  # one value, or one for each of a few numbers of points
-    "solver.closed_form.bessel._stored": "the stored table",
-    "solver.closed_form.block_functions._axial_table": "two tables of 1 MB at most",
-    "solver.closed_form.block_functions._disc": "two sets of some hundred numbers",
-    "solver.closed_form.block_functions._wall_table": "two tables of 0.3 MB at most",
-    "solver.closed_form.half_space._upper": "at most 4 lists of pairs",
-    "solver.closed_form.lateral_boundary._shares": "at most 16 rules of Gauss",
-    "solver.closed_form.off_axis._pairs": "at most 4 lists of pairs",
-    "solver.closed_form.tractions.between_waves": "at most 64 rules of Gauss",
-    "solver.closed_form.error_bound.weights": "the stored weights",
-    "solver.equivalent_inclusion.first_order._sphere": "at most 8 rules",
-    "solver.equivalent_inclusion.first_order.half_ball": "at most 8 rules",
-    "solver.linalg.cholesky.pardiso": "a module",
-    "solver.linalg.conjugate_gradients._rslab": "a module",
+    "solver.closed_form.bessel._load_stored_values": "the stored table",
+    "solver.closed_form.block_functions._build_axial_table": "two tables of 1 MB at most",
+    "solver.closed_form.block_functions._compute_disc_integrals": "two sets of some hundred numbers",
+    "solver.closed_form.block_functions._build_wall_table": "two tables of 0.3 MB at most",
+    "solver.closed_form.half_space._index_upper_triangle": "at most 4 lists of pairs",
+    "solver.closed_form.lateral_boundary._build_wave_rule": "at most 16 rules of Gauss",
+    "solver.closed_form.off_axis._build_pairs": "at most 4 lists of pairs",
+    "solver.closed_form.tractions.build_wave_rule": "at most 64 rules of Gauss",
+    "solver.closed_form.error_bound.read_weights": "the stored weights",
+    "solver.equivalent_inclusion.first_order._build_half_sphere": "at most 8 rules",
+    "solver.equivalent_inclusion.first_order.build_half_ball": "at most 8 rules",
+    "solver.linalg.cholesky.load_pardiso": "a module",
+    "solver.linalg.conjugate_gradients._load_rslab": "a module",
     "solver.linalg.memory.keep_freed": "nothing",
-    "solver.linalg.threads._controller": "the libraries' names",
-    "solver.linalg.workspace.of_process": "the workspace",
-    "solver.multiple_scattering.solve._same": "at most 64 names of modes, 0.1 MB each with all their labels",
-    "solver.solid.tetrahedron.rule": "two rules",
+    "solver.linalg.threads._get_controller": "the libraries' names",
+    "solver.linalg.workspace.get_process_workspace": "the workspace",
+    "solver.multiple_scattering.solve._share_modes": "at most 64 names of modes, 0.1 MB each with all their labels",
+    "solver.solid.tetrahedron.build_rule": "two rules",
 }
-LARGEST = SolidHarmonics(DEGREES[1] + 2, ORDERS + 2)
-ROUNDS = AzimuthalGrid(2 * ANGLES[1], False)
+LARGEST = SolidHarmonics(DEGREE_LIMITS[1] + 2, MAX_MODE_ORDER + 2)
+ROUNDS = AzimuthalGrid(2 * ANGLE_LIMITS[1], False)
 BOUNDED = {  # the largest value, of which there are at most ``maxsize``
-    "solver.closed_form.bessel._cylindrical": (bessel._cylindrical, (3,)),
-    "solver.closed_form.bessel._spherical": (bessel._spherical, (3,)),
-    "solver.inclusions.solid_harmonics._recursion": (_recursion, (LARGEST.degree, LARGEST.order)),
-    "solver.inclusions.solid_harmonics.derivatives": (derivatives, (LARGEST, "outgoing")),
-    "solver.multiple_scattering.rings._waves": (_waves, (ROUNDS,)),
-    "solver.multiple_scattering.rings.turns": (turns, (ROUNDS,)),
+    "solver.closed_form.bessel._fit_cylindrical": (bessel._fit_cylindrical, (3,)),
+    "solver.closed_form.bessel._fit_spherical": (bessel._fit_spherical, (3,)),
+    "solver.inclusions.solid_harmonics._build_recursion": (_build_recursion, (LARGEST.degree, LARGEST.order)),
+    "solver.inclusions.solid_harmonics.build_derivatives": (build_derivatives, (LARGEST, "outgoing")),
+    "solver.multiple_scattering.rings._compute_waves": (_compute_waves, (ROUNDS,)),
+    "solver.multiple_scattering.rings.build_turn_matrices": (build_turn_matrices, (ROUNDS,)),
 }
 MOST = 2e7  # bytes of one
 
 
 def keeping(path: Path) -> set[str]:
     """The functions of a module that keep what they return."""
-    functions = [one for one in ast.walk(ast.parse(path.read_bytes())) if isinstance(one, ast.FunctionDef)]
-    return {f"{module(path)}.{one.name}" for one in functions if any(_name(mark) in KEEPERS for mark in one.decorator_list)}
+    functions = [function for function in ast.walk(ast.parse(path.read_bytes())) if isinstance(function, ast.FunctionDef)]
+    return {
+        f"{module(path)}.{function.name}"
+        for function in functions
+        if any(_name(mark) in KEEPERS for mark in function.decorator_list)
+    }
 
 
 def _name(mark: ast.expr) -> str:
@@ -66,4 +70,4 @@ def test_all_that_modules_keep_is_listed() -> None:
 @pytest.mark.parametrize("name", BOUNDED)
 def test_what_depends_on_scenes_is_bounded(name: str) -> None:
     function, largest = BOUNDED[name]
-    assert function.cache_info().maxsize * size(function(*largest)) < MOST
+    assert function.cache_info().maxsize * measure_bytes(function(*largest)) < MOST

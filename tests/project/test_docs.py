@@ -29,7 +29,7 @@ QUICK = ("physics.md",)
 @pytest.mark.parametrize("page", slow_unless(QUICK.__contains__, [name for name, lines in COMMANDS.items() if lines]))
 def test_commands_of_a_page_run(page: str, tmp_path: Path) -> None:
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
-    own = {**os.environ, "PYTHONPATH": os.pathsep.join((str(ROOT), os.environ.get("PYTHONPATH", "")))}
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join((str(ROOT), os.environ.get("PYTHONPATH", "")))}
     for line in COMMANDS[page]:
         program, *words = shlex.split(line)
         output = tmp_path / words.pop() if ">" in words else tmp_path / "printed.txt"
@@ -37,7 +37,9 @@ def test_commands_of_a_page_run(page: str, tmp_path: Path) -> None:
         start = {"probe-design": ["-m", "probe_design"], "python": []}[program]
         with output.open("w") as printed:
             command = [sys.executable, *start, *words]
-            ended = subprocess.run(command, cwd=tmp_path, stdout=printed, stderr=subprocess.PIPE, text=True, env=own, timeout=280)
+            ended = subprocess.run(
+                command, cwd=tmp_path, stdout=printed, stderr=subprocess.PIPE, text=True, env=environment, timeout=280
+            )
         assert ended.returncode == 0, (line, ended.stderr)
 
 
@@ -49,6 +51,10 @@ def test_there_are_commands() -> None:
 
 def test_citation_is_of_this_version() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    told = dict(re.findall(r"^([\w-]+): (.+)$", (ROOT / "CITATION.cff").read_text(encoding="utf-8"), re.M))
-    assert (told["title"], told["version"], told["license"]) == (project["name"], project["version"], project["license"])
+    citation = dict(re.findall(r"^([\w-]+): (.+)$", (ROOT / "CITATION.cff").read_text(encoding="utf-8"), re.M))
+    assert (citation["title"], citation["version"], citation["license"]) == (
+        project["name"],
+        project["version"],
+        project["license"],
+    )
     assert f"## {project['version']}" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")

@@ -24,18 +24,18 @@ def texts() -> Iterator[tuple[Path, str]]:
 
 
 def test_each_label_is_defined_once() -> None:
-    assert [label for label, count in Counter(one.label for one in EQUATIONS).items() if count > 1] == []
+    assert [label for label, count in Counter(equation.label for equation in EQUATIONS).items() if count > 1] == []
 
 
 def test_every_label_referred_to_is_defined() -> None:
-    defined = {one.label for one in EQUATIONS}
-    found = [(path, label) for path, text in texts() for label in LABEL.findall(text)]
-    assert len(found) > len(defined)
-    assert [(path, label) for path, label in found if label not in defined] == []
+    defined = {equation.label for equation in EQUATIONS}
+    uses = [(path, label) for path, text in texts() for label in LABEL.findall(text)]
+    assert len(uses) > len(defined)
+    assert [(path, label) for path, label in uses if label not in defined] == []
 
 
 def test_labels_have_their_room_s_letters() -> None:
-    assert [one for one in EQUATIONS if Path(one.file).parent.as_posix() != ROOMS.get(one.label[:2])] == []
+    assert [equation for equation in EQUATIONS if Path(equation.file).parent.as_posix() != ROOMS.get(equation.label[:2])] == []
 
 
 def test_no_label_is_without_a_room() -> None:
@@ -44,7 +44,7 @@ def test_no_label_is_without_a_room() -> None:
 
 def test_numbers_of_a_room_run_from_one() -> None:
     for letters in ROOMS:
-        numbers = sorted(int(one.label[3:]) for one in EQUATIONS if one.label[:2] == letters)
+        numbers = sorted(int(equation.label[3:]) for equation in EQUATIONS if equation.label[:2] == letters)
         assert numbers == list(range(1, len(numbers) + 1)), letters
 
 

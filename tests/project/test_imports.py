@@ -307,8 +307,8 @@ def test_every_room_has_a_direction() -> None:
 def test_direction(package: str) -> None:
     wrong = []
     for path in sources(package):
-        here = room(module(path))
-        allowed = {here, *ALLOWED[here]}
+        own_room = room(module(path))
+        allowed = {own_room, *ALLOWED[own_room]}
         wrong += [f"{path.relative_to(ROOT)} imports {name}" for name in everywhere(path) if not {name, room(name)} & allowed]
     assert wrong == []
 
@@ -324,31 +324,31 @@ def test_no_cycles_of_rooms() -> None:
     """So can all rooms, whatever is imported late or for types only."""
     needs: dict[str, set[str]] = {name: set() for name in ALLOWED}
     for path in (path for package in PACKAGES for path in sources(package)):
-        here = room(module(path))
-        needs[here] |= {room(name) for name in everywhere(path)} - {here}
+        own_room = room(module(path))
+        needs[own_room] |= {room(name) for name in everywhere(path)} - {own_room}
     TopologicalSorter(needs).prepare()
 
 
 @pytest.mark.parametrize("module", ["geometry", "solver", "hw.reader", "hw.simulation.virtual"])
 def test_bare_import_loads_nothing_heavy(module: str) -> None:
-    found = modules_after(f"import {module}")
-    assert found & HEAVY == set()
-    assert "pint" not in found
+    modules = modules_after(f"import {module}")
+    assert modules & HEAVY == set()
+    assert "pint" not in modules
 
 
 def test_reading_hardware_loads_numpy_and_usb_only() -> None:
-    found = modules_after("import hw.reader")
+    modules = modules_after("import hw.reader")
     assert (
-        found & {"scipy", "casadi", "pydantic", "click", "rich", "pyvisa", "pyvisa_py", "geometry", "solver", "probe_design"}
+        modules & {"scipy", "casadi", "pydantic", "click", "rich", "pyvisa", "pyvisa_py", "geometry", "solver", "probe_design"}
         == set()
     )
-    assert {"hw", "numpy", "usb"} <= found
+    assert {"hw", "numpy", "usb"} <= modules
 
 
 def test_reading_a_scene_loads_nothing_heavy() -> None:
     path = ROOT / "tests" / "reference" / "axisymmetric" / "shallow.toml"
-    found = modules_after(f"from geometry import read_scene; read_scene({str(path)!r})")
-    assert found & (HEAVY | {"casadi"}) == set()
+    modules = modules_after(f"from geometry import read_scene; read_scene({str(path)!r})")
+    assert modules & (HEAVY | {"casadi"}) == set()
 
 
 def modules_after(code: str) -> set[str]:

@@ -7,7 +7,7 @@ import re
 from docs import make_design_keys
 from docs.make_keys import PAGE, page
 from geometry.scenes.scene_file import read_scene, scene_to_dict
-from probe_design.populations.design_file import SECTIONS, Design
+from probe_design.populations.design_file import DESIGN_SECTIONS, Design
 from tests.support.paths import EXAMPLES
 
 ROWS = re.findall(r"^\| `(\w+)` \| (.*?) \| (.*?) \| (.*?) \|$", page(), re.M)
@@ -20,10 +20,10 @@ def test_page_is_what_the_script_prints() -> None:
 def test_page_of_design_files_is_what_its_script_prints_and_says_something_of_each_key() -> None:
     text = make_design_keys.page()
     assert make_design_keys.PAGE.read_text(encoding="utf-8") == text, "run python docs/make_design_keys.py"
-    told = dict(re.findall(r"^\| `(\w+)` \| (.*?) \| ", text, re.M))
-    for section in SECTIONS:
+    descriptions = dict(re.findall(r"^\| `(\w+)` \| (.*?) \| ", text, re.M))
+    for section in DESIGN_SECTIONS:
         model = Design.model_fields[section].annotation
-        assert [key for key in model.model_fields if key != "layer" and not told.get(key)] == []
+        assert [key for key in model.model_fields if key != "layer" and not descriptions.get(key)] == []
 
 
 def test_every_key_has_a_meaning_and_a_range() -> None:

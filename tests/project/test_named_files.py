@@ -20,22 +20,22 @@ SOURCES = [path for folder in (*OURS, "examples") for path in sources(folder)]
 GENERATED = {"out"}  # folders that commands write
 
 
-def there(path: Path) -> bool:
+def path_exists(path: Path) -> bool:
     return path.parts[0] in GENERATED or exists(path)
 
 
 def test_sources_name_files_that_exist() -> None:
     wrong = []
     for source in SOURCES:
-        here = source.relative_to(ROOT)
-        named = [Path(name) if "/" in name else here.parent / name for text in texts(source) for name in files(text)]
-        wrong += [f"{here}: {path}" for path in named if not there(path)]
+        own_path = source.relative_to(ROOT)
+        named = [Path(name) if "/" in name else own_path.parent / name for text in texts(source) for name in files(text)]
+        wrong += [f"{own_path}: {path}" for path in named if not path_exists(path)]
     assert wrong == []
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_pages_name_files_that_exist(page: Path) -> None:
-    assert [str(path) for path in paths(page.read_text(encoding="utf-8")) if not there(path)] == []
+    assert [str(path) for path in paths(page.read_text(encoding="utf-8")) if not path_exists(path)] == []
 
 
 def test_sources_name_modules_that_exist() -> None:
@@ -57,9 +57,9 @@ def test_every_benchmark_has_a_purpose() -> None:
     """It is named by a page, or imported by one that is."""
     programs = {module(path): path for path in sources("benchmarks") if path.name != "__init__.py"}
     pages = [page.read_text(encoding="utf-8") for page in PAGES]
-    told = {module(ROOT / path) for page in pages for path in paths(page) if path.suffix == ".py"}
-    told |= {name for page in pages for name in commands(page)}
-    waiting = [name for name in programs if name.removesuffix(".__main__") in told]
+    named = {module(ROOT / path) for page in pages for path in paths(page) if path.suffix == ".py"}
+    named |= {name for page in pages for name in commands(page)}
+    waiting = [name for name in programs if name.removesuffix(".__main__") in named]
     reached: set[str] = set()
     while waiting:
         reached.add(name := waiting.pop())

@@ -78,9 +78,9 @@ def test_printed_optimum_is_what_the_command_prints(folder: Path) -> None:
     printed = subprocess.run(words, cwd=folder, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=250).stdout
     shown = next(block for block in blocks("console") if BUILTIN in block)
     for row in ("detected of 100, ratio alone", "detected of 100, both", "force, N", "outer radius, mm"):
-        found, told = (numbers(text, row) for text in (printed, shown))
-        assert len(found) == 3
-        assert found == pytest.approx(told, rel=0.02)  # IPOPT may stop elsewhere on another machine
+        computed, stated = (numbers(text, row) for text in (printed, shown))
+        assert len(computed) == 3
+        assert computed == pytest.approx(stated, rel=0.02)  # IPOPT may stop elsewhere on another machine
 
 
 def numbers(table: str, row: str) -> list[float]:

@@ -53,11 +53,11 @@ def test_formulas_need_no_more_than_elements_do(evaluator: str, scene: object) -
 
 
 def test_a_table_needs_rich() -> None:
-    found = modules("evaluate", SCENE, "--evaluator", "closed-form")
-    assert found - SCENES - ELEMENTS - {"rich"} <= {"markdown_it", "mdurl", "pygments"}
+    imported = modules("evaluate", SCENE, "--evaluator", "closed-form")
+    assert imported - SCENES - ELEMENTS - {"rich"} <= {"markdown_it", "mdurl", "pygments"}
 
 
 def test_elements_need_no_cad_no_plots_no_tables() -> None:
-    found = modules("evaluate", SCENE, "--accuracy", "0.1", "--json")
-    assert found & HEAVY == set()
-    assert {"scipy", "threadpoolctl"} <= found
+    imported = modules("evaluate", SCENE, "--accuracy", "0.1", "--json")
+    assert imported & HEAVY == set()
+    assert {"scipy", "threadpoolctl"} <= imported

@@ -21,8 +21,8 @@ PACKAGES = ("geometry", "hw", "probe_design", "solver")
 
 def test_wheel_holds_every_source_and_all_data(tmp_path: Path) -> None:
     """Slow without hatchling beside: pip then fetches it, 15 s."""
-    beside = ["--no-build-isolation"] if find_spec("hatchling") else []
-    words = ["-m", "pip", "--disable-pip-version-check", "wheel", "--quiet", "--no-deps", *beside, "--wheel-dir", str(tmp_path)]
+    options = ["--no-build-isolation"] if find_spec("hatchling") else []
+    words = ["-m", "pip", "--disable-pip-version-check", "wheel", "--quiet", "--no-deps", *options, "--wheel-dir", str(tmp_path)]
     ended = subprocess.run([sys.executable, *words, str(ROOT)], capture_output=True, text=True, check=False)
     assert ended.returncode == 0, ended.stderr
     (wheel,) = tmp_path.glob("*.whl")
@@ -65,14 +65,14 @@ def test_what_is_built_works_alone(tmp_path: Path) -> None:
     programs = home / ("Scripts" if os.name == "nt" else "bin")
     python, program = programs / "python", programs / "probe-design"
     subprocess.run([*pip, "--python", str(python), "install", "--no-deps", str(wheel)], check=True, capture_output=True)
-    beside = {**os.environ, "PYTHONPATH": sysconfig.get_path("purelib")}
+    environment = {**os.environ, "PYTHONPATH": sysconfig.get_path("purelib")}
 
     def alone(*words: str) -> str:
-        ended = subprocess.run([str(python), *words], cwd=tmp_path, env=beside, capture_output=True, text=True, check=False)
+        ended = subprocess.run([str(python), *words], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
         assert ended.returncode == 0, ended.stderr
         return ended.stdout
 
     alone("-c", SMOKE, str(home))
-    told = json.loads(alone(str(program), "evaluate", "scene.toml", "--evaluator", "closed-form", "--json"))
-    assert told["provenance"]["command"][0] == "evaluate"
+    output = json.loads(alone(str(program), "evaluate", "scene.toml", "--evaluator", "closed-form", "--json"))
+    assert output["provenance"]["command"][0] == "evaluate"
     assert "breast" in alone("-m", "probe_design", "tissue", "list")

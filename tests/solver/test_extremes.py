@@ -36,19 +36,19 @@ QUICK = [cell for cell in EXTREMES[::4] + LAWS[::3] if cell not in LONG]  # each
 
 @pytest.mark.parametrize(("key", "level"), slow_unless(QUICK.__contains__, EXTREMES + LAWS))
 def test_right_refused_or_null_with_a_reason(key: str, level: str) -> None:
-    found = judged(ROWS[key], answer(ROWS[key], level))
-    assert found.mark != "wrong", found.why
-    assert found.mark == "right" or found.why
+    cell = judged(ROWS[key], answer(ROWS[key], level))
+    assert cell.mark != "wrong", cell.why
+    assert cell.mark == "right" or cell.why
 
 
 def test_document_tells_every_cell_and_none_is_wrong() -> None:
-    every = list(cells(list(ROWS.values())))
+    all_cells = list(cells(list(ROWS.values())))
     totals = next(line for line in PAGE.splitlines() if line.startswith("| all |"))
     counts = dict(zip(MARKS, (int(number) for number in re.findall(r"\*\*(\d+)\*\*", totals)), strict=True))
-    assert f"## {len(every)} cells" in PAGE
-    assert sum(counts.values()) == len(every)
+    assert f"## {len(all_cells)} cells" in PAGE
+    assert sum(counts.values()) == len(all_cells)
     assert counts["wrong"] == 0
-    for row, _ in every:
+    for row, _ in all_cells:
         assert f"| {row.name} |" in PAGE
 
 
@@ -94,7 +94,7 @@ def test_command_line_prints_json_or_one_line(scene: str, level: str, code: int)
     assert ended.returncode == code
     assert len(ended.stderr.splitlines()) == (1 if code else 0)
     if code == 0:
-        told = json.loads(ended.stdout, parse_constant=pytest.fail)  # called for NaN and Infinity
-        assert not list(flaws(told, ROWS[f"extremes/{scene}"].truth))
+        output = json.loads(ended.stdout, parse_constant=pytest.fail)  # called for NaN and Infinity
+        assert not list(flaws(output, ROWS[f"extremes/{scene}"].truth))
     else:
         assert ended.stdout == ""

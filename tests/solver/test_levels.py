@@ -12,8 +12,8 @@ import pytest
 
 from geometry import Load, Refusal, Scene, read_scene
 from solver import evaluate, evaluator
-from solver.levels import BUILT
-from solver.results.warnings import Note, of_kind
+from solver.levels import EVALUATOR_NAMES
+from solver.results.warnings import Note, select_notes
 from tests.support.imports import sources
 from tests.support.paths import REFERENCE, SCENE
 from tests.support.slow import slow_unless
@@ -30,7 +30,7 @@ def with_modulus(scene: Scene, modulus: float) -> Scene:
     return scene.model_copy(update={"inclusion": (scene.inclusion[0].model_copy(update={"youngs_modulus": modulus}),)})
 
 
-@pytest.mark.parametrize("name", BUILT)
+@pytest.mark.parametrize("name", EVALUATOR_NAMES)
 def test_a_name_gives_a_level_that_answers_to_it(name: str) -> None:
     level = evaluator(name)
     assert level.name == name
@@ -87,7 +87,7 @@ def test_the_accuracy_that_a_refusal_names_is_reached(path: str, accuracy: float
 
 def test_no_text_calls_a_level_planned_that_is_built() -> None:
     texts = [path.read_text(encoding="utf-8") for path in sources("solver")]
-    assert {name for text in texts for name in re.findall(r"planned: ([a-z-]+)", text)}.isdisjoint(BUILT)
+    assert {name for text in texts for name in re.findall(r"planned: ([a-z-]+)", text)}.isdisjoint(EVALUATOR_NAMES)
 
 
 def test_the_papers_equations_refuse_what_needs_stresses(scene: Scene) -> None:
@@ -101,9 +101,9 @@ def test_a_warning_is_its_text_and_keeps_its_kind() -> None:
     note = Note("linear", "too much")
     assert note == "too much"
     assert json.dumps([note]) == '["too much"]'
-    for same in (copy.deepcopy(note), pickle.loads(pickle.dumps(note))):
-        assert (type(same), same.kind, str(same)) == (Note, "linear", "too much")
-    assert of_kind([note, Note("null", "why")], "null") == ("why",)
+    for copied in (copy.deepcopy(note), pickle.loads(pickle.dumps(note))):
+        assert (type(copied), copied.kind, str(copied)) == (Note, "linear", "too much")
+    assert select_notes([note, Note("null", "why")], "null") == ("why",)
 
 
 @pytest.mark.parametrize(("name", "kinds"), [("published", {"null", "published"}), ("closed-form", {"accuracy"})])

@@ -7,19 +7,19 @@ import numpy as np
 import pytest
 
 from geometry import InputError, read_scene, scene_to_toml
-from geometry.common.resources import LimitReached, Limits, limited, timed
+from geometry.common.resources import LimitReached, Limits, start_clock, use_limits
 from geometry.tetra import mesher
 from solver import automatic, evaluate, levels
 from solver.axisymmetric import converged_forces
 from solver.axisymmetric.level import Axisymmetric
 from solver.axisymmetric.refinement import SampleErrors
 from solver.equivalent_inclusion.level import EquivalentInclusion
-from solver.equivalent_inclusion.readings import readings
+from solver.equivalent_inclusion.readings import compute_readings
 from solver.inclusions.tumours import Tumours
-from solver.linalg.workspace import Workspace, size
+from solver.linalg.workspace import Workspace, measure_bytes
 from solver.multiple_scattering import boundary_samples, solve
 from solver.multiple_scattering.boundary_samples import ModeSamples
-from solver.results.warnings import Note, of_kind
+from solver.results.warnings import Note, select_notes
 from solver.solid import film_forces
 from tests.support.paths import REFERENCE, SCENE
 from tests.support.program import run
@@ -57,7 +57,7 @@ def test_a_mesh_too_large_is_refused_before_it_is_made(scene, monkeypatch):
 def test_a_missing_surface_is_noticed_before_anything_is_computed(monkeypatch):
     scene = read_scene(SCENE)
     body = scene.inclusion[0].model_copy(update={"diameter": None, "surface": "none.stl"})
-    for module, name in ((levels, "evaluator"), (automatic, "evaluator"), (automatic, "supported_plan")):
+    for module, name in ((levels, "evaluator"), (automatic, "evaluator"), (automatic, "build_supported_plan")):
         monkeypatch.setattr(module, name, lambda *_: pytest.fail("work began"))
     for name in ("auto", "solid"):
         with pytest.raises(InputError, match=r"inclusion\[0\].surface.*exists"):
@@ -80,7 +80,7 @@ def test_a_finer_mesh_that_the_limits_forbid_leaves_the_answer_of_two(monkeypatc
     said = []
 
     def forbidden(domain, fineness):
-        if fineness is film_forces.FINE:
+        if fineness is film_forces.FINE_FINENESS:
             raise LimitReached("memory", "2 GB", "more")
 
     monkeypatch.setattr(film_forces, "is_meshed", lambda *_: False)
@@ -95,12 +95,12 @@ def test_a_finer_mesh_that_the_limits_forbid_leaves_the_answer_of_two(monkeypatc
 def lattice(side):
     """The example's scene over a lattice of small spheres."""
     scene = read_scene(SCENE)
-    away = 4e-3 * (np.arange(side) - (side - 1) / 2)
+    offsets = 4e-3 * (np.arange(side) - (side - 1) / 2)
     bodies = [
         scene.inclusion[0].model_copy(update={"diameter": 1.5e-3, "x": x, "y": y, "depth": z})
-        for x in away.tolist()
-        for y in away.tolist()
-        for z in (away + 3e-3 - away[0]).tolist()
+        for x in offsets.tolist()
+        for y in offsets.tolist()
+        for z in (offsets + 3e-3 - offsets[0]).tolist()
     ]
     return scene.model_copy(update={"inclusion": tuple(bodies)})
 
@@ -118,16 +118,16 @@ def held(work):
 @pytest.mark.slow
 def test_the_closed_form_of_many_spheres_holds_what_a_few_hold():
     """Every sphere's moments beside all others' were 2 GB for 343."""
-    few, many = lattice(2), lattice(4)
+    small, large = lattice(2), lattice(4)
     level = levels.evaluator("closed-form")
-    level.evaluate(few, 0.01)  # what is imported and kept
-    assert held(lambda: level.evaluate(many, 0.01)) < 1.5 * held(lambda: level.evaluate(few, 0.01))
+    level.evaluate(small, 0.01)  # what is imported and kept
+    assert held(lambda: level.evaluate(large, 0.01)) < 1.5 * held(lambda: level.evaluate(small, 0.01))
 
 
 def reflections(scene, limits=None):
     """Read the scene's tumours with all that comes back to them."""
-    with limited(limits), timed():
-        return readings(EquivalentInclusion().prepared(scene, 0.01), Tumours.of(scene), reflect=True)
+    with use_limits(limits), start_clock():
+        return compute_readings(EquivalentInclusion().prepare(scene, 0.01), Tumours.from_scene(scene), reflect=True)
 
 
 def test_reflections_of_many_tumours_are_refused_before_they_begin(monkeypatch):
@@ -137,18 +137,18 @@ def test_reflections_of_many_tumours_are_refused_before_they_begin(monkeypatch):
 
 
 def test_what_reflections_will_hold_is_known(monkeypatch):
-    kept, told = [], []
-    monkeypatch.setattr(boundary_samples, "check_memory", lambda _, room: told.append(room))
+    kept, texts = [], []
+    monkeypatch.setattr(boundary_samples, "check_memory", lambda _, room: texts.append(room))
     works = ModeSamples.works
 
     def seen(self, weights):
         done = works(self, weights)
-        kept.append(size([[sampler.table for sampler in one] for one in self._samplers]))
+        kept.append(measure_bytes([[sampler.table for sampler in samplers] for samplers in self._samplers]))
         return done
 
     monkeypatch.setattr(ModeSamples, "works", seen)
     reflections(lattice(2))
-    assert told[0] == pytest.approx(max(kept), rel=0.2)
+    assert texts[0] == pytest.approx(max(kept), rel=0.2)
 
 
 def test_the_time_that_tumours_answer_each_other_is_known_from_the_first_few(monkeypatch):
@@ -161,14 +161,14 @@ def test_the_time_that_tumours_answer_each_other_is_known_from_the_first_few(mon
 def test_what_a_limit_stopped_says_so_and_is_answered_anew_within_another():
     scene = read_scene(SCENE).model_copy(update={"inclusion": ()})
     level = EquivalentInclusion(workspace=Workspace(1e9))
-    with limited(Limits(memory=0.5e9)):
+    with use_limits(Limits(memory=0.5e9)):
         rough = level.evaluate(scene, 2e-5)
     assert rough.error_estimate > 2e-5
     assert [note.kind for note in rough.warnings if note.kind != "sensitivity"] == ["limit", "accuracy"]
     fine = level.evaluate(scene, 2e-5)  # in the same workspace, which keeps the rough answer's probe
     assert fine.error_estimate < 2e-5
     assert abs(fine.ratio / rough.ratio - 1) <= fine.error_estimate + rough.error_estimate
-    assert not of_kind(fine.warnings, "limit")
+    assert not select_notes(fine.warnings, "limit")
 
 
 def test_a_rough_log_sensitivity_names_the_limit_too(monkeypatch):
@@ -178,7 +178,7 @@ def test_a_rough_log_sensitivity_names_the_limit_too(monkeypatch):
     stopped = Note("limit", "memory = 0.5 GB")
 
     def refined(solve, *_, **__):
-        sample = solve(converged_forces.LEVELS[1])
+        sample = solve(converged_forces.MESH_LEVELS[1])
         return sample, SampleErrors(1e-6 * np.abs(sample.totals), rough), stopped
 
     monkeypatch.setattr(converged_forces, "refine", refined)

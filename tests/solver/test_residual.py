@@ -11,9 +11,9 @@ import pytest
 from geometry import read_scene
 from solver import evaluate
 from solver.axisymmetric import condensed_system as system
-from solver.closed_form.designs import answers, parameters
+from solver.closed_form.designs import build_parameters, iterate_solutions
 from solver.linalg.cholesky import Factor, factorise
-from solver.linalg.conjugate_gradients import Stiffness, residual
+from solver.linalg.conjugate_gradients import Stiffness, compute_residual
 from tests.support.paths import SCENE as EXAMPLE
 
 SCENE = read_scene(EXAMPLE)
@@ -26,15 +26,15 @@ class Rough:
         self.exact, self.chance = exact, np.random.default_rng(0)
 
     def solve(self, forces: np.ndarray) -> np.ndarray:
-        found = self.exact.solve(forces)
-        return found * (1 + 1e-5 * self.chance.uniform(-1, 1, found.shape))
+        solution = self.exact.solve(forces)
+        return solution * (1 + 1e-5 * self.chance.uniform(-1, 1, solution.shape))
 
 
 @pytest.mark.parametrize("name", ["axisymmetric", "equivalent-inclusion"])
 def test_good_solvers_leave_rounding(name: str) -> None:
-    found = evaluate(SCENE, name).residual
-    assert found is not None
-    assert 0 < found < 1e-15  # relative to |K| |u|, a sum of many terms
+    size = evaluate(SCENE, name).residual
+    assert size is not None
+    assert 0 < size < 1e-15  # relative to |K| |u|, a sum of many terms
 
 
 def test_it_tells_a_rough_solver_from_a_good_one(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -53,20 +53,20 @@ def test_of_a_small_system_by_hand() -> None:
     import scipy.sparse as sp
 
     lower = sp.csc_array(np.array([[2.0, 0.0], [1.0, 3.0]]))
-    found = residual(Stiffness(lower), np.array([[1.0], [2.0]]), np.array([[0.0], [1.0]]))
-    assert found == pytest.approx(1 / np.sqrt(5), rel=1e-15)
+    size = compute_residual(Stiffness(lower), np.array([[1.0], [2.0]]), np.array([[0.0], [1.0]]))
+    assert size == pytest.approx(1 / np.sqrt(5), rel=1e-15)
 
 
 def test_of_the_closed_form() -> None:
-    found = evaluate(SCENE, "closed-form").residual
-    assert found is not None
-    assert 0 < found < 1e-13
-    shape, values = parameters(SCENE)
-    answer = next(answers(shape, values[:, None]))
+    size = evaluate(SCENE, "closed-form").residual
+    assert size is not None
+    assert 0 < size < 1e-13
+    shape, values = build_parameters(SCENE)
+    answer = next(iterate_solutions(shape, values[:, None]))
     wrong = replace(answer, tractions=answer.tractions * (1 + 1e-6)).residual
     assert 1e-9 < wrong[0] <= 1e-6  # a millionth more of all tractions leaves a millionth of A, and |C| |t| is no less than A
 
 
 def test_the_papers_equations_have_none() -> None:
-    found: dict[str, Any] = evaluate(SCENE, "published").as_dict()
-    assert found["residual"] is None
+    result: dict[str, Any] = evaluate(SCENE, "published").as_dict()
+    assert result["residual"] is None

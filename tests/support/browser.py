@@ -45,18 +45,18 @@ class Shown:
         console: what its scripts, or the browser about them, have said.
     """
 
-    told: dict[str, str]
+    attributes: dict[str, str]
     console: list[str]
 
 
 def shown(page: Path, width: int, folder: Path) -> Shown:
     """Show a page at a width, pixels; skips the test where there is no browser. ``folder`` is for the browser's own files."""
-    program = next((found for name in NAMES if (found := shutil.which(name))), None)
+    program = next((path for name in NAMES if (path := shutil.which(name))), None)
     if program is None:
         pytest.skip("no Chromium")
     (folder / "frame.html").write_text(FRAME.format(page=page.as_uri(), width=width))
     command = [program, *FLAGS, f"--user-data-dir={folder / 'profile'}", (folder / "frame.html").as_uri()]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert ended.returncode == 0, ended.stderr[-2000:]
-    told = dict(re.findall(r'data-(\w+)="([^"]*)"', re.findall(r"<html[^>]*>", ended.stdout)[0]))
-    return Shown(told, [line for line in ended.stderr.splitlines() if "CONSOLE" in line])
+    attributes = dict(re.findall(r'data-(\w+)="([^"]*)"', re.findall(r"<html[^>]*>", ended.stdout)[0]))
+    return Shown(attributes, [line for line in ended.stderr.splitlines() if "CONSOLE" in line])

@@ -9,9 +9,9 @@ from scipy.sparse.linalg import splu
 from geometry import Scene
 from geometry.meridian.frame import MeridianFineness
 from geometry.meridian.section import Body
-from solver.axisymmetric.base_states import model
-from solver.axisymmetric.gradients import MATERIALS
-from solver.axisymmetric.sections import sections, with_details
+from solver.axisymmetric.base_states import build_model
+from solver.axisymmetric.gradients import BODY_OF_MATERIAL
+from solver.axisymmetric.sections import add_details, build_sections
 from solver.elements.quadrilateral import Blocks
 
 
@@ -21,19 +21,19 @@ def complex_ratio(scene: Scene, fineness: MeridianFineness, frequency: float = 0
     K is complex symmetric; the films' forces are bilinear in the states, without conjugation. With a frequency (Hz) and a
     density (kg/m^3, of all bodies) K is less (2 pi f)^2 M, and the base is shaken as a whole.
     """
-    of = with_details(scene, sections(scene))
-    real = model(of.section, dict(of.materials), scene.contact.interface, fineness)  # type: ignore[arg-type]
+    scene_sections = add_details(scene, build_sections(scene))
+    real = build_model(scene_sections.section, dict(scene_sections.materials), scene.contact.interface, fineness)  # type: ignore[arg-type]
     losses = np.zeros(len(Body))
-    for body in MATERIALS.values():
-        if body in of.materials:
-            losses[body] = of.materials[body].loss_factor
+    for body in BODY_OF_MATERIAL.values():
+        if body in scene_sections.materials:
+            losses[body] = scene_sections.materials[body].loss_factor
     turn = 1 + 1j * losses[real.mesh.body]
     n, s = len(turn), len(real.shapes.degrees)
-    shear, volume = real.parts(np.arange(n))
+    shear, volume = real.integrate_parts(np.arange(n))
     whole = (real.two_mu * turn)[:, None, None] * shear + (real.lam * turn)[:, None, None] * volume
-    mass = density * np.einsum("nq,qs,qt->nst", real.at.weight, real.shapes.value, real.shapes.value)
+    mass = density * np.einsum("nq,qs,qt->nst", real.geometry.weight, real.shapes.value, real.shapes.value)
     whole = whole - (2 * np.pi * frequency) ** 2 * np.einsum("cd,nst->ncsdt", np.eye(2), mass).reshape(whole.shape)
-    parts = Blocks.of(whole.reshape(n, 2, s, 2, s), real.shapes.skeleton)
+    parts = Blocks.from_matrices(whole.reshape(n, 2, s, 2, s), real.shapes.skeleton)
     stiffness = parts.outside - parts.across.transpose(0, 2, 1) @ np.linalg.solve(parts.inside, parts.across)
     gather, lift = real.system.numbering.gather, real.system.numbering.lift
     size = stiffness.shape[1]

@@ -42,8 +42,8 @@ def imported(nodes: Iterable[ast.AST]) -> Iterator[str]:
 
 def everywhere(path: Path) -> set[str]:
     """Modules of ours that a source imports anywhere in it, for types too."""
-    found = imported(ast.walk(ast.parse(path.read_bytes(), str(path))))
-    return {name for name in found if name.split(".")[0] in OURS}
+    modules = imported(ast.walk(ast.parse(path.read_bytes(), str(path))))
+    return {name for name in modules if name.split(".")[0] in OURS}
 
 
 def at_import(path: Path) -> set[str]:

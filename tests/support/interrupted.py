@@ -50,12 +50,14 @@ class Leftovers:
 
 def left(words: Sequence[str], delay: float = 0.0, number: int = 0) -> Leftovers:
     """Run the program, OUT in its words standing for a new folder, and send it a signal ``delay`` s after its start."""
-    for one in SIGNALS:
-        if signal.getsignal(one) is signal.SIG_IGN:  # a shell's way with what it runs in the background, which children inherit
-            signal.signal(one, signal.SIG_DFL)
-    with tempfile.TemporaryDirectory() as out, tempfile.TemporaryDirectory() as temporary:
+    for signal_number in SIGNALS:
+        if (
+            signal.getsignal(signal_number) is signal.SIG_IGN
+        ):  # a shell's way with what it runs in the background, which children inherit
+            signal.signal(signal_number, signal.SIG_DFL)
+    with tempfile.TemporaryDirectory() as output, tempfile.TemporaryDirectory() as temporary:
         waiting, begins = os.pipe()
-        command = [sys.executable, "-c", BEGIN, str(begins), *(word.replace("OUT", out) for word in words)]
+        command = [sys.executable, "-c", BEGIN, str(begins), *(word.replace("OUT", output) for word in words)]
         environment = os.environ | {"TMPDIR": temporary}
         process = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment,
@@ -72,7 +74,7 @@ def left(words: Sequence[str], delay: float = 0.0, number: int = 0) -> Leftovers
                 process.send_signal(number)
         said = process.communicate(timeout=PATIENCE)[1]
         seconds = time.monotonic() - start
-        return Leftovers(process.returncode, said, _names(out), _names(temporary), seconds)
+        return Leftovers(process.returncode, said, _names(output), _names(temporary), seconds)
 
 
 def moments(seconds: float, count: int, seed: int | Sequence[int]) -> Iterator[tuple[float, int]]:

@@ -63,11 +63,11 @@ def states(k: float, layers: Sequence[tuple[float, float, float]], depths: Seque
             a, b, c, d = whole[:2, :2].ravel()
             right = -(whole[:2, 2:] @ load)
             surface = np.array([d * right[0] - b * right[1], a * right[1] - c * right[0]]) / (a * d - b * c)
-            answers.append([_at(k, layers, depth, np.concatenate([surface, load])) for depth in depths])
+            answers.append([_propagate_layers(k, layers, depth, np.concatenate([surface, load])) for depth in depths])
         return np.array(answers[0], dtype=float), np.array(answers[1], dtype=float)
 
 
-def _at(k: float, layers: Sequence[tuple[float, float, float]], depth: float, state: np.ndarray) -> np.ndarray:
+def _propagate_layers(k: float, layers: Sequence[tuple[float, float, float]], depth: float, state: np.ndarray) -> np.ndarray:
     for height, E, nu in layers:
         if depth <= height:
             return propagator(k, depth, E, nu) @ state

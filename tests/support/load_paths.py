@@ -8,10 +8,10 @@ from geometry import Scene, read_scene
 from geometry.meridian.frame import MeridianFineness
 from geometry.scenes.probe import Probe
 from solver import Result
-from solver.axisymmetric.sections import sections
+from solver.axisymmetric.sections import build_sections
 from solver.contact.model import ContactModel
 from solver.contact.path import Path
-from solver.contact.pressed import Pressed
+from solver.contact.pressed import PathPoint
 from tests.support.paths import REFERENCE
 
 FOLDER = REFERENCE / "contact"
@@ -29,11 +29,11 @@ def scene_of(name: str, tissue: dict[str, float] | None = None, poisson_ratio: f
 
 
 def pressed(scene: Scene, fineness: MeridianFineness) -> Path:
-    of = sections(scene)
-    return Path(ContactModel.of(of.section, of.materials, "bonded", fineness), sensitive=True)
+    scene_sections = build_sections(scene)
+    return Path(ContactModel.from_section(scene_sections.section, scene_sections.materials, "bonded", fineness), sensitive=True)
 
 
-def ratio(scene: Scene, point: Pressed) -> float:
+def ratio(scene: Scene, point: PathPoint) -> float:
     films = point.films if point.indentation > 0 else point.tangent
     return float(films[0] / films[1] * scene.probe.outer_area / scene.probe.inner_area)
 

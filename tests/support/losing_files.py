@@ -22,7 +22,7 @@ class Event:
 
     kind: str
     name: str = ""
-    at: int = 0
+    offset: int = 0
     data: bytes = b""
 
 
@@ -65,27 +65,27 @@ class Connection:
     """As much of ``sqlite3.Connection`` as a store needs, by APSW on a recorder."""
 
     def __init__(self, path: Path, replaced: dict[str, str]) -> None:
-        self._own, self._replaced = apsw.Connection(str(path), vfs="recorder"), replaced
+        self._connection, self._replaced = apsw.Connection(str(path), vfs="recorder"), replaced
 
     def execute(self, query: str, values: Any = ()) -> Any:
-        return self._own.execute(self._replaced.get(query, query), values)
+        return self._connection.execute(self._replaced.get(query, query), values)
 
     def executemany(self, query: str, values: Any) -> Any:
-        return self._own.executemany(query, values)
+        return self._connection.executemany(query, values)
 
     def executescript(self, query: str) -> None:
-        self._own.execute(query)
+        self._connection.execute(query)
 
     @property
     def total_changes(self) -> int:
-        return self._own.total_changes()
+        return self._connection.total_changes()
 
     @property
     def in_transaction(self) -> bool:
-        return self._own.in_transaction
+        return self._connection.in_transaction
 
     def close(self) -> None:
-        self._own.close()
+        self._connection.close()
 
 
 def left(events: list[Event], folder: Path, chance: random.Random) -> None:
@@ -100,23 +100,23 @@ def left(events: list[Event], folder: Path, chance: random.Random) -> None:
         content: bytearray | None = None
         for k, event in enumerate(events):
             if event.name == name and event.kind in synced:
-                content = _after(content, event, k < synced[event.kind], chance)
+                content = _damage_content(content, event, k < synced[event.kind], chance)
         if content is not None:
             (folder / name).write_bytes(content)
 
 
-def _after(content: bytearray | None, event: Event, synced: bool, chance: random.Random) -> bytearray | None:
+def _damage_content(content: bytearray | None, event: Event, synced: bool, chance: random.Random) -> bytearray | None:
     if event.kind == "delete":
         return None if synced or chance.random() < 0.5 else content
     if event.kind == "truncate" and content is not None and (synced or chance.random() < 0.5):
-        return content[: event.at] + bytes(max(0, event.at - len(content)))
+        return content[: event.offset] + bytes(max(0, event.offset - len(content)))
     if event.kind == "truncate":
         return content
     content = bytearray() if content is None else content
     size = len(event.data) if synced else SECTOR
     for low in range(0, len(event.data), size):
         if synced or chance.random() < 0.5:
-            part, at = event.data[low : low + size], event.at + low
-            content += bytes(max(0, at - len(content)))
-            content[at : at + len(part)] = part
+            part, offset = event.data[low : low + size], event.offset + low
+            content += bytes(max(0, offset - len(content)))
+            content[offset : offset + len(part)] = part
     return content

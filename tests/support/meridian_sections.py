@@ -12,15 +12,15 @@ from hypothesis import settings
 from hypothesis import strategies as st
 
 from geometry.meridian.frame import MeridianFineness
-from geometry.meridian.frame import kind as kind_of
-from geometry.meridian.mesh import Topology, nodes, topology
+from geometry.meridian.frame import find_kind as kind_of
+from geometry.meridian.mesh import Topology, build_topology, compute_nodes
 from geometry.meridian.section import LAYERS, TISSUES, Body, Section
-from solver.axisymmetric.sections import HALF_SPACE
-from solver.elements.quadrilateral import Geometry, geometry
-from solver.elements.shape_functions import shapes
+from solver.axisymmetric.sections import HALF_SPACE_SIZES
+from solver.elements.quadrilateral import Geometry, compute_geometry
+from solver.elements.shape_functions import build_shapes
 
 COARSE = MeridianFineness(1, 2, 4)
-few, many = (settings(derandomize=True, deadline=None, max_examples=count) for count in (100, 250))
+few_examples, many_examples = (settings(derandomize=True, deadline=None, max_examples=count) for count in (100, 250))
 
 
 def section(
@@ -54,24 +54,24 @@ def section(
     return Section(*blocks, widest * (1 + beside), depth, *body, *films, flange, **sizes)
 
 
-def between(low: float, high: float) -> st.SearchStrategy[float]:
+def draw_between(low: float, high: float) -> st.SearchStrategy[float]:
     return st.floats(math.log(low), math.log(high)).map(math.exp)
 
 
 BLOCKS = {
-    "inner": between(1e-4, 2e-2),
-    "gap": between(5e-6, 5e-3),
-    "area_ratio": between(0.05, 50),
-    "inner_height": between(0.05, 10),
-    "outer_height": between(0.05, 10),
-    "beside": between(0.02, HALF_SPACE),
+    "inner": draw_between(1e-4, 2e-2),
+    "gap": draw_between(5e-6, 5e-3),
+    "area_ratio": draw_between(0.05, 50),
+    "inner_height": draw_between(0.05, 10),
+    "outer_height": draw_between(0.05, 10),
+    "beside": draw_between(0.02, HALF_SPACE_SIZES),
 }
-NO_SPHERE = {"below": between(0.02, HALF_SPACE)}
-SPHERE = {"sphere": between(0.05, 20), "cover": between(0.005, 3), "below": between(0.005, HALF_SPACE)}
-FILM = {"film": between(1e-6, 1e-3)}
-BASE = {"flange_thickness": between(0.05, 2), "step_height": between(0.05, 2)}
-films = st.sampled_from([{}, FILM, FILM | {"adhesive": between(1e-6, 1e-3)}])
-bases = st.sampled_from([{}, BASE, BASE | {"flange": between(0.02, 2)}])
+NO_SPHERE = {"below": draw_between(0.02, HALF_SPACE_SIZES)}
+SPHERE = {"sphere": draw_between(0.05, 20), "cover": draw_between(0.005, 3), "below": draw_between(0.005, HALF_SPACE_SIZES)}
+FILM = {"film": draw_between(1e-6, 1e-3)}
+BASE = {"flange_thickness": draw_between(0.05, 2), "step_height": draw_between(0.05, 2)}
+films = st.sampled_from([{}, FILM, FILM | {"adhesive": draw_between(1e-6, 1e-3)}])
+bases = st.sampled_from([{}, BASE, BASE | {"flange": draw_between(0.02, 2)}])
 numbers = st.tuples(st.sampled_from([NO_SPHERE, SPHERE, SPHERE]), films, bases).flatmap(
     lambda parts: st.fixed_dictionaries(BLOCKS | parts[0] | parts[1] | parts[2])
 )
@@ -91,8 +91,8 @@ SPECIAL: dict[str, dict[str, float]] = {
     "box in a gap beyond the inner radius": FLAT | ROOMY | {"gap": 3e-3, "sphere": 0.5},
     "thin cover": PAPER | {"cover": 0.005, "below": 0.005},
     "sphere wider than the probe": {"sphere": 20.0, "cover": 0.005, "beside": 0.02},
-    "sheet": {"below": 0.02, "beside": HALF_SPACE},
-    "half-space": {"below": HALF_SPACE, "beside": HALF_SPACE},
+    "sheet": {"below": 0.02, "beside": HALF_SPACE_SIZES},
+    "half-space": {"below": HALF_SPACE_SIZES, "beside": HALF_SPACE_SIZES},
     "boss": PAPER | FILMS_AND_BASE | {"inner_height": 0.5},
     "recess": PAPER | FILMS_AND_BASE | {"inner_height": 1.5},
     "level base": PAPER | FILMS_AND_BASE,
@@ -126,11 +126,11 @@ special = pytest.mark.parametrize("case", [pytest.param(case, id=name) for name,
 
 
 def mesh_of(s: Section, fineness: MeridianFineness = COARSE) -> Topology:
-    return topology(kind_of(s, fineness.lean), fineness)
+    return build_topology(kind_of(s, fineness.lean), fineness)
 
 
 def geometry_of(s: Section, mesh: Topology, order: int) -> Geometry:
-    return geometry(nodes(s, mesh, shapes(order).places), shapes(order))
+    return compute_geometry(compute_nodes(s, mesh, build_shapes(order).places), build_shapes(order))
 
 
 def ring(low: float, high: float) -> float:
@@ -140,15 +140,15 @@ def ring(low: float, high: float) -> float:
 def volumes(s: Section) -> dict[Body, float]:
     """Of all bodies by closed forms; tissue with what is in it."""
     discs = ring(0, s.inner_radius), ring(s.hole_radius, s.tube_radius)
-    found = {Body.TISSUE: ring(0, s.tissue_radius) * s.tissue_depth, Body.INCLUSION: 4 / 3 * math.pi * s.sphere_radius**3}
-    found |= {Body.INNER: discs[0] * s.inner_height, Body.OUTER: discs[1] * s.outer_height}
-    found |= {Body.FILM: sum(discs) * s.film, Body.ADHESIVE: sum(discs) * s.adhesive}
+    volumes_m3 = {Body.TISSUE: ring(0, s.tissue_radius) * s.tissue_depth, Body.INCLUSION: 4 / 3 * math.pi * s.sphere_radius**3}
+    volumes_m3 |= {Body.INNER: discs[0] * s.inner_height, Body.OUTER: discs[1] * s.outer_height}
+    volumes_m3 |= {Body.FILM: sum(discs) * s.film, Body.ADHESIVE: sum(discs) * s.adhesive}
     if s.flange_thickness:
         high, middle = max(s.inner_height, s.outer_height), (s.inner_radius + s.hole_radius) / 2
         boss = ring(0, middle) * (high - s.inner_height) + ring(middle, s.tube_radius) * (high - s.outer_height)
         whole = ring(0, max(s.flange_radius, s.tube_radius)) * s.flange_thickness
-        found[Body.BASE] = boss + ring(0, s.tube_radius) * s.step_height + whole
-    return {body: volume for body, volume in found.items() if volume}
+        volumes_m3[Body.BASE] = boss + ring(0, s.tube_radius) * s.step_height + whole
+    return {body: volume for body, volume in volumes_m3.items() if volume}
 
 
 def of_probe(mesh: Topology) -> np.ndarray:

@@ -12,18 +12,18 @@ from functools import cache
 import numpy as np
 
 from geometry.scenes.scene_file import read_scene
-from geometry.tetra.check import check
-from geometry.tetra.layout import BodyLayout, body_layout, extent
+from geometry.tetra.check import check_mesh
+from geometry.tetra.layout import BodyLayout, build_layout, find_extent
 from geometry.tetra.mesher import mesh_layout
-from geometry.tetra.sizing import COARSE, ROUGH, ROUGHEST, TetraFineness
-from geometry.tetra.tet_mesh import BEYOND, TetMesh, element_volumes
-from solver.solid.domain import Domain, domain, reach
+from geometry.tetra.sizing import COARSE_FINENESS, ROUGH_FINENESS, ROUGHEST_FINENESS, TetraFineness
+from geometry.tetra.tet_mesh import BEYOND_BODY, TetMesh, compute_volumes
+from solver.solid.domain import Domain, choose_domain, compute_reach
 from tests.support.paths import MESHES, REFERENCE
 
 SCENE = "flank"  # of tests/reference/solid: half of it is meshed
 LAYERED = "across"  # of tests/reference/tissue-layers-off-axis, likewise
 FOLDERS = {SCENE: "solid", LAYERED: "tissue-layers-off-axis"}
-FINENESS = {ROUGHEST: "roughest", ROUGH: "rough", COARSE: "coarse"}
+FINENESS = {ROUGHEST_FINENESS: "roughest", ROUGH_FINENESS: "rough", COARSE_FINENESS: "coarse"}
 
 
 @cache
@@ -32,33 +32,33 @@ def stored_mesh(name: str) -> TetMesh:
     data = np.load(MESHES / f"{name}.npz")
     body = data["body"].astype(np.int64)
     layer = data["layer"].astype(np.int64) if "layer" in data else np.zeros(len(body), dtype=np.int64)
-    return TetMesh(data["nodes"], data["elements"].astype(np.int64), body, body == BEYOND, layer, bool(data["half"]))
+    return TetMesh(data["nodes"], data["elements"].astype(np.int64), body, body == BEYOND_BODY, layer, bool(data["half"]))
 
 
-def scene_mesh(of: Domain, fineness: TetraFineness, name: str = SCENE) -> TetMesh:
+def scene_mesh(scene_domain: Domain, fineness: TetraFineness, name: str = SCENE) -> TetMesh:
     """What domain_mesh.mesh_domain returns, of a scene with the bodies of a named one; ``check`` holds that it is."""
     mesh = stored_mesh(f"{name}-{FINENESS[fineness]}")
-    check(mesh, _layout(of))
+    check_mesh(mesh, _layout(scene_domain))
     return mesh
 
 
 def body_volumes(mesh: TetMesh) -> dict[int, float]:
     """Volume in m^3 of each body, of the meshed half where the mesh is one."""
-    volumes = element_volumes(mesh.nodes, mesh.elements)
+    volumes = compute_volumes(mesh.nodes, mesh.elements)
     return {int(label): float(volumes[mesh.body == label].sum()) for label in np.unique(mesh.body)}
 
 
-def _layout(of: Domain) -> BodyLayout:
-    return body_layout(of.scene, of.half, extent(of.scene, None), of.radius)
+def _layout(scene_domain: Domain) -> BodyLayout:
+    return build_layout(scene_domain.scene, scene_domain.half, find_extent(scene_domain.scene, None), scene_domain.radius)
 
 
 def main() -> None:
     for scene_name in sys.argv[1:] or FOLDERS:
         scene = read_scene(REFERENCE / FOLDERS[scene_name] / f"{scene_name}.toml")
-        of = domain(scene, reach(scene), None)
+        scene_domain = choose_domain(scene, compute_reach(scene), None)
         for fineness, name in FINENESS.items():
-            mesh, _ = mesh_layout(_layout(of), fineness)
-            assert np.array_equal(mesh.beyond, mesh.body == BEYOND)
+            mesh, _ = mesh_layout(_layout(scene_domain), fineness)
+            assert np.array_equal(mesh.beyond, mesh.body == BEYOND_BODY)
             small = {"elements": mesh.elements.astype(np.uint16)} | {
                 key: getattr(mesh, key).astype(np.int8) for key in ("body", "layer")
             }

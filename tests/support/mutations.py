@@ -69,15 +69,19 @@ def _places(data: Any) -> list[Any]:
 def garbled(draw: st.DrawFn, content: bytes) -> bytes:
     """Bytes of a file that was cut, overwritten in places, doubled or written in another encoding."""
     kind = draw(st.sampled_from(["cut", "overwritten", "overwritten", "doubled", "utf-16", "deep", "any"]))
-    at = draw(st.integers(0, len(content)))
+    position = draw(st.integers(0, len(content)))
     if kind == "cut":
-        return content[:at]
+        return content[:position]
     if kind == "overwritten":
-        return content[:at] + draw(st.binary(max_size=20)) + content[at + draw(st.integers(0, 20)) :]
+        return content[:position] + draw(st.binary(max_size=20)) + content[position + draw(st.integers(0, 20)) :]
     if kind == "doubled":
         return content + content
     if kind == "utf-16":
         return content.decode("latin-1").encode("utf-16")
     if kind == "deep":
-        return content[:at] + draw(st.sampled_from([b"[", b"{", b"(", b'{"a":', b"a=[", b"a.", b"-"])) * 3000 + content[at:]
+        return (
+            content[:position]
+            + draw(st.sampled_from([b"[", b"{", b"(", b'{"a":', b"a=[", b"a.", b"-"])) * 3000
+            + content[position:]
+        )
     return draw(st.binary(max_size=300))

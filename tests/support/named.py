@@ -29,8 +29,8 @@ def texts(path: Path) -> tuple[str, ...]:
 
 def files(text: str) -> list[str]:
     """Files and folders that a text names, in its order: with a slash, or the bare name of a source."""
-    found = {match.start(): match[0] for pattern in (_FOLDER, _PATH) for match in pattern.finditer(text)}
-    return [name for _, name in sorted(found.items()) if "/" in name or name.endswith(".py")]
+    matches = {match.start(): match[0] for pattern in (_FOLDER, _PATH) for match in pattern.finditer(text)}
+    return [name for _, name in sorted(matches.items()) if "/" in name or name.endswith(".py")]
 
 
 def modules(text: str) -> set[str]:

@@ -15,7 +15,7 @@ from typing import IO
 
 import pytest
 
-from geometry.tetra.cache import FOLDER
+from geometry.tetra.cache import CACHE_VARIABLE
 from probe_design.cli.main import main
 
 Ended = subprocess.CompletedProcess[str]
@@ -31,10 +31,10 @@ def run(*arguments: str | Path, cwd: Path | None = None) -> Ended:
         warnings.simplefilter("error")
         patch.setattr(sys, "argv", words)
         patch.chdir(cwd or Path.cwd())
-        before = _state()
+        before_run = _state()
         with pytest.raises(SystemExit) as ended:
             main()
-        assert _state() == before, "the program changed the process that it ran in"
+        assert _state() == before_run, "the program changed the process that it ran in"
     return Ended(words, int(ended.value.code or 0), _text(output), _text(errors))
 
 
@@ -105,4 +105,4 @@ def _text(file: IO[bytes]) -> str:
 
 def _state() -> tuple[object, ...]:
     """What a program that runs inside another has to leave as it was."""
-    return Path.cwd(), signal.getsignal(signal.SIGINT), os.environ.get(FOLDER), sys.stdin, sys.stdout, sys.stderr
+    return Path.cwd(), signal.getsignal(signal.SIGINT), os.environ.get(CACHE_VARIABLE), sys.stdin, sys.stdout, sys.stderr

@@ -8,7 +8,7 @@ from typing import Any
 from hypothesis import strategies as st
 
 from geometry import Scene
-from geometry.scenes.units import SI
+from geometry.scenes.units import SI_CONTEXT
 
 LENGTHS = {
     "inner_radius", "outer_radius", "gap", "height", "inner_height", "outer_height", "radius", "depth", "diameter", "x", "y",
@@ -17,7 +17,7 @@ LENGTHS = {
 MODULI = {"inner": ("probe", "inner"), "outer": ("probe", "outer"), "tissue": ("tissue",), "inclusion": ("inclusion", 0)}
 
 
-def between(low: float, high: float) -> st.SearchStrategy[float]:
+def draw_between(low: float, high: float) -> st.SearchStrategy[float]:
     """Numbers whose logarithm is spread evenly."""
     return st.floats(math.log(low), math.log(high)).map(math.exp)
 
@@ -39,7 +39,7 @@ def scenes(draw: Any, least_cover: float = 0.15, farthest: float = 0.0, tumours:
         bodies.append(_tumour(draw, outer, least_cover, farthest, bodies))
     lowest = max(body["depth"] + body["diameter"] / 2 for body in bodies)
     widest = max(outer, *(math.hypot(body["x"], body["y"]) + body["diameter"] for body in bodies))
-    room = {"radius": widest * draw(between(1.5, 10.0)), "depth": lowest * draw(between(1.1, 4.0))}
+    room = {"radius": widest * draw(draw_between(1.5, 10.0)), "depth": lowest * draw(draw_between(1.1, 4.0))}
     scene = {
         "probe": {**probe, "inner": draw(materials(0.2, 1e4)), "outer": draw(materials(0.2, 1e4))},
         "tissue": {"shape": "cylinder", **room, **draw(materials(1.0, 1.0))},
@@ -47,40 +47,40 @@ def scenes(draw: Any, least_cover: float = 0.15, farthest: float = 0.0, tumours:
         "contact": {"interface": draw(st.sampled_from(["bonded", "frictionless"]))},
         "load": {"indentation": 1e-6},
     }
-    return scaled(Scene.model_validate(scene, context=SI), moduli=draw(between(0.1, 100.0)))
+    return scaled(Scene.model_validate(scene, context=SI_CONTEXT), moduli=draw(draw_between(0.1, 100.0)))
 
 
-def materials(least: float, most: float) -> st.SearchStrategy[dict[str, float]]:
+def materials(minimum: float, maximum: float) -> st.SearchStrategy[dict[str, float]]:
     """Materials of a modulus within a range, kPa."""
-    modulus = between(least, most).map(lambda kilopascals: 1e3 * kilopascals)
+    modulus = draw_between(minimum, maximum).map(lambda kilopascals: 1e3 * kilopascals)
     return st.fixed_dictionaries({"youngs_modulus": modulus, "poisson_ratio": st.floats(0.0, 0.499)})
 
 
 @st.composite
 def probes(draw: Any) -> dict[str, float]:
     """Lengths: blocks from flat to tall, from a thin core to a thin sleeve, gaps from hairline to wide."""
-    radius, height = draw(between(1e-3, 1e-2)), draw(between(0.1, 6.0))
+    radius, height = draw(draw_between(1e-3, 1e-2)), draw(draw_between(0.1, 6.0))
     return {
         "inner_radius": radius,
-        "area_ratio": draw(between(0.05, 20.0)),
-        "gap": radius * draw(between(0.003, 0.5)),
+        "area_ratio": draw(draw_between(0.05, 20.0)),
+        "gap": radius * draw(draw_between(0.003, 0.5)),
         "inner_height": radius * height,
-        "outer_height": radius * height * draw(between(0.7, 1.4)),
+        "outer_height": radius * height * draw(draw_between(0.7, 1.4)),
     }
 
 
-def _tumour(draw: Any, outer: float, least_cover: float, farthest: float, others: list[dict[str, Any]]) -> dict[str, Any]:
+def _tumour(draw: Any, outer: float, least_cover: float, farthest: float, placed: list[dict[str, Any]]) -> dict[str, Any]:
     """The first tumour, or one beside the last."""
-    diameter = outer * draw(between(0.3, 1.5))
+    diameter = outer * draw(draw_between(0.3, 1.5))
     x = outer * draw(st.floats(0.0, farthest))
-    if others:
-        x = others[-1]["x"] - 0.6 * (diameter + others[-1]["diameter"]) - x
+    if placed:
+        x = placed[-1]["x"] - 0.6 * (diameter + placed[-1]["diameter"]) - x
     return {
         "diameter": diameter,
-        "depth": diameter * (0.5 + draw(between(least_cover, 2.0))),
+        "depth": diameter * (0.5 + draw(draw_between(least_cover, 2.0))),
         "x": x,
         "y": outer * farthest * draw(st.floats(-0.5, 0.5)),
-        "target": not others,
+        "target": not placed,
         **draw(materials(1e-3, 1e4)),
     }
 
@@ -88,14 +88,14 @@ def _tumour(draw: Any, outer: float, least_cover: float, farthest: float, others
 def scaled(scene: Scene, lengths: float = 1.0, moduli: float = 1.0) -> Scene:
     """Return the scene with every length and every modulus times a number."""
 
-    def of(key: str, value: Any) -> Any:
+    def scale_value(key: str, value: Any) -> Any:
         if isinstance(value, dict):
-            return {name: of(name, one) for name, one in value.items()}
+            return {name: scale_value(name, item) for name, item in value.items()}
         if isinstance(value, tuple | list):
-            return tuple(of(key, one) for one in value)
+            return tuple(scale_value(key, item) for item in value)
         return value * lengths if key in LENGTHS else value * moduli if key == "youngs_modulus" else value
 
-    return Scene.model_validate(of("", scene.model_dump(exclude_unset=True)), context=SI)
+    return Scene.model_validate(scale_value("", scene.model_dump(exclude_unset=True)), context=SI_CONTEXT)
 
 
 def stiffened(scene: Scene, part: str, times: float) -> Scene:
@@ -105,7 +105,7 @@ def stiffened(scene: Scene, part: str, times: float) -> Scene:
     for key in MODULI[part]:
         material = material[key]
     material["youngs_modulus"] *= times
-    return Scene.model_validate(data, context=SI)
+    return Scene.model_validate(data, context=SI_CONTEXT)
 
 
 def homogeneous(scene: Scene) -> Scene:
@@ -119,7 +119,7 @@ def in_a_block(scene: Scene) -> Scene:
     tissue = scene.tissue.model_dump(exclude={"shape"})
     radius = tissue.pop("radius")
     block = {**tissue, "shape": "block", "length": 2.2 * radius, "breadth": 1.6 * radius}
-    return Scene.model_validate({**scene.model_dump(exclude_unset=True), "tissue": block}, context=SI)
+    return Scene.model_validate({**scene.model_dump(exclude_unset=True), "tissue": block}, context=SI_CONTEXT)
 
 
 def moved(scene: Scene, xx: float, xy: float, yx: float, yy: float) -> Scene:
@@ -131,4 +131,4 @@ def moved(scene: Scene, xx: float, xy: float, yx: float, yy: float) -> Scene:
     tissue = data["tissue"]
     if scene.tissue.shape == "block" and xx == yy == 0:
         tissue.update(length=tissue["breadth"], breadth=tissue["length"])
-    return Scene.model_validate(data, context=SI)
+    return Scene.model_validate(data, context=SI_CONTEXT)

@@ -25,16 +25,16 @@ class Expected:
 
 def expected(folder: str) -> list[Expected]:
     """Read all scenes of a folder with their results."""
-    found = json.loads((REFERENCE / folder / "expected.json").read_text())
-    return [_one(folder, name, values) for name, values in found.items()]
+    values_by_name = json.loads((REFERENCE / folder / "expected.json").read_text())
+    return [_make_expected(folder, name, values) for name, values in values_by_name.items()]
 
 
 def named(folder: str, name: str) -> Expected:
     """Read one scene with its results."""
-    return next(one for one in expected(folder) if one.name == name)
+    return next(reference for reference in expected(folder) if reference.name == name)
 
 
-def _one(folder: str, name: str, values: dict[str, float]) -> Expected:
+def _make_expected(folder: str, name: str, values: dict[str, float]) -> Expected:
     return Expected(
         name,
         read_scene(REFERENCE / folder / f"{name}.toml"),

@@ -10,8 +10,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from probe_design.sweeps.rows import COLUMNS
-from probe_design.sweeps.store import reading
+from probe_design.sweeps.rows import ROW_COLUMNS
+from probe_design.sweeps.store import open_for_reading
 from tests.support.paths import ROOT, SCENE
 
 GAP = {"from": "0.05 mm", "to": "0.2 mm"}
@@ -20,7 +20,7 @@ DEPTH = {"from": "6 mm", "to": "12 mm"}
 VARIABLE = {"name": "probe.gap", "unit": "m", "shown": "mm", "values": [1e-4, 2e-4], "log": False}
 
 
-def asked(designs: int) -> dict[str, Any]:
+def make_table(designs: int) -> dict[str, Any]:
     """What a store says that a sweep of one variable was asked."""
     return {
         "names": ["probe.gap"], "variables": [VARIABLE], "designs": designs, "digest": "ab", "sample": {"kind": "grid"},
@@ -55,10 +55,10 @@ def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
 
 def stored(folder: Path) -> list[tuple[Any, ...]]:
     """Every column of every row but the times."""
-    with reading(folder) as store:
+    with open_for_reading(folder) as store:
         return [
-            (number, inputs, key, *(row[name] for name in COLUMNS if name != "seconds"))
-            for number, inputs, key, row in store.rows()
+            (number, inputs, key, *(row[name] for name in ROW_COLUMNS if name != "seconds"))
+            for number, inputs, key, row in store.iterate_rows()
         ]
 
 

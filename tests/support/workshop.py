@@ -22,7 +22,7 @@ def probe() -> Probe:
 
 def entities(path: Path, kind: str) -> list[dict[str, Any]]:
     """Entities of a kind in model space."""
-    return [one for one in dxf_parser.parse(path.read_bytes())["entities"] if one["type"] == kind]
+    return [entity for entity in dxf_parser.parse(path.read_bytes())["entities"] if entity["type"] == kind]
 
 
 def distance(dimension: dict[str, Any]) -> float:
@@ -36,6 +36,6 @@ def distance(dimension: dict[str, Any]) -> float:
 
 def outlines(path: Path, layer: str) -> list[list[tuple[float, float, float]]]:
     """Closed outlines of a layer: corners and bulges."""
-    found = [one for one in entities(path, "LWPOLYLINE") if one["layer"] == layer]
-    assert all(one["shape"] for one in found)  # closed
-    return [[(corner["x"], corner["y"], corner.get("bulge", 0.0)) for corner in one["vertices"]] for one in found]
+    polylines = [entity for entity in entities(path, "LWPOLYLINE") if entity["layer"] == layer]
+    assert all(entity["shape"] for entity in polylines)  # closed
+    return [[(corner["x"], corner["y"], corner.get("bulge", 0.0)) for corner in entity["vertices"]] for entity in polylines]

@@ -30,7 +30,7 @@ def test_what_the_scene_leaves_open(options, wanted):
 
 
 def test_png_of_its_size_written_whole(tmp_path):
-    path = drawing.draw(make(inner_height=5e-3, outer_height=6e-3), tmp_path / "probe.png")
+    path = drawing.draw_probe(make(inner_height=5e-3, outer_height=6e-3), tmp_path / "probe.png")
     data = path.read_bytes()
     assert data[:8] == b"\x89PNG\r\n\x1a\n"
     assert struct.unpack(">II", data[16:24]) == (2400, 1350)
@@ -39,11 +39,11 @@ def test_png_of_its_size_written_whole(tmp_path):
 
 @pytest.mark.parametrize(("gap", "height", "groove"), [(1e-6, 0.1e-3, None), (5e-3, 100e-3, (5e-3, 50e-3))])
 def test_extremes(tmp_path, gap, height, groove):
-    drawing.draw(make(gap=gap, height=height, groove=groove), tmp_path / "probe.png")
+    drawing.draw_probe(make(gap=gap, height=height, groove=groove), tmp_path / "probe.png")
 
 
 @pytest.mark.parametrize(
-    ("options", "there", "not_there"),
+    ("options", "present", "not_there"),
     [
         (
             {"film": None, "groove": None},
@@ -59,15 +59,15 @@ def test_extremes(tmp_path, gap, height, groove):
         ),
     ],
 )
-def test_says_what_there_is_and_what_is_assumed(tmp_path, monkeypatch, options, there, not_there):
+def test_says_what_there_is_and_what_is_assumed(tmp_path, monkeypatch, options, present, not_there):
     from matplotlib.figure import Figure
     from matplotlib.text import Text
 
     drawn = []
     monkeypatch.setattr(Figure, "savefig", lambda figure, path, **_: drawn.append(figure) or Path(path).touch())
-    drawing.draw(make(outer_radius=6e-3, **options), tmp_path / "probe.png")
+    drawing.draw_probe(make(outer_radius=6e-3, **options), tmp_path / "probe.png")
     texts = [text.get_text() for text in drawn[0].findobj(Text)]
-    for word in there:
+    for word in present:
         assert any(word in text for text in texts), (word, texts)
     for word in not_there:
         assert not any(word in text for text in texts), (word, texts)
@@ -76,15 +76,15 @@ def test_says_what_there_is_and_what_is_assumed(tmp_path, monkeypatch, options, 
 @pytest.mark.parametrize("options", [{}, {"film": None}, {"base": FLANGE}], ids=["film", "bare", "flange"])
 def test_outlines_enclose_the_area_that_the_solids_have_in_the_plane(options):
     probe = make(inner_height=4e-3, outer_height=5e-3, **options)
-    cq = solids.cadquery()
+    cq = solids.load_cadquery()
     plane = cq.Face.makePlane(100, 100, (0, 0, 0), (0, 1, 0))
-    for name, polygons in drawing.outlines(probe).items():
+    for name, polygons in drawing.section_outlines(probe).items():
         area = sum(abs(sum(a * d - b * c for (a, b), (c, d) in zip(p, p[1:] + p[:1], strict=True))) / 2 for p in polygons)
-        assert area == pytest.approx(plane.intersect(solids.parts(probe)[name]).Area(), rel=1e-9), name
+        assert area == pytest.approx(plane.intersect(solids.build_parts(probe)[name]).Area(), rel=1e-9), name
 
 
 @pytest.mark.parametrize(
     ("length", "text"), [(5.0, "5"), (11.44849, "11.4485"), (0.001, "0.001"), (0.0001, "0.0001"), (100.0, "100")]
 )
 def test_numbers(length, text):
-    assert drawing.number(length) == text
+    assert drawing.format_number(length) == text

@@ -14,13 +14,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from geometry.cad import export as step
-from geometry.cad.record import NAME, PARTS, check_asked, check_same, design_of, digest
+from geometry.cad.record import (
+    PART_FILES,
+    RECORD_NAME,
+    check_same_design,
+    check_same_question,
+    compute_design_digest,
+    compute_digest,
+)
 from geometry.common.errors import InputError
 from geometry.scenes.probe import Film, Material, Probe
 
 RUBBER = Material(youngs_modulus=1e6, poisson_ratio=0.4)
 FILM = Film(thickness=110e-6)
-ASKED, OTHERS = digest({"scene": "one"}), digest({"scene": "another"})
+ASKED, OTHERS = compute_digest({"scene": "one"}), compute_digest({"scene": "another"})
 
 
 def make(height: float = 5e-3, film: Film | None = FILM, **others: object) -> Probe:
@@ -35,7 +42,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 @pytest.fixture(scope="module")
 def exported(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("exported")
-    step.export(make(), folder)
+    step.export_parts(make(), folder)
     return folder
 
 
@@ -48,60 +55,60 @@ def folder(exported: Path, tmp_path: Path) -> Path:
 
 
 def test_the_record_tells_design_assumptions_and_files(exported: Path) -> None:
-    told = json.loads((exported / NAME).read_text())
-    assert (told["format"], told["version"], told["asked"]) == ("probe-design parts", 1, None)
-    assert told["assumed"] == {"probe.base.thickness": f"{0.3 * math.sqrt(5.1**2 + 25 / 3.7):.6g} mm"}  # 0.3 Ro
-    assert told["files"] == {name: hashlib.sha256((exported / name).read_bytes()).hexdigest() for name in PARTS}
+    record = json.loads((exported / RECORD_NAME).read_text())
+    assert (record["format"], record["version"], record["asked"]) == ("probe-design parts", 1, None)
+    assert record["assumed"] == {"probe.base.thickness": f"{0.3 * math.sqrt(5.1**2 + 25 / 3.7):.6g} mm"}  # 0.3 Ro
+    assert record["files"] == {name: hashlib.sha256((exported / name).read_bytes()).hexdigest() for name in PART_FILES}
 
 
 def test_the_same_design_is_exported_again(folder: Path) -> None:
-    step.export(make(), folder, beside={"drawing.png": lambda path: path.write_bytes(b"drawn")})
-    step.export(make(), folder)
-    told = json.loads((folder / NAME).read_text())
-    assert told["files"]["drawing.png"] == hashlib.sha256(b"drawn").hexdigest()
-    assert check_same(folder, make()) is not None
+    step.export_parts(make(), folder, other_files={"drawing.png": lambda path: path.write_bytes(b"drawn")})
+    step.export_parts(make(), folder)
+    record = json.loads((folder / RECORD_NAME).read_text())
+    assert record["files"]["drawing.png"] == hashlib.sha256(b"drawn").hexdigest()
+    assert check_same_design(folder, make()) is not None
 
 
 def test_another_design_is_refused_and_nothing_changes(folder: Path) -> None:
-    before = contents(folder)
+    contents_before = contents(folder)
     with pytest.raises(InputError, match=r"^output = .*those there are of another design\); --force replaces them$") as fault:
-        step.export(make(height=5.001e-3), folder)
+        step.export_parts(make(height=5.001e-3), folder)
     assert fault.value.exit_code == 2
-    assert contents(folder) == before
+    assert contents(folder) == contents_before
 
 
 def missing(folder: Path) -> None:
-    (folder / NAME).unlink()
+    (folder / RECORD_NAME).unlink()
 
 
 def empty(folder: Path) -> None:
-    (folder / NAME).write_bytes(b"")
+    (folder / RECORD_NAME).write_bytes(b"")
 
 
 def torn(folder: Path) -> None:
-    (folder / NAME).write_bytes((folder / NAME).read_bytes()[:-20])
+    (folder / RECORD_NAME).write_bytes((folder / RECORD_NAME).read_bytes()[:-20])
 
 
 def of_another_version(folder: Path) -> None:
-    (folder / NAME).write_text((folder / NAME).read_text().replace('"version": 1', '"version": 2'))
+    (folder / RECORD_NAME).write_text((folder / RECORD_NAME).read_text().replace('"version": 1', '"version": 2'))
 
 
 def nested(folder: Path) -> None:
-    (folder / NAME).write_text("[" * 100_000)
+    (folder / RECORD_NAME).write_text("[" * 100_000)
 
 
 def a_folder(folder: Path) -> None:
-    (folder / NAME).unlink()
-    (folder / NAME).mkdir()
+    (folder / RECORD_NAME).unlink()
+    (folder / RECORD_NAME).mkdir()
 
 
 def a_pipe(folder: Path) -> None:
-    (folder / NAME).unlink()
-    os.mkfifo(folder / NAME)
+    (folder / RECORD_NAME).unlink()
+    os.mkfifo(folder / RECORD_NAME)
 
 
 def no_text(folder: Path) -> None:
-    (folder / NAME).write_bytes(b"\xff\xfe\x00")
+    (folder / RECORD_NAME).write_bytes(b"\xff\xfe\x00")
 
 
 def a_part_of_another(folder: Path) -> None:
@@ -116,66 +123,66 @@ def a_part_that_is_a_pipe(folder: Path) -> None:
 DAMAGE = [missing, empty, torn, of_another_version, nested, a_folder, a_pipe, no_text, a_part_of_another, a_part_that_is_a_pipe]
 
 
-@pytest.mark.parametrize("damage", DAMAGE, ids=lambda one: one.__name__)
+@pytest.mark.parametrize("damage", DAMAGE, ids=lambda function: function.__name__)
 def test_parts_whose_design_cannot_be_told_are_refused(damage: Callable[[Path], None], folder: Path) -> None:
     damage(folder)
     for probe in (make(), make(height=6e-3)):
         with pytest.raises(InputError, match=r"(is missing|is damaged|is not the file listed in parts\.json)\); --force"):
-            check_same(folder, probe)
+            check_same_design(folder, probe)
     with pytest.raises(InputError, match="--force"):
-        check_asked(folder, ASKED)
+        check_same_question(folder, ASKED)
 
 
 @given(st.data())
 def test_any_damage_to_the_record_is_refused_or_leaves_it_as_it_was(exported: Path, data: st.DataObject) -> None:
-    whole = (exported / NAME).read_bytes()
+    whole = (exported / RECORD_NAME).read_bytes()
     start = data.draw(st.integers(0, len(whole)))
     damaged = whole[:start] + data.draw(st.binary(max_size=8)) + whole[data.draw(st.integers(start, len(whole))) :]
-    (exported / NAME).write_bytes(damaged)
+    (exported / RECORD_NAME).write_bytes(damaged)
     try:
-        taken = check_same(exported, make()) is not None
+        taken = check_same_design(exported, make()) is not None
     except InputError:
         taken = False
     finally:
-        (exported / NAME).write_bytes(whole)
+        (exported / RECORD_NAME).write_bytes(whole)
     assert not taken or json.loads(damaged)["design"] == json.loads(whole)["design"]
 
 
 def test_force_replaces_all_that_was_written_of_the_other_design(folder: Path) -> None:
     first = {name: lambda path: path.write_text("of the first") for name in ("report.html", "design.toml")}
-    step.export(make(), folder, beside=first)
+    step.export_parts(make(), folder, other_files=first)
     (folder / "design.toml").write_text("changed by its user")
     (folder / "notes.txt").write_text("the user's own")
-    step.export(make(film=None), folder, force=True)
+    step.export_parts(make(film=None), folder, force=True)
     assert sorted(contents(folder)) == sorted(
-        ["inner.step", "outer.step", "base.step", "assembly.step", NAME, "design.toml", "notes.txt"]
+        ["inner.step", "outer.step", "base.step", "assembly.step", RECORD_NAME, "design.toml", "notes.txt"]
     )
-    assert check_same(folder, make(film=None)) is not None
+    assert check_same_design(folder, make(film=None)) is not None
 
 
 def test_force_on_the_same_design_keeps_what_was_written_of_it(folder: Path) -> None:
-    step.export(make(), folder, beside={"report.html": lambda path: path.write_text("of this design")})
+    step.export_parts(make(), folder, other_files={"report.html": lambda path: path.write_text("of this design")})
     a_part_of_another(folder)
-    step.export(make(), folder, force=True)
+    step.export_parts(make(), folder, force=True)
     assert (folder / "report.html").exists()
-    assert check_same(folder, make()) is not None
+    assert check_same_design(folder, make()) is not None
 
 
 def test_a_question_is_asked_again_but_no_other(tmp_path: Path, folder: Path) -> None:
-    check_asked(tmp_path / "new", ASKED)
+    check_same_question(tmp_path / "new", ASKED)
     with pytest.raises(InputError, match="of another design"):
-        check_asked(folder, ASKED)  # exported by hand
-    step.export(make(), folder, asked=ASKED)
-    step.export(make(), folder)  # the same design, by hand
-    check_asked(folder, ASKED)
+        check_same_question(folder, ASKED)  # exported by hand
+    step.export_parts(make(), folder, question_digest=ASKED)
+    step.export_parts(make(), folder)  # the same design, by hand
+    check_same_question(folder, ASKED)
     with pytest.raises(InputError, match="of another design"):
-        check_asked(folder, OTHERS)
+        check_same_question(folder, OTHERS)
 
 
 def test_a_design_is_its_numbers_however_they_are_given() -> None:
     radius = make().tube_radius
-    same = make(area_ratio=None, outer_radius=radius, base={"rigid": True, "thickness": 0.3 * radius})
-    assert design_of(same) == design_of(make())
-    others = [make(height=5.0001e-3), make(film=None), make(film=Film(thickness=111e-6)), make(gap=1.0001e-4)]
-    others += [make(base={"rigid": True, "thickness": 2e-3}), make(groove={"width": 2e-3, "depth": 1e-3})]
-    assert len({design_of(one) for one in (make(), *others)}) == 1 + len(others)
+    same_design = make(area_ratio=None, outer_radius=radius, base={"rigid": True, "thickness": 0.3 * radius})
+    assert compute_design_digest(same_design) == compute_design_digest(make())
+    designs = [make(height=5.0001e-3), make(film=None), make(film=Film(thickness=111e-6)), make(gap=1.0001e-4)]
+    designs += [make(base={"rigid": True, "thickness": 2e-3}), make(groove={"width": 2e-3, "depth": 1e-3})]
+    assert len({compute_design_digest(design) for design in (make(), *designs)}) == 1 + len(designs)

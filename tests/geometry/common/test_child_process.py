@@ -24,10 +24,10 @@ def program(tmp_path):
 
 
 def test_arrays_go_there_and_back(program):
-    some = {"points": np.arange(6.0).reshape(2, 3), "name": np.array("tumour.stl")}
-    back = run_program(program("print('noise'); return {'twice': 2 * arrays['points'], 'name': arrays['name']}"), some, 60)
-    assert np.array_equal(back["twice"], 2 * some["points"])
-    assert back["name"].item() == "tumour.stl"
+    sent = {"points": np.arange(6.0).reshape(2, 3), "name": np.array("tumour.stl")}
+    received = run_program(program("print('noise'); return {'twice': 2 * arrays['points'], 'name': arrays['name']}"), sent, 60)
+    assert np.array_equal(received["twice"], 2 * sent["points"])
+    assert received["name"].item() == "tumour.stl"
 
 
 def test_what_it_raises_is_told_in_one_line(program):

@@ -9,14 +9,14 @@ from pathlib import Path
 import pytest
 
 from geometry.common.errors import InputError
-from geometry.common.files import check_writable, check_writable_file, write_text, written_together, written_whole
+from geometry.common.files import check_writable, check_writable_file, write_text, write_together, write_whole
 
 
 def test_replaces_the_old_file_only_when_the_new_one_is_whole(tmp_path: Path) -> None:
     path = write_text(tmp_path / "folder" / "a.txt", "old")
 
     def interrupted() -> None:
-        with written_whole(path) as draft:
+        with write_whole(path) as draft:
             draft.write_text("half")
             raise KeyboardInterrupt
 
@@ -38,9 +38,9 @@ def test_a_file_that_is_written_once_stays_that_of_the_first(
     if not links:
         monkeypatch.setattr("os.link", unsupported)
     path = tmp_path / "a.txt"
-    with written_whole(path, once=True) as slow:
+    with write_whole(path, once=True) as slow:
         slow.write_text("second")
-        with written_whole(path, once=True) as quick:
+        with write_whole(path, once=True) as quick:
             quick.write_text("first")
         assert path.read_text() == "first"
     assert path.read_text() == "first"
@@ -93,7 +93,7 @@ def test_a_folder_in_a_file_s_place(tmp_path: Path) -> None:
 
 def test_work_that_fails_leaves_no_empty_folders(tmp_path: Path) -> None:
     def interrupted() -> None:
-        with written_whole(tmp_path / "there" / "new" / "newer" / "a.txt"):
+        with write_whole(tmp_path / "there" / "new" / "newer" / "a.txt"):
             raise KeyboardInterrupt
 
     (tmp_path / "there").mkdir()
@@ -106,7 +106,7 @@ def test_files_that_belong_together_are_all_new_or_all_old(tmp_path: Path) -> No
     names = ["record", "one", "two"]
 
     def write(text: str, last: str) -> None:
-        with written_together(tmp_path, names) as new:
+        with write_together(tmp_path, names) as new:
             for name in ("one", "two"):
                 (new / name).write_text(text)
             assert not last or (new / "record").write_text(last)
@@ -124,7 +124,7 @@ def test_a_folder_in_the_place_of_one_of_them_changes_none(tmp_path: Path) -> No
     (tmp_path / "two").mkdir()
 
     def write() -> None:
-        with written_together(tmp_path, ["one", "two"]) as new:
+        with write_together(tmp_path, ["one", "two"]) as new:
             for name in ("one", "two"):
                 (new / name).write_text("new")
 
@@ -142,7 +142,7 @@ def test_a_signal_between_two_moves_comes_after_the_last(tmp_path: Path, monkeyp
         signal.raise_signal(signal.SIGINT)
 
     def write() -> None:
-        with written_together(tmp_path, ["one", "two"]) as new:
+        with write_together(tmp_path, ["one", "two"]) as new:
             for name in ("one", "two"):
                 (new / name).write_text("new")
 

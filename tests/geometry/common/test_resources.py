@@ -5,7 +5,16 @@ import pytest
 
 from geometry.common import resources as module
 from geometry.common.errors import Refusal
-from geometry.common.resources import LimitReached, Limits, check_memory, check_time, limited, limits, seconds_left, timed
+from geometry.common.resources import (
+    LimitReached,
+    Limits,
+    check_memory,
+    check_time,
+    find_seconds_left,
+    get_limits,
+    start_clock,
+    use_limits,
+)
 
 
 @pytest.fixture
@@ -20,7 +29,7 @@ def test_what_passes_the_memory_is_refused_with_what_it_takes_and_the_option():
     check_memory("factors", 1.7e9)
     with pytest.raises(LimitReached, match=r"memory = 2 GB: allowed: 5\.4 GB or more.*for factors \(--memory"):
         check_memory("factors", 5.15e9)
-    with limited(Limits(memory=6e9)):
+    with use_limits(Limits(memory=6e9)):
         check_memory("factors", 5.15e9)
 
 
@@ -33,29 +42,29 @@ def test_what_is_said_to_be_allowed_is_more_than_what_was_refused():
 
 def test_the_clock_of_an_answer_runs_from_its_question(clock):
     check_time("solving", 1e9)  # no clock is running
-    with limited(Limits()), timed():
+    with use_limits(Limits()), start_clock():
         clock[0] += 100
         check_time("solving", 19)
-        with timed():  # a part of the same answer
-            assert seconds_left() == 20
+        with start_clock():  # a part of the same answer
+            assert find_seconds_left() == 20
         with pytest.raises(LimitReached, match=r"time = 120 s.*solving takes 21 s more after 100 s \(--time"):
             check_time("solving", 21)
         clock[0] += 20
         with pytest.raises(LimitReached, match="solving after 120 s"):
             check_time("solving")
-    assert seconds_left() == float("inf")
+    assert find_seconds_left() == float("inf")
 
 
 def test_none_leaves_the_limits_as_they_are():
-    with limited(Limits(seconds=7.0)), limited(None):
-        assert limits().seconds == 7
+    with use_limits(Limits(seconds=7.0)), use_limits(None):
+        assert get_limits().seconds == 7
 
 
 def test_a_thread_is_given_them_with_its_context():
     seen = []
-    with limited(Limits(seconds=7.0)), timed():
+    with use_limits(Limits(seconds=7.0)), start_clock():
         for run in (copy_context().run, lambda work: work()):
-            thread = threading.Thread(target=run, args=(lambda: seen.append((limits().seconds, seconds_left() < 8)),))
+            thread = threading.Thread(target=run, args=(lambda: seen.append((get_limits().seconds, find_seconds_left() < 8)),))
             thread.start()
             thread.join()
     assert seen == [(7.0, True), (120.0, False)]

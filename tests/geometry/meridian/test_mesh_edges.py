@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given
 from scipy.spatial import cKDTree
 
-from geometry.meridian.mesh import SQUARE, Topology, labels, nodes
+from geometry.meridian.mesh import UNIT_SQUARE, Topology, compute_labels, compute_nodes
 from geometry.meridian.section import Section
 from tests.support.meridian_sections import (
     CROSSED,
     crossed_section,
-    few,
+    few_examples,
     mesh_of,
     numbers,
     of_probe,
@@ -26,9 +26,9 @@ from tests.support.meridian_sections import (
 
 def corners_of(mesh: Topology) -> np.ndarray:
     """Numbers of the elements' corners, (n, 4): by label, those of the probe apart from those of the tissue."""
-    apart = np.broadcast_to(of_probe(mesh)[:, None, None], (len(mesh.body), 4, 1))
-    told = np.concatenate([labels(mesh), apart], axis=2).reshape(-1, 3)
-    return np.unique(told, axis=0, return_inverse=True)[1].reshape(-1, 4)
+    side_flags = np.broadcast_to(of_probe(mesh)[:, None, None], (len(mesh.body), 4, 1))
+    keys = np.concatenate([compute_labels(mesh), side_flags], axis=2).reshape(-1, 3)
+    return np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1, 4)
 
 
 def spread(points: np.ndarray, number: np.ndarray) -> float:
@@ -60,7 +60,7 @@ def test_sections_with_interfaces_across_the_sphere_conform(depths: tuple[float,
     assert_edges_are_shared(crossed_section(depths, **probe))
 
 
-@few
+@few_examples
 @given(numbers)
 def test_promised_sections_conform(case: dict[str, float]) -> None:
     assert_corners_are_told_apart(section(**case))
@@ -70,24 +70,27 @@ def test_promised_sections_conform(case: dict[str, float]) -> None:
 def assert_corners_are_told_apart(s: Section) -> None:
     """Corners lie in one point if they have the same label and lie on the same side, else further apart than rounding."""
     mesh = mesh_of(s)
-    at, number = nodes(s, mesh, SQUARE), corners_of(mesh)
-    assert spread(at.reshape(-1, 2), number.ravel()) <= rounding(s)
-    lengths = np.linalg.norm(at - np.roll(at, -1, axis=1), axis=2)
+    positions, number = compute_nodes(s, mesh, UNIT_SQUARE), corners_of(mesh)
+    assert spread(positions.reshape(-1, 2), number.ravel()) <= rounding(s)
+    lengths = np.linalg.norm(positions - np.roll(positions, -1, axis=1), axis=2)
     shortest = np.full(number.max() + 1, np.inf)
     np.minimum.at(shortest, number, np.minimum(lengths, np.roll(lengths, 1, axis=1)))
     for side in (of_probe(mesh), ~of_probe(mesh)):
-        there, first = np.unique(number[side], return_index=True)
-        points = at[side].reshape(-1, 2)[first]
-        assert np.all(cKDTree(points).query(points, k=2)[0][:, 1] > 0.01 * shortest[there])
+        side_places, first = np.unique(number[side], return_index=True)
+        points = positions[side].reshape(-1, 2)[first]
+        assert np.all(cKDTree(points).query(points, k=2)[0][:, 1] > 0.01 * shortest[side_places])
 
 
 def assert_edges_are_shared(s: Section) -> None:
     """Neighbours have the same points along an edge; edges of a single element make up the outlines and nothing else."""
     mesh = mesh_of(s)
-    at, corner = nodes(s, mesh, SQUARE), corners_of(mesh)
-    ends, sides = (np.stack([x, np.roll(x, -1, axis=1)], axis=2) for x in (corner, at))  # (n, 4, 2), (n, 4, 2, 2)
-    told = np.unique(np.sort(ends, axis=2).reshape(-1, 2), axis=0, return_inverse=True, return_counts=True)
-    number, count = told[1].ravel(), np.where(told[0][:, 0] == told[0][:, 1], 2, told[2])  # points have any number of cells
+    positions, corner = compute_nodes(s, mesh, UNIT_SQUARE), corners_of(mesh)
+    ends, sides = (np.stack([x, np.roll(x, -1, axis=1)], axis=2) for x in (corner, positions))  # (n, 4, 2), (n, 4, 2, 2)
+    edge_keys = np.unique(np.sort(ends, axis=2).reshape(-1, 2), axis=0, return_inverse=True, return_counts=True)
+    number, count = (
+        edge_keys[1].ravel(),
+        np.where(edge_keys[0][:, 0] == edge_keys[0][:, 1], 2, edge_keys[2]),
+    )  # points have any number of cells
     assert spread(along_edges(s, mesh, ends[..., 0] < ends[..., 1]), number) <= rounding(s)
     assert count.max() == 2
     alone = (count[number] == 1).reshape(-1, 4)
@@ -97,18 +100,18 @@ def assert_edges_are_shared(s: Section) -> None:
 
 def along_edges(s: Section, mesh: Topology, forth: np.ndarray) -> np.ndarray:
     """The point a third of the way along each element's edges, forth (where told so, (n, 4)) or back; (4 n, 2)."""
-    after = np.roll(SQUARE, -1, axis=0)
-    both = np.concatenate([(2 * SQUARE + after) / 3, (SQUARE + 2 * after) / 3])
-    points = nodes(s, mesh, both)
+    next_corner = np.roll(UNIT_SQUARE, -1, axis=0)
+    places = np.concatenate([(2 * UNIT_SQUARE + next_corner) / 3, (UNIT_SQUARE + 2 * next_corner) / 3])
+    points = compute_nodes(s, mesh, places)
     return np.where(forth[..., None], points[:, :4], points[:, 4:]).reshape(-1, 2)
 
 
-def assert_make_up(edges: np.ndarray, polygons: list[np.ndarray], within: float) -> None:
+def assert_make_up(edges: np.ndarray, polygons: list[np.ndarray], tolerance: float) -> None:
     """Each of the edges, (m, 2, 2), lies on a side of the polygons, and they are as long together."""
     sides = np.concatenate([np.stack([polygon, np.roll(polygon, -1, axis=0)], axis=1) for polygon in polygons])
-    low, high = sides.min(axis=1) - within, sides.max(axis=1) + within
-    on = (edges[:, None] >= low[:, None]) & (edges[:, None] <= high[:, None])
-    assert np.all(np.any(np.all(on, axis=(2, 3)), axis=1))
+    low, high = sides.min(axis=1) - tolerance, sides.max(axis=1) + tolerance
+    covers = (edges[:, None] >= low[:, None]) & (edges[:, None] <= high[:, None])
+    assert np.all(np.any(np.all(covers, axis=(2, 3)), axis=1))
     lengths = (np.abs(np.diff(x, axis=1)).sum() for x in (edges, sides))
     assert next(lengths) == pytest.approx(next(lengths), rel=1e-9)
 

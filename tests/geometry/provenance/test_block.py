@@ -13,17 +13,17 @@ import pytest
 from PIL import Image
 
 from geometry import InputError, read_scene, scene_from_toml
-from geometry.cad.drawing import draw
-from geometry.provenance.block import command, provenance
-from geometry.provenance.digest import file_digest, scene_digest
-from geometry.provenance.texts import block_of, html_script, toml_comment
+from geometry.cad.drawing import draw_probe
+from geometry.provenance.block import build_provenance, record_command
+from geometry.provenance.digest import compute_file_digest, compute_scene_digest
+from geometry.provenance.texts import format_html_script, format_toml_comment, read_block
 from tests.support.paths import SCENE
 
 TEXT = SCENE.read_text(encoding="utf-8")
 
 
 def test_a_block_has_all_its_parts() -> None:
-    block = provenance(read_scene(SCENE), evaluator="solid", accuracy=0.02, seed=7)
+    block = build_provenance(read_scene(SCENE), evaluator="solid", accuracy=0.02, seed=7)
     assert block.keys() == {
         "format", "version", "program", "dependencies", "scene", "evaluator", "accuracy", "seed", "command", "inputs"
     }  # fmt: skip
@@ -34,10 +34,10 @@ def test_a_block_has_all_its_parts() -> None:
 
 def test_a_scene_s_digest_is_of_its_numbers_not_of_its_text() -> None:
     other_words = scene_from_toml("# a comment\n" + TEXT.replace('"5 mm"', '"0.005 m"'))
-    assert scene_digest(other_words) == scene_digest(read_scene(SCENE))
+    assert compute_scene_digest(other_words) == compute_scene_digest(read_scene(SCENE))
     moved = read_scene(SCENE)
     moved = moved.model_copy(update={"probe": moved.probe.model_copy(update={"gap": 1.001 * moved.probe.gap})})
-    assert scene_digest(moved) != scene_digest(read_scene(SCENE))
+    assert compute_scene_digest(moved) != compute_scene_digest(read_scene(SCENE))
 
 
 def test_a_surface_counts_by_what_it_holds(tmp_path: Path) -> None:
@@ -47,19 +47,19 @@ def test_a_surface_counts_by_what_it_holds(tmp_path: Path) -> None:
         (tmp_path / folder / "tumour.stl").write_text(content)
         scene = read_scene(SCENE)
         body = scene.inclusion[0].model_copy(update={"diameter": None, "surface": str(tmp_path / folder / "tumour.stl")})
-        digests.append(scene_digest(scene.model_copy(update={"inclusion": (body,)})))
+        digests.append(compute_scene_digest(scene.model_copy(update={"inclusion": (body,)})))
     assert digests[0] == digests[1] != digests[2]
 
 
 def test_a_command_and_its_files_are_told() -> None:
     words = ["evaluate", str(SCENE), "--accuracy", "0.1"]
-    with command(words, SCENE, accuracy=0.1):
-        block = provenance()
+    with record_command(words, SCENE, accuracy=0.1):
+        block = build_provenance()
     assert block["command"] == ["evaluate", "scene.toml", "--accuracy", "0.1"]
     assert block["inputs"] == {"scene.toml": hashlib.sha256(SCENE.read_bytes()).hexdigest()}
-    assert block["scene"] == scene_digest(read_scene(SCENE))
+    assert block["scene"] == compute_scene_digest(read_scene(SCENE))
     assert block["accuracy"] == 0.1
-    assert provenance()["command"] is None
+    assert build_provenance()["command"] is None
 
 
 @pytest.mark.parametrize(
@@ -80,46 +80,46 @@ def test_a_command_and_its_files_are_told() -> None:
     ],
 )
 def test_paths_of_a_machine_are_left_out(word: str, left: str) -> None:
-    with command([word]):
-        assert provenance()["command"] == [left]
+    with record_command([word]):
+        assert build_provenance()["command"] == [left]
 
 
 def test_a_block_comes_back_out_of_every_text(tmp_path: Path) -> None:
-    block = provenance(read_scene(SCENE))
+    block = build_provenance(read_scene(SCENE))
     answer = {"ratio": 0.5, "note": "</script><b>", "provenance": block}
     (tmp_path / "a.json").write_text(json.dumps(answer))
-    (tmp_path / "a.html").write_text(f"<html>{html_script('answer', answer)}<p>more</p></html>")
-    (tmp_path / "a.toml").write_text(toml_comment(block) + TEXT)
+    (tmp_path / "a.html").write_text(f"<html>{format_html_script('answer', answer)}<p>more</p></html>")
+    (tmp_path / "a.toml").write_text(format_toml_comment(block) + TEXT)
     for name in ("a.json", "a.html"):
-        assert block_of(tmp_path / name) == (block, {"ratio": 0.5, "note": "</script><b>"})
-    assert block_of(tmp_path / "a.toml") == (block, tomllib.loads(TEXT))
+        assert read_block(tmp_path / name) == (block, {"ratio": 0.5, "note": "</script><b>"})
+    assert read_block(tmp_path / "a.toml") == (block, tomllib.loads(TEXT))
     assert read_scene(tmp_path / "a.toml") == read_scene(SCENE)
     (tmp_path / "parts.json").write_text(json.dumps(answer))
-    assert block_of(tmp_path)[0] == block
+    assert read_block(tmp_path)[0] == block
 
 
 @pytest.mark.parametrize("text", ["", "{}", "[]", '{"provenance": 3}', '{"provenance": {"format": "other"}}', "a = 1", "\0", "{"])
 def test_what_has_no_block_is_refused(text: str, tmp_path: Path) -> None:
     (tmp_path / "a").write_text(text)
     with pytest.raises(InputError, match="block of provenance"):
-        block_of(tmp_path / "a")
+        read_block(tmp_path / "a")
     with pytest.raises(InputError, match="file = "):
-        block_of(tmp_path / "nothing")
+        read_block(tmp_path / "nothing")
 
 
 def test_pictures_tell_it_too(tmp_path: Path) -> None:
     """Read by pillow, matplotlib having written it."""
-    with command(["export", "scene.toml"]):
-        draw(read_scene(SCENE).probe, tmp_path / "drawing.png")
+    with record_command(["export", "scene.toml"]):
+        draw_probe(read_scene(SCENE).probe, tmp_path / "drawing.png")
     with Image.open(tmp_path / "drawing.png") as picture:
         assert json.loads(picture.info["Description"])["command"] == ["export", "scene.toml"]
 
 
 def test_files_without_an_end_have_no_digest(tmp_path: Path) -> None:
     (tmp_path / "small").write_bytes(b"a")
-    assert file_digest(tmp_path / "small") == hashlib.sha256(b"a").hexdigest()
+    assert compute_file_digest(tmp_path / "small") == hashlib.sha256(b"a").hexdigest()
     with (tmp_path / "large").open("wb") as file:
         file.truncate(10**12)
     os.mkfifo(tmp_path / "pipe")
     for path in (tmp_path / "large", tmp_path / "pipe", tmp_path, Path("/dev/zero"), tmp_path / "none", Path("\0")):
-        assert file_digest(path) is None
+        assert compute_file_digest(path) is None

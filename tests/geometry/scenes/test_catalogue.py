@@ -8,7 +8,7 @@ from importlib.resources import files
 import pytest
 
 from geometry.common.errors import InputError
-from geometry.scenes.catalogue import CatalogueMaterial, find_material, materials
+from geometry.scenes.catalogue import CatalogueMaterial, find_material, list_materials
 from geometry.scenes.probe import Material
 
 BOTH = {  # product: kPa by compression (Dawood et al., CC BY 4.0) and by tension (Marechal et al., ODbL)
@@ -22,11 +22,11 @@ BOTH = {  # product: kPa by compression (Dawood et al., CC BY 4.0) and by tensio
 def test_a_product_of_both_databases_is_between_them_and_its_tolerance_reaches_both(
     name: str, measured: tuple[float, float]
 ) -> None:
-    found = find_material(name)
-    assert found.youngs_modulus == pytest.approx(1e3 * math.sqrt(math.prod(measured)), rel=5e-4)  # four digits
+    material = find_material(name)
+    assert material.youngs_modulus == pytest.approx(1e3 * math.sqrt(math.prod(measured)), rel=5e-4)  # four digits
     for value in measured:
-        assert abs(math.log(1e3 * value / found.youngs_modulus)) == pytest.approx(found.log_sd, abs=5e-4)
-    assert {one.licence for one in found.published} == {"CC BY 4.0", "ODbL 1.0"}
+        assert abs(math.log(1e3 * value / material.youngs_modulus)) == pytest.approx(material.log_sd, abs=5e-4)
+    assert {publication.licence for publication in material.published} == {"CC BY 4.0", "ODbL 1.0"}
 
 
 def test_the_databases_differ_by_2_to_2_3() -> None:
@@ -37,11 +37,11 @@ def test_the_databases_differ_by_2_to_2_3() -> None:
 
 def test_what_one_method_tells_is_as_uncertain_as_methods_differ() -> None:
     """By simulation: values by either method scatter alike about the true one; their gaps are those of the three products."""
-    gap = math.sqrt(sum(math.log(one / other) ** 2 for one, other in BOTH.values()) / len(BOTH))
-    found = find_material("dragon-skin-30")
-    assert found.youngs_modulus == 668e3
-    assert found.log_sd == pytest.approx(gap / math.sqrt(2), rel=1e-6)
-    assert found.log_sd > max(find_material(name).log_sd for name in BOTH)
+    gap = math.sqrt(sum(math.log(first / second) ** 2 for first, second in BOTH.values()) / len(BOTH))
+    material = find_material("dragon-skin-30")
+    assert material.youngs_modulus == 668e3
+    assert material.log_sd == pytest.approx(gap / math.sqrt(2), rel=1e-6)
+    assert material.log_sd > max(find_material(name).log_sd for name in BOTH)
 
 
 def test_a_recipe_is_what_was_measured_where_it_was() -> None:
@@ -53,16 +53,16 @@ def test_a_recipe_is_what_was_measured_where_it_was() -> None:
 
 
 def test_a_recipe_between_is_between_and_no_more_certain() -> None:
-    less, found, more = (find_material("ecoflex-00-10", thinner=share) for share in (0.25, 0.3, 0.375))
-    assert less.youngs_modulus > found.youngs_modulus > more.youngs_modulus
-    assert found.log_sd > find_material("ecoflex-00-10").log_sd
+    thick, middle, thin = (find_material("ecoflex-00-10", thinner=share) for share in (0.25, 0.3, 0.375))
+    assert thick.youngs_modulus > middle.youngs_modulus > thin.youngs_modulus
+    assert middle.log_sd > find_material("ecoflex-00-10").log_sd
 
 
 def test_sylgard_is_softer_with_less_agent() -> None:
     """Measured: 3.7 MPa at 5:1, 0.57 MPa at 33:1 (J. Appl. Polym. Sci. 2014, 131, 41050)."""
     for ratio, measured in ((5.0, 3.7e6), (33.0, 0.57e6)):
-        found = find_material("sylgard-184", ratio=ratio)
-        assert abs(math.log(found.youngs_modulus / measured)) < found.log_sd
+        material = find_material("sylgard-184", ratio=ratio)
+        assert abs(math.log(material.youngs_modulus / measured)) < material.log_sd
     assert find_material("sylgard-184").name == "sylgard-184 10:1"
 
 
@@ -102,12 +102,16 @@ def test_nothing_is_extrapolated_or_guessed(words: str, recipe: dict[str, float]
     assert allowed in str(refusal.value)
 
 
-@pytest.mark.parametrize("one", [one for one in materials().values() if one.kind != "film"], ids=lambda one: one.name)
-def test_a_scene_takes_every_block_and_base(one: CatalogueMaterial) -> None:
-    assert Material(youngs_modulus=one.youngs_modulus, poisson_ratio=one.poisson_ratio)
-    assert one.published
-    assert all(value.source and value.method and value.licence for value in one.published)
-    assert 0.0 < one.log_sd < 2.0
+@pytest.mark.parametrize(
+    "material",
+    [material for material in list_materials().values() if material.kind != "film"],
+    ids=lambda material: material.name,
+)
+def test_a_scene_takes_every_block_and_base(material: CatalogueMaterial) -> None:
+    assert Material(youngs_modulus=material.youngs_modulus, poisson_ratio=material.poisson_ratio)
+    assert material.published
+    assert all(value.source and value.method and value.licence for value in material.published)
+    assert 0.0 < material.log_sd < 2.0
 
 
 def test_a_film_has_no_poisson_ratio() -> None:

@@ -24,8 +24,8 @@ from geometry import (
     scene_to_dict,
 )
 from geometry.common.arrays import Floats
-from geometry.scenes.fit import lateral_reach, overlap, semi_axes
-from geometry.scenes.units import SI
+from geometry.scenes.fit import compute_lateral_reach, compute_semi_axes, do_overlap
+from geometry.scenes.units import SI_CONTEXT
 
 SOFT = {"youngs_modulus": 1e3, "poisson_ratio": 0.4}
 PROBE = Probe(inner_radius=5e-3, outer_radius=6e-3, gap=1e-4, height=5e-3, inner=Material(**SOFT), outer=Material(**SOFT))
@@ -36,13 +36,15 @@ Tissue = CylinderTissue | BlockTissue | HalfSpaceTissue
 
 
 def sphere(diameter: float, depth: float, x: float = 0.0, y: float = 0.0) -> Inclusion:
-    return Inclusion.model_validate({"diameter": diameter, "depth": depth, "x": x, "y": y, **SOFT}, context=SI)
+    return Inclusion.model_validate({"diameter": diameter, "depth": depth, "x": x, "y": y, **SOFT}, context=SI_CONTEXT)
 
 
 def ellipsoid(diameters: Floats, orientation: Floats, x: float = 0.0, y: float = 0.0, depth: float = 1.0) -> Inclusion:
     sizes, angles = tuple(map(float, diameters)), tuple(map(float, orientation))
     tables = {"diameters": sizes, "orientation": angles, "x": float(x), "y": float(y), "depth": float(depth), **SOFT}
-    return Inclusion.model_validate(tables, context=SI)  # metres: of another size than any tumour, as the shapes alone matter
+    return Inclusion.model_validate(
+        tables, context=SI_CONTEXT
+    )  # metres: of another size than any tumour, as the shapes alone matter
 
 
 def refusal(tissue: Tissue, *bodies: Inclusion, x: float = 0.0, y: float = 0.0) -> str | None:
@@ -76,8 +78,8 @@ def gauge(body: Inclusion, points: Floats) -> Floats:
     """How far points lie out: below 1 inside the body."""
     rz, ry, rx = body.orientation
     semi = np.array(body.diameters or (body.diameter,) * 3) / 2
-    back = Rotation.from_euler("xyz", [rx, ry, rz], degrees=True).inv().apply(points - [body.x, body.y, -body.depth])
-    return np.asarray(np.linalg.norm(back / semi, axis=1))
+    local = Rotation.from_euler("xyz", [rx, ry, rz], degrees=True).inv().apply(points - [body.x, body.y, -body.depth])
+    return np.asarray(np.linalg.norm(local / semi, axis=1))
 
 
 BALL = np.concatenate([radius * on_sphere(4000) for radius in np.linspace(0.1, 1.0, 10)])
@@ -87,7 +89,7 @@ class TestShape:
     def test_axes_are_turned_about_the_fixed_axes_x_then_y_then_z(self) -> None:
         body = ellipsoid(np.array([8e-3, 6e-3, 4e-3]), np.array([30.0, -50.0, 70.0]))
         wanted = Rotation.from_euler("xyz", [70, -50, 30], degrees=True).as_matrix() * [4e-3, 3e-3, 2e-3]
-        assert np.array(semi_axes(body)) == pytest.approx(wanted, rel=1e-12, abs=1e-18)
+        assert np.array(compute_semi_axes(body)) == pytest.approx(wanted, rel=1e-12, abs=1e-18)
 
     def test_reach_against_sampling(self) -> None:
         random, surface = np.random.default_rng(1), on_sphere(40_000)
@@ -95,11 +97,11 @@ class TestShape:
             x, y, depth = random.uniform(-1, 1, 3)
             body = ellipsoid(random.uniform(0.05, 2, 3), random.uniform(-180, 180, 3), x, y, 2 + depth)
             sampled = np.hypot(*to_global(body, surface)[:, :2].T).max()
-            assert sampled * (1 - 1e-9) <= lateral_reach(body) <= sampled * 1.001
+            assert sampled * (1 - 1e-9) <= compute_lateral_reach(body) <= sampled * 1.001
 
     def test_reach_of_a_needle_pointing_away(self) -> None:
         body = ellipsoid(np.array([2.0, 1e-6, 1e-6]), np.array([30.0, 0, 0]), math.cos(math.pi / 6), math.sin(math.pi / 6))
-        assert lateral_reach(body) == pytest.approx(2.0, rel=1e-9)
+        assert compute_lateral_reach(body) == pytest.approx(2.0, rel=1e-9)
 
 
 class TestOverlap:
@@ -108,36 +110,36 @@ class TestOverlap:
     )
     def test_two_spheres(self, distance: float, wanted: bool) -> None:
         for x, y in ((distance, 0.0), (0.6 * distance, -0.8 * distance)):
-            one, other = sphere(1.0, 2.0), sphere(3.0, 2.0, x, y)
-            assert overlap(one, other) is wanted
+            first, second = sphere(1.0, 2.0), sphere(3.0, 2.0, x, y)
+            assert do_overlap(first, second) is wanted
             round_one = ellipsoid(np.ones(3), np.array([10, 20, 30]), depth=2.0)
-            assert overlap(round_one, other) is wanted
-            assert overlap(other, round_one) is wanted
+            assert do_overlap(round_one, second) is wanted
+            assert do_overlap(second, round_one) is wanted
 
     def test_turned_ellipsoids_against_sampling(self) -> None:
-        random, found = np.random.default_rng(2), {True: 0, False: 0}
+        random, counts = np.random.default_rng(2), {True: 0, False: 0}
         for _ in range(300):
             sizes, angles = np.exp(random.uniform(-1.5, 1, (2, 3))), random.uniform(-180, 180, (2, 3))
-            one = ellipsoid(sizes[0], angles[0], depth=5.0)
-            other = ellipsoid(sizes[1], angles[1], *random.uniform(-1.2, 1.2, 2), depth=5 + random.uniform(-1.2, 1.2))
-            nearest = min(gauge(other, to_global(one, BALL)).min(), gauge(one, to_global(other, BALL)).min())
-            found[overlap(one, other)] += 1
-            assert overlap(one, other) is overlap(other, one)
-            if overlap(one, other):
+            first = ellipsoid(sizes[0], angles[0], depth=5.0)
+            second = ellipsoid(sizes[1], angles[1], *random.uniform(-1.2, 1.2, 2), depth=5 + random.uniform(-1.2, 1.2))
+            nearest = min(gauge(second, to_global(first, BALL)).min(), gauge(first, to_global(second, BALL)).min())
+            counts[do_overlap(first, second)] += 1
+            assert do_overlap(first, second) is do_overlap(second, first)
+            if do_overlap(first, second):
                 assert nearest < 1.05  # the samples lie 5 % of a semi-axis apart
             else:
                 assert nearest > 1
-        assert min(found.values()) > 50
+        assert min(counts.values()) > 50
 
     @pytest.mark.parametrize("clearance", [1e-6, -1e-6])
     def test_touching_along_a_common_axis(self, clearance: float) -> None:
         turn = np.array([25.0, 40.0, -70.0])
         way = Rotation.from_euler("xyz", turn[::-1], degrees=True).apply([1.5 + clearance, 0, 0])
-        one, other = (
+        first, second = (
             ellipsoid(np.array([2.0, 0.3, 0.1]), turn),
             ellipsoid(np.array([1.0, 0.2, 0.7]), turn, way[0], way[1], 1 - way[2]),
         )
-        assert overlap(one, other) is (clearance < 0)
+        assert do_overlap(first, second) is (clearance < 0)
 
     @pytest.mark.parametrize("thin", [1e-9, 1e-6])
     def test_needles_and_discs(self, thin: float) -> None:
@@ -145,10 +147,10 @@ class TestOverlap:
         for sizes in (needle, disc):
             for angles in (np.zeros(3), np.array([33.0, 44.0, 55.0])):
                 way = Rotation.from_euler("xyz", angles[::-1], degrees=True).apply([0.0, 0.1, 0.0])
-                beside = ellipsoid(sizes, angles, way[0], way[1], 1 - way[2])
-                apart = sizes is needle
-                assert overlap(ellipsoid(sizes, angles), beside) is not apart
-        assert overlap(ellipsoid(needle, np.zeros(3)), ellipsoid(disc, np.zeros(3)))
+                neighbour = ellipsoid(sizes, angles, way[0], way[1], 1 - way[2])
+                separate = sizes is needle
+                assert do_overlap(ellipsoid(sizes, angles), neighbour) is not separate
+        assert do_overlap(ellipsoid(needle, np.zeros(3)), ellipsoid(disc, np.zeros(3)))
 
 
 class TestInclusions:
@@ -232,8 +234,8 @@ class TestProbe:
     @pytest.mark.parametrize(("key", "size"), [("radius", 6e-3), ("length", 12e-3), ("breadth", 11e-3)])
     def test_tissue_smaller_than_the_probe(self, key: str, size: float) -> None:
         tissue = (ROUND if key == "radius" else BLOCK).model_copy(update={key: size})
-        least = 6 if key == "radius" else 12
-        assert str(refusal(tissue)).startswith(f"tissue.{key} = {size * 1e3:g} mm: allowed: above {least} mm (the whole probe")
+        minimum = 6 if key == "radius" else 12
+        assert str(refusal(tissue)).startswith(f"tissue.{key} = {size * 1e3:g} mm: allowed: above {minimum} mm (the whole probe")
 
     def test_just_inside(self) -> None:
         assert refusal(ROUND, x=38.999e-3) is None

@@ -10,7 +10,7 @@ import pytest
 from geometry.common.errors import InputError
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_from_dict, scene_from_toml, scene_to_toml
-from geometry.scenes.variables import changed
+from geometry.scenes.variables import replace_values
 
 SOFT = {"youngs_modulus": "6 kPa", "poisson_ratio": 0.45}
 PUBLISHED = {  # kPa: Marechal et al. 2020, tension; Dawood et al., compression
@@ -55,10 +55,10 @@ def test_a_base_by_its_name_gives_way() -> None:
 
 def test_a_scene_written_back_keeps_names_and_measured_numbers() -> None:
     scene = scene_from_dict(named(youngs_modulus="610 kPa"))
-    again = scene_from_toml(scene_to_toml(scene))
-    assert again == scene
-    assert again.probe.inner.material == "dragon-skin-30"
-    assert again.probe.inner.youngs_modulus == 610e3
+    read_scene_again = scene_from_toml(scene_to_toml(scene))
+    assert read_scene_again == scene
+    assert read_scene_again.probe.inner.material == "dragon-skin-30"
+    assert read_scene_again.probe.inner.youngs_modulus == 610e3
 
 
 @pytest.mark.parametrize(
@@ -81,10 +81,12 @@ def test_a_contradiction_is_refused(inner: dict[str, Any], key: str) -> None:
 
 def test_a_varied_material_loses_its_name_and_no_other_does() -> None:
     scene = scene_from_dict(named())
-    varied = changed(scene, {"probe.inner.youngs_modulus": 500e3, "probe.outer.youngs_modulus": scene.probe.outer.youngs_modulus})
+    varied = replace_values(
+        scene, {"probe.inner.youngs_modulus": 500e3, "probe.outer.youngs_modulus": scene.probe.outer.youngs_modulus}
+    )
     assert (varied.probe.inner.material, varied.probe.inner.youngs_modulus) == (None, 500e3)
     assert varied.probe.outer.material == "ecoflex-00-30"
-    stretched = changed(scene, {"tissue.poisson_ratio": 0.3, "probe.gap": 0.2e-3})
+    stretched = replace_values(scene, {"tissue.poisson_ratio": 0.3, "probe.gap": 0.2e-3})
     assert (stretched.tissue.material, stretched.probe.inner.material) == (None, "dragon-skin-30")
 
 

@@ -96,9 +96,9 @@ def test_the_printed_length_is_taken(case: Case, radius: float, gap: float, rati
     change(data)
     with pytest.raises(InputError) as fault:
         read(put(data, key, value))
-    found = PATTERN.search(fault.value.allowed)
-    assert found is not None, fault.value
-    allowed = float(found[2]) * SIDES[found[1]]
+    match = PATTERN.search(fault.value.allowed)
+    assert match is not None, fault.value
+    allowed = float(match[2]) * SIDES[match[1]]
     read(put(data, key, f"{allowed!r} mm"))
 
 
@@ -111,8 +111,8 @@ QUANTITIES = {
 }
 
 
-@pytest.mark.parametrize("quantity", QUANTITIES.values(), ids=lambda one: one.name)
+@pytest.mark.parametrize("quantity", QUANTITIES.values(), ids=lambda item: item.name)
 def test_the_ends_of_a_printed_range_are_taken(quantity: Quantity) -> None:
-    found = re.search(r"from (.+) to (.+)$", quantity.allowed)
-    assert found is not None
-    assert [quantity.parse(text) for text in found.groups()] == [quantity.low, quantity.high]
+    match = re.search(r"from (.+) to (.+)$", quantity.allowed)
+    assert match is not None
+    assert [quantity.parse(text) for text in match.groups()] == [quantity.low, quantity.high]

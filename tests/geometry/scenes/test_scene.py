@@ -52,19 +52,25 @@ class TestReferenceScenes:
 
         def compare(table: dict[str, object], values: dict[str, object]) -> None:
             for key, wanted in table.items():
-                found = values[key]
+                actual = values[key]
                 if isinstance(wanted, dict):
-                    assert isinstance(found, dict)
-                    compare(wanted, found)
+                    assert isinstance(actual, dict)
+                    compare(wanted, actual)
                 elif isinstance(wanted, list):
-                    assert isinstance(found, tuple)
-                    for one, other in zip(wanted, found, strict=True):
-                        compare(*((one, other) if isinstance(one, dict) else ({key: one}, {key: other})))
+                    assert isinstance(actual, tuple)
+                    for wanted_item, actual_item in zip(wanted, actual, strict=True):
+                        compare(
+                            *(
+                                (wanted_item, actual_item)
+                                if isinstance(wanted_item, dict)
+                                else ({key: wanted_item}, {key: actual_item})
+                            )
+                        )
                 elif isinstance(wanted, str) and " " in wanted:
                     number, unit = wanted.split(" ")
-                    assert found == pytest.approx(float(number) * units[unit], rel=1e-15)
+                    assert actual == pytest.approx(float(number) * units[unit], rel=1e-15)
                 else:
-                    assert found == wanted
+                    assert actual == wanted
 
         compare(tomllib.loads(path.read_text()), scene)
 
@@ -100,10 +106,10 @@ class TestPython:
 
     def test_round_trip_to_the_last_digit(self) -> None:
         scene = make()
-        again = scene_from_toml(scene_to_toml(scene))
-        assert again == scene
-        assert again.inclusion[1].depth == math.pi * 1e-2
-        assert scene_to_toml(again) == scene_to_toml(scene)
+        read_scene_again = scene_from_toml(scene_to_toml(scene))
+        assert read_scene_again == scene
+        assert read_scene_again.inclusion[1].depth == math.pi * 1e-2
+        assert scene_to_toml(read_scene_again) == scene_to_toml(scene)
 
     def test_file_of_the_same_floats_needs_units(self) -> None:
         with pytest.raises(InputError, match=r"^load\.force = 0\.1: allowed: a force with its unit.* \(the unit is missing\)$"):
@@ -115,14 +121,14 @@ class TestPython:
             Groove(width=value, depth=1e-3)
 
     def test_target(self) -> None:
-        one = Inclusion(diameter=1e-3, depth=5e-3, youngs_modulus=1e3, poisson_ratio=0.3)
-        other = one.model_copy(update={"x": 5e-3})
+        inclusion = Inclusion(diameter=1e-3, depth=5e-3, youngs_modulus=1e3, poisson_ratio=0.3)
+        second = inclusion.model_copy(update={"x": 5e-3})
 
         def target(*bodies: Inclusion) -> int | None:
             return make().model_copy(update={"inclusion": bodies}).target
 
-        assert (target(), target(one), target(one, other)) == (None, 0, None)
-        assert target(one, other.model_copy(update={"target": True})) == 1
+        assert (target(), target(inclusion), target(inclusion, second)) == (None, 0, None)
+        assert target(inclusion, second.model_copy(update={"target": True})) == 1
 
     @pytest.mark.parametrize(
         "path", ["load.force", "probe.inner.poisson_ratio", "placement.x", "contact", "inclusion", "probe.new"]

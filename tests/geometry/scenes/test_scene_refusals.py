@@ -174,9 +174,9 @@ CASES: list[tuple[str, object, str]] = [
 
 @pytest.mark.parametrize(("key", "value", "message"), CASES, ids=range(len(CASES)))
 def test_one_fault(key: str, value: object, message: str) -> None:
-    found = refused(edited({key: value}))
-    assert found.startswith(message)
-    assert len(found) < 600
+    fault = refused(edited({key: value}))
+    assert fault.startswith(message)
+    assert len(fault) < 600
 
 
 def test_outer_radius_within_the_hole() -> None:

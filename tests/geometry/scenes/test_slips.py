@@ -8,8 +8,8 @@ import pytest
 from pydantic import BaseModel, ValidationError
 
 from geometry import CylinderTissue, Inclusion, InputError, Placement, Probe, Scene, read_scene, scene_from_dict, scene_to_dict
-from geometry.common.errors import did_you_mean
-from geometry.scenes.variables import changed, values
+from geometry.common.errors import suggest_word
+from geometry.scenes.variables import list_values, replace_values
 from tests.support.paths import SCENE
 
 BLOCK = {"youngs_modulus": 1e5, "poisson_ratio": 0.3}
@@ -45,8 +45,8 @@ def test_with_its_unit_it_is_believed() -> None:
     wide["tissue"] |= {"radius": "4 m", "depth": "3 m"}
     scene = scene_from_dict(wide)
     assert scene.tissue.radius == 4.0
-    moved = changed(scene, {"probe.gap": 2e-4})
-    assert values(moved)["tissue.depth"] == 3.0
+    moved = replace_values(scene, {"probe.gap": 2e-4})
+    assert list_values(moved)["tissue.depth"] == 3.0
     assert Scene.model_validate(moved) == moved
 
 
@@ -62,5 +62,5 @@ def test_a_key_that_is_almost_right_is_told(table: str, wrong: str, right: str) 
 
 
 def test_a_word_like_none_of_them_is_not_guessed() -> None:
-    assert did_you_mean("zzz", ["gap", "height"]) == ""
-    assert did_you_mean(3, ["gap"]) == ""
+    assert suggest_word("zzz", ["gap", "height"]) == ""
+    assert suggest_word(3, ["gap"]) == ""

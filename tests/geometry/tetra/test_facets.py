@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from geometry.tetra import mesher
-from geometry.tetra.facets import cut
-from geometry.tetra.layout import body_layout
-from geometry.tetra.mesher import ROUGH
-from geometry.tetra.surfaces import surfaces
+from geometry.tetra.facets import cut_triangles
+from geometry.tetra.layout import build_layout
+from geometry.tetra.mesher import ROUGH_FINENESS
+from geometry.tetra.surfaces import build_surfaces
 from tests.support.scenes import block_scene as scene
 
 COVER = 1e-3  # of the sphere above the floor
@@ -24,9 +24,9 @@ FAR = {
 @pytest.fixture(scope="module")
 def far():
     """A small sphere just above the floor, far from the probe; triangles as first drawn, and as given to pytetwild."""
-    layout = body_layout(scene(**FAR), False, np.inf, None)
-    space, turns, (points, triangles), _ = mesher._prepared(layout, ROUGH)
-    return layout, space, surfaces(layout, turns, space.near, 12, 6), (space.to_scene(points), triangles)
+    layout = build_layout(scene(**FAR), False, np.inf, None)
+    space, turns, (points, triangles), _ = mesher._prepare_tetwild(layout, ROUGH_FINENESS)
+    return layout, space, build_surfaces(layout, turns, space.linear_radius, 12, 6), (space.to_scene(points), triangles)
 
 
 def above_the_floor(layout, space, points, triangles):
@@ -38,19 +38,19 @@ def above_the_floor(layout, space, points, triangles):
 
 def test_the_floor_below_a_small_sphere_is_where_its_triangles_are(far):
     """It was half the way up to the sphere, and what lay between was meshed with tetrahedra meant for air."""
-    layout, space, before, after = far
-    (coarse, _), (fine, beside) = above_the_floor(layout, space, *before), above_the_floor(layout, space, *after)
+    layout, space, coarse_points, fine_points = far
+    (coarse, _), (fine, fine_floor) = above_the_floor(layout, space, *coarse_points), above_the_floor(layout, space, *fine_points)
     assert coarse.max() > 0.5 * COVER
-    assert np.abs(fine[beside < 5e-3]).max() < 0.15 * COVER
-    assert len(after[1]) < 1.2 * len(before[1])
+    assert np.abs(fine[fine_floor < 5e-3]).max() < 0.15 * COVER
+    assert len(fine_points[1]) < 1.2 * len(coarse_points[1])
 
 
 def test_what_is_added_lies_on_the_tissues_surfaces_and_leaves_no_holes(far):
     layout, _, (given, _), (points, triangles) = far
     new = points[len(given) :]
     x, y = layout.centre
-    off = [new[:, 2], new[:, 2] + layout.depth, np.hypot(new[:, 0] - x, new[:, 1] - y) - layout.tissue_radius]
-    assert np.abs(off).min(axis=0).max() < 1e-11
+    distances = [new[:, 2], new[:, 2] + layout.depth, np.hypot(new[:, 0] - x, new[:, 1] - y) - layout.tissue_radius]
+    assert np.abs(distances).min(axis=0).max() < 1e-11
     sides = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     assert np.unique(sides, axis=0, return_counts=True)[1].min() >= 2
 
@@ -59,7 +59,7 @@ def test_triangles_are_cut_through_one_two_and_three_edges():
     square, edges = np.array([(0, 1, 2), (0, 2, 3)]), np.array([(0, 2), (0, 1), (1, 2)])
     points = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
     points = np.vstack([points, points[edges].mean(axis=1)])
-    halves = cut(square, edges, 4)
+    halves = cut_triangles(square, edges, 4)
     a, b, c = np.swapaxes(points[halves], 0, 1)
     areas = ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]) / 2
     assert len(halves) == 4 + 2

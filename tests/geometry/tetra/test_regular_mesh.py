@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from geometry.tetra.check import LEAST_QUALITY, check, errors
-from geometry.tetra.layout import body_layout, extent
-from geometry.tetra.mesher import ROUGH, expected_elements, mesh_layout, space_of
-from geometry.tetra.regular_mesh import is_regular, regular_mesh, shapes
-from geometry.tetra.tet_mesh import BEYOND, GROOVE, INCLUSION, INNER, OUTER, TISSUE
+from geometry.tetra.check import MIN_QUALITY, check_mesh, compute_errors
+from geometry.tetra.layout import build_layout, find_extent
+from geometry.tetra.mesher import ROUGH_FINENESS, choose_space, estimate_elements, mesh_layout
+from geometry.tetra.regular_mesh import build_shapes, is_regular, mesh_regular_layout
+from geometry.tetra.tet_mesh import BEYOND_BODY, FIRST_INCLUSION_BODY, GROOVE_BODY, INNER_BODY, OUTER_BODY, TISSUE_BODY
 from tests.support.scenes import block_scene as scene
 
 SOFT = {"youngs_modulus": "6 kPa", "poisson_ratio": 0.45}
@@ -29,87 +29,87 @@ SCENES = {
 
 @pytest.fixture(scope="module", params=SCENES)
 def meshed(request):
-    of, half = SCENES[request.param]
-    found = body_layout(of, half, extent(of, None), None)
-    return regular_mesh(found, ROUGH, space_of(found, ROUGH), 120.0), found
+    scene_meshed, half = SCENES[request.param]
+    layout = build_layout(scene_meshed, half, find_extent(scene_meshed, None), None)
+    return mesh_regular_layout(layout, ROUGH_FINENESS, choose_space(layout, ROUGH_FINENESS), 120.0), layout
 
 
 def test_a_regular_mesh_passes_all_checks(meshed):
-    mesh, found = meshed
-    check(mesh, found)
-    assert max(map(abs, errors(mesh, found).values())) < 0.005
-    assert mesh.quality.min() > LEAST_QUALITY
+    mesh, layout = meshed
+    check_mesh(mesh, layout)
+    assert max(map(abs, compute_errors(mesh, layout).values())) < 0.005
+    assert mesh.quality.min() > MIN_QUALITY
 
 
 def test_tetrahedra_lie_in_the_bodies_they_are_labelled_by(meshed):
     """Middles of tetrahedra, by formulas alone; those beside curved surfaces reach over by less than a tenth of their size."""
-    mesh, found = meshed
+    mesh, layout = meshed
     x, y, z = mesh.nodes[mesh.elements[:, :4]].mean(axis=1).T
-    r, near = np.hypot(x, y), 0.2e-3
-    within = {INNER: r < found.inner, OUTER: (r > found.hole - near) & (r < found.tube)}
-    within[TISSUE] = (z < 0) & (r < (found.wall or np.inf))
-    within[BEYOND] = (z < 0) & (r > (found.wall or np.inf) - 1e-3)
-    within[GROOVE] = within[OUTER] & (x > 0)
-    if found.groove is not None:
-        width, depth = found.groove
-        within[GROOVE] &= (np.abs(y) < width) & (z > found.outer_height - depth)
-    for label, inside in within.items():
+    r, margin = np.hypot(x, y), 0.2e-3
+    inside_block = {INNER_BODY: r < layout.inner, OUTER_BODY: (r > layout.hole - margin) & (r < layout.tube)}
+    inside_block[TISSUE_BODY] = (z < 0) & (r < (layout.wall or np.inf))
+    inside_block[BEYOND_BODY] = (z < 0) & (r > (layout.wall or np.inf) - 1e-3)
+    inside_block[GROOVE_BODY] = inside_block[OUTER_BODY] & (x > 0)
+    if layout.groove is not None:
+        width, depth = layout.groove
+        inside_block[GROOVE_BODY] &= (np.abs(y) < width) & (z > layout.outer_height - depth)
+    for label, inside in inside_block.items():
         assert inside[mesh.body == label].all()
-    for index, body in enumerate(found.inclusions):
+    for index, body in enumerate(layout.inclusions):
         level = body.level(np.column_stack([x, y, z]))
-        assert (level[mesh.body == INCLUSION + index] < 1).all()
-        assert (level[mesh.body == TISSUE] > 0.8).all()
-    bounds = -np.array([0.0, *found.interfaces, found.depth])
-    layer = np.where(mesh.layer == 0, len(found.interfaces) + 1, mesh.layer)
-    below = mesh.body >= TISSUE
-    assert ((z < bounds[layer - 1]) & (z > bounds[layer]))[below].all()
+        assert (level[mesh.body == FIRST_INCLUSION_BODY + index] < 1).all()
+        assert (level[mesh.body == TISSUE_BODY] > 0.8).all()
+    bounds = -np.array([0.0, *layout.interfaces, layout.depth])
+    layer = np.where(mesh.layer == 0, len(layout.interfaces) + 1, mesh.layer)
+    in_tissue = mesh.body >= TISSUE_BODY
+    assert ((z < bounds[layer - 1]) & (z > bounds[layer]))[in_tissue].all()
 
 
 def test_nodes_lie_on_the_exact_surfaces(meshed):
-    mesh, found = meshed
-    faces = mesh.boundary(INNER)
+    mesh, layout = meshed
+    faces = mesh.boundary(INNER_BODY)
     r, z = np.hypot(*mesh.nodes[faces][..., :2].T).T, mesh.nodes[faces][..., 2]
-    wall = ((z > 1e-9) & (z < found.inner_height - 1e-9)).any(axis=1)
-    if found.half:
+    wall = ((z > 1e-9) & (z < layout.inner_height - 1e-9)).any(axis=1)
+    if layout.half:
         wall &= (mesh.nodes[faces][..., 1] > 1e-9).any(axis=1)
-    assert np.percentile(np.abs(r[wall] - found.inner), 95) < 1e-9
-    assert not found.half or mesh.nodes[:, 1].min() > -1e-12
+    assert np.percentile(np.abs(r[wall] - layout.inner), 95) < 1e-9
+    assert not layout.half or mesh.nodes[:, 1].min() > -1e-12
 
 
 def test_netgen_makes_the_same_mesh_again(meshed):
-    mesh, found = meshed
-    again = regular_mesh(found, ROUGH, space_of(found, ROUGH), 120.0)
-    assert (mesh.nodes == again.nodes).all()
-    assert (mesh.elements == again.elements).all()
+    mesh, layout = meshed
+    repeated = mesh_regular_layout(layout, ROUGH_FINENESS, choose_space(layout, ROUGH_FINENESS), 120.0)
+    assert (mesh.nodes == repeated.nodes).all()
+    assert (mesh.elements == repeated.elements).all()
 
 
 def test_how_many_tetrahedra_there_will_be_is_known(meshed):
-    mesh, found = meshed
-    assert 0.6 < len(mesh.elements) / expected_elements(found, ROUGH) < 1.5
+    mesh, layout = meshed
+    assert 0.6 < len(mesh.elements) / estimate_elements(layout, ROUGH_FINENESS) < 1.5
 
 
 def test_sizes_are_told_finely_and_everywhere():
-    found = body_layout(scene(), True, 0.1, None)
-    told = shapes(found, ROUGH, space_of(found, ROUGH)).sizes
-    rim = np.array([found.inner, 0.0, 0.0])
-    nearest = np.linalg.norm(told[:, :3] - rim, axis=1).argmin()
-    assert told[nearest, 3] < 1.5 * ROUGH.rim * found.inner
-    assert told[:, 3].max() > 10 * told[:, 3].min()
+    layout = build_layout(scene(), True, 0.1, None)
+    sizes = build_shapes(layout, ROUGH_FINENESS, choose_space(layout, ROUGH_FINENESS)).sizes
+    rim = np.array([layout.inner, 0.0, 0.0])
+    nearest = np.linalg.norm(sizes[:, :3] - rim, axis=1).argmin()
+    assert sizes[nearest, 3] < 1.5 * ROUGH_FINENESS.rim * layout.inner
+    assert sizes[:, 3].max() > 10 * sizes[:, 3].min()
 
 
 def test_a_narrow_gap_costs_no_tetrahedra():
     """20 um beside 8 mm."""
-    found = replace(body_layout(scene(), True, 0.1, None), hole=4.02e-3)
-    mesh, timing = mesh_layout(found, ROUGH)
+    layout = replace(build_layout(scene(), True, 0.1, None), hole=4.02e-3)
+    mesh, timing = mesh_layout(layout, ROUGH_FINENESS)
     assert timing.mesher == "netgen"
-    assert len(mesh.elements) < 1.5 * expected_elements(found, ROUGH)
+    assert len(mesh.elements) < 1.5 * estimate_elements(layout, ROUGH_FINENESS)
 
 
 def test_bodies_from_files_and_hairline_gaps_are_not_regular():
-    found = body_layout(scene(), True, 0.1, None)
-    assert is_regular(found)
-    assert not is_regular(replace(found, hole=4.005e-3))
-    assert not is_regular(replace(found, inclusions=(object(),)))  # type: ignore[arg-type]
+    layout = build_layout(scene(), True, 0.1, None)
+    assert is_regular(layout)
+    assert not is_regular(replace(layout, hole=4.005e-3))
+    assert not is_regular(replace(layout, inclusions=(object(),)))  # type: ignore[arg-type]
 
 
 def test_netgen_stays_out_of_the_main_process():

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from geometry.tetra.layout import Ellipsoid
-from geometry.tetra.snapping import Surface, _closed, curved_mesh
-from geometry.tetra.tet_mesh import EDGES, scaled_jacobians
+from geometry.tetra.snapping import Surface, _build_closed, curve_mesh
+from geometry.tetra.tet_mesh import EDGE_CORNERS, compute_scaled_jacobians
 
 KEEP = 0.2
 
@@ -18,26 +18,26 @@ def flat():
     cells = np.array([(0, 1, 2, 3)])
     if np.linalg.det(corners[1:] - corners[:1]) < 0:
         cells = cells[:, [0, 1, 3, 2]]
-    sphere = Surface(_closed(Ellipsoid(np.zeros(3), np.eye(3))), lambda a, b: np.zeros(len(a), dtype=bool))
+    sphere = Surface(_build_closed(Ellipsoid(np.zeros(3), np.eye(3))), lambda a, b: np.zeros(len(a), dtype=bool))
     faces = np.array([(0, 1, 2), (0, 1, 3)])
-    nodes, elements = curved_mesh(corners, cells, [sphere], faces=faces, chosen=np.zeros(2, dtype=np.int64), keep=KEEP)
+    nodes, elements = curve_mesh(corners, cells, [sphere], faces=faces, chosen=np.zeros(2, dtype=np.int64), keep=KEEP)
     straight = nodes.copy()
-    straight[elements[0, 4:]] = corners[cells[0][EDGES]].mean(axis=1)
+    straight[elements[0, 4:]] = corners[cells[0][EDGE_CORNERS]].mean(axis=1)
     return nodes, elements, straight
 
 
 def test_the_edge_between_two_faces_of_an_element_on_one_sphere_stays_on_it(flat):
     """All its edges were straightened alike: half of a sphere's, which then lost a hundredth of its volume."""
     nodes, elements, straight = flat
-    pairs = np.sort(elements[0, :4][EDGES], axis=1).tolist()
+    pairs = np.sort(elements[0, :4][EDGE_CORNERS], axis=1).tolist()
     common = elements[0, 4 + pairs.index([0, 1])]
     assert np.linalg.norm(nodes[common]) == pytest.approx(1)
-    beside = [elements[0, 4 + index] for index, pair in enumerate(pairs) if set(pair) not in ({0, 1}, {2, 3})]
-    off = 1 - np.linalg.norm(nodes[beside], axis=1)
-    assert off.min() > 0
-    assert off.max() < 1 - np.linalg.norm(straight[beside], axis=1).max()
+    edge_nodes = [elements[0, 4 + index] for index, pair in enumerate(pairs) if set(pair) not in ({0, 1}, {2, 3})]
+    deviation = 1 - np.linalg.norm(nodes[edge_nodes], axis=1)
+    assert deviation.min() > 0
+    assert deviation.max() < 1 - np.linalg.norm(straight[edge_nodes], axis=1).max()
 
 
 def test_what_is_curved_keeps_a_share_of_its_quality(flat):
     nodes, elements, straight = flat
-    assert scaled_jacobians(nodes, elements)[0] >= KEEP * scaled_jacobians(straight, elements)[0] > 0
+    assert compute_scaled_jacobians(nodes, elements)[0] >= KEEP * compute_scaled_jacobians(straight, elements)[0] > 0

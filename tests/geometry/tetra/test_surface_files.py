@@ -8,14 +8,14 @@ import pyvista
 
 from geometry import InputError, Refusal, SolveError
 from geometry.common.child_process import Failure, TooLong
-from geometry.common.resources import LimitReached, Limits, limited, timed
+from geometry.common.resources import LimitReached, Limits, start_clock, use_limits
 from geometry.tetra import surface_files
-from geometry.tetra.check import check, errors, files_error
-from geometry.tetra.layout import body_layout
-from geometry.tetra.layout_fit import least_distances
-from geometry.tetra.mesher import ROUGH, mesh_layout
+from geometry.tetra.check import check_mesh, compute_errors, find_max_file_error
+from geometry.tetra.layout import build_layout
+from geometry.tetra.layout_fit import compute_distances
+from geometry.tetra.mesher import ROUGH_FINENESS, mesh_layout
 from geometry.tetra.surface_files import read_surface
-from geometry.tetra.tet_mesh import INCLUSION, TISSUE, TetMesh, quadratic
+from geometry.tetra.tet_mesh import FIRST_INCLUSION_BODY, TISSUE_BODY, TetMesh, build_quadratic
 from tests.support.meshes import body_volumes
 from tests.support.scenes import block_scene as scene
 from tests.support.slow import slow_unless
@@ -38,8 +38,8 @@ SOFT = {"youngs_modulus": "60 kPa", "poisson_ratio": 0.45}
 def mesh_with(volume):
     """A mesh of one tetrahedron, which is all that there is of the inclusion."""
     corners = np.vstack([np.zeros(3), np.eye(3) * (6 * volume) ** (1 / 3)])
-    nodes, elements, _ = quadratic(corners, np.array([[0, 1, 2, 3]]))
-    return TetMesh(nodes, elements, np.array([INCLUSION]), np.array([False]), np.array([1]), False)
+    nodes, elements, _ = build_quadratic(corners, np.array([[0, 1, 2, 3]]))
+    return TetMesh(nodes, elements, np.array([FIRST_INCLUSION_BODY]), np.array([False]), np.array([1]), False)
 
 
 def with_file(path, *others, depth="9 mm", x="2 mm"):
@@ -48,21 +48,21 @@ def with_file(path, *others, depth="9 mm", x="2 mm"):
 
 def test_a_files_coordinates_are_millimetres_from_the_inclusions_centre(tmp_path):
     sheet = read_surface(saved(tmp_path, ball()), "inclusion[0].surface", CENTRE)
-    assert sheet.closed
+    assert sheet.is_closed
     assert sheet.points.mean(axis=0) == pytest.approx(CENTRE, abs=1e-5)
     assert sheet.volume == pytest.approx(4 / 3 * math.pi * 0.003**3, rel=0.05)
-    assert sheet.inside(CENTRE + np.array([[0, 0, 0.0029], [0, 0, 0.0031]]) * 0.98).tolist() == [True, False]
+    assert sheet.is_inside(CENTRE + np.array([[0, 0, 0.0029], [0, 0, 0.0031]]) * 0.98).tolist() == [True, False]
 
 
 def test_a_step_file_says_its_unit(tmp_path):
-    from geometry.cad.solids import cadquery
+    from geometry.cad.solids import load_cadquery
 
-    cq = cadquery()
+    cq = load_cadquery()
     name = str(tmp_path / "box.step")
     cq.exporters.export(cq.Workplane().box(4, 5, 6), name)
     sheet = read_surface(name, "inclusion[0].surface", CENTRE)
     assert sheet.volume == pytest.approx(120e-9)
-    assert sheet.closed
+    assert sheet.is_closed
 
 
 def test_a_surface_of_very_many_triangles_is_meshed_by_fewer_and_else_as_it_is(tmp_path, monkeypatch):
@@ -75,16 +75,16 @@ def test_a_surface_of_very_many_triangles_is_meshed_by_fewer_and_else_as_it_is(t
         raise Failure("enough")
 
     monkeypatch.setattr("geometry.tetra.mesher.tetrahedralize", noted)
-    found = body_layout(scanned, False, 0.02, None)
+    layout = build_layout(scanned, False, 0.02, None)
     with pytest.raises(SolveError, match="enough"):
-        mesh_layout(found, ROUGH)
-    (sheet,) = found.inclusions
+        mesh_layout(layout, ROUGH_FINENESS)
+    (sheet,) = layout.inclusions
     assert len(sheet.triangles) == 81_920  # which labels, nodes and checks go by
     assert len(sheet.fewer.triangles) == 10_000
     assert 10_000 < len(given["faces"]) < 30_000
     points = sheet.centre + np.random.default_rng(0).uniform(-0.0035, 0.0035, (400, 3))
-    clear = np.abs(np.linalg.norm(points - sheet.centre, axis=1) - 0.003) > 2 * sheet.off
-    assert (sheet.fewer.inside(points) == (np.linalg.norm(points - sheet.centre, axis=1) < 0.003))[clear].all()
+    clear = np.abs(np.linalg.norm(points - sheet.centre, axis=1) - 0.003) > 2 * sheet.decimation_error
+    assert (sheet.fewer.is_inside(points) == (np.linalg.norm(points - sheet.centre, axis=1) < 0.003))[clear].all()
 
 
 def test_where_time_is_over_an_uneven_surface_of_very_many_triangles_is_named(tmp_path, monkeypatch):
@@ -92,11 +92,15 @@ def test_where_time_is_over_an_uneven_surface_of_very_many_triangles_is_named(tm
         raise TooLong("it took longer")
 
     monkeypatch.setattr("geometry.tetra.mesher.tetrahedralize", late)
-    found = body_layout(with_file(saved(tmp_path, ball())), False, 0.02, None)
-    (sheet,) = found.inclusions
+    layout = build_layout(with_file(saved(tmp_path, ball())), False, 0.02, None)
+    (sheet,) = layout.inclusions
     uneven = replace(sheet, triangles=np.tile(sheet.triangles, (70, 1)))
-    with limited(Limits(seconds=1e-6)), timed(), pytest.raises(LimitReached, match=r"22400 triangles too uneven.*a smoother one"):
-        mesh_layout(replace(found, inclusions=(uneven,)), ROUGH)
+    with (
+        use_limits(Limits(seconds=1e-6)),
+        start_clock(),
+        pytest.raises(LimitReached, match=r"22400 triangles too uneven.*a smoother one"),
+    ):
+        mesh_layout(replace(layout, inclusions=(uneven,)), ROUGH_FINENESS)
 
 
 @pytest.mark.slow
@@ -104,15 +108,17 @@ def test_distances_to_a_ball_of_very_many_triangles_are_nearly_right(tmp_path):
     sheet = read_surface(saved(tmp_path, pyvista.Icosphere(radius=3.0, nsub=6)), "inclusion[0].surface", CENTRE)
     points = CENTRE + np.random.default_rng(0).normal(0.0, 0.003, (5000, 3))
     right = np.abs(np.linalg.norm(points - CENTRE, axis=1) - 0.003)
-    assert (sheet.distance(points) <= 1.1 * right + 5e-5).all()
-    assert (sheet.distance(points) >= right - 1e-5).all()
+    assert (sheet.estimate_distance(points) <= 1.1 * right + 5e-5).all()
+    assert (sheet.estimate_distance(points) >= right - 1e-5).all()
 
 
 def test_what_the_volume_of_a_body_from_a_file_is_off_is_known(tmp_path):
-    found = body_layout(with_file(saved(tmp_path, ball())), False, 0.02, None)
-    (sheet,) = found.inclusions
-    assert [files_error(mesh_with(share * sheet.volume), found) for share in (1.0, 0.9)] == pytest.approx([0.0, 0.1], abs=1e-9)
-    assert files_error(mesh_with(1e-9), body_layout(scene(), False, 0.02, None)) == 0.0
+    layout = build_layout(with_file(saved(tmp_path, ball())), False, 0.02, None)
+    (sheet,) = layout.inclusions
+    assert [find_max_file_error(mesh_with(share * sheet.volume), layout) for share in (1.0, 0.9)] == pytest.approx(
+        [0.0, 0.1], abs=1e-9
+    )
+    assert find_max_file_error(mesh_with(1e-9), build_layout(scene(), False, 0.02, None)) == 0.0
 
 
 @pytest.mark.slow
@@ -122,17 +128,17 @@ def test_dirty_surfaces_are_meshed(tmp_path, fault):
     if fault == "hole":
         dirty = whole.remove_cells([5])
     else:
-        both = whole.merge(ball(2.0, (2.5, 0.0, 0.0)), merge_points=False).extract_surface(algorithm="dataset_surface")
-        dirty = both.flip_faces()
-    found = body_layout(with_file(saved(tmp_path, dirty)), False, 0.02, None)
-    mesh, _ = mesh_layout(found, ROUGH)
-    volume = body_volumes(mesh)[INCLUSION]
-    least = whole.volume * 1e-9
-    assert least * 0.97 < volume < (1.02 if fault == "hole" else 1.5) * least
-    assert max(abs(e) for name, e in errors(mesh, found).items() if "inclusion" not in name) < 0.01
-    leaking = replace(mesh, body=np.where(mesh.body == INCLUSION, TISSUE, mesh.body))
+        merged = whole.merge(ball(2.0, (2.5, 0.0, 0.0)), merge_points=False).extract_surface(algorithm="dataset_surface")
+        dirty = merged.flip_faces()
+    layout = build_layout(with_file(saved(tmp_path, dirty)), False, 0.02, None)
+    mesh, _ = mesh_layout(layout, ROUGH_FINENESS)
+    volume = body_volumes(mesh)[FIRST_INCLUSION_BODY]
+    min_volume = whole.volume * 1e-9
+    assert min_volume * 0.97 < volume < (1.02 if fault == "hole" else 1.5) * min_volume
+    assert max(abs(e) for name, e in compute_errors(mesh, layout).items() if "inclusion" not in name) < 0.01
+    leaking = replace(mesh, body=np.where(mesh.body == FIRST_INCLUSION_BODY, TISSUE_BODY, mesh.body))
     with pytest.raises(SolveError, match=r"inclusion\[0\]'s volume.* it is open" if fault == "hole" else r"triangles may cross"):
-        check(leaking, found)
+        check_mesh(leaking, layout)
 
 
 def test_what_has_no_inside_is_refused(tmp_path):
@@ -157,16 +163,16 @@ def test_files_that_cannot_be_read_are_refused(tmp_path, name, content):
 
 @pytest.mark.skipif(os.name == "nt", reason="signals end processes on POSIX systems only")
 @pytest.mark.parametrize(
-    ("body", "told"), [("os.kill(os.getpid(), signal.SIGSEGV)", "SIGSEGV"), ("time.sleep(1000)", r"longer than 0\.5 s")]
+    ("body", "message"), [("os.kill(os.getpid(), signal.SIGSEGV)", "SIGSEGV"), ("time.sleep(1000)", r"longer than 0\.5 s")]
 )
-def test_a_file_that_kills_its_reader_or_is_read_without_an_end_is_refused(tmp_path, monkeypatch, body, told):
+def test_a_file_that_kills_its_reader_or_is_read_without_an_end_is_refused(tmp_path, monkeypatch, body, message):
     """As OpenCASCADE does over some damaged STEP files."""
     reader = tmp_path / "reader.py"
     reader.write_text(f"import os, signal, time\ndef run(arguments):\n    {body}\n")
     monkeypatch.setattr(surface_files, "_PROGRAM", reader)
-    monkeypatch.setattr(surface_files, "_PATIENCE", 0.5 if "sleep" in body else 60.0)
+    monkeypatch.setattr(surface_files, "_READ_TIME_LIMIT_S", 0.5 if "sleep" in body else 60.0)
     (tmp_path / "body.step").write_text(body)  # no file that was read before
-    with pytest.raises(InputError, match=rf"inclusion\[0\]\.surface.*that can be read.*{told}"):
+    with pytest.raises(InputError, match=rf"inclusion\[0\]\.surface.*that can be read.*{message}"):
         read_surface(str(tmp_path / "body.step"), "inclusion[0].surface", CENTRE)
 
 
@@ -175,11 +181,11 @@ def test_a_file_that_kills_its_reader_or_is_read_without_an_end_is_refused(tmp_p
 )
 def test_a_file_that_leaves_the_tissue_is_refused(tmp_path, depth, x, left):
     with pytest.raises(Refusal, match=rf"inclusion\[0\]\.surface.*leaves its {left}"):
-        body_layout(with_file(saved(tmp_path, ball()), depth=depth, x=x), False, 0.1, None)
+        build_layout(with_file(saved(tmp_path, ball()), depth=depth, x=x), False, 0.1, None)
 
 
 @pytest.mark.parametrize(
-    ("other", "apart"),
+    ("ellipsoid", "is_separate"),
     [
         ({"diameter": "4 mm", "x": "6.9 mm"}, False),
         ({"diameter": "4 mm", "x": "7.1 mm"}, True),
@@ -188,24 +194,24 @@ def test_a_file_that_leaves_the_tissue_is_refused(tmp_path, depth, x, left):
         ({"diameters": ["6 mm", "1 mm", "1 mm"], "x": "8.1 mm"}, True),
     ],
 )
-def test_a_file_that_overlaps_an_ellipsoid_is_refused(tmp_path, other, apart):
-    both = with_file(saved(tmp_path, ball()), {"depth": "9 mm", **SOFT, **other})
-    if apart:
-        assert len(body_layout(both, False, 0.1, None).inclusions) == 2
+def test_a_file_that_overlaps_an_ellipsoid_is_refused(tmp_path, ellipsoid, is_separate):
+    scanned = with_file(saved(tmp_path, ball()), {"depth": "9 mm", **SOFT, **ellipsoid})
+    if is_separate:
+        assert len(build_layout(scanned, False, 0.1, None).inclusions) == 2
     else:
         with pytest.raises(Refusal, match=r"inclusion\[1\]\.surface.*overlaps or touches inclusion\[0\]"):
-            body_layout(both, False, 0.1, None)
+            build_layout(scanned, False, 0.1, None)
 
 
-@pytest.mark.parametrize(("radius", "x", "apart"), [(2.0, 4.8, False), (2.0, 5.2, True), (1.0, 0.0, False)])
-def test_files_that_overlap_are_refused(tmp_path, radius, x, apart):
-    other = {"surface": saved(tmp_path, ball(radius), "other.stl"), "depth": "9 mm", "x": f"{2 + x} mm", **SOFT}
-    both = with_file(saved(tmp_path, ball()), other)
-    if apart:
-        assert len(body_layout(both, False, 0.1, None).inclusions) == 2
+@pytest.mark.parametrize(("radius", "x", "is_separate"), [(2.0, 4.8, False), (2.0, 5.2, True), (1.0, 0.0, False)])
+def test_files_that_overlap_are_refused(tmp_path, radius, x, is_separate):
+    second = {"surface": saved(tmp_path, ball(radius), "other.stl"), "depth": "9 mm", "x": f"{2 + x} mm", **SOFT}
+    scanned = with_file(saved(tmp_path, ball()), second)
+    if is_separate:
+        assert len(build_layout(scanned, False, 0.1, None).inclusions) == 2
     else:
         with pytest.raises(Refusal, match=r"inclusion\[1\]\.surface.*inclusion\[0\]"):
-            body_layout(both, False, 0.1, None)
+            build_layout(scanned, False, 0.1, None)
 
 
 def test_distances_to_triangles_are_those_of_many_points_on_them():
@@ -213,5 +219,5 @@ def test_distances_to_triangles_are_those_of_many_points_on_them():
     a, b = (part.ravel() for part in np.meshgrid(np.linspace(0, 1, 150), np.linspace(0, 1, 150)))
     share = np.column_stack([a, b, 1 - a - b])[a + b <= 1]
     sampled = np.linalg.norm(np.einsum("sk,tkj->tsj", share, corners), axis=2).min(axis=1)
-    assert least_distances(corners) == pytest.approx(sampled, abs=0.02)
-    assert (least_distances(corners) <= sampled + 1e-12).all()
+    assert compute_distances(corners) == pytest.approx(sampled, abs=0.02)
+    assert (compute_distances(corners) <= sampled + 1e-12).all()

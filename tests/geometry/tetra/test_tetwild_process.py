@@ -15,9 +15,9 @@ from geometry.common import child_process
 from geometry.common.child_process import Failure, TooLong
 from geometry.mesh_programs.tetwild import tetrahedralize
 from geometry.tetra import mesher as volume_mesh
-from geometry.tetra.cache import FOLDER
-from geometry.tetra.layout import body_layout
-from geometry.tetra.sizing import ROUGH
+from geometry.tetra.cache import CACHE_VARIABLE
+from geometry.tetra.layout import build_layout
+from geometry.tetra.sizing import ROUGH_FINENESS
 from tests.support.paths import ROOT
 from tests.support.scenes import block_scene as scene
 
@@ -39,15 +39,15 @@ def volume(points, tetrahedra):
 @pytest.fixture
 def children(monkeypatch):
     """The processes started, as they start."""
-    found = []
+    pids = []
 
     class Popen(subprocess.Popen):
         def __init__(self, *args, **options):
             super().__init__(*args, **options)
-            found.append(self)
+            pids.append(self)
 
     monkeypatch.setattr(child_process.subprocess, "Popen", Popen)
-    return found
+    return pids
 
 
 def end(children, number):
@@ -90,11 +90,11 @@ def test_a_process_that_cannot_start_is_a_failure(monkeypatch):
 
 @POSIX
 def test_a_killed_process_is_a_solve_error(children, monkeypatch):
-    monkeypatch.setattr(volume_mesh, "_TRIALS", 1)
-    found = replace(body_layout(scene(), True, 0.1, None), hole=4.005e-3)  # a gap that is left to pytetwild
+    monkeypatch.setattr(volume_mesh, "_MAX_TRIALS", 1)
+    layout = replace(build_layout(scene(), True, 0.1, None), hole=4.005e-3)  # a gap that is left to pytetwild
     thread = end(children, signal.SIGKILL)
     with pytest.raises(SolveError, match="SIGKILL"):
-        volume_mesh.mesh_layout(found, ROUGH)
+        volume_mesh.mesh_layout(layout, ROUGH_FINENESS)
     thread.join()
 
 
@@ -132,7 +132,7 @@ def test_ctrl_c_ends_meshing_at_once_and_leaves_nothing(tmp_path):
     (tmp_path / "script.py").write_text(SCRIPT)
     cache = tmp_path / "cache"
     path = os.pathsep.join([str(ROOT), *sys.path])
-    environment = {**os.environ, FOLDER: str(cache), "PYTHONPATH": path}
+    environment = {**os.environ, CACHE_VARIABLE: str(cache), "PYTHONPATH": path}
     command = [sys.executable, str(tmp_path / "script.py"), str(tmp_path / "scene.toml")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment) as parent:
         child = int(parent.stdout.readline())

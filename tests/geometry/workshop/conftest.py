@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from geometry.workshop.package import writers
+from geometry.workshop.package import build_writers
 from tests.support.workshop import BUDGET, EDGE, probe
 
 
 @pytest.fixture(scope="session")
 def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("package")
-    for name, write in writers(probe(), EDGE, BUDGET).items():
+    for name, write in build_writers(probe(), EDGE, BUDGET).items():
         write(folder / name)
     return folder

@@ -12,12 +12,12 @@ import dxf_parser
 import pytest
 from pypdf import PdfReader
 
-from geometry.cad.record import design_of
-from geometry.cad.stamp import stamp_of
+from geometry.cad.record import compute_design_digest
+from geometry.cad.stamp import build_stamp
 from geometry.scenes.probe import Base, Film, Material, Probe
 from geometry.workshop import drawings, pdf
-from geometry.workshop.parts import assembly_view, part_views, parts_list
-from geometry.workshop.tolerance import UNBOUND, Budget
+from geometry.workshop.parts import build_assembly_view, build_part_views, list_parts
+from geometry.workshop.tolerance import NO_BUDGET, Budget
 from tests.support.parts import make
 from tests.support.workshop import EDGE, distance, entities, probe
 
@@ -59,28 +59,28 @@ def dimensions(path: Path) -> list[dict[str, Any]]:
 
 @pytest.mark.parametrize("name", SIZES)
 def test_dxf_holds_every_size_of_the_scene(package: Path, name: str) -> None:
-    found = dimensions(package / f"{name}.dxf")
-    assert sorted(distance(one) for one in found) == pytest.approx(sorted(SIZES[name]), rel=1e-9)
-    assert sorted(one["actualMeasurement"] for one in found) == pytest.approx(sorted(SIZES[name]), rel=1e-9)
-    assert sorted(one["text"] for one in found) == sorted(TEXTS[name])
-    for one in found:  # and each text says what its dimension measures
-        number = float(re.sub(r"^[^0-9]*", "", one["text"]).split()[0].rstrip("*)"))
-        assert number == pytest.approx(distance(one), abs=0.51e-4)
+    entries = dimensions(package / f"{name}.dxf")
+    assert sorted(distance(entry) for entry in entries) == pytest.approx(sorted(SIZES[name]), rel=1e-9)
+    assert sorted(entry["actualMeasurement"] for entry in entries) == pytest.approx(sorted(SIZES[name]), rel=1e-9)
+    assert sorted(entry["text"] for entry in entries) == sorted(TEXTS[name])
+    for entry in entries:  # and each text says what its dimension measures
+        number = float(re.sub(r"^[^0-9]*", "", entry["text"]).split()[0].rstrip("*)"))
+        assert number == pytest.approx(distance(entry), abs=0.51e-4)
 
 
 @pytest.mark.parametrize("name", SIZES)
 def test_pdf_holds_the_same_sizes_and_the_title_block(package: Path, name: str) -> None:
     page = PdfReader(package / f"{name}.pdf").pages[0].extract_text()
     assert [text for text in TEXTS[name] if text not in page.splitlines()] == []
-    design, program = design_of(probe(), EDGE), stamp_of(probe()).program
-    for told in (
+    design, program = compute_design_digest(probe(), EDGE), build_stamp(probe()).program
+    for words in (
         f"Design {design}\n",
         f"Program {program} ",
         "Units mm",
         f"General tolerances {GENERAL.get(name, 'ISO 2768-m')}",
         f" {name}\n",
     ):
-        assert told in page, told
+        assert words in page, words
     assert re.search(r"Scale \d+:1 Sheet A4", page)
 
 
@@ -106,19 +106,19 @@ def test_dxf_declares_millimetres_and_layers(package: Path) -> None:
 
 def test_the_seat_of_a_film_has_its_roughness(package: Path) -> None:
     for name, symbols in {"inner": 0, "outer": 0, "base": 1, "film-inner": 0}.items():  # no symbol of machining on a casting
-        assert [one["text"] for one in entities(package / f"{name}.dxf", "TEXT")].count("Ra 0.8") == symbols
+        assert [entity["text"] for entity in entities(package / f"{name}.dxf", "TEXT")].count("Ra 0.8") == symbols
 
 
 def texts(sheet: Any) -> list[str]:
-    return [one.dxf.text for kind in ("DIMENSION", "TEXT") for one in sheet.model.query(kind)]
+    return [entity.dxf.text for kind in ("DIMENSION", "TEXT") for entity in sheet.model.query(kind)]
 
 
 def test_a_casting_says_what_is_measured_and_how(package: Path) -> None:
     """The mould's cavity, larger by the shrinkage of 0.1 %, to half of IT7; the modulus by a specimen; no soft block."""
     page = PdfReader(package / "outer.pdf").pages[0].extract_text()
     cavity = [2 * OUTER / (1 - 1e-3), 10.2 / (1 - 1e-3), 5 / (1 - 1e-3)]
-    told = [float(size) for size in re.findall(r"(?:cavity \u00d8|pin \u00d8|height) ([\d.]+) \u00b1", page)]
-    assert told == pytest.approx(cavity, abs=1e-4)
+    sizes = [float(size) for size in re.findall(r"(?:cavity \u00d8|pin \u00d8|height) ([\d.]+) \u00b1", page)]
+    assert sizes == pytest.approx(cavity, abs=1e-4)
     assert "Measure the mould, not the soft block" in page
     assert "test a cylinder cast of the same pour in compression (ISO 7743)" in page
     assert "Ra 3.2" not in page
@@ -129,25 +129,25 @@ def test_a_casting_says_what_is_measured_and_how(package: Path) -> None:
 )
 def test_a_hard_block_keeps_machining_s_tolerances(bound: float, wanted: str) -> None:
     """The ratio's where it is tighter, half of IT7 (ISO 286-1: 15 um of 10 mm) at the tightest, else ISO 2768-m in the title."""
-    one = make(inner=HARD, outer=HARD)
-    said = texts(drawings.draw(part_views(one)["inner"], stamp_of(one), Budget(1.0, {"inner_radius": bound})))
+    probe = make(inner=HARD, outer=HARD)
+    said = texts(drawings.draw_part(build_part_views(probe)["inner"], build_stamp(probe), Budget(1.0, {"inner_radius": bound})))
     assert wanted in said
     assert {"ISO 2768-m", "Ra 3.2", "Ra 0.8"} <= set(said)
     assert not any("mould" in text for text in said)
-    soft = texts(drawings.draw(part_views(make())["inner"], stamp_of(make()), Budget(1.0, {"inner_radius": bound})))
+    soft = texts(drawings.draw_part(build_part_views(make())["inner"], build_stamp(make()), Budget(1.0, {"inner_radius": bound})))
     assert "\u00d810 \u00b10.2" in soft  # no bound makes a casting more exact
 
 
 def test_what_is_assumed_has_a_star() -> None:
-    sheet = drawings.draw(part_views(make())["base"], stamp_of(make()), UNBOUND)
-    assert [one.dxf.text for one in sheet.model.query("DIMENSION") if "*" in one.dxf.text] == ["1.7173*"]
-    assert any(one.dxf.text.startswith("* assumed") for one in sheet.model.query("TEXT"))
+    sheet = drawings.draw_part(build_part_views(make())["base"], build_stamp(make()), NO_BUDGET)
+    assert [entity.dxf.text for entity in sheet.model.query("DIMENSION") if "*" in entity.dxf.text] == ["1.7173*"]
+    assert any(entity.dxf.text.startswith("* assumed") for entity in sheet.model.query("TEXT"))
 
 
-def drawn(one: Probe, edge: float, name: str) -> Any:
-    view = assembly_view(one, edge) if name == "assembly" else part_views(one, edge)[name]
-    stamp = stamp_of(one, edge)
-    return drawings.draw(view, stamp, UNBOUND, parts_list(one, stamp.materials) if name == "assembly" else ())
+def drawn(probe: Probe, edge: float, name: str) -> Any:
+    view = build_assembly_view(probe, edge) if name == "assembly" else build_part_views(probe, edge)[name]
+    stamp = build_stamp(probe, edge)
+    return drawings.draw_part(view, stamp, NO_BUDGET, list_parts(probe, stamp.materials) if name == "assembly" else ())
 
 
 WIDE = Base(rigid=True, flange_radius=0.1, step_height=0.01)
@@ -168,11 +168,11 @@ SLOW = [
 
 @pytest.mark.parametrize(("name", "part"), [("flat", "outer"), *SLOW])
 def test_nothing_overlaps_nor_leaves_the_frame(name: str, part: str) -> None:
-    one, edge = PROBES[name]
-    if part == "film-outer" and one.film is None:
+    probe, edge = PROBES[name]
+    if part == "film-outer" and probe.film is None:
         return
-    sheet = drawn(one, edge, part)
-    figure = pdf.picture(sheet)
+    sheet = drawn(probe, edge, part)
+    figure = pdf.draw_figure(sheet)
     figure.draw_without_rendering()
     boxes = {text: text.get_window_extent() for text in figure.axes[0].texts}
     per_mm = figure.dpi / 25.4
@@ -180,8 +180,8 @@ def test_nothing_overlaps_nor_leaves_the_frame(name: str, part: str) -> None:
     for text, box in boxes.items():
         inside = box.x0 > left and box.x1 < right and box.y0 > bottom and box.y1 < top
         assert inside, text.get_text()
-    for (text, box), (other, second) in combinations(boxes.items(), 2):
-        assert not box.padded(-0.3 * per_mm).overlaps(second.padded(-0.3 * per_mm)), (text.get_text(), other.get_text())
+    for (text, box), (second_text, second) in combinations(boxes.items(), 2):
+        assert not box.padded(-0.3 * per_mm).overlaps(second.padded(-0.3 * per_mm)), (text.get_text(), second_text.get_text())
 
 
 def test_scales_are_standard() -> None:
@@ -198,5 +198,5 @@ def test_scales_are_standard() -> None:
     ],
 )
 def test_a_base_with_a_boss_or_a_recess(name: str, sizes: list[float]) -> None:
-    found = [one.dxf.actual_measurement for one in drawn(*PROBES[name], "base").model.query("DIMENSION")]
-    assert sorted(found) == pytest.approx(sorted(sizes), rel=1e-9)
+    measurements = [entity.dxf.actual_measurement for entity in drawn(*PROBES[name], "base").model.query("DIMENSION")]
+    assert sorted(measurements) == pytest.approx(sorted(sizes), rel=1e-9)

@@ -9,7 +9,7 @@ from pathlib import Path
 import dxf_parser
 import pytest
 
-from geometry.cad.stamp import stamp_of
+from geometry.cad.stamp import build_stamp
 from geometry.workshop import film_pattern
 from tests.support.parts import make
 from tests.support.workshop import outlines
@@ -43,7 +43,7 @@ def area(loop: Corners) -> float:
 def test_layers_and_units(package: Path) -> None:
     drawing = dxf_parser.parse((package / "film-inner-pattern.dxf").read_bytes())
     assert drawing["header"]["$INSUNITS"] == 4
-    used = {one["layer"] for one in drawing["entities"]}
+    used = {entity["layer"] for entity in drawing["entities"]}
     sides = {f"{layer}_{side}" for layer in ("ELECTRODE", "LEAD", "TAB") for side in ("TOP", "BOTTOM")}
     assert used == {"FILM_OUTLINE", "ADHESIVE", "TEXT", *sides}
 
@@ -83,13 +83,13 @@ def test_electrodes_keep_away_from_the_edge_and_leads_from_each_other(package: P
     path = package / f"{name}-pattern.dxf"
     edges = [point for loop in outlines(path, "ADHESIVE") for point in sampled(loop, 700)]
     inset = 0.5 if name == "film-inner" else INSET
-    found = [point for loop in outlines(path, "ELECTRODE_TOP") for point in sampled(loop, 100)]
-    assert min(math.dist(point, edge) for point in found for edge in edges) > 0.97 * inset
+    points = [point for loop in outlines(path, "ELECTRODE_TOP") for point in sampled(loop, 100)]
+    assert min(math.dist(point, edge) for point in points for edge in edges) > 0.97 * inset
     for layer in ("LEAD", "TAB"):
         (top,), (bottom,) = (outlines(path, f"{layer}_{side}") for side in ("TOP", "BOTTOM"))
         assert min(y for _, y, _ in top) > 0 > max(y for _, y, _ in bottom) or max(y for _, y, _ in top) < 0
     (lead,), (tab,) = outlines(path, "LEAD_TOP"), outlines(path, "TAB_TOP")
-    assert min(math.hypot(x, y) for x, y, _ in lead) < max(math.hypot(x, y) for x, y in found)  # they touch
+    assert min(math.hypot(x, y) for x, y, _ in lead) < max(math.hypot(x, y) for x, y in points)  # they touch
     assert {abs(x) for x, _, _ in lead} & {abs(x) for x, _, _ in tab}
 
 
@@ -98,11 +98,11 @@ def test_electrodes_keep_away_from_the_edge_and_leads_from_each_other(package: P
     [({}, "groove"), ({"groove": None, "gap": 2e-4}, "gap"), ({"groove": None}, ""), ({"groove": (2e-3, 5e-5)}, "")],
 )
 def test_the_inner_leads_way_out(options: dict[str, object], way: str, tmp_path: Path) -> None:
-    pattern, outer = film_pattern.film_patterns(make(**options))
+    pattern, outer = film_pattern.build_film_patterns(make(**options))
     assert (pattern.exit, outer.exit) == (way, "outside")
     assert ("LEAD_TOP" in pattern.layers) == bool(way)
-    film_pattern.write(pattern, stamp_of(make(**options)), 0.11, tmp_path / "pattern.dxf")
+    film_pattern.write_pattern(pattern, build_stamp(make(**options)), 0.11, tmp_path / "pattern.dxf")
 
 
 def test_no_films_no_patterns() -> None:
-    assert film_pattern.film_patterns(make(film=None)) == ()
+    assert film_pattern.build_film_patterns(make(film=None)) == ()

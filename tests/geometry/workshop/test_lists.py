@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 from pypdf import PdfReader
 
-from geometry.scenes.catalogue import find_material, materials
+from geometry.scenes.catalogue import find_material, list_materials
 from geometry.scenes.probe import Base, Film, Material
-from geometry.workshop.package import Casting, writers
+from geometry.workshop.package import Casting, build_writers
 from geometry.workshop.processes import find_process
-from geometry.workshop.tolerance import tolerance, written
+from geometry.workshop.tolerance import find_tolerance, format_deviation
 from tests.support.parts import make
 from tests.support.workshop import BUDGET, EDGE, probe
 
@@ -32,7 +32,7 @@ def held(path: Path) -> dict[str, dict[str, str]]:
 
 
 def text(name: str, folder: Path, **options: object) -> str:
-    writers(make(**options))[name](folder / name)
+    build_writers(make(**options))[name](folder / name)
     return (folder / name).read_text(encoding="utf-8")
 
 
@@ -61,7 +61,7 @@ def test_bill_of_materials(package: Path) -> None:
 
 def test_a_named_material_is_on_the_bill_and_in_the_drawings(tmp_path: Path) -> None:
     named = make(outer=Material.model_validate({"material": "dragon-skin-30"}), base=Base(rigid=True, material="pmma"))
-    made = writers(named)
+    made = build_writers(named)
     for name in ("bill-of-materials.csv", "outer.pdf", "assembly.pdf", "assembly.md"):
         made[name](tmp_path / name)
     bill = rows(tmp_path / "bill-of-materials.csv", "part")
@@ -95,13 +95,13 @@ def test_tolerances(package: Path) -> None:
 
 def test_tolerances_of_machined_blocks(tmp_path: Path) -> None:
     hard = Material(youngs_modulus=3e9, poisson_ratio=0.35)
-    made = writers(make(inner=hard, outer=hard), budget=BUDGET)
+    made = build_writers(make(inner=hard, outer=hard), budget=BUDGET)
     made["tolerances.csv"](tmp_path / "tolerances.csv")
     table = held(tmp_path / "tolerances.csv")
-    found = {name: (row["deviation"], row["from"]) for name, row in table.items()}
-    assert found["inner inner_diameter"] == ("0.04", "the ratio")
-    assert found["outer outer_height"] == ("0.1", "ISO 2768-m")
-    assert found["assembly gap"] == ("0.01", "10 % of the size")
+    deviations = {name: (row["deviation"], row["from"]) for name, row in table.items()}
+    assert deviations["inner inner_diameter"] == ("0.04", "the ratio")
+    assert deviations["outer outer_height"] == ("0.1", "ISO 2768-m")
+    assert deviations["assembly gap"] == ("0.01", "10 % of the size")
     assert not [name for name in made if "mould" in name]  # nothing is cast
 
 
@@ -118,7 +118,7 @@ def test_the_order_of_assembly_tells_the_shim(package: Path) -> None:
 
 
 def test_without_films_there_is_nothing_of_them(tmp_path: Path) -> None:
-    names = writers(make(film=None, groove=None)).keys()
+    names = build_writers(make(film=None, groove=None)).keys()
     assert not [name for name in names if "film" in name]
     assert "film" not in text("assembly.md", tmp_path, film=None, groove=None).replace("film end", "")
 
@@ -128,7 +128,7 @@ def test_a_lead_that_cannot_leave_is_told(tmp_path: Path) -> None:
 
 
 def test_casting_is_handed_on(tmp_path: Path) -> None:
-    writers(probe(), EDGE, casting=Casting(shrinkage=0.02))["assembly.md"](tmp_path / "assembly.md")
+    build_writers(probe(), EDGE, casting=Casting(shrinkage=0.02))["assembly.md"](tmp_path / "assembly.md")
     assert "shrinkage 2 %" in (tmp_path / "assembly.md").read_text(encoding="utf-8")
 
 
@@ -150,8 +150,8 @@ def test_casting_is_handed_on(tmp_path: Path) -> None:
     ],
 )
 def test_general_tolerances(size: float, bound: float | None, radius: bool, wanted: tuple[float, bool]) -> None:
-    found = tolerance(size, bound, radius)
-    assert (found.deviation, found.told) == (pytest.approx(wanted[0]), wanted[1])
+    deviation = find_tolerance(size, bound, radius)
+    assert (deviation.deviation, deviation.is_stated) == (pytest.approx(wanted[0]), wanted[1])
 
 
 @pytest.mark.parametrize(
@@ -173,13 +173,13 @@ def test_general_tolerances(size: float, bound: float | None, radius: bool, want
 )
 def test_tolerances_of_processes(process: str, size: float, closure: bool, wanted: float) -> None:
     for bound in (None, 1e-3):
-        found = tolerance(size, bound, process=process, closure=closure)
-        assert (found.deviation, found.told) == (pytest.approx(wanted), True)
+        deviation = find_tolerance(size, bound, process=process, closure=closure)
+        assert (deviation.deviation, deviation.is_stated) == (pytest.approx(wanted), True)
 
 
 def test_every_material_has_a_process() -> None:
-    for one in materials().values():
-        assert find_process(one.process).source
+    for material in list_materials().values():
+        assert find_process(material.process).source
     assert find_material("pla-printed").process == "filament-printing"
 
 
@@ -187,4 +187,4 @@ def test_every_material_has_a_process() -> None:
     ("value", "wanted"), [(0.0299, "0.029"), (0.1, "0.1"), (1.299, "1.2"), (129.0, "120"), (3.7e-5, "0.000037")]
 )
 def test_deviations_are_rounded_down(value: float, wanted: str) -> None:
-    assert written(value) == wanted
+    assert format_deviation(value) == wanted

@@ -9,10 +9,16 @@ from pathlib import Path
 import pytest
 from scipy.integrate import quad
 
-from geometry.cad.stamp import stamp_of
+from geometry.cad.stamp import build_stamp
 from geometry.common.errors import ExportError, InputError
 from geometry.workshop import moulds
-from geometry.workshop.mould_sizes import MouldSizes, block_volume, cavity_volume, draft_of, mould_sizes
+from geometry.workshop.mould_sizes import (
+    MouldSizes,
+    choose_draft,
+    compute_block_volume,
+    compute_cavity_volume,
+    compute_mould_sizes,
+)
 from tests.support.parts import make, read
 from tests.support.workshop import EDGE, probe
 
@@ -44,20 +50,20 @@ def cavity(mould: MouldSizes) -> float:
 @pytest.mark.parametrize("index", [0, 1])
 @pytest.mark.parametrize("edge", [0.0, EDGE])
 def test_volume_of_the_cavity(index: int, edge: float) -> None:
-    mould = mould_sizes(probe(), edge, shrinkage=0.02, draft=math.radians(1))[index]
-    assert cavity_volume(mould) == pytest.approx(cavity(mould), rel=1e-7)
+    mould = compute_mould_sizes(probe(), edge, shrinkage=0.02, draft=math.radians(1))[index]
+    assert compute_cavity_volume(mould) == pytest.approx(cavity(mould), rel=1e-7)
     # draft aside the block that comes out is the scene's: each length has shrunk by 2 %
-    straight = mould_sizes(probe(), edge, shrinkage=0.02, draft=0.0)[index]
-    block = block_volume(probe(), mould.name, edge)
-    assert cavity_volume(straight) * 0.98**3 == pytest.approx(block, rel=1e-9)
-    assert cavity_volume(mould) * 0.98**3 == pytest.approx(block, rel=2e-3)
+    straight = compute_mould_sizes(probe(), edge, shrinkage=0.02, draft=0.0)[index]
+    block = compute_block_volume(probe(), mould.name, edge)
+    assert compute_cavity_volume(straight) * 0.98**3 == pytest.approx(block, rel=1e-9)
+    assert compute_cavity_volume(mould) * 0.98**3 == pytest.approx(block, rel=2e-3)
 
 
 def test_files(package: Path) -> None:
     names = {path.name for path in package.glob("mould*")}
-    assert names == {f"mould-{block}-{half}.step" for block in ("inner", "outer") for half in ("lower", "upper")}
-    mould, _ = mould_sizes(probe(), EDGE)
-    lower, upper = (read(package / f"mould-inner-{half}.step") for half in ("lower", "upper"))
+    assert names == {f"mould-{block}-{half}.step" for block in ("inner", "outer") for half in ("build_lower", "upper")}
+    mould, _ = compute_mould_sizes(probe(), EDGE)
+    lower, upper = (read(package / f"mould-inner-{half}.step") for half in ("build_lower", "upper"))
     assert (lower.ShapeType(), lower.isValid(), upper.isValid()) == ("Solid", True, True)
     body = math.pi * mould.outside**2 * (mould.height + 4) + math.pi * (1.5**2 + 1.0**2) * 3
     assert body - lower.Volume() == pytest.approx(cavity(mould), rel=1e-6)
@@ -67,12 +73,12 @@ def test_files(package: Path) -> None:
 
 
 def test_the_lid_has_a_rib_a_pour_hole_and_vents(package: Path) -> None:
-    _, mould = mould_sizes(probe(), EDGE)
+    _, mould = compute_mould_sizes(probe(), EDGE)
     lid = read(package / "mould-outer-upper.step")
     (solid,) = lid.Solids()
-    from geometry.cad.solids import cadquery
+    from geometry.cad.solids import load_cadquery
 
-    cq, middle = cadquery(), (5.1 + OUTER) / 2
+    cq, middle = load_cadquery(), (5.1 + OUTER) / 2
     assert solid.isInside(cq.Vector(middle, 0, mould.height - 0.5))  # the rib hangs where the groove is
     assert not solid.isInside(cq.Vector(-middle, 0, mould.height + 3))  # and is poured on the other side
     holes = [face for face in solid.Faces() if face.geomType() == "CYLINDER" and face.BoundingBox().zmax > mould.height + 5.9]
@@ -81,17 +87,17 @@ def test_the_lid_has_a_rib_a_pour_hole_and_vents(package: Path) -> None:
 
 def test_the_gap_keeps_its_width() -> None:
     """Two walls that lean by less than a twentieth of the gap; where they may, by what is asked for."""
-    one = make()
-    assert 5.0 * math.tan(draft_of(one)) == pytest.approx(0.05 * 0.1)
-    assert draft_of(make(gap=2e-3, height=1e-3, groove=None)) == pytest.approx(math.radians(0.5))
+    probe = make()
+    assert 5.0 * math.tan(choose_draft(probe)) == pytest.approx(0.05 * 0.1)
+    assert choose_draft(make(gap=2e-3, height=1e-3, groove=None)) == pytest.approx(math.radians(0.5))
 
 
 def test_a_mould_that_is_off_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    mould, _ = mould_sizes(probe())
-    built = moulds.lower
-    monkeypatch.setattr(moulds, "lower", lambda one: built(one).scale(1 + 1e-5))
+    mould, _ = compute_mould_sizes(probe())
+    built = moulds.build_lower
+    monkeypatch.setattr(moulds, "build_lower", lambda mould_size: built(mould_size).scale(1 + 1e-5))
     with pytest.raises(ExportError, match=r"^mould-inner-lower\.step: volume = "):
-        moulds.write(mould, "lower", stamp_of(probe()), tmp_path / "mould-inner-lower.step")
+        moulds.write_half(mould, "build_lower", build_stamp(probe()), tmp_path / "mould-inner-lower.step")
 
 
 @pytest.mark.parametrize(
@@ -99,7 +105,7 @@ def test_a_mould_that_is_off_is_refused(tmp_path: Path, monkeypatch: pytest.Monk
 )
 def test_impossible_castings_are_refused(options: dict[str, float], key: str) -> None:
     with pytest.raises(InputError, match=rf"^{key} = ") as fault:
-        mould_sizes(probe(), **options)
+        compute_mould_sizes(probe(), **options)
     assert fault.value.exit_code == 2
 
 
@@ -109,8 +115,8 @@ def test_impossible_castings_are_refused(options: dict[str, float], key: str) ->
 @pytest.mark.parametrize("share", [0.1, 1.99])
 def test_extremes(tmp_path: Path, radius: float, slenderness: float, ratio: float, share: float) -> None:
     gap, height = 0.05 * radius, slenderness * radius
-    one = make(radius, ratio, gap, height, groove=(share * (radius + gap), 0.6 * height))
-    for mould in mould_sizes(one):
-        for half in moulds.HALVES:
-            moulds.write(mould, half, stamp_of(one), tmp_path / moulds.file_name(mould, half))
-        assert cavity_volume(mould) == pytest.approx(cavity(mould), rel=1e-6)
+    probe = make(radius, ratio, gap, height, groove=(share * (radius + gap), 0.6 * height))
+    for mould in compute_mould_sizes(probe):
+        for half in moulds.MOULD_HALVES:
+            moulds.write_half(mould, half, build_stamp(probe), tmp_path / moulds.format_file_name(mould, half))
+        assert compute_cavity_volume(mould) == pytest.approx(cavity(mould), rel=1e-6)

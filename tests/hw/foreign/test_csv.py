@@ -13,7 +13,7 @@ import pytest
 from hw.common.errors import HardwareError, InvalidSource
 from hw.common.samples import Gap, Samples
 from hw.foreign.columns import ColumnMap
-from hw.foreign.volts import MISSING
+from hw.foreign.volts import GAP_REASON
 from hw.reader import Reader
 
 RATE, ROWS = 1000.0, 400
@@ -23,7 +23,7 @@ NAMES = ("inner", "outer", "force")
 
 
 def got(path: Path, *columns: str, rate: str | None = None) -> Samples:
-    with Reader.open(f"replay:{path}", columns=ColumnMap.of(columns, rate)) as reader:
+    with Reader.open(f"replay:{path}", columns=ColumnMap.from_texts(columns, rate)) as reader:
         return reader.collect()
 
 
@@ -43,11 +43,11 @@ def test_what_csv_of_python_writes(tmp_path: Path) -> None:
         writer = csv.writer(file)
         writer.writerow(["time (s)", "inner (V)", "outer (V)", "force (V)"])
         writer.writerows(np.column_stack([TIMES, VOLTS]).tolist())
-    found = got(tmp_path / "a.csv")
-    assert (found.channels, found.gaps, found.saturated.any()) == (NAMES, (), np.False_)
-    assert found.rate == pytest.approx(RATE, rel=1e-9)
-    np.testing.assert_array_equal(found.index, np.arange(ROWS))
-    np.testing.assert_allclose(found.volts, VOLTS, rtol=1e-15)
+    samples = got(tmp_path / "a.csv")
+    assert (samples.channels, samples.gaps, samples.saturated.any()) == (NAMES, (), np.False_)
+    assert samples.rate == pytest.approx(RATE, rel=1e-9)
+    np.testing.assert_array_equal(samples.index, np.arange(ROWS))
+    np.testing.assert_allclose(samples.volts, VOLTS, rtol=1e-15)
 
 
 HEADS = {  # head, delimiter, decimal comma, what the numbers are worth, options
@@ -71,10 +71,10 @@ HEADS = {  # head, delimiter, decimal comma, what the numbers are worth, options
 def test_kinds_of_head(kind: str, tmp_path: Path) -> None:
     head, delimiter, comma, (per_second, per_volt), options = HEADS[kind]
     rows = np.column_stack([per_second * TIMES, per_volt * VOLTS[:, :2]])
-    found = got(text(tmp_path / "a.csv", head, rows, delimiter, comma), *options)
-    assert found.rate == pytest.approx(RATE, rel=1e-7)
-    np.testing.assert_allclose(found.volts, VOLTS[:, :2], rtol=1e-8, atol=1e-12)
-    assert len(found) == ROWS
+    samples = got(text(tmp_path / "a.csv", head, rows, delimiter, comma), *options)
+    assert samples.rate == pytest.approx(RATE, rel=1e-7)
+    np.testing.assert_allclose(samples.volts, VOLTS[:, :2], rtol=1e-8, atol=1e-12)
+    assert len(samples) == ROWS
 
 
 def test_rigol_tells_its_interval_in_the_head(tmp_path: Path) -> None:
@@ -82,9 +82,9 @@ def test_rigol_tells_its_interval_in_the_head(tmp_path: Path) -> None:
     head = "X,CH1,CH2,Start,Increment,\nSequence,Volt,Volt,-6.0e-03,1.000e-03\n"
     body = "".join(f"{k},{a:.9g},{b:.9g},\n" for k, (a, b) in enumerate(VOLTS[:, :2]))
     (tmp_path / "a.csv").write_text(head + body)
-    found = got(tmp_path / "a.csv", "inner=CH1", "outer=CH2")
-    assert found.rate == pytest.approx(RATE)
-    np.testing.assert_allclose(found.volts, VOLTS[:, :2], rtol=1e-8, atol=1e-12)
+    samples = got(tmp_path / "a.csv", "inner=CH1", "outer=CH2")
+    assert samples.rate == pytest.approx(RATE)
+    np.testing.assert_allclose(samples.volts, VOLTS[:, :2], rtol=1e-8, atol=1e-12)
 
 
 def test_map_as_a_file(tmp_path: Path) -> None:
@@ -92,10 +92,10 @@ def test_map_as_a_file(tmp_path: Path) -> None:
         'rate = "1 kHz"\nrange = "0.25 V"\nouter = "CH2 mV"\n[inner]\ncolumn = "CH1"\nunit = "mV"\nscale = 2.0\n'
     )
     path = text(tmp_path / "a.csv", "CH1;CH2\n", 1e3 * VOLTS[:, :2] / [2.0, 1.0], ";", True)
-    found = got(path, str(tmp_path / "map.toml"))
-    np.testing.assert_allclose(found.volts, VOLTS[:, :2], rtol=1e-8, atol=1e-12)
-    np.testing.assert_array_equal(found.saturated, np.abs(VOLTS[:, :2]) >= 0.25)
-    assert found.saturated.any()
+    samples = got(path, str(tmp_path / "map.toml"))
+    np.testing.assert_allclose(samples.volts, VOLTS[:, :2], rtol=1e-8, atol=1e-12)
+    np.testing.assert_array_equal(samples.saturated, np.abs(VOLTS[:, :2]) >= 0.25)
+    assert samples.saturated.any()
 
 
 def test_a_table_s_name_is_the_name_as_it_stands(tmp_path: Path) -> None:
@@ -103,8 +103,8 @@ def test_a_table_s_name_is_the_name_as_it_stands(tmp_path: Path) -> None:
     (tmp_path / "map.toml").write_text(
         'rate = "1 kHz"\ninner = { column = "CH1 5", unit = "mV" }\nouter = { column = "CH1", unit = "mV" }\n'
     )
-    found = got(text(tmp_path / "a.csv", "CH1;CH1 5\n", 1e3 * VOLTS[:, :2], ";"), str(tmp_path / "map.toml"))
-    np.testing.assert_allclose(found.volts, VOLTS[:, [1, 0]], rtol=1e-8, atol=1e-12)
+    samples = got(text(tmp_path / "a.csv", "CH1;CH1 5\n", 1e3 * VOLTS[:, :2], ";"), str(tmp_path / "map.toml"))
+    np.testing.assert_allclose(samples.volts, VOLTS[:, [1, 0]], rtol=1e-8, atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -122,26 +122,26 @@ def test_rows_without_numbers_are_gaps(word: str, tmp_path: Path) -> None:
     for k in (50, 51, 200):
         rows[k][1] = word
     (tmp_path / "a.csv").write_text("time (s),inner (V),outer (V)\n" + "\n".join(map(",".join, rows)))
-    found = got(tmp_path / "a.csv")
-    assert found.gaps == (Gap(50, 2, MISSING), Gap(200, 1, MISSING))
-    np.testing.assert_array_equal(found.index, [k for k in range(ROWS) if k not in (50, 51, 200)])
-    np.testing.assert_allclose(found.volts, VOLTS[found.index, :2], rtol=1e-8, atol=1e-12)
+    samples = got(tmp_path / "a.csv")
+    assert samples.gaps == (Gap(50, 2, GAP_REASON), Gap(200, 1, GAP_REASON))
+    np.testing.assert_array_equal(samples.index, [k for k in range(ROWS) if k not in (50, 51, 200)])
+    np.testing.assert_allclose(samples.volts, VOLTS[samples.index, :2], rtol=1e-8, atol=1e-12)
 
 
 def test_times_that_jump_are_gaps(tmp_path: Path) -> None:
     keep = [k for k in range(ROWS) if not 100 <= k < 117]
-    found = got(text(tmp_path / "a.csv", "time (s),inner (V),outer (V)\n", lines()[keep]))
-    assert found.gaps == (Gap(100, 17, MISSING),)
-    np.testing.assert_array_equal(found.index, keep)
-    assert found.rate == pytest.approx(RATE, rel=1e-7)
+    samples = got(text(tmp_path / "a.csv", "time (s),inner (V),outer (V)\n", lines()[keep]))
+    assert samples.gaps == (Gap(100, 17, GAP_REASON),)
+    np.testing.assert_array_equal(samples.index, keep)
+    assert samples.rate == pytest.approx(RATE, rel=1e-7)
 
 
 def test_overload_counts_as_saturated(tmp_path: Path) -> None:
     rows = lines()
     rows[7, 1], rows[9, 2] = 9.9e37, np.inf
-    found = got(text(tmp_path / "a.csv", "time (s),inner (V),outer (V)\n", rows))
-    assert np.argwhere(found.saturated).tolist() == [[7, 0], [9, 1]]
-    assert np.isfinite(found.volts).all()
+    samples = got(text(tmp_path / "a.csv", "time (s),inner (V),outer (V)\n", rows))
+    assert np.argwhere(samples.saturated).tolist() == [[7, 0], [9, 1]]
+    assert np.isfinite(samples.volts).all()
 
 
 HEAD = "time (s),CH1 (mV),CH2 (mV)\n"
@@ -180,7 +180,7 @@ def test_refusals_say_what_is_missing(what: str, tmp_path: Path) -> None:
         got(path, *options, rate=rate)
     assert "\n" not in str(refused.value)
     for word in words:
-        assert any(one in str(refused.value) for one in word.split("|")), str(refused.value)
+        assert any(part in str(refused.value) for part in word.split("|")), str(refused.value)
 
 
 @pytest.mark.parametrize(("row", "words"), [("0.2,1.5", "2 cells"), ("0.2,abc,1", "'abc'"), ("0.2,1,2,3", "4 cells")])
@@ -230,11 +230,11 @@ def test_an_interval_of_an_unknown_unit_is_refused(tmp_path: Path) -> None:
 def test_a_map_that_is_a_pipe_a_folder_or_a_device_is_refused(tmp_path: Path, make: Callable[[Path], None]) -> None:
     make(tmp_path / "map.toml")
     with pytest.raises(InvalidSource, match=r"map.toml: allowed: a TOML file of at most 10000 bytes that is there"):
-        ColumnMap.of([str(tmp_path / "map.toml")])
+        ColumnMap.from_texts([str(tmp_path / "map.toml")])
 
 
 @pytest.mark.parametrize("text", ["a = " + "[" * 9000, "a" + ".a" * 4900 + " = 1"])
 def test_a_map_that_is_nested_too_deeply_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "map.toml").write_text(text)
     with pytest.raises(InvalidSource, match=r"map.toml: allowed: a TOML file without deep nesting"):
-        ColumnMap.of([str(tmp_path / "map.toml")])
+        ColumnMap.from_texts([str(tmp_path / "map.toml")])

@@ -20,8 +20,8 @@ from hw.common.samples import Samples
 from hw.foreign.columns import ColumnMap
 from hw.foreign.hdf5_file import Hdf5File
 from hw.foreign.hdf5_recording import Hdf5Recorder
-from hw.foreign.volts import volts_header
-from hw.reader import AS_IT_IS, Reader
+from hw.foreign.volts import build_volts_header
+from hw.reader import DEFAULT_COLUMNS, Reader
 from hw.simulation.firmware import Fault
 from tests.support.hw.virtual_probes import probe
 
@@ -31,7 +31,7 @@ VOLTS = np.column_stack([0.3 * np.sin(31.0 * TIMES), 0.2 * np.cos(31.0 * TIMES)]
 
 
 def got(path: Path, *columns: str, rate: str | None = None) -> Samples:
-    with Reader.open(f"replay:{path}", columns=ColumnMap.of(columns, rate)) as reader:
+    with Reader.open(f"replay:{path}", columns=ColumnMap.from_texts(columns, rate)) as reader:
         return reader.collect()
 
 
@@ -42,9 +42,9 @@ def test_datasets_of_another_program(tmp_path: Path) -> None:
         file["run/films"] = np.asarray(1e3 * VOLTS, np.float32)
         file["run/films"].attrs["units"] = "mV"
         file["comment"] = "a text"
-    found = got(tmp_path / "a.h5", "time=run/t", "inner=run/films[1]", "outer=run/films[2]")
-    np.testing.assert_allclose(found.volts, VOLTS, rtol=1e-6, atol=1e-9)
-    assert found.rate == pytest.approx(RATE)
+    samples = got(tmp_path / "a.h5", "time=run/t", "inner=run/films[1]", "outer=run/films[2]")
+    np.testing.assert_allclose(samples.volts, VOLTS, rtol=1e-6, atol=1e-9)
+    assert samples.rate == pytest.approx(RATE)
 
 
 def test_names_units_and_rate_of_its_own(tmp_path: Path) -> None:
@@ -53,9 +53,9 @@ def test_names_units_and_rate_of_its_own(tmp_path: Path) -> None:
             file[name] = values
             file[name].attrs["unit"] = "V"
         file.attrs["sample_rate"] = RATE
-    found = got(tmp_path / "a.h5")
-    np.testing.assert_array_equal(found.volts, VOLTS)
-    assert found.rate == RATE
+    samples = got(tmp_path / "a.h5")
+    np.testing.assert_array_equal(samples.volts, VOLTS)
+    assert samples.rate == RATE
 
 
 def test_a_recording_is_read_by_h5py_and_again(tmp_path: Path) -> None:
@@ -72,11 +72,16 @@ def test_a_recording_is_read_by_h5py_and_again(tmp_path: Path) -> None:
         assert file["inner"].dims[0][0] == file["time"]
         assert (file.attrs["scene_sha256"], file.attrs["serial"], file.attrs["rate"]) == ("ab" * 32, "V1", live.rate)
         assert file.attrs["started"].startswith("20")
-    again = got(tmp_path / "a.h5")
+    samples = got(tmp_path / "a.h5")
     assert {gap.count for gap in live.gaps} >= {-1, 30}
-    assert (again.gaps, again.overruns, again.rate, again.channels) == (live.gaps, live.overruns, live.rate, live.channels)
+    assert (samples.gaps, samples.overruns, samples.rate, samples.channels) == (
+        live.gaps,
+        live.overruns,
+        live.rate,
+        live.channels,
+    )
     for key in ("index", "volts", "saturated"):
-        np.testing.assert_array_equal(getattr(again, key), getattr(live, key))
+        np.testing.assert_array_equal(getattr(samples, key), getattr(live, key))
 
 
 def test_what_was_told_of_the_clock_stands(tmp_path: Path) -> None:
@@ -116,10 +121,10 @@ def test_saturation_and_long_recordings_survive(tmp_path: Path) -> None:
     with Hdf5Recorder(tmp_path / "a.h5", replace(header, rate=RATE)) as recorder:
         for part in parts:
             recorder.write_samples(part)
-    found = got(tmp_path / "a.h5")
-    np.testing.assert_array_equal(found.index, np.arange(80 * ROWS))
-    np.testing.assert_array_equal(np.flatnonzero(found.saturated[:, 1]), 3 + ROWS * np.arange(80))
-    assert not found.saturated[:, 0].any()
+    replayed = got(tmp_path / "a.h5")
+    np.testing.assert_array_equal(replayed.index, np.arange(80 * ROWS))
+    np.testing.assert_array_equal(np.flatnonzero(replayed.saturated[:, 1]), 3 + ROWS * np.arange(80))
+    assert not replayed.saturated[:, 0].any()
 
 
 def test_written_whole_or_not_at_all(tmp_path: Path) -> None:
@@ -141,10 +146,10 @@ import resource, sys
 from pathlib import Path
 import numpy as np
 from hw.reader import Reader
-from hw.simulation.virtual import virtual
+from hw.simulation.virtual import make_virtual_probe
 
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]), resource.RLIM_INFINITY))
-source = virtual(lambda times: np.column_stack([np.sin(31 * times), np.cos(31 * times)]), 1e5, scale=1e-4)
+source = make_virtual_probe(lambda times: np.column_stack([np.sin(31 * times), np.cos(31 * times)]), 1e5, scale=1e-4)
 with Reader.open(source) as reader:
     live = reader.collect(0.6, record=Path(sys.argv[1]))
 print(len(live), *live.notes)
@@ -177,9 +182,9 @@ import sys, time
 from pathlib import Path
 import numpy as np
 from hw.reader import Reader
-from hw.simulation.virtual import virtual
+from hw.simulation.virtual import make_virtual_probe
 
-source = virtual(lambda times: np.column_stack([np.sin(31 * times), np.cos(31 * times)]), 1e4, scale=1e-4)
+source = make_virtual_probe(lambda times: np.column_stack([np.sin(31 * times), np.cos(31 * times)]), 1e4, scale=1e-4)
 with Reader.open(source) as reader:
     for block in reader.blocks(60.0, record=Path(sys.argv[1])):
         if block.index[-1] > 20_000:
@@ -193,10 +198,10 @@ def test_a_killed_recording_is_read_up_to_the_kill(tmp_path: Path) -> None:
         assert running.stdout is not None
         assert running.stdout.readline() == b"recorded\n"
         running.kill()
-    found = got(tmp_path / "a.h5.probe")
-    assert len(found) > 20_000
-    assert any("was cut" in note for note in found.notes)
-    np.testing.assert_allclose(found.volts[:, 0], np.sin(31 * found.times), atol=1e-4)
+    samples = got(tmp_path / "a.h5.probe")
+    assert len(samples) > 20_000
+    assert any("was cut" in note for note in samples.notes)
+    np.testing.assert_allclose(samples.volts[:, 0], np.sin(31 * samples.times), atol=1e-4)
     with pytest.raises(InvalidSource, match=r"until it was interrupted is in .*a\.h5\.probe"):
         got(tmp_path / "a.h5")
 
@@ -212,21 +217,21 @@ def test_a_recording_that_ends_well_leaves_one_file_and_one_of_a_replay_writes_n
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.h5", "a.probe"]
 
 
-@pytest.mark.parametrize("at", [0, 4, 100, 1000, 3000])
-def test_damaged_files_are_refused_or_right(at: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize("position", [0, 4, 100, 1000, 3000])
+def test_damaged_files_are_refused_or_right(position: int, tmp_path: Path) -> None:
     with Reader.open(probe()) as reader:
         live = reader.collect(0.01, record=tmp_path / "a.h5")
     data = bytearray((tmp_path / "a.h5").read_bytes())
-    (tmp_path / "cut.h5").write_bytes(data[: max(at, 1)])
-    data[at] ^= 0xFF
+    (tmp_path / "cut.h5").write_bytes(data[: max(position, 1)])
+    data[position] ^= 0xFF
     (tmp_path / "flipped.h5").write_bytes(data)
     with pytest.raises(InvalidSource):
         got(tmp_path / "cut.h5")
     try:
-        found = got(tmp_path / "flipped.h5")
+        samples = got(tmp_path / "flipped.h5")
     except InvalidSource:
         return
-    np.testing.assert_array_equal(found.index, live.index)
+    np.testing.assert_array_equal(samples.index, live.index)
 
 
 @pytest.mark.parametrize("name", ["inner", "index", "saturated"])
@@ -234,9 +239,9 @@ def test_a_flipped_bit_among_the_samples_is_refused(name: str, tmp_path: Path) -
     with Reader.open(probe()) as reader:
         reader.collect(0.05, record=tmp_path / "a.h5")
     with h5py.File(tmp_path / "a.h5") as file:
-        at = file[name].id.get_chunk_info(0).byte_offset
+        position = file[name].id.get_chunk_info(0).byte_offset
     data = bytearray((tmp_path / "a.h5").read_bytes())
-    data[at + 1000] ^= 0x08
+    data[position + 1000] ^= 0x08
     (tmp_path / "a.h5").write_bytes(data)
     with pytest.raises(InvalidSource, match="damaged"):
         got(tmp_path / "a.h5")
@@ -337,19 +342,19 @@ def test_limits_of_memory_hold_for_packed_samples(tmp_path: Path) -> None:
     packed_zeros(tmp_path / "a.h5", 20_000_000, 1_000_000)
     assert (tmp_path / "a.h5").stat().st_size < 1e6
     with pytest.raises(InvalidSource, match=r"allowed: up to 1 GB; --memory raises"):
-        Reader.open(f"replay:{tmp_path / 'a.h5'}", 1e6, ColumnMap.of(("inner=inner V", "outer=outer V")), ReadLimits(1e9))
+        Reader.open(f"replay:{tmp_path / 'a.h5'}", 1e6, ColumnMap.from_texts(("inner=inner V", "outer=outer V")), ReadLimits(1e9))
 
 
 def test_a_chunk_larger_than_the_memory_is_refused(tmp_path: Path) -> None:
     packed_zeros(tmp_path / "a.h5", 80_000_000, 80_000_000)
     with pytest.raises(InvalidSource, match=r"'inner' is stored in chunks of 0.64 GB: --memory raises"):
-        Reader.open(f"replay:{tmp_path / 'a.h5'}", 1e6, ColumnMap.of(("inner=inner V", "outer=outer V")), ReadLimits(1e9))
+        Reader.open(f"replay:{tmp_path / 'a.h5'}", 1e6, ColumnMap.from_texts(("inner=inner V", "outer=outer V")), ReadLimits(1e9))
 
 
 def test_limits_of_time_hold_while_a_file_is_read(tmp_path: Path) -> None:
     with_films(tmp_path / "a.h5", lambda file: file.__setitem__("inner", VOLTS[:, 0]))
     with pytest.raises(InvalidSource, match=r"takes longer than 0.001 s to read: --time raises"):
-        Reader.open(f"replay:{tmp_path / 'a.h5'}", 1e3, AS_IT_IS, ReadLimits(seconds=1e-3))
+        Reader.open(f"replay:{tmp_path / 'a.h5'}", 1e3, DEFAULT_COLUMNS, ReadLimits(seconds=1e-3))
 
 
 BEYOND_DOUBLES = np.longdouble("1e4000") if np.finfo(np.longdouble).maxexp > 2000 else 1e308
@@ -410,7 +415,7 @@ def test_whole_numbers_of_64_bits_keep_their_sign(tmp_path: Path) -> None:
 @pytest.mark.parametrize("column", ["inner", "force"])
 def test_a_recording_of_impossible_volts_is_refused_without_a_warning(column: str, tmp_path: Path) -> None:
     path = tmp_path / "a.h5"
-    header = volts_header(1000.0, ("inner", "outer", "force"))
+    header = build_volts_header(1000.0, ("inner", "outer", "force"))
     index = np.arange(3000)
     volts = np.sin(0.03 * index)[:, None] * np.array([1e-3, 2e-3, 1e-2])
     with Hdf5Recorder(path, header) as recorder:

@@ -21,7 +21,7 @@ BOTH = ("inner=1 5 V", "outer=2 2.5 V")
 
 
 def got(path: Path, *columns: str) -> Samples:
-    with Reader.open(f"replay:{path}", columns=ColumnMap.of(columns)) as reader:
+    with Reader.open(f"replay:{path}", columns=ColumnMap.from_texts(columns)) as reader:
         return reader.collect()
 
 
@@ -42,9 +42,9 @@ def test_integers_of_any_width(width: int, tmp_path: Path) -> None:
     full = 2.0 ** (8 * width - 1)
     codes = CODES if width > 1 else CODES // 256
     codes = codes * int(full // 2**15) if width > 2 else codes
-    found = got(written(tmp_path / "a.wav", codes[:300], width), *BOTH)
-    np.testing.assert_allclose(found.volts, codes[:300] / full * [5.0, 2.5], rtol=1e-12, atol=1e-15)
-    assert (found.rate, found.saturated.any(), found.gaps) == (RATE, np.False_, ())
+    samples = got(written(tmp_path / "a.wav", codes[:300], width), *BOTH)
+    np.testing.assert_allclose(samples.volts, codes[:300] / full * [5.0, 2.5], rtol=1e-12, atol=1e-15)
+    assert (samples.rate, samples.saturated.any(), samples.gaps) == (RATE, np.False_, ())
 
 
 @pytest.mark.parametrize("width", [1, 2, 3, 4])
@@ -52,17 +52,17 @@ def test_codes_at_the_ends_are_saturated(width: int, tmp_path: Path) -> None:
     top = 2 ** (8 * width - 1) - 1
     step = 1 if width < 4 else 256  # scipy gives 24 bits and 32 alike
     codes = np.array([[top, 0], [top - step, -1], [-top - 1, 0], [step - top, top]])
-    found = got(written(tmp_path / "a.wav", codes, width), *BOTH)
-    assert np.argwhere(found.saturated).tolist() == [[0, 0], [2, 0], [3, 1]]
+    samples = got(written(tmp_path / "a.wav", codes, width), *BOTH)
+    assert np.argwhere(samples.saturated).tolist() == [[0, 0], [2, 0], [3, 1]]
 
 
 def test_floating_point(tmp_path: Path) -> None:
     values = (CODES / 32768).astype(np.float32)
     values[5, 1] = 1.0
     wavfile.write(tmp_path / "a.wav", RATE, values)
-    found = got(tmp_path / "a.wav", *BOTH)
-    np.testing.assert_allclose(found.volts, values * [5.0, 2.5], rtol=1e-7)
-    assert np.argwhere(found.saturated).tolist() == [[5, 1]]
+    samples = got(tmp_path / "a.wav", *BOTH)
+    np.testing.assert_allclose(samples.volts, values * [5.0, 2.5], rtol=1e-7)
+    assert np.argwhere(samples.saturated).tolist() == [[5, 1]]
 
 
 def test_volts_have_to_be_told(tmp_path: Path) -> None:

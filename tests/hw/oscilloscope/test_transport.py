@@ -13,8 +13,8 @@ from usb.core import USBError
 
 from hw.common.errors import Disconnected, HardwareError, InvalidSource, NotFound, ProtocolError, Timeout
 from hw.common.transport import Chunk
-from hw.foreign.columns import ColumnMap, channel_numbers
-from hw.oscilloscope.transport import ScopeTransport, faults_named
+from hw.foreign.columns import ColumnMap, resolve_channel_numbers
+from hw.oscilloscope.transport import ScopeTransport, translate_faults
 from hw.reader import Reader
 
 INTERVAL, POINTS = 2e-5, 600
@@ -82,16 +82,16 @@ def test_families(identity: str, tmp_path: Path) -> None:
     assert [(gap.first, gap.count, gap.reason) for gap in live.gaps] == [(POINTS, -1, "a new acquisition")]
     np.testing.assert_array_equal(live.index, [*range(POINTS), *range(POINTS + 1, POINTS * 3 // 2)])
     with Reader.open(f"replay:{tmp_path / 'run.probe'}") as reader:
-        again = reader.collect(1.5 * POINTS * INTERVAL)
-    np.testing.assert_array_equal(again.volts, live.volts)
-    assert again.gaps == live.gaps
+        repeated = reader.collect(1.5 * POINTS * INTERVAL)
+    np.testing.assert_array_equal(repeated.volts, live.volts)
+    assert repeated.gaps == live.gaps
 
 
 @pytest.mark.parametrize("identity", ANSWERS)
 def test_force_on_any_channel(identity: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Inner on 2, outer on 1, force on 4, which has 0.25 mV a code."""
     monkeypatch.setattr(Scope, "codes", lambda self: CODES_OF[self.signed][self.channel].tobytes())
-    numbers = channel_numbers(ColumnMap.of(("inner=2", "outer=CH1", "force=4")))
+    numbers = resolve_channel_numbers(ColumnMap.from_texts(("inner=2", "outer=CH1", "force=4")))
     with Reader(ScopeTransport(Scope(identity), "here", numbers)) as reader:
         live = reader.collect(POINTS * INTERVAL, record=tmp_path / "run.probe")
     assert live.channels == ("inner", "outer", "force")
@@ -109,7 +109,7 @@ CODES_OF = {signed: {k: (CODES[k % 2] - 128 * signed).astype(np.int8 if signed e
 @pytest.mark.parametrize("words", [("force=9",), ("force=1",), ("time=3",), ("inner=CH2 mV",), ("outer=first",)])
 def test_what_is_no_channel_is_refused(words: tuple[str, ...]) -> None:
     with pytest.raises(InvalidSource, match=r"allowed: (a channel|another channel)"):
-        channel_numbers(ColumnMap.of(words))
+        resolve_channel_numbers(ColumnMap.from_texts(words))
 
 
 def test_rate_is_asked_for_and_checked() -> None:
@@ -123,8 +123,8 @@ def test_rate_is_asked_for_and_checked() -> None:
 def test_codes_at_the_ends_are_saturated(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Scope, "codes", lambda self: bytes([0, 100, 255, 254]))
     with Reader(ScopeTransport(Scope("RIGOL TECHNOLOGIES,DS1104Z,DS1,00.04"), "here")) as reader:
-        found = next(reader.blocks())
-    np.testing.assert_array_equal(found.saturated, np.repeat([[True], [False], [True], [False]], 2, axis=1))
+        block = next(reader.blocks())
+    np.testing.assert_array_equal(block.saturated, np.repeat([[True], [False], [True], [False]], 2, axis=1))
 
 
 def test_unknown_family_is_refused() -> None:
@@ -153,7 +153,7 @@ def test_faults_of_visa_are_named() -> None:
         (USBError("No such device", -4, 19), Disconnected), (ValueError("no langid"), Disconnected),
         (ConnectionResetError("reset"), Disconnected),
     ]:  # fmt: skip
-        with pytest.raises(HardwareError) as caught, faults_named("USB0::INSTR"):
+        with pytest.raises(HardwareError) as caught, translate_faults("USB0::INSTR"):
             raise fault
         assert type(caught.value) is kind
         assert caught.value.__cause__ is fault

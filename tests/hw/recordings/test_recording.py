@@ -23,7 +23,7 @@ from hw.common.errors import (
 )
 from hw.common.transport import Chunk
 from hw.reader import Reader
-from hw.recordings.recording import KIND, Recorder, Recording, sha256
+from hw.recordings.recording import FILE_FORMAT, Recorder, Recording, compute_sha256
 from hw.simulation.firmware import Fault
 from hw.usb.transport import UsbTransport
 from tests.support.hw.virtual_probes import HURRIED, probe, right
@@ -45,12 +45,12 @@ def test_replay_is_what_was_read(tmp_path: Path) -> None:
     with Reader.open(probe(*faults)) as reader:
         live = reader.collect(0.02, record=path)
     with Reader.open(f"replay:{path}") as reader:
-        again = reader.collect(0.02)
+        repeated = reader.collect(0.02)
     assert len(live.gaps) == 3
-    assert (again.gaps, again.overruns, again.rate) == (live.gaps, live.overruns, live.rate)
-    np.testing.assert_array_equal(again.index, live.index)
-    np.testing.assert_array_equal(again.volts, live.volts)
-    assert again.source == live.source | {"replayed": str(path)}
+    assert (repeated.gaps, repeated.overruns, repeated.rate) == (live.gaps, live.overruns, live.rate)
+    np.testing.assert_array_equal(repeated.index, live.index)
+    np.testing.assert_array_equal(repeated.volts, live.volts)
+    assert repeated.source == live.source | {"replayed": str(path)}
 
 
 def test_recording_is_never_overwritten(tmp_path: Path) -> None:
@@ -77,8 +77,8 @@ def test_cut_recording_is_whole_up_to_the_cut(recorded: Path, data: st.DataObjec
     cut = recorded.with_name("cut.probe")
     cut.write_bytes(whole[:end])
     recording = Recording(cut)
-    chunks = list(recording.chunks())
-    full = list(Recording(recorded).chunks())
+    chunks = list(recording.read_chunks())
+    full = list(Recording(recorded).read_chunks())
     assert chunks == full[: len(chunks)]
     assert recording.cut is not None
     assert "was cut or damaged at byte" in recording.cut
@@ -90,74 +90,74 @@ def test_cut_recording_is_whole_up_to_the_cut(recorded: Path, data: st.DataObjec
 def test_one_flipped_bit_costs_a_frame(recorded: Path, data: st.DataObject) -> None:
     """It ended the recording before, without a word: up to half of the samples were lost."""
     content = bytearray(recorded.read_bytes())
-    at = data.draw(st.integers(content.index(b"\n") + 1, len(content) - 25))
-    content[at] ^= 1 << data.draw(st.integers(0, 7))
+    position = data.draw(st.integers(content.index(b"\n") + 1, len(content) - 25))
+    content[position] ^= 1 << data.draw(st.integers(0, 7))
     path = recorded.with_name("damaged.probe")
     path.write_bytes(content)
     with Reader.open(f"replay:{path}") as reader:
-        found = reader.collect()
-    assert right(found)
-    assert len(found) >= 30_000 - 2 * 10  # two frames of ten, where it makes a magic of what is none
-    assert len(found) + sum(gap.count for gap in found.gaps) in (30_000, 30_000 - 10)  # the last frame leaves no gap
-    assert "is damaged at byte" in found.notes[0]
+        samples = reader.collect()
+    assert right(samples)
+    assert len(samples) >= 30_000 - 2 * 10  # two frames of ten, where it makes a magic of what is none
+    assert len(samples) + sum(gap.count for gap in samples.gaps) in (30_000, 30_000 - 10)  # the last frame leaves no gap
+    assert "is damaged at byte" in samples.notes[0]
     with pytest.raises(TransferError, match="read again"):
-        found.whole()
+        samples.require_complete()
 
 
 def test_damage_in_the_middle_is_a_gap_with_its_reason(recorded: Path) -> None:
     content = recorded.read_bytes()
-    at = [match.start() for match in re.finditer(b"READ", content)]
+    positions = [match.start() for match in re.finditer(b"READ", content)]
     path = recorded.with_name("wiped.probe")
-    path.write_bytes(content[: at[2] + 50] + bytes(at[4] - at[2] - 50) + content[at[4] :])
+    path.write_bytes(content[: positions[2] + 50] + bytes(positions[4] - positions[2] - 50) + content[positions[4] :])
     with Reader.open(f"replay:{path}") as reader:
-        found = reader.collect()
-    assert right(found)
-    assert [gap.reason for gap in found.gaps] == [f"the recording is damaged at byte {at[2]}"]
-    assert len(found) + found.gaps[0].count == 30_000
+        samples = reader.collect()
+    assert right(samples)
+    assert [gap.reason for gap in samples.gaps] == [f"the recording is damaged at byte {positions[2]}"]
+    assert len(samples) + samples.gaps[0].count == 30_000
 
 
 def test_a_full_disk_ends_the_recording_not_the_reading(tmp_path: Path) -> None:
     """A file may be as large as the limit on files says: what reaches the disk until then is whole, and read again."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, before[1]))
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, limits[1]))
     try:
         with Reader.open(probe()) as reader:
             live = reader.collect(0.3, record=tmp_path / "run.probe")
     finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert len(live) == 30_000
     assert right(live)
     assert "the recording ends early, whole up to there: file too large" in live.notes[0]
     with Reader.open(f"replay:{tmp_path / 'run.probe'}") as reader:
-        again = reader.collect()
-    assert right(again)
-    np.testing.assert_array_equal(again.index, live.index[: len(again)])
-    assert 0 < len(again) < 30_000
+        repeated = reader.collect()
+    assert right(repeated)
+    np.testing.assert_array_equal(repeated.index, live.index[: len(repeated)])
+    assert 0 < len(repeated) < 30_000
 
 
 def test_a_cut_recording_says_so(recorded: Path) -> None:
     path = recorded.with_name("short.probe")
     path.write_bytes(recorded.read_bytes()[:-100])
     with Reader.open(f"replay:{path}") as reader:
-        found = reader.collect()
-    assert "was cut" in found.notes[0]
+        samples = reader.collect()
+    assert "was cut" in samples.notes[0]
     with pytest.raises(TransferError, match="was cut"):
-        found.whole()
+        samples.require_complete()
 
 
 def test_recording_is_laid_out_as_documented(tmp_path: Path) -> None:
     transport = UsbTransport("V1", backend=probe())
     with Recorder(tmp_path / "a", transport.header) as recorder:
         recorder.write(Chunk(b"bytes", 7, "note"))
-    line, _, rest = (tmp_path / "a").read_bytes().partition(b"\n")
-    told = json.loads(line)
-    assert (told.pop("format"), told.pop("version")) == (KIND, 1)
-    assert told == json.loads(json.dumps(asdict(transport.header)))
-    tag, _, stream, note, length = struct.unpack_from("<4sdHHI", rest)
-    assert (tag, stream, note, length, rest[20:29]) == (b"READ", 7, 4, 5, b"notebytes")
-    assert rest[33:37] == b"DONE"
-    assert len(rest) == 33 + 24
-    assert sha256(tmp_path / "a") == hashlib.sha256((tmp_path / "a").read_bytes()).hexdigest()
+    line, _, remainder = (tmp_path / "a").read_bytes().partition(b"\n")
+    header = json.loads(line)
+    assert (header.pop("format"), header.pop("version")) == (FILE_FORMAT, 1)
+    assert header == json.loads(json.dumps(asdict(transport.header)))
+    tag, _, stream, note, length = struct.unpack_from("<4sdHHI", remainder)
+    assert (tag, stream, note, length, remainder[20:29]) == (b"READ", 7, 4, 5, b"notebytes")
+    assert remainder[33:37] == b"DONE"
+    assert len(remainder) == 33 + 24
+    assert compute_sha256(tmp_path / "a") == hashlib.sha256((tmp_path / "a").read_bytes()).hexdigest()
 
 
 @pytest.mark.parametrize("text", [b"", b"{}\n", b"[1]\n", b"\xff\xfe\n", b'{"format": "probe-design recording", "version": 1}\n'])

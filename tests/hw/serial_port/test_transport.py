@@ -19,7 +19,7 @@ from hw.common.errors import Disconnected, InvalidSource, NotFound, ProtocolErro
 from hw.common.samples import Samples
 from hw.reader import Reader
 from hw.serial_port import transport
-from hw.serial_port.packets import answer, found, request
+from hw.serial_port.packets import encode_answer, encode_request, find_answer
 from hw.serial_port.transport import SerialTransport
 from tests.support.hw.frame_truth import SCALE, codes_at
 
@@ -34,11 +34,11 @@ class Board(threading.Thread):
         super().__init__(daemon=True)
         self.master, slave = os.openpty()
         self.port = os.ttyname(slave)
-        self.slave, self.spoil, self.deaf, self.size, self.most = slave, spoil or (lambda k, data: data), deaf, size, most
-        self.stream, self.sent, self.rate, self.asked = 0, 0, 100_000, list[int]()
+        self.slave, self.spoil, self.deaf, self.size, self.max_rows = slave, spoil or (lambda k, data: data), deaf, size, most
+        self.stream, self.sent, self.rate, self.requests = 0, 0, 100_000, list[int]()
         self.unplugged = False
 
-    def told(self, number: int, value: int, data: int) -> bytes:
+    def encode_answer(self, number: int, value: int, data: int) -> bytes:
         if number == 1:
             return struct.pack("<BBHII4f16s", 1, 2, self.size, self.rate, 4_000_000, SCALE, SCALE, 0, 0, b"pty 1")
         if number == 2:
@@ -62,19 +62,19 @@ class Board(threading.Thread):
         waiting = b""
         try:
             while not self.unplugged:
-                idle = not self.stream or self.sent >= self.most
+                idle = not self.stream or self.sent >= self.max_rows
                 if select.select([self.master], [], [], 0.01 if idle else 0.0)[0]:
                     waiting += os.read(self.master, 4096)
                 while len(waiting) >= 14:
                     magic, _, number, value, data, crc = struct.unpack("<2sBBHII", waiting[:14])
                     assert (magic, crc) == (b"PQ", zlib.crc32(waiting[:10]))
                     waiting = waiting[14:]
-                    self.asked.append(number)
+                    self.requests.append(number)
                     if not self.deaf:
-                        data = self.told(number, value, data)
+                        data = self.encode_answer(number, value, data)
                         body = struct.pack("<2sBBH", b"PA", 1, number, len(data)) + data
                         os.write(self.master, body + struct.pack("<I", zlib.crc32(body)))
-                if self.stream and self.sent < self.most:
+                if self.stream and self.sent < self.max_rows:
                     os.write(self.master, self.spoil(self.sent, self.frame()))
                     self.sent += 1
         except OSError:  # nobody listens any more
@@ -84,8 +84,8 @@ class Board(threading.Thread):
 
 
 @contextmanager
-def board(**told: object) -> Iterator[Board]:
-    made = Board(**told)  # type: ignore[arg-type]
+def board(**settings: object) -> Iterator[Board]:
+    made = Board(**settings)  # type: ignore[arg-type]
     made.start()
     yield made
     os.close(made.slave)
@@ -104,11 +104,11 @@ def right(samples: Samples) -> bool:
 
 def test_every_sample_once() -> None:
     with board() as made:
-        found = read(made, 3000)
-    np.testing.assert_array_equal(found.index, np.arange(3000))
-    assert right(found)
-    assert (found.rate, found.gaps, found.source["firmware"]) == (100.0, (), "pty 1")
-    assert made.asked[:3] == [4, 1, 3]
+        samples = read(made, 3000)
+    np.testing.assert_array_equal(samples.index, np.arange(3000))
+    assert right(samples)
+    assert (samples.rate, samples.gaps, samples.source["firmware"]) == (100.0, (), "pty 1")
+    assert made.requests[:3] == [4, 1, 3]
 
 
 def test_a_board_starts_when_it_is_read() -> None:
@@ -123,7 +123,7 @@ def test_the_serial_number_is_the_board_s_and_not_the_port_s(monkeypatch: pytest
         assert (reader.header.source["serial"], reader.header.source["port"]) == ("", made.port)
         known = SimpleNamespace(comports=lambda: [SimpleNamespace(device=made.port, serial_number="A17")])
         monkeypatch.setitem(sys.modules, "serial.tools.list_ports", known)
-        assert transport._serial_number(made.port) == "A17"
+        assert transport._find_serial_number(made.port) == "A17"
 
 
 def test_rate_is_asked_for() -> None:
@@ -143,21 +143,21 @@ def test_rate_is_asked_for() -> None:
 )
 def test_what_the_line_loses_is_a_gap(spoil: object) -> None:
     with board(spoil=spoil) as made:
-        found = read(made, 1000)
-    assert [(gap.first, gap.count) for gap in found.gaps] == [(70, 20)]
-    assert right(found)
+        samples = read(made, 1000)
+    assert [(gap.first, gap.count) for gap in samples.gaps] == [(70, 20)]
+    assert right(samples)
 
 
 def test_noise_between_frames_is_skipped() -> None:
     with board(spoil=lambda k, data: b"PDPAPQ" * (k % 3) + data) as made:
-        found = read(made, 1000)
-    assert found.gaps == ()
-    assert right(found)
+        samples = read(made, 1000)
+    assert samples.gaps == ()
+    assert right(samples)
 
 
 def test_a_port_without_a_probe(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(transport, "PATIENCE", 0.05)
-    monkeypatch.setattr(transport, "WAKING", 0.1)
+    monkeypatch.setattr(transport, "ANSWER_TIMEOUT_S", 0.05)
+    monkeypatch.setattr(transport, "WAKE_TIMEOUT_S", 0.1)
     with board(deaf=True) as made, pytest.raises(Timeout, match="is it the probe's port"):
         SerialTransport(made.port)
     with board(size=7) as made, pytest.raises(ProtocolError, match="frames of 7 bytes"):
@@ -192,7 +192,7 @@ def test_without_pyserial(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_packets_are_found_among_frames() -> None:
     """The bytes that docs/reference/protocol.md lays down, by hand, and whatever stands around them."""
     by_hand = b"PQ\x01\x03\x34\x12\x00\x00\x00\x00"
-    assert request(3, 0x1234) == by_hand + struct.pack("<I", zlib.crc32(by_hand))
-    assert found(b"PA\x01" + b"xPA" + answer(5, b"abc") + b"rest", 5) == (True, b"abc", b"PA\x01xPArest")
-    assert found(answer(5 | 0x80), 5) == (False, b"", b"")
-    assert found(answer(5, b"abc")[:-1], 5) is None
+    assert encode_request(3, 0x1234) == by_hand + struct.pack("<I", zlib.crc32(by_hand))
+    assert find_answer(b"PA\x01" + b"xPA" + encode_answer(5, b"abc") + b"rest", 5) == (True, b"abc", b"PA\x01xPArest")
+    assert find_answer(encode_answer(5 | 0x80), 5) == (False, b"", b"")
+    assert find_answer(encode_answer(5, b"abc")[:-1], 5) is None

@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 
 from hw.common.samples import Samples
-from hw.signal.fingerprint import BITS, ROWS, Fingerprint
-from probe_design.built_probe.virtual_probe import Built, signals
+from hw.signal.fingerprint import FINGERPRINT_ROWS, HASH_BITS, Fingerprint
+from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals
 from tests.support.hw.benches import BENCH, films, sampled, scene, shares
 
 
 def virtual(seed: int, rows: int = 10_000, **built: float) -> Samples:
     forces = films(shares().log_ratios)[4]
-    return sampled(signals(Built(**built), BENCH, scene(), forces, seed), rows)  # type: ignore[arg-type]
+    return sampled(build_signals(BuiltProperties(**built), BENCH, scene(), forces, seed), rows)  # type: ignore[arg-type]
 
 
-def differing(one: Fingerprint, other: Fingerprint) -> int:
-    return (int(one.noise[-1], 16) ^ int(other.noise[-1], 16)).bit_count()
+def differing(first: Fingerprint, second: Fingerprint) -> int:
+    return (int(first.noise[-1], 16) ^ int(second.noise[-1], 16)).bit_count()
 
 
 FIRST = virtual(1)
@@ -33,13 +33,13 @@ def test_rounded_samples_are_the_same(digits: int) -> None:
 
 
 def test_a_copy_that_ends_earlier_is_the_same() -> None:
-    assert Fingerprint.from_samples(FIRST.before(ROWS)) == Fingerprint.from_samples(FIRST)
+    assert Fingerprint.from_samples(FIRST.select_before(FINGERPRINT_ROWS)) == Fingerprint.from_samples(FIRST)
 
 
 @pytest.mark.parametrize("rows", [64, 500, 6000])
 def test_a_copy_shorter_than_a_fingerprint_is_the_same(rows: int) -> None:
     """Fewer samples than a fingerprint looks at are compared with as many of the other reading."""
-    early = Fingerprint.from_samples(FIRST.before(rows))
+    early = Fingerprint.from_samples(FIRST.select_before(rows))
     assert early.is_same(Fingerprint.from_samples(FIRST))
     assert not early.is_same(Fingerprint.from_samples(virtual(2)))
 
@@ -61,16 +61,16 @@ def test_share_of_signs_that_differ(angle: float) -> None:
     random = np.random.default_rng(3)
     shares = []
     for _ in range(40):
-        one, two = random.normal(size=(2, ROWS, 3))
-        pair = (replace(FIRST, volts=volts) for volts in (one, np.cos(angle) * one + np.sin(angle) * two))
-        shares.append(differing(*(Fingerprint.from_samples(each) for each in pair)) / BITS)
+        first, two = random.normal(size=(2, FINGERPRINT_ROWS, 3))
+        pair = (replace(FIRST, volts=volts) for volts in (first, np.cos(angle) * first + np.sin(angle) * two))
+        shares.append(differing(*(Fingerprint.from_samples(samples) for samples in pair)) / HASH_BITS)
     expected = angle / np.pi
-    assert np.mean(shares) == pytest.approx(expected, abs=5 * np.sqrt(expected * (1 - expected) / BITS / 40))
+    assert np.mean(shares) == pytest.approx(expected, abs=5 * np.sqrt(expected * (1 - expected) / HASH_BITS / 40))
 
 
 def test_json_and_back() -> None:
-    found = Fingerprint.from_samples(FIRST)
-    assert Fingerprint.from_dict(found.as_dict()) == found
+    fingerprint = Fingerprint.from_samples(FIRST)
+    assert Fingerprint.from_dict(fingerprint.as_dict()) == fingerprint
     wrong: list[Any] = [
         None,
         [],

@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 
 from hw.common.samples import Gap, Samples
 from hw.signal.amplifier import ChargeAmplifier, TooSlow
-from hw.signal.measure import Measurement, carried, checked, measure
+from hw.signal.measure import Measurement, check_measurement, measure, propagate_covariance
 from hw.signal.waveform import Flawed
 
 AMPLIFIER = ChargeAmplifier()
@@ -50,22 +50,22 @@ def test_response_is_that_of_the_simulated_circuit() -> None:
 
 def test_amplifier_is_divided_out() -> None:
     for frequency in (0.5, 5.0):
-        found = measure(record(1, frequency, rows=20_000), AMPLIFIER, frequency)
-        off = np.abs(found.charges - CHARGES)
-        assert np.all(off < 4 * np.sqrt(np.diag(found.covariance))[::2])
+        measurement = measure(record(1, frequency, rows=20_000), AMPLIFIER, frequency)
+        error = np.abs(measurement.charges - CHARGES)
+        assert np.all(error < 4 * np.sqrt(np.diag(measurement.covariance))[::2])
 
 
 def test_tolerance_of_the_parts_is_the_scatter_of_amplifiers() -> None:
     random = np.random.default_rng(2)
     parts = 1 + np.array([0.05, 0.02]) * random.standard_normal((4000, 2))
-    for at in (None, 5.0):
+    for frequency in (None, 5.0):
         built = [replace(AMPLIFIER, resistance=1e9 * r, capacitance=1e-9 * c) for r, c in parts]
-        logs = np.array([np.log(one.response(0.5) / AMPLIFIER.response(0.5)) for one in built])
-        if at is not None:
-            logs -= np.array([np.log(one.response(at) / AMPLIFIER.response(at)) for one in built])
+        logs = np.array([np.log(amplifier.response(0.5) / AMPLIFIER.response(0.5)) for amplifier in built])
+        if frequency is not None:
+            logs -= np.array([np.log(amplifier.response(frequency) / AMPLIFIER.response(frequency)) for amplifier in built])
         scatter = np.cov(np.stack([logs.real, logs.imag]))
-        told = AMPLIFIER.tolerance(0.5, at)
-        assert np.diag(told) == pytest.approx(np.diag(scatter), rel=0.15)
+        deviation = AMPLIFIER.compute_tolerance(0.5, frequency)
+        assert np.diag(deviation) == pytest.approx(np.diag(scatter), rel=0.15)
 
 
 def test_slow_loads_are_refused() -> None:
@@ -74,33 +74,33 @@ def test_slow_loads_are_refused() -> None:
 
 
 def test_ratio_and_its_covariance_against_monte_carlo() -> None:
-    found = [measure(record(seed), AMPLIFIER, 5.0) for seed in range(150)]
-    ratios = np.array([one.ratio for one in found])
-    told = np.mean([one.ratio_covariance for one in found], axis=0)
+    measurements = [measure(record(seed), AMPLIFIER, 5.0) for seed in range(150)]
+    ratios = np.array([measurement.ratio for measurement in measurements])
+    stated = np.mean([measurement.ratio_covariance for measurement in measurements], axis=0)
     scatter = np.cov(np.stack([ratios.real, ratios.imag]))
-    assert np.diag(told) == pytest.approx(np.diag(scatter), rel=3 * np.sqrt(2 / 150))
+    assert np.diag(stated) == pytest.approx(np.diag(scatter), rel=3 * np.sqrt(2 / 150))
     truth = CHARGES[0] / CHARGES[1]
     assert abs(ratios.mean() - truth) < 4 * np.sqrt(np.trace(scatter) / 150)
-    lag, spread = found[0].lag
+    lag, spread = measurements[0].lag
     assert lag == pytest.approx(0.02, abs=4 * spread)
 
 
 def test_delta_method_of_a_known_function() -> None:
     """x / y: the relative variances add."""
-    spread = carried(lambda x: x[:1] / x[1:], np.array([3.0, 2.0]), np.diag([0.09, 0.01]))
+    spread = propagate_covariance(lambda x: x[:1] / x[1:], np.array([3.0, 2.0]), np.diag([0.09, 0.01]))
     assert spread[0, 0] == pytest.approx(1.5**2 * (0.09 / 9 + 0.01 / 4), rel=1e-6)
 
 
 def test_in_phase_parts_add_up_to_the_sum() -> None:
-    found = measure(record(3), AMPLIFIER, 5.0)
-    assert found.in_phase.sum() == pytest.approx(abs(found.charges.sum()), rel=1e-12)
-    assert np.all(np.diag(found.in_phase_covariance) > 0)
+    measurement = measure(record(3), AMPLIFIER, 5.0)
+    assert measurement.in_phase.sum() == pytest.approx(abs(measurement.charges.sum()), rel=1e-12)
+    assert np.all(np.diag(measurement.in_phase_covariance) > 0)
 
 
 def test_force_channel_is_optional() -> None:
     assert measure(record(4, force=True), AMPLIFIER, 5.0).force is None
-    found = measure(record(4, force=True), AMPLIFIER, 5.0, sensitivity=0.1)
-    assert found.force == pytest.approx(0.2, abs=4 * (found.force_sd or 0.0))
+    measurement = measure(record(4, force=True), AMPLIFIER, 5.0, sensitivity=0.1)
+    assert measurement.force == pytest.approx(0.2, abs=4 * (measurement.force_sd or 0.0))
     assert measure(record(4), AMPLIFIER, 5.0, sensitivity=0.1).force is None
 
 
@@ -113,9 +113,9 @@ def clean() -> Measurement:
     [({"lost": 2}, "2 gaps"), ({"overruns": 1}, "overrun"), ({"saturated": 7}, "saturated"), ({}, "cycles")],
 )
 def test_flaws_are_refused(change: dict[str, int], words: str) -> None:
-    checked(clean(), 20)
+    check_measurement(clean(), 20)
     with pytest.raises(Flawed, match=words):
-        checked(replace(clean(), **change), 20 if change else 200)
+        check_measurement(replace(clean(), **change), 20 if change else 200)
 
 
 def test_a_load_that_is_off_is_refused() -> None:
@@ -125,15 +125,15 @@ def test_a_load_that_is_off_is_refused() -> None:
             measure(silent, AMPLIFIER, 5.0)
     weak = measure(record(6, noise=6e-3), AMPLIFIER, 5.0)
     with pytest.raises(Flawed, match="standard deviation"):
-        checked(weak, 20)
+        check_measurement(weak, 20)
 
 
 def test_what_is_lost_is_counted() -> None:
     whole = record(7)
     saturated = whole.saturated.copy()
     saturated[10:15, 0] = True
-    found = measure(replace(whole, saturated=saturated, gaps=(Gap(5, 2, "lost"),), overruns=3), AMPLIFIER, 5.0)
-    assert (found.saturated, found.lost, found.overruns) == (5, 1, 3)
+    measurement = measure(replace(whole, saturated=saturated, gaps=(Gap(5, 2, "lost"),), overruns=3), AMPLIFIER, 5.0)
+    assert (measurement.saturated, measurement.lost, measurement.overruns) == (5, 1, 3)
 
 
 def test_both_films_are_needed() -> None:

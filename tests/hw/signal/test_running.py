@@ -10,7 +10,7 @@ import pytest
 from hw.common.samples import Gap, Samples
 from hw.signal.running import RunningFit
 from hw.signal.sine_fit import NoSine
-from hw.signal.stretches import sine_fit
+from hw.signal.stretches import fit_sine
 
 RATE, LOAD = 100.0, 5.003
 TRUE = np.array([0.9e-3, -1.6e-3, 1e-2])
@@ -20,28 +20,35 @@ PIECE = 1200  # rows: 60 cycles
 def reading(seconds: float) -> Samples:
     t = np.arange(round(seconds * RATE)) / RATE
     volts = np.outer(np.cos(2 * np.pi * LOAD * t), TRUE) + 1e-5 * np.random.default_rng(1).standard_normal((len(t), 3))
-    none = np.zeros(volts.shape, bool)
+    unsaturated = np.zeros(volts.shape, bool)
     return Samples(
-        RATE, ("inner", "outer", "force"), index=np.arange(len(t)), volts=volts, saturated=none, gaps=(), overruns=0, source={}
+        RATE,
+        ("inner", "outer", "force"),
+        index=np.arange(len(t)),
+        volts=volts,
+        saturated=unsaturated,
+        gaps=(),
+        overruns=0,
+        source={},
     )
 
 
-def fitted(whole: Samples, each: int = 70) -> RunningFit:
+def fitted(whole: Samples, piece_rows: int = 70) -> RunningFit:
     running = RunningFit(5.0, force=True, rows=PIECE)
-    for at in range(0, len(whole), each):
-        part = whole.after(int(whole.index[at]))
-        running.add(part.before(int(whole.index[at + each])) if at + each < len(whole) else part)
+    for start in range(0, len(whole), piece_rows):
+        part = whole.select_from(int(whole.index[start]))
+        running.add(part.select_before(int(whole.index[start + piece_rows])) if start + piece_rows < len(whole) else part)
     return running
 
 
 def test_pieces_tell_what_the_whole_tells() -> None:
     whole = reading(100.0)
-    found, one = fitted(whole).fit(), sine_fit(whole, 5.0)
-    spread = np.sqrt(np.diag(one.covariance)[::2])
-    assert np.all(np.abs(np.abs(found.amplitudes) - np.abs(TRUE)) < 4 * spread)
-    assert np.sqrt(np.diag(found.covariance)[::2]) == pytest.approx(spread, rel=0.1)
-    assert (found.rows, len(found.blocks)) == (10_000, 12 * 9)
-    assert found.seconds == pytest.approx(100.0, rel=2e-3)
+    fit, whole_fit = fitted(whole).fit(), fit_sine(whole, 5.0)
+    spread = np.sqrt(np.diag(whole_fit.covariance)[::2])
+    assert np.all(np.abs(np.abs(fit.amplitudes) - np.abs(TRUE)) < 4 * spread)
+    assert np.sqrt(np.diag(fit.covariance)[::2]) == pytest.approx(spread, rel=0.1)
+    assert (fit.rows, len(fit.blocks)) == (10_000, 12 * 9)
+    assert fit.seconds == pytest.approx(100.0, rel=2e-3)
 
 
 def test_memory_holds_two_pieces() -> None:
@@ -52,9 +59,9 @@ def test_memory_holds_two_pieces() -> None:
 def test_gaps_are_counted_and_stretches_fitted_one_by_one() -> None:
     whole = reading(60.0)
     index = whole.index + (whole.index >= 3333)
-    found = fitted(replace(whole, index=index, gaps=(Gap(3333, -1, "unplugged"),)))
-    assert found.losses.gaps == 1
-    assert np.abs(found.fit().amplitudes) == pytest.approx(np.abs(TRUE), rel=2e-3)
+    fit = fitted(replace(whole, index=index, gaps=(Gap(3333, -1, "unplugged"),)))
+    assert fit.losses.gaps == 1
+    assert np.abs(fit.fit().amplitudes) == pytest.approx(np.abs(TRUE), rel=2e-3)
 
 
 def test_a_load_that_is_off_in_one_piece_is_said_at_the_end() -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hw.common.samples import Gap, Samples
 from hw.signal.sine_fit import NoSine, SineFit
-from hw.signal.stretches import sine_fit
+from hw.signal.stretches import fit_sine
 
 RATE, ROWS, FREQUENCY = 500.0, 4000, 5.003
 AMPLITUDES = np.array([1.0 * np.exp(0.3j), 0.5 * np.exp(0.28j)])
@@ -37,13 +37,13 @@ def record(
 
 @cache
 def fits(count: int = 60) -> list[SineFit]:
-    return [sine_fit(record(seed), 5.0) for seed in range(count)]
+    return [fit_sine(record(seed), 5.0) for seed in range(count)]
 
 
 def deviations(fit: SineFit) -> NDArray[np.float64]:
     """Errors of (re, im) of both amplitudes over their standard deviations."""
-    off = fit.amplitudes - AMPLITUDES
-    return np.stack([off.real, off.imag], axis=1).ravel() / np.sqrt(np.diag(fit.covariance))
+    errors = fit.amplitudes - AMPLITUDES
+    return np.stack([errors.real, errors.imag], axis=1).ravel() / np.sqrt(np.diag(fit.covariance))
 
 
 def test_bias_and_spread_reach_the_cramer_rao_bound() -> None:
@@ -62,7 +62,7 @@ def test_covariance_is_the_scatter() -> None:
 
 def test_coloured_noise_is_seen_and_counted() -> None:
     """A random walk has ten times the power of the white noise at the load: without a look at the spectrum z would be 3."""
-    walked = [sine_fit(record(seed, walk=2e-3), 5.0) for seed in range(30)]
+    walked = [fit_sine(record(seed, walk=2e-3), 5.0) for seed in range(30)]
     z = np.array([deviations(fit) for fit in walked])
     assert np.mean([fit.colour for fit in walked]) > 2
     assert 0.5 < np.mean(z**2) < 1.5
@@ -70,22 +70,22 @@ def test_coloured_noise_is_seen_and_counted() -> None:
 
 
 def test_frequencies_are_found() -> None:
-    found = sine_fit(record(1))
-    assert abs(found.frequency - FREQUENCY) < 4 * found.frequency_sd < 1e-3
-    assert found.mains == pytest.approx(50.07, abs=1e-3)
-    assert sine_fit(record(1), 5.4).frequency == pytest.approx(found.frequency, abs=1e-6)
-    assert found.cycles == pytest.approx(FREQUENCY * (ROWS - 1) / RATE, rel=1e-4)
+    fit = fit_sine(record(1))
+    assert abs(fit.frequency - FREQUENCY) < 4 * fit.frequency_sd < 1e-3
+    assert fit.mains == pytest.approx(50.07, abs=1e-3)
+    assert fit_sine(record(1), 5.4).frequency == pytest.approx(fit.frequency, abs=1e-6)
+    assert fit.cycles == pytest.approx(FREQUENCY * (ROWS - 1) / RATE, rel=1e-4)
 
 
 def test_no_mains_where_there_are_none() -> None:
-    assert sine_fit(record(2, hum=0.0), 5.0).mains is None
+    assert fit_sine(record(2, hum=0.0), 5.0).mains is None
 
 
 def test_drift_and_offset_are_told() -> None:
     """1.0 x + 0.3 x^2 on [-1, 1] goes from -0.7 to 1.3; its mean is 0.1."""
-    found = sine_fit(record(3), 5.0)
-    assert found.drift[0] == pytest.approx(2.0, abs=0.01)
-    assert abs(found.offsets[0] - 0.1) < 4 * found.offsets_sd[0]
+    fit = fit_sine(record(3), 5.0)
+    assert fit.drift[0] == pytest.approx(2.0, abs=0.01)
+    assert abs(fit.offsets[0] - 0.1) < 4 * fit.offsets_sd[0]
 
 
 def test_gaps_and_saturation_are_left_out_not_filled() -> None:
@@ -97,17 +97,17 @@ def test_gaps_and_saturation_are_left_out_not_filled() -> None:
     saturated = np.stack([high, np.zeros(ROWS, bool)], axis=1)
     gap = (Gap(1500, 600, "lost"),)
     cut = replace(whole, index=kept, volts=clipped[kept], saturated=saturated[kept], gaps=gap)
-    found = sine_fit(cut, 5.0)
-    assert found.rows == len(kept) - high[kept].sum() < ROWS - 600
-    assert np.abs(deviations(found)).max() < 4
-    ignored = sine_fit(replace(cut, saturated=np.zeros_like(cut.saturated)), 5.0)
+    fit = fit_sine(cut, 5.0)
+    assert fit.rows == len(kept) - high[kept].sum() < ROWS - 600
+    assert np.abs(deviations(fit)).max() < 4
+    ignored = fit_sine(replace(cut, saturated=np.zeros_like(cut.saturated)), 5.0)
     assert np.abs(deviations(ignored)).max() > 6  # clipping matters, so that leaving it out does
 
 
 def test_slices_make_no_difference(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = sine_fit(record(5), 5.0)
-    monkeypatch.setattr("hw.signal.sine_model.ROWS", 777)
-    assert sine_fit(record(5), 5.0).amplitudes == pytest.approx(whole.amplitudes, abs=1e-10)
+    whole = fit_sine(record(5), 5.0)
+    monkeypatch.setattr("hw.signal.sine_model.SLICE_ROWS", 777)
+    assert fit_sine(record(5), 5.0).amplitudes == pytest.approx(whole.amplitudes, abs=1e-10)
 
 
 @pytest.mark.parametrize(
@@ -122,20 +122,20 @@ def test_slices_make_no_difference(monkeypatch: pytest.MonkeyPatch) -> None:
 )
 def test_refusals_are_one_line(frequency: float, rows: int, words: str) -> None:
     with pytest.raises(NoSine, match=words) as refused:
-        sine_fit(record(6, rows=rows), frequency)
+        fit_sine(record(6, rows=rows), frequency)
     assert "\n" not in str(refused.value)
 
 
 def test_harmonic_beside_the_mains_is_refused() -> None:
     """10.02 Hz five times over is no harmonic that is fitted; 16.7 Hz three times over lies 0.03 Hz from 50.07 Hz."""
-    assert abs(sine_fit(record(7, frequency=10.02), 10.02).amplitudes[0]) == pytest.approx(1.0, abs=1e-3)
+    assert abs(fit_sine(record(7, frequency=10.02), 10.02).amplitudes[0]) == pytest.approx(1.0, abs=1e-3)
     with pytest.raises(NoSine, match="mains"):
-        sine_fit(record(7, frequency=16.7), 16.7)
+        fit_sine(record(7, frequency=16.7), 16.7)
 
 
 def test_a_frequency_without_load_is_left_or_shows_noise_only() -> None:
-    found = sine_fit(record(8, hum=0.0), 40.0)
-    assert abs(found.amplitudes[0]) < 5 * np.sqrt(found.covariance[0, 0])
+    fit = fit_sine(record(8, hum=0.0), 40.0)
+    assert abs(fit.amplitudes[0]) < 5 * np.sqrt(fit.covariance[0, 0])
 
 
 def test_records_that_hold_nothing_are_refused() -> None:
@@ -145,20 +145,20 @@ def test_records_that_hold_nothing_are_refused() -> None:
     blank = replace(whole, volts=whole.volts * np.nan)
     for samples, words in ((far, "arrived"), (still, "outer shows no change"), (blank, "inner shows no change, or no numbers")):
         with pytest.raises(NoSine, match=words):
-            sine_fit(samples, 5.0)
+            fit_sine(samples, 5.0)
 
 
 @pytest.mark.parametrize("scale", [1e-160, 1e-305])
 def test_channels_that_hardly_change_are_refused_in_words(scale: float) -> None:
     whole = record(1)
     with pytest.raises(NoSine, match="inner shows no change"):
-        sine_fit(replace(whole, volts=scale * whole.volts), 5.0)
+        fit_sine(replace(whole, volts=scale * whole.volts), 5.0)
 
 
 def test_indices_however_large_give_the_same_fit() -> None:
     whole = record(1)
-    late = sine_fit(replace(whole, index=whole.index + 2**62), 5.0)
-    assert late.amplitudes == pytest.approx(sine_fit(whole, 5.0).amplitudes, rel=1e-12)
+    late = fit_sine(replace(whole, index=whole.index + 2**62), 5.0)
+    assert late.amplitudes == pytest.approx(fit_sine(whole, 5.0).amplitudes, rel=1e-12)
 
 
 @pytest.mark.parametrize(("period", "left"), [(40, 4), (100, 12)])
@@ -167,4 +167,4 @@ def test_a_record_of_which_most_of_each_cycle_is_cut_off_is_refused(period: int,
     whole = record(1, hum=0.0, frequency=RATE / period)
     cut = np.repeat(whole.index[:, None] % period >= left, 2, axis=1)
     with pytest.raises(NoSine, match="do not determine a sinusoid"):
-        sine_fit(replace(whole, saturated=cut), RATE / period)
+        fit_sine(replace(whole, saturated=cut), RATE / period)

@@ -24,7 +24,7 @@ from hw.reader import Reader
 from hw.simulation import virtual as virtual_bus
 from hw.simulation.firmware import Fault, Halted, Kind
 from hw.usb import find
-from hw.usb.faults import meaning
+from hw.usb.faults import classify_fault
 from hw.usb.transport import UsbTransport
 from hw.wire.protocol import START
 from tests.support.hw.virtual_probes import probe, read
@@ -101,7 +101,7 @@ def test_other_serial_is_not_found() -> None:
 )  # fmt: skip
 def test_meaning_of_faults_by_class_and_code(fault: Exception, kind: type[HardwareError]) -> None:
     """libusb's codes (libusb.h) tell, whatever a system's errno says: 60 is ETIMEDOUT on macOS, ENOSTR on Linux."""
-    assert meaning(fault) is kind
+    assert classify_fault(fault) is kind
 
 
 def test_access_denied_prints_the_shipped_rule() -> None:
@@ -113,7 +113,7 @@ def test_access_denied_prints_the_shipped_rule() -> None:
 
 def test_another_board_of_the_same_test_number_is_no_probe(monkeypatch: pytest.MonkeyPatch) -> None:
     """Only the numbers were looked at: a keyboard under development was opened, or made the choice ambiguous."""
-    monkeypatch.setitem(virtual_bus._INTERFACE, "bInterfaceClass", 3)
+    monkeypatch.setitem(virtual_bus._INTERFACE_DESCRIPTOR, "bInterfaceClass", 3)
     with pytest.raises(NotFound, match="is not connected"):
         Reader.open(probe())
 

@@ -61,46 +61,46 @@ def reading(*devices: dict[str, Any], serial: str = "", seconds: float = 0.1) ->
     ended = subprocess.run(["umockdev-wrapper", *command], capture_output=True, text=True, timeout=120, env=environment)
     assert ended.returncode == 0, ended.stderr
     assert ended.stderr == ""
-    told: dict[str, Any] = json.loads(ended.stdout)
-    return told
+    output: dict[str, Any] = json.loads(ended.stdout)
+    return output
 
 
-def gaps(told: dict[str, Any]) -> list[tuple[int, int, str]]:
+def gaps(output: dict[str, Any]) -> list[tuple[int, int, str]]:
     """The gaps, where every sample that did arrive was right and in its place."""
-    assert "error" not in told, told
-    assert told["wrong"] == 0
-    assert told["steps"] == len(told["gaps"])
-    assert told["rows"] + sum(abs(gap["count"]) for gap in told["gaps"]) == told["last"] + 1
-    return [(gap["first"], gap["count"], gap["reason"]) for gap in told["gaps"]]
+    assert "error" not in output, output
+    assert output["wrong"] == 0
+    assert output["steps"] == len(output["gaps"])
+    assert output["rows"] + sum(abs(gap["count"]) for gap in output["gaps"]) == output["last"] + 1
+    return [(gap["first"], gap["count"], gap["reason"]) for gap in output["gaps"]]
 
 
 @pytest.mark.parametrize("packet", slow_unless((512).__eq__, ROWS))
 def test_packet_sizes(packet: int) -> None:
-    told = reading({"serial": "A1", "packet": packet}, seconds=0.3)
-    assert gaps(told) == []
-    assert told["rows"] == 30_000
-    assert told["source"]["serial"] == "A1"
-    assert (told["source"]["transport"], told["source"]["firmware"]) == ("usb", "emulated 1")
+    output = reading({"serial": "A1", "packet": packet}, seconds=0.3)
+    assert gaps(output) == []
+    assert output["rows"] == 30_000
+    assert output["source"]["serial"] == "A1"
+    assert (output["source"]["transport"], output["source"]["firmware"]) == ("usb", "emulated 1")
 
 
 @pytest.mark.slow
 def test_million_samples_without_one_lost_or_invented() -> None:
-    told = reading({"serial": "A1", "sequence": 2**32 - 100}, seconds=10)  # the sequence wraps on the way
-    assert gaps(told) == []
-    assert told["rows"] == 1_000_000
+    output = reading({"serial": "A1", "sequence": 2**32 - 100}, seconds=10)  # the sequence wraps on the way
+    assert gaps(output) == []
+    assert output["rows"] == 1_000_000
 
 
 def test_two_identical_devices() -> None:
     pair = {"serial": "A1"}, {"serial": "B2"}
-    told = reading(*pair)
-    assert told["error"] == "Ambiguous"
-    assert "usb:A1" in told["message"]
+    output = reading(*pair)
+    assert output["error"] == "Ambiguous"
+    assert "usb:A1" in output["message"]
     assert reading(*pair, serial="B2")["source"]["serial"] == "B2"
 
 
 def test_two_devices_of_one_serial_number() -> None:
-    told = reading({"serial": "A1"}, {"serial": "A1"}, serial="A1")
-    assert (told["error"], told["message"]) == ("Ambiguous", "2 probes have the serial number A1: unplug all but one")
+    output = reading({"serial": "A1"}, {"serial": "A1"}, serial="A1")
+    assert (output["error"], output["message"]) == ("Ambiguous", "2 probes have the serial number A1: unplug all but one")
 
 
 def test_the_one_that_may_be_opened_is_taken() -> None:
@@ -117,14 +117,14 @@ def test_the_one_that_may_be_opened_is_taken() -> None:
     ],
 )  # fmt: skip
 def test_device_that_cannot_be_had(devices: list[dict[str, Any]], error: str, remedy: str) -> None:
-    told = reading(*devices, serial="A1")
-    assert told["error"] == error
-    assert remedy in told["message"]
-    assert told["cause"] == ("NoneType" if error == "NotFound" else "USBError")
+    output = reading(*devices, serial="A1")
+    assert output["error"] == error
+    assert remedy in output["message"]
+    assert output["cause"] == ("NoneType" if error == "NotFound" else "USBError")
 
 
-def faulty(kind: str, count: int = 1, **more: Any) -> dict[str, Any]:
-    return reading({"serial": "A1", "faults": [[30, kind, count]], **more})
+def faulty(kind: str, count: int = 1, **options: Any) -> dict[str, Any]:
+    return reading({"serial": "A1", "faults": [[30, kind, count]], **options})
 
 
 FIRST = 30 * ROWS[512]
@@ -145,9 +145,9 @@ def test_fault_becomes_a_gap(kind: str, count: int, lost: int, reason: str) -> N
 
 @pytest.mark.parametrize("kind", slow_unless("partial".__eq__, ["partial", "timeout"]))
 def test_time_out_loses_nothing(kind: str) -> None:
-    told = faulty(kind)
-    assert gaps(told) == []
-    assert told["rows"] == 10_000
+    output = faulty(kind)
+    assert gaps(output) == []
+    assert output["rows"] == 10_000
 
 
 def test_device_that_lost_its_power_is_not_spliced() -> None:
@@ -157,8 +157,8 @@ def test_device_that_lost_its_power_is_not_spliced() -> None:
 @pytest.mark.slow
 def test_unplugged_again_and_again_beside_another_device() -> None:
     faults = [[30, "unplug", 1], [100, "unplug", 1], [200, "power", 1]]
-    told = reading({"serial": "A1", "faults": faults}, {"serial": "B2"}, serial="A1", seconds=0.5)
-    assert [(count, reason.rsplit(" ", 1)[1]) for _, count, reason in gaps(told)] == [(610, "12"), (610, "22"), (-1, "32")]
+    output = reading({"serial": "A1", "faults": faults}, {"serial": "B2"}, serial="A1", seconds=0.5)
+    assert [(count, reason.rsplit(" ", 1)[1]) for _, count, reason in gaps(output)] == [(610, "12"), (610, "22"), (-1, "32")]
 
 
 @pytest.mark.slow
@@ -167,23 +167,23 @@ def test_unplugged_again_and_again_beside_another_device() -> None:
     [("stall", "Stalled", "USBError"), ("error", "TransferError", "USBError"), ("timeout", "Timeout", "USBTimeoutError")],
 )
 def test_lasting_fault_is_named(kind: str, error: str, cause: str) -> None:
-    told = faulty(kind, 50)
-    assert (told["error"], told["cause"]) == (error, cause)
+    output = faulty(kind, 50)
+    assert (output["error"], output["cause"]) == (error, cause)
 
 
 def test_device_that_does_not_come_back() -> None:
-    told = faulty("unplug", returns=False)
-    assert (told["error"], told["cause"]) == ("Disconnected", "USBError")
-    assert "did not come back" in told["message"]
+    output = faulty("unplug", returns=False)
+    assert (output["error"], output["cause"]) == ("Disconnected", "USBError")
+    assert "did not come back" in output["message"]
 
 
 @pytest.mark.parametrize(
     ("acquisitions", "third"), slow_unless(lambda case: case[0] == 2, [(2, "Disconnected from USBError"), (3, "came")])
 )
 def test_oscilloscope_by_pyvisa_over_usbtmc(acquisitions: int, third: str) -> None:
-    told = reading({"serial": "DS1", "acquisitions": acquisitions, "returns": False}, serial=RESOURCE)
-    assert (told["wrong"], told["third"]) == (0, third)
-    assert told["source"]["model"] == "RIGOL TECHNOLOGIES DS1104Z"
+    output = reading({"serial": "DS1", "acquisitions": acquisitions, "returns": False}, serial=RESOURCE)
+    assert (output["wrong"], output["third"]) == (0, third)
+    assert output["source"]["model"] == "RIGOL TECHNOLOGIES DS1104Z"
 
 
 @pytest.mark.slow
@@ -191,6 +191,6 @@ def test_oscilloscope_by_pyvisa_over_usbtmc(acquisitions: int, third: str) -> No
     ("state", "error"), [({"busy": True}, "Busy"), ({"denied": True}, "NotFound"), ({"serial": "DS2"}, "NotFound")]
 )
 def test_oscilloscope_that_cannot_be_had(state: dict[str, Any], error: str) -> None:
-    told = reading({"serial": "DS1", "acquisitions": 1} | state, serial=RESOURCE)
-    assert told["error"] == error
-    assert RESOURCE in told["message"]
+    output = reading({"serial": "DS1", "acquisitions": 1} | state, serial=RESOURCE)
+    assert output["error"] == error
+    assert RESOURCE in output["message"]

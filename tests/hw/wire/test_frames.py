@@ -10,16 +10,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hw.common.errors import ProtocolError
-from hw.common.samples import Samples, joined
+from hw.common.samples import Samples, join_samples
 from hw.wire.decoder import Format, FrameDecoder
-from hw.wire.frames import HIGHEST, LOWEST, OVERRUN, SATURATED, Frame, FrameLayout, encoded
+from hw.wire.frames import MAX_CODE, MIN_CODE, OVERRUN_FLAG, SATURATED_FLAG, Frame, FrameLayout, encode_frames
 from tests.support.hw.frame_truth import SCALE, STREAM, codes_at, crc32
 
 
 def frames_of(layout: FrameLayout, count: int, sequence: int = 0, index: int = 0, stream: int = STREAM) -> list[bytes]:
     begins = index + layout.rows * np.arange(count)
     codes = [codes_at(begin + np.arange(layout.rows), layout.channels) for begin in begins]
-    return [Frame(sequence + k, int(begins[k]), stream, codes[k]).encoded(layout) for k in range(count)]
+    return [Frame(sequence + k, int(begins[k]), stream, codes[k]).encode(layout) for k in range(count)]
 
 
 def decoder(layout: FrameLayout) -> FrameDecoder:
@@ -27,14 +27,14 @@ def decoder(layout: FrameLayout) -> FrameDecoder:
 
 
 def fed(reader: FrameDecoder, data: bytes, step: int) -> Samples:
-    return joined([reader.feed(data[at : at + step]) for at in range(0, len(data), step)] or [reader.feed(b"")])
+    return join_samples([reader.feed(data[start : start + step]) for start in range(0, len(data), step)] or [reader.feed(b"")])
 
 
-def check_truth(found: Samples) -> None:
+def check_truth(samples: Samples) -> None:
     """Every row is what its index calls for; rows and gaps together cover all indices up to the last, once each."""
-    np.testing.assert_array_equal(found.volts, codes_at(found.index, found.volts.shape[1]) * SCALE)
-    lost = [np.arange(gap.first, gap.first + gap.count) for gap in found.gaps]
-    covered = np.sort(np.concatenate([found.index, *lost]))
+    np.testing.assert_array_equal(samples.volts, codes_at(samples.index, samples.volts.shape[1]) * SCALE)
+    lost = [np.arange(gap.first, gap.first + gap.count) for gap in samples.gaps]
+    covered = np.sort(np.concatenate([samples.index, *lost]))
     np.testing.assert_array_equal(covered, np.arange(len(covered)))
 
 
@@ -44,10 +44,10 @@ def check_truth(found: Samples) -> None:
 def test_any_packet_size_in_any_read_size(size: int, channels: int, step: int) -> None:
     layout = FrameLayout(size, channels)
     count = 2 if step == 1 else 9
-    found = fed(decoder(layout), b"".join(frames_of(layout, count)), step)
-    check_truth(found)
-    assert found.gaps == ()
-    assert len(found) == count * layout.rows
+    samples = fed(decoder(layout), b"".join(frames_of(layout, count)), step)
+    check_truth(samples)
+    assert samples.gaps == ()
+    assert len(samples) == count * layout.rows
 
 
 damages = st.lists(
@@ -72,49 +72,49 @@ def test_any_damage_gives_right_samples_or_gaps(
     layout = FrameLayout(size, 2)
     frames = frames_of(layout, 16, sequence)
     bytes_of, untouched = list(frames), set(range(12))
-    for kind, k, where in damage:
-        bytes_of[k], whole = spoiled(kind, bytes_of[k], frames[max(k - 1, 0)], where)
+    for kind, k, damage_seed in damage:
+        bytes_of[k], whole = spoiled(kind, bytes_of[k], frames[max(k - 1, 0)], damage_seed)
         if not whole:
             untouched.discard(k)
     data, reader, parts = b"".join(bytes_of), decoder(layout), []
-    at = 0
-    while at < len(data):
+    position = 0
+    while position < len(data):
         step = steps[len(parts) % len(steps)]
-        parts.append(reader.feed(data[at : at + step]))
-        at += step
-    found = joined(parts)
-    check_truth(found)
-    assert {k * layout.rows for k in untouched} <= set(found.index.tolist())
+        parts.append(reader.feed(data[position : position + step]))
+        position += step
+    samples = join_samples(parts)
+    check_truth(samples)
+    assert {k * layout.rows for k in untouched} <= set(samples.index.tolist())
 
 
-def spoiled(kind: str, frame: bytes, before: bytes, where: int) -> tuple[bytes, bool]:
+def spoiled(kind: str, frame: bytes, previous: bytes, damage_seed: int) -> tuple[bytes, bool]:
     """Return what becomes of a frame's bytes, and whether the frame is still whole in them."""
-    at = where % max(1, len(frame))
+    position = damage_seed % max(1, len(frame))
     if kind == "flip" and frame:
-        return frame[:at] + bytes([frame[at] ^ 1 << where % 8]) + frame[at + 1 :], False
+        return frame[:position] + bytes([frame[position] ^ 1 << damage_seed % 8]) + frame[position + 1 :], False
     return {
-        "drop": (b"", False), "repeat": (frame * 2, True), "cut": (frame[:at], False), "flip": (frame, False),
-        "garbage": (struct.pack("<I", where) * (where % 97) + frame, True), "late": (frame + before, True),
-        "half-repeat": (frame[: at // 2] + frame, True),
+        "drop": (b"", False), "repeat": (frame * 2, True), "cut": (frame[:position], False), "flip": (frame, False),
+        "garbage": (struct.pack("<I", damage_seed) * (damage_seed % 97) + frame, True), "late": (frame + previous, True),
+        "half-repeat": (frame[: position // 2] + frame, True),
     }[kind]  # fmt: skip
 
 
 @given(st.integers(0, 63), st.integers(1, 255))
-def test_no_flipped_byte_passes(at: int, mask: int) -> None:
+def test_no_flipped_byte_passes(position: int, mask: int) -> None:
     layout = FrameLayout(64, 2)
     frame = bytearray(frames_of(layout, 1)[0])
-    frame[at] ^= mask
+    frame[position] ^= mask
     assert len(decoder(layout).feed(bytes(frame))) == 0
 
 
 def test_million_samples_arrive_once_each() -> None:
     layout = FrameLayout(64, 2)
     codes = codes_at(np.arange(1_000_000))
-    data = encoded(layout, stream=STREAM, sequence=2**32 - 1000, index=0, codes=codes)
-    found = fed(decoder(layout), data, 16_411)
-    np.testing.assert_array_equal(found.index, np.arange(1_000_000))
-    np.testing.assert_array_equal(found.volts, codes * SCALE)
-    assert found.gaps == ()
+    data = encode_frames(layout, stream=STREAM, sequence=2**32 - 1000, index=0, codes=codes)
+    samples = fed(decoder(layout), data, 16_411)
+    np.testing.assert_array_equal(samples.index, np.arange(1_000_000))
+    np.testing.assert_array_equal(samples.volts, codes * SCALE)
+    assert samples.gaps == ()
 
 
 def test_magic_cut_in_two_after_garbage() -> None:
@@ -130,48 +130,48 @@ def test_frames_that_state_impossible_rows_count_for_nothing(rows: int) -> None:
     layout = FrameLayout(64, 2)
     first, odd, last = frames_of(layout, 3)
     body = odd[:18] + bytes([rows]) + odd[19:-4]
-    found = decoder(layout).feed(first + body + crc32(body).to_bytes(4, "little") + last)
-    check_truth(found)
-    assert [(gap.first, gap.count) for gap in found.gaps] == [(10, 10)]
+    samples = decoder(layout).feed(first + body + crc32(body).to_bytes(4, "little") + last)
+    check_truth(samples)
+    assert [(gap.first, gap.count) for gap in samples.gaps] == [(10, 10)]
 
 
 def test_part_filled_frames() -> None:
     layout = FrameLayout(64, 2)
     data = b""
     for begin, rows in ((0, 10), (10, 1), (11, 7), (18, 10)):
-        data += Frame(0, begin, STREAM, codes_at(begin + np.arange(rows))).encoded(layout)
-    found = decoder(layout).feed(data)
-    check_truth(found)
-    assert len(found) == 28
+        data += Frame(0, begin, STREAM, codes_at(begin + np.arange(rows))).encode(layout)
+    samples = decoder(layout).feed(data)
+    check_truth(samples)
+    assert len(samples) == 28
 
 
 def test_flags() -> None:
     layout = FrameLayout(64, 2)
-    first = Frame(0, 0, STREAM, np.array([[HIGHEST, 0], [0, LOWEST], [1, 1]], np.int16)).encoded(layout)
-    second = Frame(1, 5, STREAM, np.array([[1, 1]], np.int16), OVERRUN | SATURATED << 1).encoded(layout)
-    found = decoder(layout).feed(first + second)
-    np.testing.assert_array_equal(found.saturated, [[True, False], [False, True], [False, False], [False, True]])
-    assert found.overruns == 1
-    assert [(gap.first, gap.count, gap.reason) for gap in found.gaps] == [(3, 2, "the device's buffer ran over")]
+    first = Frame(0, 0, STREAM, np.array([[MAX_CODE, 0], [0, MIN_CODE], [1, 1]], np.int16)).encode(layout)
+    second = Frame(1, 5, STREAM, np.array([[1, 1]], np.int16), OVERRUN_FLAG | SATURATED_FLAG << 1).encode(layout)
+    samples = decoder(layout).feed(first + second)
+    np.testing.assert_array_equal(samples.saturated, [[True, False], [False, True], [False, False], [False, True]])
+    assert samples.overruns == 1
+    assert [(gap.first, gap.count, gap.reason) for gap in samples.gaps] == [(3, 2, "the device's buffer ran over")]
 
 
 def test_lost_beginning_is_a_gap() -> None:
     layout = FrameLayout(64, 2)
-    found = decoder(layout).feed(b"".join(frames_of(layout, 3)[1:]))
-    check_truth(found)
-    assert [(gap.first, gap.count) for gap in found.gaps] == [(0, 10)]
+    samples = decoder(layout).feed(b"".join(frames_of(layout, 3)[1:]))
+    check_truth(samples)
+    assert [(gap.first, gap.count) for gap in samples.gaps] == [(0, 10)]
 
 
 def test_restarted_stream_is_never_spliced() -> None:
     layout = FrameLayout(64, 2)
     reader = decoder(layout)
-    before = reader.feed(b"".join(frames_of(layout, 2)))
+    first_samples = reader.feed(b"".join(frames_of(layout, 2)))
     stale, new = frames_of(layout, 3)[2], b"".join(frames_of(layout, 2, stream=STREAM + 1))
-    after = reader.feed(stale + new, STREAM + 1, "unplugged")
-    found = joined([before, after])
-    assert [(gap.first, gap.count, gap.reason) for gap in found.gaps] == [(20, -1, "unplugged")]
-    np.testing.assert_array_equal(found.index, [*range(20), *range(21, 41)])
-    np.testing.assert_array_equal(after.volts, codes_at(np.arange(20)) * SCALE)
+    second_samples = reader.feed(stale + new, STREAM + 1, "unplugged")
+    samples = join_samples([first_samples, second_samples])
+    assert [(gap.first, gap.count, gap.reason) for gap in samples.gaps] == [(20, -1, "unplugged")]
+    np.testing.assert_array_equal(samples.index, [*range(20), *range(21, 41)])
+    np.testing.assert_array_equal(second_samples.volts, codes_at(np.arange(20)) * SCALE)
 
 
 def test_frames_of_another_kind_are_refused_at_last() -> None:

@@ -12,30 +12,30 @@ import pytest
 
 from geometry import InputError, Refusal, Scene
 from geometry.common.arrays import Floats
-from geometry.scenes.variables import changed, values
+from geometry.scenes.variables import list_values, replace_values
 from hw.common.errors import HardwareError
 from hw.common.samples import Gap, Samples
 from probe_design.built_probe.bench import Bench, Reference, Workshop, bench_from_dict, read_bench
-from probe_design.built_probe.block_predictions import MODULI, on_block, predicted
+from probe_design.built_probe.block_predictions import BLOCK_MODULI, build_block_scene, predict_blocks
 from probe_design.built_probe.calibration import Calibration, calibrate
-from probe_design.built_probe.calibration_record import CalibrationRecord, Raw, read_record, record, write_record
-from probe_design.built_probe.gain_matrix import Gains, Observed, estimated
-from probe_design.built_probe.virtual_probe import Built, signals
+from probe_design.built_probe.calibration_record import CalibrationRecord, Raw, build_record, read_record, write_record
+from probe_design.built_probe.gain_matrix import Gains, Observation, estimate_gains
+from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals
 from solver import evaluate
 from tests.support.hw.benches import BENCH, LOAD, films, sampled, scene, shares
 
-BUILT = Built()
+BUILT = BuiltProperties()
 
 
-def readings(logs: Floats, seed: int, bench: Bench = BENCH, built: Built = BUILT, channels: int = 3) -> list[Samples]:
+def readings(logs: Floats, seed: int, bench: Bench = BENCH, built: BuiltProperties = BUILT, channels: int = 3) -> list[Samples]:
     forces = films(logs, bench)
-    return [sampled(signals(built, bench, scene(), one, [seed, k]), channels=channels) for k, one in enumerate(forces)]
+    return [sampled(build_signals(built, bench, scene(), force, [seed, k]), channels=channels) for k, force in enumerate(forces)]
 
 
 def true_matrix() -> Floats:
     """Return M as a calibration at the bench's frequency should find it, amplifiers included, shape (2, 2)."""
-    nominal, frequency = BENCH.amplifier.built(), BUILT.frequency * BENCH.load.frequency
-    responses = [one.response(frequency) for one in BUILT.amplifiers((nominal, nominal))]
+    nominal, frequency = BENCH.amplifier.build_common(), BUILT.frequency * BENCH.load.frequency
+    responses = [amplifier.response(frequency) for amplifier in BUILT.build_amplifiers((nominal, nominal))]
     return np.asarray(np.abs(responses)[:, None] / abs(nominal.response(frequency)) * np.array(BUILT.gains))
 
 
@@ -45,7 +45,7 @@ def calibration(channels: int = 3) -> Calibration:
 
 
 def test_predicted_ratio_is_the_evaluator_s() -> None:
-    block = on_block(scene(), BENCH.blocks[1])
+    block = build_block_scene(scene(), BENCH.blocks[1])
     assert block.inclusion == ()
     ratio = evaluate(block, "axisymmetric", 1e-4).ratio or math.nan
     areas = block.probe.inner_area / block.probe.outer_area
@@ -56,7 +56,7 @@ def test_slopes_are_finite_differences_of_the_film_forces() -> None:
     """By every variable; the films' forces follow from stresses and true areas, not from the drawing's."""
     step, block = 1e-3, BENCH.blocks[1]
     for k, name in enumerate(shares().variables):
-        if name in (MODULI, "probe.inner.poisson_ratio", "probe.outer.poisson_ratio"):
+        if name in (BLOCK_MODULI, "probe.inner.poisson_ratio", "probe.outer.poisson_ratio"):
             continue
         logs = [_log_force_ratio(_changed(scene(), name, turn), block) for turn in (1 + step, 1 - step)]
         slope = shares().blocks[1].slopes[k] * shares().nominal[k]
@@ -65,12 +65,12 @@ def test_slopes_are_finite_differences_of_the_film_forces() -> None:
 
 def test_slope_by_the_block_s_modulus() -> None:
     logs = [_log_force_ratio(scene(), _softer(BENCH.blocks[1], turn)) for turn in (1.001, 0.999)]
-    assert shares().blocks[1].by_modulus == pytest.approx((logs[0] - logs[1]) / 0.002, rel=2e-3)
-    assert shares().blocks[1].slopes[-1] == shares().blocks[1].by_modulus
+    assert shares().blocks[1].modulus_derivative == pytest.approx((logs[0] - logs[1]) / 0.002, rel=2e-3)
+    assert shares().blocks[1].slopes[-1] == shares().blocks[1].modulus_derivative
 
 
 def _changed(drawn: Scene, name: str, turn: float) -> Scene:
-    return changed(drawn, {name: values(drawn)[name] * turn})
+    return replace_values(drawn, {name: list_values(drawn)[name] * turn})
 
 
 def _softer(block: Reference, turn: float) -> Reference:
@@ -78,36 +78,36 @@ def _softer(block: Reference, turn: float) -> Reference:
 
 
 def _log_force_ratio(drawn: Scene, block: Reference) -> float:
-    told = evaluate(on_block(drawn, block), "axisymmetric", 1e-3)
-    assert told.stress_inner
-    assert told.stress_outer
-    return math.log(told.stress_inner * drawn.probe.inner_area / (told.stress_outer * drawn.probe.outer_area))
+    result = evaluate(build_block_scene(drawn, block), "axisymmetric", 1e-3)
+    assert result.stress_inner
+    assert result.stress_outer
+    return math.log(result.stress_inner * drawn.probe.inner_area / (result.stress_outer * drawn.probe.outer_area))
 
 
 def test_true_gains_are_found() -> None:
-    found = calibration()
-    off = (found.gains.matrix - true_matrix()).ravel()
-    assert np.all(np.abs(off) < 3.5 * np.sqrt(np.diag(found.gains.covariance)))
-    assert np.all(np.abs(off[[1, 2]]) < 0.003)  # cross-talk, which pin and ring show but for what they leak
-    assert found.gains.absolute
-    assert found.gains.cross_talk_resolved == (True, True)
-    assert found.frequency == pytest.approx(BUILT.frequency * 5.0, abs=1e-3)
+    fitted = calibration()
+    error = (fitted.gains.matrix - true_matrix()).ravel()
+    assert np.all(np.abs(error) < 3.5 * np.sqrt(np.diag(fitted.gains.covariance)))
+    assert np.all(np.abs(error[[1, 2]]) < 0.003)  # cross-talk, which pin and ring show but for what they leak
+    assert fitted.gains.absolute
+    assert fitted.gains.cross_talk_resolved == (True, True)
+    assert fitted.frequency == pytest.approx(BUILT.frequency * 5.0, abs=1e-3)
     # the true offsets, and what the slow drift has become in the middle of the 5 s
     drifted = BUILT.drift * np.array([1.0, 0.6]) * (1 - math.exp(-2.5 / 60))
-    assert found.offsets == pytest.approx(np.array(BUILT.offsets[:2]) + drifted, abs=5e-6)
+    assert fitted.offsets == pytest.approx(np.array(BUILT.offsets[:2]) + drifted, abs=5e-6)
 
 
 def test_without_a_force_channel_only_ratios_are_told() -> None:
-    found = calibration(channels=2)
+    fitted = calibration(channels=2)
     truth = true_matrix()
-    off = (found.gains.matrix - truth / truth[1, 1]).ravel()
-    common = BENCH.channels.gain**2 * np.outer(found.gains.matrix.ravel(), found.gains.matrix.ravel())
-    spread = np.sqrt(np.maximum(np.diag(found.gains.covariance - common), 1e-30))
-    assert found.gains.matrix[1, 1] == 1.0
-    assert np.all(np.abs(off[:3]) < 3.5 * spread[:3])
-    assert not found.gains.absolute
-    assert np.sqrt(found.gains.covariance[3, 3]) == pytest.approx(BENCH.channels.gain)
-    assert any("no force channel" in one for one in found.warnings)
+    error = (fitted.gains.matrix - truth / truth[1, 1]).ravel()
+    common = BENCH.channels.gain**2 * np.outer(fitted.gains.matrix.ravel(), fitted.gains.matrix.ravel())
+    spread = np.sqrt(np.maximum(np.diag(fitted.gains.covariance - common), 1e-30))
+    assert fitted.gains.matrix[1, 1] == 1.0
+    assert np.all(np.abs(error[:3]) < 3.5 * spread[:3])
+    assert not fitted.gains.absolute
+    assert np.sqrt(fitted.gains.covariance[3, 3]) == pytest.approx(BENCH.channels.gain)
+    assert any("no force channel" in warning for warning in fitted.warnings)
 
 
 @pytest.mark.parametrize("force", [True, False])
@@ -120,7 +120,7 @@ def test_coverage_of_the_gains(force: bool, blocks_alone: bool) -> None:
         random = np.random.default_rng([seed, force, blocks_alone])
         matrix = np.eye(2) + np.array([[0.05, 0.01], [0.01, 0.05]]) * random.standard_normal((2, 2))
         matrix = matrix if force else matrix / matrix[1, 1]
-        gains = estimated(_observed(matrix, references, force, random), shares(), BENCH)
+        gains = estimate_gains(_observed(matrix, references, force, random), shares(), BENCH)
         spread = gains.covariance - (0.0 if force else BENCH.channels.gain**2 * np.outer(gains.matrix, gains.matrix))
         entries = slice(None) if force else slice(3)
         z.append(((gains.matrix - matrix).ravel() / np.sqrt(np.maximum(np.diag(spread), 1e-30)))[entries])
@@ -129,18 +129,18 @@ def test_coverage_of_the_gains(force: bool, blocks_alone: bool) -> None:
     assert np.mean(chi_squares) == pytest.approx(1.0, abs=4 * np.sqrt(2 / (100 * gains.freedom)))
 
 
-def _observed(matrix: Floats, references: tuple[Reference, ...], force: bool, random: np.random.Generator) -> list[Observed]:
+def _observed(matrix: Floats, references: tuple[Reference, ...], force: bool, random: np.random.Generator) -> list[Observation]:
     """Readings of a probe and blocks off by their tolerances, with a force sensor of any scale."""
     known, noise = shares(), 2e-5
-    design = known.slopes @ (known.tolerances(BENCH.workshop) * random.standard_normal(len(known.variables)))
-    own = [share.variance(block) ** 0.5 for share, block in zip(known.blocks, BENCH.blocks, strict=True)]
-    logs = known.log_ratios + design + own * random.standard_normal(len(own))
+    design = known.slopes @ (known.compute_tolerances(BENCH.workshop) * random.standard_normal(len(known.variables)))
+    spreads = [share.compute_variance(block) ** 0.5 for share, block in zip(known.blocks, BENCH.blocks, strict=True)]
+    logs = known.log_ratios + design + spreads * random.standard_normal(len(spreads))
     sensor = np.exp(0.05 * random.standard_normal())
     bench = BENCH.model_copy(update={"reference": references})
-    leaks = [one.strays * random.standard_normal() for one in references]
+    leaks = [observed_reference.leak_sd * random.standard_normal() for observed_reference in references]
     pressed = [film + LOAD * leak * np.array([1, -1]) for leak, film in zip(leaks, films(logs, bench), strict=True)]
     return [
-        Observed(
+        Observation(
             reference, matrix @ film + noise * random.standard_normal(2), noise**2 * np.eye(2),
             LOAD * sensor + 1e-5 * random.standard_normal() if force else None, 1e-5 if force else None,
         )
@@ -155,14 +155,16 @@ def test_slopes_of_the_estimate_are_what_other_predictions_do() -> None:
     seen = _observed(np.eye(2), BENCH.blocks, True, np.random.default_rng(3))
     bench = BENCH.model_copy(update={"reference": BENCH.blocks})
     step = 0.01 * known.nominal[k]
-    moved = replace(known, blocks=tuple(replace(one, log_ratio=one.log_ratio + one.slopes[k] * step) for one in known.blocks))
-    before, after = (estimated(seen, one, bench) for one in (known, moved))
-    assert (after.matrix - before.matrix).ravel() == pytest.approx(before.slopes[:, k] * step, rel=0.05, abs=2e-5)
-    assert np.abs(after.matrix - before.matrix).max() > 1e-3
+    moved = replace(
+        known, blocks=tuple(replace(variant, log_ratio=variant.log_ratio + variant.slopes[k] * step) for variant in known.blocks)
+    )
+    estimate, moved_estimate = (estimate_gains(seen, variant, bench) for variant in (known, moved))
+    assert (moved_estimate.matrix - estimate.matrix).ravel() == pytest.approx(estimate.slopes[:, k] * step, rel=0.05, abs=2e-5)
+    assert np.abs(moved_estimate.matrix - estimate.matrix).max() > 1e-3
 
 
 @pytest.mark.parametrize(
-    ("first", "last", "force", "told"),
+    ("first", "last", "force", "is_determined"),
     [
         (0, 2, True, True),
         (0, 2, False, False),
@@ -172,22 +174,22 @@ def test_slopes_of_the_estimate_are_what_other_predictions_do() -> None:
         (2, 4, True, True),
     ],
 )
-def test_what_references_can_tell(first: int, last: int, force: bool, told: bool) -> None:
+def test_what_references_can_tell(first: int, last: int, force: bool, is_determined: bool) -> None:
     """The table in docs/guides/hardware.md; references 0 and 1 are pin and ring, the others blocks."""
     known = replace(shares(), blocks=shares().blocks[: max(last - 2, 0)])
     seen = _observed(np.eye(2), BENCH.reference, force, np.random.default_rng(0))[first:last]
-    if told:
-        assert estimated(seen, known, BENCH).matrix == pytest.approx(np.eye(2), abs=0.1)
+    if is_determined:
+        assert estimate_gains(seen, known, BENCH).matrix == pytest.approx(np.eye(2), abs=0.1)
     else:
         with pytest.raises(InputError, match="a pin on the inner and a ring on the outer"):
-            estimated(seen, known, BENCH)
+            estimate_gains(seen, known, BENCH)
 
 
 def test_readings_that_contradict_the_predictions_are_told() -> None:
     logs = shares().log_ratios + np.array([0.3, 0.0, -0.3, 0.0, 0.3])
-    found = calibrate(scene(), BENCH, readings(logs, 2), shares())
-    assert any("contradict" in one for one in found.warnings)
-    assert not any("contradict" in one for one in calibration().warnings)
+    fitted = calibrate(scene(), BENCH, readings(logs, 2), shares())
+    assert any("contradict" in warning for warning in fitted.warnings)
+    assert not any("contradict" in warning for warning in calibration().warnings)
 
 
 def _spoiled(change: str) -> list[Samples]:
@@ -223,39 +225,39 @@ def test_a_reading_for_each_reference() -> None:
 
 def test_pyroelectric_equivalent_is_that_of_the_literature() -> None:
     """PHYSICS section 6: 91 N per kelvin on 1 cm^2 at 33 pC/N, 150 at 20 pC/N."""
-    from probe_design.built_probe.film_forces import newtons_per_kelvin
+    from probe_design.built_probe.film_forces import compute_newtons_per_kelvin
 
     areas = np.array([scene().probe.inner_area, scene().probe.outer_area])
-    assert newtons_per_kelvin(scene()) * 1e-4 / areas == pytest.approx(150.0)
+    assert compute_newtons_per_kelvin(scene()) * 1e-4 / areas == pytest.approx(150.0)
 
 
 def test_tilted_or_unilateral_probes_are_refused() -> None:
     data = scene().model_dump(exclude_unset=True)
     tied = Scene.model_validate(data | {"contact": {"interface": "unilateral"}})
     with pytest.raises(Refusal):
-        predicted(tied, BENCH.reference)
+        predict_blocks(tied, BENCH.reference)
 
 
 def _record(path: Path) -> CalibrationRecord:
-    found = calibration()
-    told = record(found, [Raw("ab" * 32, f"run-{k}.probe") for k in range(7)], "virtual")
-    write_record(path, told)
-    return told
+    fitted = calibration()
+    entry = build_record(fitted, [Raw("ab" * 32, f"run-{k}.probe") for k in range(7)], "virtual")
+    write_record(path, entry)
+    return entry
 
 
 def test_record_reads_back_and_is_never_overwritten(tmp_path: Path) -> None:
-    told = _record(tmp_path / "probe.toml")
-    again = read_record(tmp_path / "probe.toml")
-    assert again == told
-    assert again.gains().covariance == pytest.approx(calibration().gains.covariance, rel=1e-12)
-    assert again.scene_read() == scene()
-    assert again.bench_read() == BENCH
-    assert again.reading[2].sha256 == "ab" * 32
-    before = (tmp_path / "probe.toml").read_bytes()
+    written = _record(tmp_path / "probe.toml")
+    restored = read_record(tmp_path / "probe.toml")
+    assert restored == written
+    assert restored.build_gains().covariance == pytest.approx(calibration().gains.covariance, rel=1e-12)
+    assert restored.build_scene() == scene()
+    assert restored.build_bench() == BENCH
+    assert restored.reading[2].sha256 == "ab" * 32
+    content = (tmp_path / "probe.toml").read_bytes()
     with pytest.raises(InputError, match="not taken"):
-        write_record(tmp_path / "probe.toml", told)
-    assert (tmp_path / "probe.toml").read_bytes() == before
-    assert [one.name for one in tmp_path.iterdir()] == ["probe.toml"]
+        write_record(tmp_path / "probe.toml", written)
+    assert (tmp_path / "probe.toml").read_bytes() == content
+    assert [path.name for path in tmp_path.iterdir()] == ["probe.toml"]
 
 
 @pytest.mark.parametrize(
@@ -298,14 +300,14 @@ def test_bench_files_that_cannot_be_read(tmp_path: Path) -> None:
 
 
 def test_nominal_gains_carry_the_bench_s_tolerances() -> None:
-    nominal = Gains.nominal(BENCH)
-    covariance = nominal.forces_covariance(np.array([0.1, 0.1]), np.zeros((2, 2)))
+    nominal = Gains.from_bench(BENCH)
+    covariance = nominal.compute_forces_covariance(np.array([0.1, 0.1]), np.zeros((2, 2)))
     assert np.sqrt(covariance[0, 0]) == pytest.approx(0.1 * math.hypot(0.05, 0.01))
 
 
 def test_workshop_tolerances_by_kind() -> None:
-    tolerances = dict(zip(shares().variables, shares().tolerances(Workshop()), strict=True))
+    tolerances = dict(zip(shares().variables, shares().compute_tolerances(Workshop()), strict=True))
     assert tolerances["probe.gap"] == 20e-6
     assert tolerances["probe.outer.youngs_modulus"] == pytest.approx(0.02 * 80e3)
     assert tolerances["probe.inner.poisson_ratio"] == 0.003
-    assert tolerances[MODULI] == 0.0
+    assert tolerances[BLOCK_MODULI] == 0.0

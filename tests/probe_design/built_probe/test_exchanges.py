@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 
 from geometry import InputError
-from geometry.scenes.variables import changed, values
+from geometry.scenes.variables import list_values, replace_values
 from hw.common.samples import Samples
-from probe_design.built_probe.block_predictions import predicted
+from probe_design.built_probe.block_predictions import predict_blocks
 from probe_design.built_probe.calibration import Calibration, calibrate
-from probe_design.built_probe.exchanges import check_films, dead_film
-from probe_design.built_probe.virtual_probe import Built, signals
+from probe_design.built_probe.exchanges import check_films, find_dead_film
+from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals
 from tests.support.hw.benches import BENCH, films, sampled, scene, shares
 from tests.support.slow import slow_unless
 
-NAMES = [one.name for one in BENCH.reference]
+NAMES = [reference.name for reference in BENCH.reference]
 Careless = Callable[[list[Samples]], list[Samples]]
 
 
@@ -28,26 +28,32 @@ Careless = Callable[[list[Samples]], list[Samples]]
 def readings(blocks: tuple[float, ...] | None = None) -> list[Samples]:
     """One on each reference, 450 samples each; ``blocks``: ln(F_inner / F_outer) on them."""
     forces = films(np.array(shares().log_ratios if blocks is None else blocks))
-    return [sampled(signals(Built(), BENCH, scene(), one, [21, k]), rows=850, rate=200.0) for k, one in enumerate(forces)]
+    return [
+        sampled(build_signals(BuiltProperties(), BENCH, scene(), force, [21, k]), rows=850, rate=200.0)
+        for k, force in enumerate(forces)
+    ]
 
 
 def in_order(*order: int) -> Careless:
     return lambda samples: [samples[k] for k in order]
 
 
-def scaled(*factors: float, at: int | None = None) -> Careless:
+def scaled(*factors: float, index: int | None = None) -> Careless:
     """Channels' volts times factors, in one reading or all."""
-    return lambda samples: [replace(one, volts=one.volts * factors) if at in (None, k) else one for k, one in enumerate(samples)]
+    return lambda samples: [
+        replace(reading, volts=reading.volts * factors) if index in (None, k) else reading for k, reading in enumerate(samples)
+    ]
 
 
 def cables(samples: list[Samples]) -> list[Samples]:
-    return [replace(one, volts=one.volts[:, [1, 0, 2]]) for one in samples]
+    return [replace(reading, volts=reading.volts[:, [1, 0, 2]]) for reading in samples]
 
 
 def calibrated(samples: list[Samples], force: bool = True) -> Calibration:
     if not force:
         samples = [
-            replace(one, channels=one.channels[:2], volts=one.volts[:, :2], saturated=one.saturated[:, :2]) for one in samples
+            replace(reading, channels=reading.channels[:2], volts=reading.volts[:, :2], saturated=reading.saturated[:, :2])
+            for reading in samples
         ]
     return calibrate(scene(), BENCH, samples, shares())
 
@@ -71,12 +77,12 @@ def test_films_on_exchanged_cables(force: bool) -> None:
 
 
 @pytest.mark.parametrize(
-    ("one", "other"), slow_unless(lambda pair: pair == (3, 5), [*combinations(range(2, 7), 2), (0, 4), (1, 6)])
+    ("first", "second"), slow_unless(lambda pair: pair == (3, 5), [*combinations(range(2, 7), 2), (0, 4), (1, 6)])
 )
-def test_exchanged_references(one: int, other: int) -> None:
+def test_exchanged_references(first: int, second: int) -> None:
     order = list(range(7))
-    order[one], order[other] = other, one
-    assert f"exchanged are: the {NAMES[one]} and the {NAMES[other]}; put it right" in refused(in_order(*order))
+    order[first], order[second] = second, first
+    assert f"exchanged are: the {NAMES[first]} and the {NAMES[second]}; put it right" in refused(in_order(*order))
 
 
 @pytest.mark.slow
@@ -108,9 +114,9 @@ def test_what_is_dead_reversed_or_half_plugged_is_named(careless: Careless, word
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("at", [0, 1])
-def test_one_reading_that_is_half_plugged_is_named(at: int) -> None:
-    assert f"without the reading on the {NAMES[at]} the others agree" in refused(scaled(0.5, 1.0, 1.0, at=at))
+@pytest.mark.parametrize("index", [0, 1])
+def test_one_reading_that_is_half_plugged_is_named(index: int) -> None:
+    assert f"without the reading on the {NAMES[index]} the others agree" in refused(scaled(0.5, 1.0, 1.0, index=index))
 
 
 @pytest.mark.slow
@@ -123,28 +129,28 @@ def test_a_reference_pressed_twice_is_named() -> None:
 def test_a_probe_off_its_drawing_is_calibrated_by_pin_and_ring() -> None:
     """Blocks of an outer modulus 30 % too high contradict their predictions; M does not depend on them."""
     name = "probe.outer.youngs_modulus"
-    off = predicted(changed(scene(), {name: 1.3 * values(scene())[name]}), BENCH.reference).log_ratios
-    found = calibrated(readings(tuple(off)))
-    assert "blocks contradict" in found.warnings[0]
-    spread = np.sqrt(np.diag(found.gains.covariance))
+    log_ratios = predict_blocks(replace_values(scene(), {name: 1.3 * list_values(scene())[name]}), BENCH.reference).log_ratios
+    fitted = calibrated(readings(tuple(log_ratios)))
+    assert "blocks contradict" in fitted.warnings[0]
+    spread = np.sqrt(np.diag(fitted.gains.covariance))
     truth = np.array([1.04 / 1.01, 0.012 / 1.01, 0.008 / 0.985, 0.96 / 0.985])  # gains of films over those of capacitors
-    assert np.all(np.abs(found.gains.matrix.ravel() - truth) < 3.5 * spread)
-    assert found.gains.freedom == 2  # 4 films and 2 forces, the force channel's error and two cross-talks, of 7 unknowns
-    assert np.all(found.gains.slopes == 0)
+    assert np.all(np.abs(fitted.gains.matrix.ravel() - truth) < 3.5 * spread)
+    assert fitted.gains.freedom == 2  # 4 films and 2 forces, the force channel's error and two cross-talks, of 7 unknowns
+    assert np.all(fitted.gains.slopes == 0)
 
 
-def each(factors: Callable[[float], list[float]]) -> Careless:
+def scale_each(factors: Callable[[float], list[float]]) -> Careless:
     """Channels' volts times factors that depend on how far the calibration is, from 0 to 1."""
-    return lambda samples: [replace(one, volts=one.volts * factors(k / 6)) for k, one in enumerate(samples)]
+    return lambda samples: [replace(reading, volts=reading.volts * factors(k / 6)) for k, reading in enumerate(samples)]
 
 
 @pytest.mark.parametrize(
     "careless",
     [
-        pytest.param(each(lambda t: [1, 1, 1.05 if t < 0.3 else 1]), id="force sensor pushed after the ring"),
-        pytest.param(each(lambda t: [1, 1, 1 - 0.1 * t]), id="force sensor drifts", marks=pytest.mark.slow),
-        pytest.param(each(lambda t: [1.025 if t else 1, 1, 1]), id="film 5 K warmer after the pin", marks=pytest.mark.slow),
-        pytest.param(each(lambda t: [1 - 0.03 * t, 1, 1]), id="film depolarises"),
+        pytest.param(scale_each(lambda t: [1, 1, 1.05 if t < 0.3 else 1]), id="force sensor pushed after the ring"),
+        pytest.param(scale_each(lambda t: [1, 1, 1 - 0.1 * t]), id="force sensor drifts", marks=pytest.mark.slow),
+        pytest.param(scale_each(lambda t: [1.025 if t else 1, 1, 1]), id="film 5 K warmer after the pin", marks=pytest.mark.slow),
+        pytest.param(scale_each(lambda t: [1 - 0.03 * t, 1, 1]), id="film depolarises"),
     ],
 )
 def test_what_no_prediction_explains_is_not_blamed_on_the_blocks(careless: Careless) -> None:
@@ -159,10 +165,10 @@ def test_a_force_sensor_of_a_wrong_sensitivity_is_told_from_the_films() -> None:
 
 def test_films_that_feel_each_other_s_load_are_not_dead() -> None:
     swapped, right = np.array([[0.01, 1.0], [1.0, 0.01]]), np.array([[1.0, 0.01], [0.01, 1.0]])
-    assert dead_film(swapped, np.array([1.0, 0.0])) is None
-    assert dead_film(right, np.array([1.0, 0.0])) is None
-    assert dead_film(right * [0.0, 1.0], np.array([1.0, 0.0])) == "inner"
-    assert dead_film(np.array([[0.5, 1e-3]]), np.array([0.4])) == "outer"
+    assert find_dead_film(swapped, np.array([1.0, 0.0])) is None
+    assert find_dead_film(right, np.array([1.0, 0.0])) is None
+    assert find_dead_film(right * [0.0, 1.0], np.array([1.0, 0.0])) == "inner"
+    assert find_dead_film(np.array([[0.5, 1e-3]]), np.array([0.4])) == "outer"
 
 
 @pytest.mark.parametrize(("noise", "words"), [(0.001, "opposite sign"), (0.05, "a charge of the outer film below its noise")])

@@ -11,17 +11,23 @@ import pytest
 
 from geometry.common.errors import InputError
 from hw.signal.measure import Measurement
-from probe_design.built_probe.field_readings import FieldReading, field_reading, noise_of, read_result, spreads
-from probe_design.built_probe.film_forces import reading
-from probe_design.built_probe.probe_identity import probe_numbers
-from probe_design.built_probe.virtual_probe import Built, signals
+from probe_design.built_probe.field_readings import (
+    FieldReading,
+    compute_ratio_noise,
+    compute_spreads,
+    parse_field_reading,
+    read_result,
+)
+from probe_design.built_probe.film_forces import measure_reading
+from probe_design.built_probe.probe_identity import list_probe_numbers
+from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals
 from tests.support.hw.benches import BENCH, films, sampled, scene, shares
 
 TOLD = {"ratio": 0.5, "ratio_uncertainty": 0.01, "ratio_noise": 0.012, "force": 0.01, "reference_force": 0.0101,
         "placement": [0.001, -0.002], "calibration_sha256": "ab",
         "ratio_phase": 0.01, "ratio_phase_uncertainty": 0.002,
-        "probe": probe_numbers(scene()), "fingerprint": {"noise": ["ab" * 16], "volts": [[0.1, 0.2]]}}  # fmt: skip
-NARROW = probe_numbers(scene()) | {"probe.gap": 5e-5}
+        "probe": list_probe_numbers(scene()), "fingerprint": {"noise": ["ab" * 16], "volts": [[0.1, 0.2]]}}  # fmt: skip
+NARROW = list_probe_numbers(scene()) | {"probe.gap": 5e-5}
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -31,15 +37,15 @@ def test_no_combination_is_understated(seed: int) -> None:
     factors, noise = random.normal(size=(4, 1 + seed)), random.uniform(0.0, 0.5, 4)
     common = factors @ factors.T
     readings = [FieldReading(1.0, noise[k], np.sqrt(common[k, k]), "ab", 0.01, None) for k in range(4)]
-    rest = np.diag(np.square(spreads(readings))) - np.diag(noise**2) - common
-    assert np.linalg.eigvalsh(rest).min() > -1e-9
+    remainder = np.diag(np.square(compute_spreads(readings))) - np.diag(noise**2) - common
+    assert np.linalg.eigvalsh(remainder).min() > -1e-9
 
 
 def test_what_all_share_does_not_average_out() -> None:
-    same = [FieldReading(1.0, 0.0, 0.01, None, 0.01, None)] * 9
-    assert np.sqrt(1 / np.sum(1 / np.square(spreads(same)))) == pytest.approx(0.01)
-    others = [replace(one, calibration=str(k)) for k, one in enumerate(same)]
-    assert spreads(others) == pytest.approx([0.01] * 9)
+    same_readings = [FieldReading(1.0, 0.0, 0.01, None, 0.01, None)] * 9
+    assert np.sqrt(1 / np.sum(1 / np.square(compute_spreads(same_readings)))) == pytest.approx(0.01)
+    separate = [replace(reading, calibration=str(k)) for k, reading in enumerate(same_readings)]
+    assert compute_spreads(separate) == pytest.approx([0.01] * 9)
 
 
 @pytest.mark.slow
@@ -47,20 +53,27 @@ def test_noise_is_what_seeds_scatter_by() -> None:
     """Ratios of the same load with other noise differ by as much as each says; 60 draws tell a spread to 9 %."""
     forces = films(shares().log_ratios)[4]
 
-    def one(seed: int) -> Measurement:
-        return reading(sampled(signals(Built(noise=2e-4), BENCH, scene(), forces, seed)), BENCH)
+    def measure_once(seed: int) -> Measurement:
+        return measure_reading(sampled(build_signals(BuiltProperties(noise=2e-4), BENCH, scene(), forces, seed)), BENCH)
 
-    measured = [one(seed) for seed in range(60)]
-    logs = [np.log(each.in_phase[0] / each.in_phase[1]) for each in measured]
-    stated = np.mean([noise_of(each, scene(), BENCH, None) for each in measured])
+    measured = [measure_once(seed) for seed in range(60)]
+    logs = [np.log(measurement.in_phase[0] / measurement.in_phase[1]) for measurement in measured]
+    stated = np.mean([compute_ratio_noise(measurement, scene(), BENCH, None) for measurement in measured])
     assert np.std(logs) == pytest.approx(stated, rel=0.3)
 
 
 def test_json_of_read() -> None:
-    found = field_reading(TOLD, "a.json", scene())
-    assert (found.noise, found.shared) == pytest.approx((0.012, 0.016))  # 0.02 in all
-    assert (found.force, found.placement, found.calibration, found.phase) == (0.0101, (0.001, -0.002), "ab", (0.01, 0.002))
-    assert field_reading({k: v for k, v in TOLD.items() if k != "ratio_noise"}, "a.json", scene()).shared == pytest.approx(0.02)
+    reading = parse_field_reading(TOLD, "a.json", scene())
+    assert (reading.noise, reading.shared) == pytest.approx((0.012, 0.016))  # 0.02 in all
+    assert (reading.force, reading.placement, reading.calibration, reading.phase) == (
+        0.0101,
+        (0.001, -0.002),
+        "ab",
+        (0.01, 0.002),
+    )
+    assert parse_field_reading({k: v for k, v in TOLD.items() if k != "ratio_noise"}, "a.json", scene()).shared == pytest.approx(
+        0.02
+    )
 
 
 @pytest.mark.parametrize(
@@ -78,7 +91,7 @@ def test_json_of_read() -> None:
 )  # fmt: skip
 def test_what_read_never_prints_is_refused(key: str, value: object, words: str) -> None:
     with pytest.raises(InputError, match=f"a.json.*{words}"):
-        field_reading(TOLD | {key: value}, "a.json", scene())
+        parse_field_reading(TOLD | {key: value}, "a.json", scene())
 
 
 @pytest.mark.parametrize("text", ["", "{", "[1]", '{"gain": 1}', "nonsense", '{"a":' * 100_000])

@@ -13,26 +13,26 @@ from geometry.common.arrays import Floats
 from hw.common.samples import Samples
 from hw.signal.measure import Measurement
 from hw.signal.waveform import Flawed
-from probe_design.built_probe.film_forces import observed, reading
-from probe_design.built_probe.gain_matrix import estimated
-from probe_design.built_probe.phase_lags import force_lag, loss
-from probe_design.built_probe.virtual_probe import Built, signals
+from probe_design.built_probe.film_forces import build_observation, measure_reading
+from probe_design.built_probe.gain_matrix import estimate_gains
+from probe_design.built_probe.phase_lags import compute_force_lag, estimate_amplitude_loss
+from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals
 from tests.support.hw.benches import BENCH, films, sampled, scene, shares
 
-BUILT = Built(noise=2e-6, frequency=1.0)
+BUILT = BuiltProperties(noise=2e-6, frequency=1.0)
 RATE = 2000.0
 
 
-def pressed(at: int = 4) -> Samples:
+def pressed(reference_index: int = 4) -> Samples:
     """A reading on a reference whose force channel shows the load alone, as it is."""
-    forces = films(shares().log_ratios)[at]
-    return sampled(signals(BUILT, BENCH, scene(), forces, [8, at]), rows=10_000, rate=RATE)
+    forces = films(shares().log_ratios)[reference_index]
+    return sampled(build_signals(BUILT, BENCH, scene(), forces, [8, reference_index]), rows=10_000, rate=RATE)
 
 
 def with_force(samples: Samples, force: Floats) -> Measurement:
     volts = samples.volts.copy()
     volts[:, 2] = force
-    return reading(replace(samples, volts=volts), BENCH)
+    return measure_reading(replace(samples, volts=volts), BENCH)
 
 
 def filtered(volts: Floats, seconds: float) -> Floats:
@@ -47,11 +47,11 @@ def response(seconds: float) -> complex:
 
 
 def played(volts: Floats, width: float) -> Floats:
-    at, out = float(volts[0]), []
-    for one in volts.tolist():
-        at = min(max(at, one - width), one + width)
-        out.append(at)
-    return np.array(out)
+    position, output = float(volts[0]), []
+    for volt in volts.tolist():
+        position = min(max(position, volt - width), volt + width)
+        output.append(position)
+    return np.array(output)
 
 
 def describing(half_width: float) -> complex:
@@ -64,47 +64,47 @@ def describing(half_width: float) -> complex:
 def test_loss_bounds_play_and_filters() -> None:
     for half_width in (0.001, 0.01, 0.02, 0.05, 0.1):
         factor = describing(half_width)
-        bound = loss(np.angle(factor))
+        bound = estimate_amplitude_loss(np.angle(factor))
         assert 1 - abs(factor) < bound < 1.5 * (1 - abs(factor))
     lags = np.linspace(0.001, 1.0, 50)
-    assert all(1 - math.cos(lag) < loss(lag) for lag in lags)
+    assert all(1 - math.cos(lag) < estimate_amplitude_loss(lag) for lag in lags)
 
 
 def test_a_good_force_channel_does_not_lag() -> None:
-    found = with_force(pressed(), pressed().volts[:, 2])
-    lag, spread = force_lag(found, BENCH)
+    measurement = with_force(pressed(), pressed().volts[:, 2])
+    lag, spread = compute_force_lag(measurement, BENCH)
     assert abs(lag) < 3 * spread
-    assert (found.force_doubt, found.warnings) == (0.0, ())
+    assert (measurement.force_doubt, measurement.warnings) == (0.0, ())
     turned = with_force(pressed(), -pressed().volts[:, 2])  # a sensor the other way round
-    assert force_lag(turned, BENCH)[0] == pytest.approx(lag, abs=1e-3)
+    assert compute_force_lag(turned, BENCH)[0] == pytest.approx(lag, abs=1e-3)
 
 
 @pytest.mark.parametrize("seconds", [0.001, 0.004])
 def test_a_filter_s_lag_and_loss(seconds: float) -> None:
     samples = pressed()
-    found, good = with_force(samples, filtered(samples.volts[:, 2], seconds)), reading(samples, BENCH)
-    lag, spread = force_lag(found, BENCH)
+    measurement, good = with_force(samples, filtered(samples.volts[:, 2], seconds)), measure_reading(samples, BENCH)
+    lag, spread = compute_force_lag(measurement, BENCH)
     assert lag == pytest.approx(-np.angle(response(seconds)), abs=4 * spread)
     assert good.force
-    assert found.force
-    lost = 1 - found.force / good.force
+    assert measurement.force
+    lost = 1 - measurement.force / good.force
     assert lost == pytest.approx(1 - abs(response(seconds)), abs=2e-4)
-    assert lost < found.force_doubt
-    assert "the force channel lags" in found.warnings[-1]
+    assert lost < measurement.force_doubt
+    assert "the force channel lags" in measurement.warnings[-1]
 
 
 def test_play_is_seen_by_its_lag_and_its_loss_is_counted() -> None:
     """Of 2 % of the amplitude: before, nothing was said, and half of what the sensor's tolerance allows was lost."""
     samples = pressed()
     force = samples.volts[:, 2]
-    found, good = with_force(samples, played(force, 0.02 * np.ptp(force) / 2)), reading(samples, BENCH)
-    lag, spread = force_lag(found, BENCH)
+    measurement, good = with_force(samples, played(force, 0.02 * np.ptp(force) / 2)), measure_reading(samples, BENCH)
+    lag, spread = compute_force_lag(measurement, BENCH)
     assert lag == pytest.approx(-np.angle(describing(0.02)), abs=4 * spread + 1e-3)
     assert good.force
-    assert found.force
-    assert found.force_sd
-    stated = math.hypot(found.force_doubt, found.force_sd / found.force)  # by its lag, or its harmonics
-    assert 0.003 < 1 - found.force / good.force < stated < 0.02
+    assert measurement.force
+    assert measurement.force_sd
+    stated = math.hypot(measurement.force_doubt, measurement.force_sd / measurement.force)  # by its lag, or its harmonics
+    assert 0.003 < 1 - measurement.force / good.force < stated < 0.02
 
 
 def test_a_filter_of_10_ms_is_refused_and_a_known_delay_corrected() -> None:
@@ -114,20 +114,23 @@ def test_a_filter_of_10_ms_is_refused_and_a_known_delay_corrected() -> None:
         with_force(samples, filtered(samples.volts[:, 2], 0.01))
     late = np.roll(samples.volts[:, 2], 40)  # 20 ms
     assert BENCH.force
-    told = BENCH.model_copy(update={"force": BENCH.force.model_copy(update={"delay": 0.02})})
+    slow_bench = BENCH.model_copy(update={"force": BENCH.force.model_copy(update={"delay": 0.02})})
     volts = samples.volts.copy()
     volts[:, 2] = late
-    found = reading(replace(samples, volts=volts), told)
-    assert found.force_doubt == 0.0
+    measurement = measure_reading(replace(samples, volts=volts), slow_bench)
+    assert measurement.force_doubt == 0.0
     with pytest.raises(Flawed, match="lags"):
-        reading(replace(samples, volts=volts), BENCH)
+        measure_reading(replace(samples, volts=volts), BENCH)
 
 
 def test_doubt_of_all_readings_alike_does_not_average_out() -> None:
-    seen = [observed(reading(pressed(k), BENCH), one, scene()) for k, one in enumerate(BENCH.reference)]
+    seen = [
+        build_observation(measure_reading(pressed(k), BENCH), observed_reading, scene())
+        for k, observed_reading in enumerate(BENCH.reference)
+    ]
     assert BENCH.force
     bench = BENCH.model_copy(update={"force": BENCH.force.model_copy(update={"verified": True})})
-    good = estimated(seen, shares(), bench)
-    lagging = estimated([replace(one, force_doubt=0.04) for one in seen], shares(), bench)
+    good = estimate_gains(seen, shares(), bench)
+    lagging = estimate_gains([replace(observed_reading, force_doubt=0.04) for observed_reading in seen], shares(), bench)
     widened = np.sqrt(np.diag(lagging.covariance)[[0, 3]] - np.diag(good.covariance)[[0, 3]])
     assert widened == pytest.approx(0.04 * np.diag(good.matrix), rel=0.05)

@@ -8,9 +8,9 @@ import pytest
 from geometry import InputError
 from geometry.common.arrays import Floats
 from probe_design.built_probe.bench import Bench, bench_from_dict
-from probe_design.built_probe.block_predictions import inner_shares
-from probe_design.built_probe.gain_matrix import Gains, Observed, estimated
-from probe_design.built_probe.trusted_gains import trusted
+from probe_design.built_probe.block_predictions import compute_inner_shares
+from probe_design.built_probe.gain_matrix import Gains, Observation, estimate_gains
+from probe_design.built_probe.trusted_gains import estimate_trusted_gains
 from tests.support.hw.benches import BENCH, shares
 
 LOAD, NOISE = 10e-3, 1.5e-5  # N
@@ -21,24 +21,26 @@ FILMS = TRUTH @ (LOAD * np.array([0.4, 0.6]))  # what is read on soft tissue
 def leaking(pin: float, ring: float, leak: float | None = None) -> tuple[Gains, tuple[str, ...]]:
     """Gains from readings that are exact but for what pin and ring leak; ``leak``: believed in, in place of the bench's."""
     bench = BENCH if leak is None else stated(leak)
-    parts = inner_shares(shares().log_ratios, bench.reference)
-    parts = parts + [{"inner": -pin, "outer": ring}.get(one.on, 0.0) for one in bench.reference]
+    parts = compute_inner_shares(shares().log_ratios, bench.reference)
+    parts = parts + [{"inner": -pin, "outer": ring}.get(reference.on, 0.0) for reference in bench.reference]
     read = [TRUTH @ (LOAD * np.array([part, 1 - part])) for part in parts]
     pairs = zip(bench.reference, read, strict=True)
-    seen = [Observed(one, y, NOISE**2 * np.eye(2), LOAD, 1e-3 * LOAD) for one, y in pairs]
-    return trusted(seen, shares(), bench) if leak is None else (estimated(seen, shares(), bench), ())
+    seen = [Observation(reference, y, NOISE**2 * np.eye(2), LOAD, 1e-3 * LOAD) for reference, y in pairs]
+    return estimate_trusted_gains(seen, shares(), bench) if leak is None else (estimate_gains(seen, shares(), bench), ())
 
 
 def stated(leak: float) -> Bench:
-    kept = [one if one.on == "tissue" else one.model_copy(update={"leak": leak}) for one in BENCH.reference]
+    kept = [
+        reference if reference.on == "tissue" else reference.model_copy(update={"leak": leak}) for reference in BENCH.reference
+    ]
     return BENCH.model_copy(update={"reference": tuple(kept)})
 
 
-def off(gains: Gains) -> Floats:
+def find_error(gains: Gains) -> Floats:
     """Errors of the ratio on tissue, of both cross-talks, over their standard deviations."""
-    forces = gains.forces(FILMS)
+    forces = gains.compute_forces(FILMS)
     slopes = np.array([1.0, -1.0]) / forces
-    spread = np.sqrt(slopes @ gains.forces_covariance(FILMS, np.zeros((2, 2))) @ slopes)
+    spread = np.sqrt(slopes @ gains.compute_forces_covariance(FILMS, np.zeros((2, 2))) @ slopes)
     cross = (gains.matrix - TRUTH).ravel()[[1, 2]] / np.sqrt(np.diag(gains.covariance))[[1, 2]]
     return np.array([np.log(forces[0] / forces[1] / (0.4 / 0.6)) / spread, *cross])
 
@@ -46,16 +48,16 @@ def off(gains: Gains) -> Floats:
 @pytest.mark.parametrize(("pin", "ring"), [(0.01, 0.0), (0.0, 0.01), (0.03, 0.0), (0.0, 0.03), (0.03, 0.03), (0.0, 0.0)])
 def test_a_leak_lies_within_what_is_stated(pin: float, ring: float) -> None:
     gains, notes = leaking(pin, ring)
-    assert np.abs(off(gains)).max() < 1.96
-    assert sum("does it touch both blocks?" in one for one in notes) == (pin > 0.02) + (ring > 0.02)
+    assert np.abs(find_error(gains)).max() < 1.96
+    assert sum("does it touch both blocks?" in note for note in notes) == (pin > 0.02) + (ring > 0.02)
     assert "does not state what fraction of their load pin" in notes[-1]
 
 
 @pytest.mark.parametrize(("pin", "ring", "ratio", "cross"), [(0.0, 0.01, 2.0, 6.0), (0.01, 0.0, 1.5, 5.0)])
 def test_taken_as_perfect_they_were_off_by_many_standard_deviations(pin: float, ring: float, ratio: float, cross: float) -> None:
     gains, _ = leaking(pin, ring, leak=0.0)
-    assert abs(off(gains)[0]) > ratio
-    assert np.abs(off(gains)).max() > cross
+    assert abs(find_error(gains)[0]) > ratio
+    assert np.abs(find_error(gains)).max() > cross
 
 
 def test_a_pin_half_on_the_other_block_is_refused() -> None:
@@ -64,7 +66,7 @@ def test_a_pin_half_on_the_other_block_is_refused() -> None:
 
 
 def test_leaks_belong_to_pins_and_rings() -> None:
-    told = {"reference": [{"youngs_modulus": "3 kPa", "leak": 0.01}]}
+    bench_table = {"reference": [{"youngs_modulus": "3 kPa", "leak": 0.01}]}
     with pytest.raises(InputError, match="given for a pin or a ring"):
-        bench_from_dict(told)
-    assert [one.strays for one in BENCH.reference] == [0.007, 0.007, 0, 0, 0, 0, 0]
+        bench_from_dict(bench_table)
+    assert [reference.leak_sd for reference in BENCH.reference] == [0.007, 0.007, 0, 0, 0, 0, 0]

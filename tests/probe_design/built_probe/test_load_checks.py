@@ -11,12 +11,12 @@ from geometry.scenes.scene import Load
 from hw.common.samples import Samples
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.calibration import calibrate
-from probe_design.built_probe.load_checks import check_expected, remedy
-from probe_design.built_probe.virtual_probe import Built, signals
+from probe_design.built_probe.load_checks import check_expected, describe_remedy
+from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals
 from probe_design.probe_check.check import check
 from tests.support.hw.benches import BENCH, LOAD, films, sampled, scene, shares
 
-STILL = Built(drift=0.0, offsets=(0.0, 0.0, 0.0))
+STILL = BuiltProperties(drift=0.0, offsets=(0.0, 0.0, 0.0))
 ALONE = BENCH.model_copy(update={"force": None})
 
 
@@ -26,12 +26,12 @@ def pressed(load: float = LOAD) -> Scene:
 
 def readings(factor: float, bench: Bench = BENCH, channels: int = 3) -> list[Samples]:
     """On the bench's references, with the films' volts ``factor`` times what they are."""
-    found = [
-        sampled(signals(STILL, bench, scene(), one, [9, k]), channels=channels)
-        for k, one in enumerate(films(shares().log_ratios, bench))
+    samples = [
+        sampled(build_signals(STILL, bench, scene(), sample, [9, k]), channels=channels)
+        for k, sample in enumerate(films(shares().log_ratios, bench))
     ]
     turn = [factor, factor, 1.0][:channels]
-    return [replace(one, volts=one.volts * turn) for one in found]
+    return [replace(sample, volts=sample.volts * turn) for sample in samples]
 
 
 @pytest.mark.parametrize(
@@ -51,16 +51,16 @@ def test_a_check_in_another_unit_is_refused() -> None:
 
 
 def test_a_calibration_off_by_ten_is_told() -> None:
-    found = calibrate(pressed(), ALONE, readings(0.1, ALONE, 2), shares())
-    (warning,) = (one for one in found.warnings if "to be pressed" in one)
+    fitted = calibrate(pressed(), ALONE, readings(0.1, ALONE, 2), shares())
+    (warning,) = (text for text in fitted.warnings if "to be pressed" in text)
     assert "1:10 probe factor" in warning
     assert "block of 60 kPa" in warning
 
 
 @pytest.mark.parametrize("load", [0.6 * LOAD, LOAD, 1.7 * LOAD])
 def test_a_calibration_at_about_the_scene_s_load_is_not_remarked_on(load: float) -> None:
-    found = calibrate(pressed(load), ALONE, readings(1.0, ALONE, 2), shares())
-    assert not any("to be pressed" in one for one in found.warnings)
+    fitted = calibrate(pressed(load), ALONE, readings(1.0, ALONE, 2), shares())
+    assert not any("to be pressed" in warning for warning in fitted.warnings)
 
 
 def test_bounds_of_what_is_doubtful_and_what_is_refused() -> None:
@@ -77,4 +77,4 @@ def test_bounds_of_what_is_doubtful_and_what_is_refused() -> None:
 
 @pytest.mark.parametrize("factor", [0.0, -3.0, 1e300, 1e-300, float("inf")])
 def test_a_remedy_for_any_factor(factor: float) -> None:
-    assert remedy(factor).startswith("Check the units")
+    assert describe_remedy(factor).startswith("Check the units")

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from geometry import InputError
-from probe_design.built_probe.probe_identity import board_serial, check_serials, common_serial
+from probe_design.built_probe.probe_identity import check_serials, find_common_serial, read_board_serial
 
 
 @pytest.mark.parametrize(
@@ -26,7 +26,7 @@ from probe_design.built_probe.probe_identity import board_serial, check_serials,
     ],
 )
 def test_a_board_s_serial_number(source: dict[str, Any], serial: str | None) -> None:
-    assert board_serial(source) == serial
+    assert read_board_serial(source) == serial
 
 
 def test_another_probe_is_refused_unless_allowed() -> None:
@@ -47,6 +47,6 @@ def test_one_probe_is_not_remarked_on_and_an_unknown_one_is() -> None:
 
 
 def test_what_several_readings_have_in_common() -> None:
-    assert common_serial({"1": "A17", "2": "A17"}) == "A17"
-    assert common_serial({"1": "A17", "2": None}) is None
-    assert common_serial({"1": "A17", "2": "B2"}) is None
+    assert find_common_serial({"1": "A17", "2": "A17"}) == "A17"
+    assert find_common_serial({"1": "A17", "2": None}) is None
+    assert find_common_serial({"1": "A17", "2": "B2"}) is None

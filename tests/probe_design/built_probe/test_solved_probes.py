@@ -21,9 +21,9 @@ def test_an_interrupted_study_goes_on(tmp_path: Path) -> None:
     first.get(0, None, lambda: np.array([0.1, -0.3]))
     first.get(1, "probe.gap", lambda: np.array([0.2]))
     path.write_text(path.read_text()[:-5])
-    again = SolvedProbes(path, None)
-    assert again.get(0, None, never).tolist() == [0.1, -0.3]
-    assert again.get(1, "probe.gap", lambda: np.array([0.2])).tolist() == [0.2]
+    reopened = SolvedProbes(path, None)
+    assert reopened.get(0, None, never).tolist() == [0.1, -0.3]
+    assert reopened.get(1, "probe.gap", lambda: np.array([0.2])).tolist() == [0.2]
     assert SolvedProbes(path, None).get(1, "probe.gap", never).tolist() == [0.2]
     with pytest.raises(AssertionError):
         SolvedProbes(path, 0.05).get(0, None, never)

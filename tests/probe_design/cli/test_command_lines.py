@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from probe_design.cli.main import VERBS
+from probe_design.cli.main import COMMANDS
 from tests.support.paths import SCENE
 from tests.support.program import run
 
@@ -34,7 +34,7 @@ VALUES = st.one_of(
     st.text(st.characters(exclude_characters="\0"), max_size=8),
     st.floats().map(str),
 )  # fmt: skip
-OPTIONS = {verb.name: [one for one in verb.params if isinstance(one, click.Option)] for verb in VERBS}
+OPTIONS = {verb.name: [parameter for parameter in verb.params if isinstance(parameter, click.Option)] for verb in COMMANDS}
 
 
 @st.composite
@@ -57,7 +57,7 @@ def answered_or_refused(words: list[str], folder: Path) -> None:
         assert (ended.returncode, ended.stdout) == (2, ""), ended.stderr
         assert ended.stderr.count("\n") == 1
     assert "defect" not in ended.stderr
-    assert all(one.isprintable() or one == "\n" for one in ended.stderr + ended.stdout)
+    assert all(character.isprintable() or character == "\n" for character in ended.stderr + ended.stdout)
 
 
 @pytest.fixture(scope="module")

@@ -59,8 +59,8 @@ def _scene(path: Path) -> None:
 
 def _calibration(path: Path) -> None:
     read = read_record(path)
-    read.scene_read()
-    read.bench_read()
+    read.build_scene()
+    read.build_bench()
 
 
 def _readings(path: Path) -> None:
@@ -89,7 +89,7 @@ FORMATS = {
     "scene": Format(".toml", tomllib.loads((EXAMPLES / "two-tumours.toml").read_text()), _scene),
     "bench": Format(".toml", CALIBRATION["bench"], read_bench),
     "calibration": Format(".toml", CALIBRATION, _calibration),
-    "sweep": Format(".toml", SWEEP, lambda path: read_sweep(path).designs()),
+    "sweep": Format(".toml", SWEEP, lambda path: read_sweep(path).list_designs()),
     "readings": Format(".toml", READINGS, _readings),
     "readings as CSV": Format(".csv", CSV, _readings),
 }
@@ -173,15 +173,15 @@ def recorded(folder: Path) -> bytes:
     return (folder / "run.probe").read_bytes()
 
 
-def headed(header: object, rest: bytes) -> bytes:
-    return json.dumps(header, default=str).encode() + b"\n" + rest
+def headed(header: object, body: bytes) -> bytes:
+    return json.dumps(header, default=str).encode() + b"\n" + body
 
 
 def recorded_waveforms(note: str, data: bytes) -> bytes:
     source = {"transport": "visa", "serial": "1", "scale": [1e-3, 1e-3]}
     header = {"format": "probe-design recording", "version": 1, "kind": "waveforms", "rate": 1000.0, "size": 0, "stream": 0}
-    told = note.encode("utf-8", "surrogatepass")[:65535]
-    body = struct.pack("<4sdHHI", b"READ", 0.0, 0, len(told), len(data)) + told + data
+    encoded = note.encode("utf-8", "surrogatepass")[:65535]
+    body = struct.pack("<4sdHHI", b"READ", 0.0, 0, len(encoded), len(data)) + encoded + data
     names = {"channels": ["inner", "outer"], "scale": [1e-3, 1e-3], "source": source}
     return headed(header | names, body + struct.pack("<I", zlib.crc32(body)))
 
@@ -192,10 +192,10 @@ NOTE = {"dialect": "rigol", "scales": [PREAMBLE, PREAMBLE], "lengths": [3, 3]}
 
 
 def corrupted_recording(recorded: bytes, folder: Path, data: st.DataObject) -> None:
-    line, _, rest = recorded.partition(b"\n")
+    line, _, body = recorded.partition(b"\n")
     kind = data.draw(st.sampled_from(["header", "header", "bytes", "note"]))
     if kind == "header":
-        content = headed(data.draw(mutated(json.loads(line))), rest)
+        content = headed(data.draw(mutated(json.loads(line))), body)
     elif kind == "bytes":
         content = data.draw(garbled(recorded))
     else:
@@ -230,8 +230,8 @@ def test_waveforms_are_read(folder: Path) -> None:
      ("kind", "waves"), ("source", {"serial": float("nan")}), ("version", "1"), ("format", {}), ("extra", 1)],
 )  # fmt: skip
 def test_a_header_of_wrong_types_is_no_recording(recorded: bytes, tmp_path: Path, key: str, value: object) -> None:
-    line, _, rest = recorded.partition(b"\n")
-    (tmp_path / "x").write_bytes(headed(json.loads(line) | {key: value}, rest))
+    line, _, body = recorded.partition(b"\n")
+    (tmp_path / "x").write_bytes(headed(json.loads(line) | {key: value}, body))
     with pytest.raises(InvalidSource, match=r"^\S+ is not a recording: it does not begin with the line that describes it"):
         Recording(tmp_path / "x")
 
@@ -284,7 +284,7 @@ def test_a_recording_whose_name_is_too_long_is_refused(tmp_path: Path) -> None:
     assert "no such file" in refused("read", SCENE, "--replay", tmp_path / f"{'x' * 5000}.probe")
 
 
-def other(name: str, folder: Path) -> Path:
+def write_other(name: str, folder: Path) -> Path:
     """What is no file of triangles: a pipe that nobody writes to, without end, huge but empty, a loop, a folder, a long name."""
     path = folder / "body.stl"
     if name == "a pipe":
@@ -303,6 +303,6 @@ def other(name: str, folder: Path) -> Path:
 def test_what_is_no_surface_is_refused(name: str, verb: str, tmp_path: Path) -> None:
     scene = tomllib.loads(SCENE.read_text())
     body = {key: value for key, value in scene["inclusion"][0].items() if key != "diameter"}
-    text = tomli_w.dumps(scene | {"inclusion": [body | {"surface": str(other(name, tmp_path))}]})
+    text = tomli_w.dumps(scene | {"inclusion": [body | {"surface": str(write_other(name, tmp_path))}]})
     (tmp_path / "scene.toml").write_text(text)
     assert "inclusion[0].surface" in refused(verb, tmp_path / "scene.toml", "--json")

@@ -21,14 +21,18 @@ def test_json_and_picture(tmp_path: Path) -> None:
     ended = run("curve", SCENE, "--from", "100 Pa", "--to", "1 MPa", "--points", "11", "--json", "--plot", picture)
     assert ended.returncode == 0, ended.stderr
     assert ended.stderr == ""
-    found = json.loads(ended.stdout)
-    modulus, ratio, told = (np.array(found[key]) for key in ("youngs_modulus", "ratio", "log_sensitivity"))
+    output = json.loads(ended.stdout)
+    modulus, ratio, log_sensitivity = (np.array(output[key]) for key in ("youngs_modulus", "ratio", "log_sensitivity"))
     assert modulus == pytest.approx(np.geomspace(100, 1e6, 11), rel=1e-12)
-    assert len(ratio) == len(told) == len(found["error_estimate"]) == 11
-    assert max(found["error_estimate"]) <= 0.01
+    assert len(ratio) == len(log_sensitivity) == len(output["error_estimate"]) == 11
+    assert max(output["error_estimate"]) <= 0.01
     # the integral of the log-sensitivity is ln of the ratio: Simpson's rule on a logarithmic scale, to its own error
     step = np.log(modulus[1] / modulus[0])
-    simpson = step / 3 * (told[0] + 4 * told[1::2].sum() + 2 * told[2:-1:2].sum() + told[-1])
+    simpson = (
+        step
+        / 3
+        * (log_sensitivity[0] + 4 * log_sensitivity[1::2].sum() + 2 * log_sensitivity[2:-1:2].sum() + log_sensitivity[-1])
+    )
     assert simpson == pytest.approx(np.log(ratio[-1] / ratio[0]), rel=0.02)
     assert matplotlib.image.imread(picture).shape[:2] == (1050, 1200)
 
@@ -41,13 +45,13 @@ def test_table(tmp_path: Path) -> None:
 
 
 def test_curve_passes_through_evaluate() -> None:
-    one = named("axisymmetric", "soft-cyst")
-    modulus = one.scene.inclusion[0].youngs_modulus
+    reference = named("axisymmetric", "soft-cyst")
+    modulus = reference.scene.inclusion[0].youngs_modulus
     ends = ("--from", f"{modulus} Pa", "--to", f"{2 * modulus} Pa", "--points", "2")
     ended = run("curve", SCENE, *ends, "--accuracy", "0.001", "--json")
-    found = json.loads(ended.stdout)
-    assert found["ratio"][0] == pytest.approx(one.ratio, rel=found["error_estimate"][0])
-    assert found["log_sensitivity"][0] == pytest.approx(one.log_sensitivity, rel=5e-3)
+    output = json.loads(ended.stdout)
+    assert output["ratio"][0] == pytest.approx(reference.ratio, rel=output["error_estimate"][0])
+    assert output["log_sensitivity"][0] == pytest.approx(reference.log_sensitivity, rel=5e-3)
 
 
 @pytest.mark.parametrize(

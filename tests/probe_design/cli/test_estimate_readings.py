@@ -50,26 +50,26 @@ def _of_another_probe(place: Path) -> None:
     (place / "other.json").write_text(ended.stdout)
 
 
-def told(folder: Path, *words: str) -> dict[str, Any]:
+def run_json(folder: Path, *words: str) -> dict[str, Any]:
     ended = program.run("estimate", "scene.toml", *words, "--json", cwd=folder)
     assert ended.returncode == 0, ended.stderr
-    found: dict[str, Any] = json.loads(ended.stdout)
-    return found
+    output: dict[str, Any] = json.loads(ended.stdout)
+    return output
 
 
 def test_recordings_to_the_modulus(folder: Path) -> None:
-    found = told(folder, "--calibration", "probe.toml", "--reading", "a.probe", "b.h5")
-    low, high = found["interval"]
+    output = run_json(folder, "--calibration", "probe.toml", "--reading", "a.probe", "b.h5")
+    low, high = output["interval"]
     assert low < 30e3 < high < 4 * low  # the scene's tumour
-    single = told(folder, "--reading", "b.json")
-    assert len(found["noise"]) == 2
-    assert single["noise"][0] < found["noise"][1]  # two share the calibration's error
+    single = run_json(folder, "--reading", "b.json")
+    assert len(output["noise"]) == 2
+    assert single["noise"][0] < output["noise"][1]  # two share the calibration's error
 
 
 @pytest.mark.slow
 def test_json_is_the_same_as_its_recording(folder: Path) -> None:
-    first = told(folder, "--reading", "b.json")
-    second = told(folder, "--reading", "b.h5", "--calibration", "probe.toml")
+    first = run_json(folder, "--reading", "b.json")
+    second = run_json(folder, "--reading", "b.h5", "--calibration", "probe.toml")
     for key in ("interval", "noise", "youngs_modulus", "warnings"):
         assert first[key] == second[key], key
 
@@ -78,7 +78,7 @@ def test_two_readings_with_equal_values_are_two(folder: Path) -> None:
     ended = program.run("read", "scene.toml", "--replay", "a.probe", "--calibration", "probe.toml", "--json", cwd=folder)
     equal = json.loads((folder / "b.json").read_text()) | {"fingerprint": json.loads(ended.stdout)["fingerprint"]}
     (folder / "equal.json").write_text(json.dumps(equal))
-    assert len(told(folder, "--reading", "b.json", "equal.json")["noise"]) == 2
+    assert len(run_json(folder, "--reading", "b.json", "equal.json")["noise"]) == 2
 
 
 @pytest.mark.parametrize(

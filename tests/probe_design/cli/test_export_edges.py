@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from geometry.scenes.scene import Contact, Scene
 from geometry.scenes.scene_file import read_scene, scene_to_toml
-from geometry.workshop.tolerance import UNBOUND
+from geometry.workshop.tolerance import NO_BUDGET
 from probe_design.cli.export import export
 from probe_design.optimisation import report
 from probe_design.workshop import package  # before anything is replaced, or what is replaced would stay in it
@@ -33,18 +33,23 @@ def handed(monkeypatch: pytest.MonkeyPatch) -> Handed:
     got: Handed = []
 
     def write(
-        probe: object, folder: Path, force: bool = False, asked: object = None, beside: Any = None, edge_radius: float = 0.0
+        probe: object,
+        folder: Path,
+        force: bool = False,
+        question_digest: object = None,
+        other_files: Any = None,
+        edge_radius: float = 0.0,
     ) -> tuple[Path, ...]:
         got.append(("parts", edge_radius))
-        beside["drawing.png"](folder / "drawing.png")
+        other_files["drawing.png"](folder / "drawing.png")
         return ()
 
     def draw(probe: object, path: Path, edge_radius: float = 0.0) -> None:
         got.append(("drawing", edge_radius))
 
-    monkeypatch.setattr("geometry.cad.export.export", write)
-    monkeypatch.setattr("geometry.cad.drawing.draw", draw)
-    for name, instead in (("write", write), ("draw", draw), ("ratio_budget", lambda scene, ratio: UNBOUND)):
+    monkeypatch.setattr("geometry.cad.export.export_parts", write)
+    monkeypatch.setattr("geometry.cad.drawing.draw_probe", draw)
+    for name, instead in (("write", write), ("draw_probe", draw), ("compute_ratio_budget", lambda scene, ratio: NO_BUDGET)):
         monkeypatch.setattr(package, name, instead)
     return got
 
@@ -63,11 +68,11 @@ class Best:
 
 
 @dataclass
-class Found:
+class FoundOptimum:
     best: Best
 
 
 def test_optimize(tmp_path: Path, scene: Scene, handed: Handed) -> None:
-    found: Any = Found(Best(scene))
-    report.write_all(found, tmp_path, lambda *_: None)
+    optimum: Any = FoundOptimum(Best(scene))
+    report.write_all(optimum, tmp_path, lambda *_: None)
     assert handed == [("parts", EDGE), ("drawing", EDGE)]

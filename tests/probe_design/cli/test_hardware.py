@@ -18,7 +18,7 @@ import h5py
 import numpy as np
 import pytest
 
-from probe_design.built_probe.virtual_probe import Built
+from probe_design.built_probe.virtual_probe import BuiltProperties
 from tests.support import program
 from tests.support.paths import DOCS, EXAMPLES, SCENE
 
@@ -36,9 +36,9 @@ def run(*arguments: str | Path, code: int = 0) -> program.Ended:
     return ended
 
 
-def told(*arguments: str | Path, code: int = 0) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads(run(*arguments, "--json", code=code).stdout)
-    return found
+def run_json(*arguments: str | Path, code: int = 0) -> dict[str, Any]:
+    output: dict[str, Any] = json.loads(run(*arguments, "--json", code=code).stdout)
+    return output
 
 
 def refused(*arguments: str | Path, code: int = 2) -> str:
@@ -88,7 +88,7 @@ def test_what_nobody_has_verified_is_counted_and_told(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def other(folder: Path) -> Path:
+def other_calibration(folder: Path) -> Path:
     """The calibration of another board of the same drawing."""
     text = (folder / "probe.toml").read_text()
     assert '\nserial = "VIRTUAL"\n' in text
@@ -97,23 +97,23 @@ def other(folder: Path) -> Path:
 
 
 @pytest.mark.parametrize("verb", ["read", "check", "estimate"])
-def test_a_calibration_of_another_board_is_refused(folder: Path, other: Path, verb: str) -> None:
+def test_a_calibration_of_another_board_is_refused(folder: Path, other_calibration: Path, verb: str) -> None:
     """Two probes of one drawing: a ratio of 0.70 +- 0.01 was read for 0.56."""
     source = ("--reading", folder / "run-3.probe") if verb == "estimate" else ("--virtual",)
-    message = refused(verb, SCENE, *source, "--calibration", other)
+    message = refused(verb, SCENE, *source, "--calibration", other_calibration)
     assert "serial number = A17 of the calibration; VIRTUAL of" in message
     assert "--any-probe" in message
 
 
-def test_readings_of_another_board_are_taken_where_that_is_asked_for(folder: Path, other: Path) -> None:
-    found = run("read", SCENE, "--virtual", "--seconds", "4", "--calibration", other, "--any-probe")
-    assert "serial numbers differ, as --any-probe allows" in found.stderr
+def test_readings_of_another_board_are_taken_where_that_is_asked_for(folder: Path, other_calibration: Path) -> None:
+    ended = run("read", SCENE, "--virtual", "--seconds", "4", "--calibration", other_calibration, "--any-probe")
+    assert "serial numbers differ, as --any-probe allows" in ended.stderr
 
 
 def test_a_reading_tells_its_board_and_one_of_another_is_refused_beside_it(folder: Path, tmp_path: Path) -> None:
-    found = told("read", SCENE, "--virtual", "--seconds", "4")
-    assert found["serial"] == "VIRTUAL"
-    (tmp_path / "one.json").write_text(json.dumps(found | {"serial": "B2"}))
+    output = run_json("read", SCENE, "--virtual", "--seconds", "4")
+    assert output["serial"] == "VIRTUAL"
+    (tmp_path / "one.json").write_text(json.dumps(output | {"serial": "B2"}))
     words = ("--reading", tmp_path / "one.json", "--reading", folder / "run-3.probe", "--calibration", folder / "probe.toml")
     assert "serial number = B2 of" in refused("estimate", SCENE, *words)
 
@@ -160,7 +160,7 @@ def test_millivolts_taken_as_volts_are_refused_without_a_force_channel(kind: str
 
 def test_calibrate_finds_the_true_gains_and_records_where_from(folder: Path) -> None:
     record = tomllib.loads((folder / "probe.toml").read_text())
-    built = Built()
+    built = BuiltProperties()
     for k in (0, 1):  # of the films, and of amplifiers whose Cf differs; far above the corner |H| is 1/Cf
         truth, spread = built.gains[k][k] / built.capacitance[k], record["covariance"][3 * k][3 * k] ** 0.5
         assert abs(record["matrix"][k][k] - truth) < 3.5 * spread < 0.15  # the force sensor is not confirmed
@@ -177,9 +177,9 @@ def test_calibrate_finds_the_true_gains_and_records_where_from(folder: Path) -> 
 def test_calibrate_again_from_the_recordings(folder: Path) -> None:
     replays = [word for k in range(7) for word in ("--replay", folder / f"run-{k + 1}.probe")]
     run("calibrate", SCENE, *replays, "--bench", VERIFIED, "--seconds", "10", "-o", folder / "again.toml")
-    first, again = (tomllib.loads((folder / name).read_text()) for name in ("probe.toml", "again.toml"))
-    assert again["matrix"] == first["matrix"]
-    assert again["reading"] == first["reading"]
+    first, repeated = (tomllib.loads((folder / name).read_text()) for name in ("probe.toml", "again.toml"))
+    assert repeated["matrix"] == first["matrix"]
+    assert repeated["reading"] == first["reading"]
 
 
 def test_one_recording_is_one_reading(folder: Path, tmp_path: Path) -> None:
@@ -196,47 +196,47 @@ def test_one_recording_is_one_reading(folder: Path, tmp_path: Path) -> None:
 
 
 def test_nothing_is_overwritten(folder: Path) -> None:
-    before = (folder / "probe.toml").read_bytes()
+    content = (folder / "probe.toml").read_bytes()
     assert "not taken" in refused("calibrate", SCENE, "--virtual", "-o", folder / "probe.toml")
-    assert (folder / "probe.toml").read_bytes() == before
+    assert (folder / "probe.toml").read_bytes() == content
     assert "never overwritten" in refused("read", SCENE, "--virtual", "--record", folder / "run-1.probe")
 
 
 def test_read_calibrated_agrees_with_the_prediction(folder: Path) -> None:
-    found = told("read", SCENE, "--virtual", "--calibration", folder / "probe.toml", "--seed", "3")
-    assert found.keys() >= KEYS
-    assert abs(found["z_ratio"]) < 3.5
-    assert found["ratio_uncertainty"] < 0.02 * found["ratio"]  # by noise, leaks, warming
-    assert (found["gaps"], found["overruns"], found["calibrated"]) == (0, 0, True)
+    output = run_json("read", SCENE, "--virtual", "--calibration", folder / "probe.toml", "--seed", "3")
+    assert output.keys() >= KEYS
+    assert abs(output["z_ratio"]) < 3.5
+    assert output["ratio_uncertainty"] < 0.02 * output["ratio"]  # by noise, leaks, warming
+    assert (output["gaps"], output["overruns"], output["calibrated"]) == (0, 0, True)
 
 
 def test_read_uncalibrated_is_off_and_says_by_how_much() -> None:
-    found = told("read", SCENE, "--virtual", "--seconds", "5")
-    assert found["ratio_uncertainty"] > 0.05 * found["ratio"]
-    assert abs(found["ratio"] / found["predicted_ratio"] - 1) > 0.03
-    assert any("not calibrated" in one for one in found["warnings"])
+    output = run_json("read", SCENE, "--virtual", "--seconds", "5")
+    assert output["ratio_uncertainty"] > 0.05 * output["ratio"]
+    assert abs(output["ratio"] / output["predicted_ratio"] - 1) > 0.03
+    assert any("not calibrated" in warning for warning in output["warnings"])
 
 
 def test_read_without_scene_takes_the_built_in_one() -> None:
-    found = told("read", "--virtual", "--seconds", "4")
-    assert found.keys() >= KEYS
-    assert found["predicted_ratio"] == pytest.approx(0.56295, rel=0.01)  # the probe of examples/scene.toml, by NGSolve
+    output = run_json("read", "--virtual", "--seconds", "4")
+    assert output.keys() >= KEYS
+    assert output["predicted_ratio"] == pytest.approx(0.56295, rel=0.01)  # the probe of examples/scene.toml, by NGSolve
 
 
 def test_replay_reads_what_was_read(tmp_path: Path) -> None:
-    live = told("read", SCENE, "--virtual", "--seconds", "4", "--record", tmp_path / "one.probe")
-    again = told("read", SCENE, "--replay", tmp_path / "one.probe", "--seconds", "4")
-    commands = [one.pop("provenance")["command"] for one in (live, again)]
-    assert again == live
+    live = run_json("read", SCENE, "--virtual", "--seconds", "4", "--record", tmp_path / "one.probe")
+    repeated = run_json("read", SCENE, "--replay", tmp_path / "one.probe", "--seconds", "4")
+    commands = [output.pop("provenance")["command"] for output in (live, repeated)]
+    assert repeated == live
     assert commands[0] != commands[1]
 
 
 def test_check_passes_a_probe_as_drawn(folder: Path) -> None:
-    found = told("check", "--virtual", "--calibration", folder / "probe.toml", "-o", folder / "check.json")
-    assert (found["passed"], found["failed"]) == (True, False)
-    assert {one["variable"] for one in found["tested"]} >= {"probe.inner_radius"}
-    assert all(one["reason"] for one in found["untested"])
-    assert json.loads((folder / "check.json").read_text()) == found
+    output = run_json("check", "--virtual", "--calibration", folder / "probe.toml", "-o", folder / "check.json")
+    assert (output["passed"], output["failed"]) == (True, False)
+    assert {entry["variable"] for entry in output["tested"]} >= {"probe.inner_radius"}
+    assert all(entry["reason"] for entry in output["untested"])
+    assert json.loads((folder / "check.json").read_text()) == output
 
 
 @pytest.mark.slow
@@ -256,10 +256,10 @@ def test_check_fails_a_probe_off_its_drawing_and_says_why(folder: Path) -> None:
     assert numbers(ended.stdout) == pytest.approx(
         documented("check --virtual --calibration verified.toml --built"), rel=0.05, abs=0.01
     )
-    found = json.loads((folder / "failed.json").read_text())
-    assert (found["passed"], found["failed"]) == (False, True)
-    best = next(one for one in found["explanations"] if one["variable"] == "probe.outer.youngs_modulus")
-    assert best["variable"] in found["alike"]
+    output = json.loads((folder / "failed.json").read_text())
+    assert (output["passed"], output["failed"]) == (False, True)
+    best = next(entry for entry in output["explanations"] if entry["variable"] == "probe.outer.youngs_modulus")
+    assert best["variable"] in output["alike"]
     assert abs(best["change"] - 12e3) < 3 * best["uncertainty"]
 
 
@@ -320,7 +320,7 @@ def test_ctrl_c_ends_cleanly(tmp_path: Path) -> None:
     output, errors = running.communicate(timeout=60)
     assert (running.returncode, output) == (130, "")
     assert "Traceback" not in errors
-    assert told("read", SCENE, "--replay", tmp_path / "long.probe", "--seconds", "1")["ratio"] > 0
+    assert run_json("read", SCENE, "--replay", tmp_path / "long.probe", "--seconds", "1")["ratio"] > 0
 
 
 def test_without_a_scene_the_bench_has_a_probe_that_can_be_read(tmp_path: Path) -> None:

@@ -31,9 +31,9 @@ SWALLOWED = "try:\n    signal.raise_signal(signal.SIGINT)\nexcept KeyboardInterr
 FALLEN = "class Handle:\n    def __del__(self):\n        signal.raise_signal(signal.SIGINT)\nHandle()\n"
 
 
-def program(body: str, before: str = "") -> tuple[int, str]:
+def program(body: str, setup: str = "") -> tuple[int, str]:
     """Exit code and standard error of the program whose verb is some lines of Python."""
-    text = HEAD.format(body=body.replace("\n", "\n        "), before=before)
+    text = HEAD.format(body=body.replace("\n", "\n        "), before=setup)
     ended = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, timeout=100, check=False)
     assert ended.stdout == ""
     return ended.returncode, ended.stderr
@@ -80,8 +80,8 @@ def test_one_that_comes_after_the_end_changes_nothing() -> None:
 def test_one_before_anybody_listens() -> None:
     finder = "class Finder:\n    def find_spec(self, name, *_):\n        if name[-10:] == 'interrupts': raise KeyboardInterrupt\n"
     text = finder + "import sys\nsys.meta_path.insert(0, Finder())\nfrom probe_design.__main__ import main\nmain()\n"
-    told = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, timeout=100, check=False)
-    assert (told.returncode, told.stderr) == (130, LINE)
+    ended = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, timeout=100, check=False)
+    assert (ended.returncode, ended.stderr) == (130, LINE)
 
 
 def test_what_nohup_ignores_is_ignored() -> None:
@@ -115,10 +115,10 @@ def ended(words: str, redirections: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_without_standard_error_a_refusal_goes_nowhere() -> None:
-    told = ended("evaluate absent.toml", "2>&-")
-    assert (told.returncode, told.stdout) == (2, "")
+    output = ended("evaluate absent.toml", "2>&-")
+    assert (output.returncode, output.stdout) == (2, "")
 
 
 def test_without_standard_output_there_is_no_answer() -> None:
-    told = ended(f"evaluate {shlex.quote(str(SCENE))} --evaluator published --json", ">&- <&-")
-    assert (told.returncode, told.stderr) == (1, "probe-design: output: Bad file descriptor\n")
+    output = ended(f"evaluate {shlex.quote(str(SCENE))} --evaluator published --json", ">&- <&-")
+    assert (output.returncode, output.stderr) == (1, "probe-design: output: Bad file descriptor\n")

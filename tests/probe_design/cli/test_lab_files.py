@@ -19,18 +19,18 @@ from tests.support.paths import SCENE
 SECONDS = ("--seconds", "4")
 
 
-def told(*arguments: str | Path) -> dict[str, Any]:
+def run_json(*arguments: str | Path) -> dict[str, Any]:
     ended = program.run("read", SCENE, *arguments, "--json")
     assert ended.returncode == 0, ended.stderr
-    found: dict[str, Any] = json.loads(ended.stdout)
-    return found
+    output: dict[str, Any] = json.loads(ended.stdout)
+    return output
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """With one reading of the virtual probe as every kind of file, and what was read live."""
     place = tmp_path_factory.mktemp("lab")
-    live = told("--virtual", *SECONDS, "--record", place / "run.probe")
+    live = run_json("--virtual", *SECONDS, "--record", place / "run.probe")
     (place / "live.json").write_text(json.dumps(live))
     with Reader.open(f"replay:{place / 'run.probe'}") as reader:
         samples = reader.collect(4.0)
@@ -54,14 +54,14 @@ MAPS = {
 
 @pytest.mark.parametrize("name", MAPS)
 def test_the_same_reading_from_any_file(name: str, folder: Path) -> None:
-    live, found = json.loads((folder / "live.json").read_text()), told("--replay", folder / name, *MAPS[name])
+    live, replayed = json.loads((folder / "live.json").read_text()), run_json("--replay", folder / name, *MAPS[name])
     for key in ("ratio", "ratio_uncertainty", "stress_inner", "stress_outer", "reference_force", "frequency"):
-        assert found[key] == pytest.approx(live[key], rel=1e-6), key
+        assert replayed[key] == pytest.approx(live[key], rel=1e-6), key
 
 
 def test_a_recording_becomes_hdf5_with_digests(folder: Path) -> None:
-    found = told("--replay", folder / "run.probe", "--record", folder / "run.h5", *SECONDS)
-    assert told("--replay", folder / "run.h5") | {"provenance": None} == found | {"provenance": None}
+    output = run_json("--replay", folder / "run.probe", "--record", folder / "run.h5", *SECONDS)
+    assert run_json("--replay", folder / "run.h5") | {"provenance": None} == output | {"provenance": None}
     with h5py.File(folder / "run.h5") as file:
         assert file.attrs["scene_sha256"] == hashlib.sha256(SCENE.read_bytes()).hexdigest()
         assert json.loads(file.attrs["placement"]) == [0.0, 0.0]

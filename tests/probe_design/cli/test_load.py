@@ -17,19 +17,19 @@ def test_json_and_picture(tmp_path: Path) -> None:
     picture = tmp_path / "loads.png"
     ended = run("load", SCENE, "--to", "0.04 N", "--points", "2", "--plot", picture, "--json")
     assert ended.returncode == 0
-    found = json.loads(ended.stdout)
-    assert all(len(found[key]) == 2 for key in KEYS)
-    assert found["force"] == pytest.approx([0.02, 0.04], rel=1e-6)
-    assert set(found["gap_closure_load"]) == {"force", "indentation", "by", "question", "known"}
+    output = json.loads(ended.stdout)
+    assert all(len(output[key]) == 2 for key in KEYS)
+    assert output["force"] == pytest.approx([0.02, 0.04], rel=1e-6)
+    assert set(output["gap_closure_load"]) == {"force", "indentation", "by", "question", "known"}
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.slow
 def test_loads_are_told_by_evaluate_and_plan_too() -> None:
     for verb in ("evaluate", "plan"):
-        found = json.loads(run(verb, SCENE, "--loads", "--json").stdout)
-        assert found["gap_closure_load"]["force"] == pytest.approx(0.45, abs=0.03)  # two other codes: 0.45 +- 0.02
-        assert found["linear_limit_load"]["force"] == pytest.approx(0.042, rel=0.06)
+        output = json.loads(run(verb, SCENE, "--loads", "--json").stdout)
+        assert output["gap_closure_load"]["force"] == pytest.approx(0.45, abs=0.03)  # two other codes: 0.45 +- 0.02
+        assert output["linear_limit_load"]["force"] == pytest.approx(0.042, rel=0.06)
 
 
 @pytest.mark.slow

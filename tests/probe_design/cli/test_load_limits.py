@@ -11,10 +11,10 @@ import pytest
 from geometry import Scene, read_scene
 from geometry.scenes.scene import Load
 from geometry.scenes.scene_file import scene_to_toml
-from probe_design.optimisation.candidate import candidate
+from probe_design.optimisation.candidate import evaluate_candidate
 from probe_design.optimisation.objective import Noise
 from solver import evaluate, load, plan
-from solver.contact.load_curve import ends_of
+from solver.contact.load_curve import find_load_ends
 from tests.support.paths import EXAMPLES, REFERENCE
 from tests.support.program import run
 
@@ -48,33 +48,33 @@ def scenes() -> dict[str, Scene]:
     }
 
 
-def asked(*words: str | Path) -> dict[str, Any]:
+def run_json(*words: str | Path) -> dict[str, Any]:
     ended = run(*words, "--json")
     assert ended.returncode == 0, ended.stderr
-    found = json.loads(ended.stdout)
-    return {key: found[key] for key in KEYS}
+    output = json.loads(ended.stdout)
+    return {key: output[key] for key in KEYS}
 
 
 @pytest.mark.parametrize("name", scenes())
 def test_every_command_says_the_same(name: str, tmp_path: Path) -> None:
     scene, path = scenes()[name], tmp_path / "scene.toml"
     path.write_text(scene_to_toml(scene))
-    expected = asked("plan", path)
+    expected = run_json("plan", path)
     assert expected["linear_limit_load"]["known"] == "bound"
-    assert expected["linear_limit_load"]["question"] in (one["question"] for one in expected["load_limits"].values() if one)
-    every = [("evaluate",), ("evaluate", "--linear"), ("evaluate", "--evaluator", "equivalent-inclusion")]
-    every += [("evaluate", "--evaluator", "closed-form")] if name != "layers" else []
-    for command, *options in every:
-        assert asked(command, path, *options) == expected, (command, options)
+    assert expected["linear_limit_load"]["question"] in (entry["question"] for entry in expected["load_limits"].values() if entry)
+    commands = [("evaluate",), ("evaluate", "--linear"), ("evaluate", "--evaluator", "equivalent-inclusion")]
+    commands += [("evaluate", "--evaluator", "closed-form")] if name != "layers" else []
+    for command, *options in commands:
+        assert run_json(command, path, *options) == expected, (command, options)
     if scene.target is not None:
         for command, words in MAPS.items():
-            assert asked(command, path, *words) == expected, command
+            assert run_json(command, path, *words) == expected, command
 
 
 def test_a_groove_changes_nothing(tmp_path: Path) -> None:
     path = tmp_path / "scene.toml"
     path.write_text(scene_to_toml(grooved()))
-    assert asked("plan", path) == asked("evaluate", path, "--evaluator", "axisymmetric")
+    assert run_json("plan", path) == run_json("evaluate", path, "--evaluator", "axisymmetric")
 
 
 @pytest.mark.parametrize("name", ["on the axis", "beside the axis", "soft blocks"])
@@ -84,7 +84,7 @@ def test_an_optimisation_presses_as_far_as_the_ratio_holds_to_one_percent(name: 
     assert limits.ratio is not None
     assert limits.gap_closure is not None
     judge = "equivalent-inclusion" if name == "beside the axis" else "axisymmetric"
-    pressed = candidate(scene, Noise.of(scene), judge).pressing
+    pressed = evaluate_candidate(scene, Noise.from_scene(scene), judge).pressing
     assert pressed.force == pytest.approx(min(limits.ratio.force, limits.gap_closure.force), rel=0.01)  # of three digits
     assert pressed.force <= limits.ratio.force
 
@@ -98,8 +98,8 @@ def test_finite_strain_changes_no_more_than_the_bounds_say(name: str) -> None:
     assert limits.log_sensitivity is not None
     assert limits.gap_closure is not None
     for limit, key, allowed in ((limits.ratio, "ratio", 0.01), (limits.log_sensitivity, "log_sensitivity", 0.05)):
-        one = limit if limit.force < limits.gap_closure.force else limits.gap_closure
-        pressed = evaluate(scene.model_copy(update={"load": Load(force=one.force)}), "contact", 2e-3)
+        lower_limit = limit if limit.force < limits.gap_closure.force else limits.gap_closure
+        pressed = evaluate(scene.model_copy(update={"load": Load(force=lower_limit.force)}), "contact", 2e-3)
         assert abs(getattr(pressed, key) / getattr(still, key) - 1) <= allowed
 
 
@@ -109,10 +109,10 @@ def test_computed_loads_are_those_of_the_load_curve(tmp_path: Path) -> None:
     scene = example()
     path = tmp_path / "scene.toml"
     path.write_text(scene_to_toml(scene))
-    expected = asked("plan", path, "--loads")
-    assert asked("load", path, "--to", "0.02 N", "--points", "1") == expected
-    assert asked("load", path, "--to", "0.1 N", "--points", "2") == expected
-    assert asked("evaluate", path, "--loads") == expected
+    expected = run_json("plan", path, "--loads")
+    assert run_json("load", path, "--to", "0.02 N", "--points", "1") == expected
+    assert run_json("load", path, "--to", "0.1 N", "--points", "2") == expected
+    assert run_json("evaluate", path, "--loads") == expected
     limits, bounds = plan(scene, loads=True).load_limits, plan(scene).load_limits
     assert limits.log_sensitivity is not None
     assert limits.log_sensitivity.known == "contact"
@@ -130,9 +130,9 @@ def test_computed_loads_are_those_of_the_load_curve(tmp_path: Path) -> None:
 def test_where_contact_finds_nothing_it_says_so() -> None:
     """Within 90 % no load that is reached is too large: the limits are null and a line says how far is known."""
     scene = read_scene(REFERENCE / "contact" / "paper.toml")
-    found = ends_of(scene, 0.9)
-    assert found.ratio is None
-    assert any("stays within 0.9 of linear elasticity up to" in note for note in found.notes)
+    limits = find_load_ends(scene, 0.9)
+    assert limits.ratio is None
+    assert any("stays within 0.9 of linear elasticity up to" in note for note in limits.notes)
 
 
 @pytest.mark.parametrize("name", ["on the axis", "soft blocks", "layers"])
@@ -141,6 +141,6 @@ def test_an_indentation_is_the_one_of_the_probe(name: str) -> None:
     scene = scenes()[name]
     stiffness = evaluate(scene, "axisymmetric").stiffness
     assert stiffness is not None
-    (line,) = (one.reason for one in plan(scene).decisions if one.feature == "finite strain")
+    (line,) = (decision.reason for decision in plan(scene).decisions if decision.feature == "finite strain")
     share = float(line.split(" mm, ")[1].split(" of the outer radius")[0])
     assert share == pytest.approx((scene.load.force or 0.0) / stiffness / scene.probe.tube_radius, rel=0.15)

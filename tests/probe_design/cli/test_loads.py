@@ -43,18 +43,18 @@ def test_a_load_that_is_too_large_is_refused_with_what_is_allowed(
     verb: str, heavy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    told = refused(verb, heavy, *VERBS[verb])
-    assert "allowed: up to 0.0" in told
-    assert "load" in told
+    message = refused(verb, heavy, *VERBS[verb])
+    assert "allowed: up to 0.0" in message
+    assert "load" in message
 
 
 @pytest.mark.parametrize("verb", slow_unless(lambda verb: verb == "evaluate", BY_CONTACT))
 def test_level_contact_answers_it(verb: str, heavy: Path) -> None:
-    found = json.loads(run(verb, heavy, *VERBS[verb], "--json").stdout)
-    assert found["evaluator"] == "contact"
-    beside = heavy.with_name("beside.toml")
-    beside.write_text(heavy.read_text().replace("[[inclusion]]", '[[inclusion]]\nx = "2 mm"'))
-    assert "allowed: up to 0.0" in refused(verb, beside, *VERBS[verb])
+    output = json.loads(run(verb, heavy, *VERBS[verb], "--json").stdout)
+    assert output["evaluator"] == "contact"
+    off_axis = heavy.with_name("beside.toml")
+    off_axis.write_text(heavy.read_text().replace("[[inclusion]]", '[[inclusion]]\nx = "2 mm"'))
+    assert "allowed: up to 0.0" in refused(verb, off_axis, *VERBS[verb])
 
 
 @pytest.mark.parametrize("verb", ["evaluate", "curve", "scan", "estimate", "read"])
@@ -62,21 +62,21 @@ def test_linear_answers_it_and_counts_the_effect(verb: str, heavy: Path) -> None
     """x is 0.138 at 70 mN, of which the ratio may change by a tenth (``tests/reference/contact`` has a stiffness of 93.2 N/m)."""
     ended = run(verb, heavy, *VERBS[verb], "--linear", "--json")
     assert ended.returncode == 0, ended.stderr
-    found = json.loads(ended.stdout)
+    output = json.loads(ended.stdout)
     if verb == "read":
-        assert found["predicted_ratio_uncertainty"] > 0.0138 / 3**0.5 * 0.563 * 0.99
+        assert output["predicted_ratio_uncertainty"] > 0.0138 / 3**0.5 * 0.563 * 0.99
         return
-    errors = found["error_estimate"]
+    errors = output["error_estimate"]
     assert min(errors) > 0.0125 if isinstance(errors, list) else errors > 0.0137
 
 
 @pytest.mark.slow
 def test_a_sweep_says_which_designs_are_pressed_too_hard(tmp_path: Path) -> None:
-    beside = tmp_path / "beside.toml"
-    beside.write_text(SCENE.read_text().replace("[[inclusion]]", '[[inclusion]]\nx = "2 mm"'))
+    off_axis = tmp_path / "beside.toml"
+    off_axis.write_text(SCENE.read_text().replace("[[inclusion]]", '[[inclusion]]\nx = "2 mm"'))
     for name, line, counts in (("auto", "", (1, 1)), ("linear", "linear = true\n", (2, 0))):
-        text = f'scene = "{beside}"\n{line}[variables."load.force"]\nvalues = ["10 mN", "70 mN"]\n'
+        text = f'scene = "{off_axis}"\n{line}[variables."load.force"]\nvalues = ["10 mN", "70 mN"]\n'
         (tmp_path / f"{name}.toml").write_text(text)
-        found = json.loads(run("sweep", tmp_path / f"{name}.toml", "-o", tmp_path / name, "--json").stdout)
-        assert (found["ok"], found["refused"]) == counts
+        output = json.loads(run("sweep", tmp_path / f"{name}.toml", "-o", tmp_path / name, "--json").stdout)
+        assert (output["ok"], output["refused"]) == counts
     assert "allowed: up to 0.02" in (tmp_path / "auto" / "results.csv").read_text()

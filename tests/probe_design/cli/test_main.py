@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from probe_design.cli.main import VERBS
+from probe_design.cli.main import COMMANDS
 from tests.support.paths import EXAMPLES, REFERENCE
 from tests.support.paths import SCENE as EXAMPLE
 from tests.support.program import refused, run, started
@@ -53,7 +53,7 @@ STARTED: dict[str, tuple[str | Path, ...]] = {  # the cheapest that each verb do
 LONG = ("load", "tradeoff")  # quick tests ask for them in this process, for less
 
 
-@pytest.mark.parametrize("verb", slow_unless(lambda verb: verb not in LONG, [verb.name for verb in VERBS]))
+@pytest.mark.parametrize("verb", slow_unless(lambda verb: verb not in LONG, [verb.name for verb in COMMANDS]))
 def test_every_verb_starts_as_a_command(verb: str, tmp_path: Path) -> None:
     if verb == "rerun":
         made = started("evaluate", SCENE, "--evaluator", "closed-form", "--json", cwd=tmp_path)
@@ -69,9 +69,9 @@ def test_every_verb_starts_as_a_command(verb: str, tmp_path: Path) -> None:
 def test_evaluate_prints_one_json_object(evaluator: str) -> None:
     ended = run("evaluate", SCENE, "--evaluator", evaluator, "--json")
     assert ended.returncode == 0, ended.stderr
-    found = json.loads(ended.stdout)
-    assert set(found) == KEYS
-    assert bool(found["plan"]) == (evaluator in ("auto", "equivalent-inclusion"))
+    output = json.loads(ended.stdout)
+    assert set(output) == KEYS
+    assert bool(output["plan"]) == (evaluator in ("auto", "equivalent-inclusion"))
     assert ended.stderr == ""
 
 
@@ -87,9 +87,9 @@ def test_charges_follow_equation_12(tmp_path: Path) -> None:
     scene = tmp_path / "scene.toml"
     film = '\n[probe.film]\nthickness = "110 um"\nd31 = "20 pC/N"\nd32 = "2 pC/N"\nd33 = "-20 pC/N"\npsi1 = 0.5\npsi2 = 1.0\n'
     scene.write_text(SCENE.read_text().replace("\n[tissue]", film + "\n[tissue]"))
-    found = json.loads(run("evaluate", scene, "--json").stdout)
+    output = json.loads(run("evaluate", scene, "--json").stdout)
     # Q = F (0.5 * 20 + 1 * 2 - 20) pC/N = -8 pC/N F, and A2 = pi (5 mm)^2
-    assert found["charge_inner"] == pytest.approx(-8e-12 * found["stress_inner"] * 3.141592653589793 * 25e-6, rel=1e-9)
+    assert output["charge_inner"] == pytest.approx(-8e-12 * output["stress_inner"] * 3.141592653589793 * 25e-6, rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -124,7 +124,7 @@ def test_charges_follow_equation_12(tmp_path: Path) -> None:
     ],
 )
 def test_refusals_are_one_line_and_exit_2(arguments: tuple[str | Path, ...], words: tuple[str, ...], tmp_path: Path) -> None:
-    line = refused(*(tmp_path / one if one == "unused" else one for one in arguments))
+    line = refused(*(tmp_path / argument if argument == "unused" else argument for argument in arguments))
     assert line.startswith("probe-design: ")
     for word in words:
         assert word in line
@@ -165,10 +165,10 @@ def test_binary_and_empty_files_are_refused(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_auto_does_not_answer_worse_than_asked() -> None:
     groove = REFERENCE / "solid" / "groove-on-axis.toml"
-    asked = run("evaluate", groove, "--accuracy", "0.001")
-    assert asked.returncode == 2
-    assert asked.stdout == ""
-    *progress, refusal = asked.stderr.splitlines()
+    worse = run("evaluate", groove, "--accuracy", "0.001")
+    assert worse.returncode == 2
+    assert worse.stdout == ""
+    *progress, refusal = worse.stderr.splitlines()
     assert all("accuracy" not in line for line in progress)
     assert re.search(r"accuracy = 0.001: allowed: 0.00\d+ or more for this scene .*solid reaches 0.00\d+", refusal)
     ended = run("evaluate", groove, "--evaluator", "axisymmetric", "--json")
@@ -207,11 +207,11 @@ def test_export_writes_files(tmp_path: Path) -> None:
         ("detectability", EXAMPLE, "--plot", "file/map.pdf"),
         ("evaluate", SCENE, "--evaluator", "solid", "--vtu", "file/mesh.vtu"),
     ],
-    ids=lambda one: one[0],
+    ids=lambda argument: argument[0],
 )
 def test_an_output_under_a_file_is_refused_before_any_work(arguments: tuple[str | Path, ...], tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
-    line = refused(*(tmp_path / one if str(one).startswith("file") else one for one in arguments))
+    line = refused(*(tmp_path / argument if str(argument).startswith("file") else argument for argument in arguments))
     assert f"{tmp_path / 'file'} is a file; give another folder, or move it away" in line
     assert (tmp_path / "file").read_text() == "in the way"
 
@@ -238,13 +238,13 @@ def test_a_folder_with_parts_of_an_unknown_design_is_refused_before_any_work(ver
 def test_an_optimum_is_not_replaced_under_its_report(tmp_path: Path) -> None:
     ended = run("optimize", EXAMPLE, "-o", tmp_path, "--starts", "1")
     assert ended.returncode in (0, 1), ended.stderr
-    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    other = EXAMPLES / "paper-study.toml"
-    for arguments in (("export", other), ("optimize", EXAMPLE, "--starts", "2")):
+    content = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    other_scene = EXAMPLES / "paper-study.toml"
+    for arguments in (("export", other_scene), ("optimize", EXAMPLE, "--starts", "2")):
         assert "another design" in refused(*arguments, "-o", tmp_path)
-    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == content
     assert run("export", tmp_path / "design.toml", "-o", tmp_path).returncode == 0
-    assert run("export", other, "-o", tmp_path, "--force").returncode == 0
+    assert run("export", other_scene, "-o", tmp_path, "--force").returncode == 0
     assert not {"report.html", "optimize.json", "candidates.csv", "design.toml"} & {path.name for path in tmp_path.iterdir()}
 
 

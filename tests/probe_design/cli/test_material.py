@@ -15,9 +15,9 @@ SCENE = (EXAMPLES / "scene.toml").read_text(encoding="utf-8")
 
 
 def test_the_list_names_all() -> None:
-    told = json.loads(run("material", "list", "--json").stdout)["materials"]
-    assert {"elastomer", "base", "film"} == {one["kind"] for one in told.values()}
-    assert [line.split()[0] for line in run("material", "list").stdout.splitlines()] == list(told)
+    output = json.loads(run("material", "list", "--json").stdout)["materials"]
+    assert {"elastomer", "base", "film"} == {entry["kind"] for entry in output.values()}
+    assert [line.split()[0] for line in run("material", "list").stdout.splitlines()] == list(output)
 
 
 @pytest.mark.parametrize(
@@ -26,14 +26,14 @@ def test_the_list_names_all() -> None:
 )
 def test_what_is_shown_is_a_table_of_a_scene(words: tuple[str, ...]) -> None:
     shown = tomllib.loads(run("material", "show", *words).stdout)
-    told = json.loads(run("material", "show", *words, "--json").stdout)
+    output = json.loads(run("material", "show", *words, "--json").stdout)
     ((_, table),) = shown["probe"].items()
-    assert [table] == list(told["table"].values())
-    assert set(told["sources"]) == set(table)
+    assert [table] == list(output["table"].values())
+    assert set(output["sources"]) == set(table)
     entries = tomllib.loads(SCENE)
     scene = scene_from_dict(entries | {"probe": entries["probe"] | shown["probe"]})
     (part,) = shown["probe"]
-    assert getattr(scene.probe, part).youngs_modulus == pytest.approx(told["youngs_modulus"])
+    assert getattr(scene.probe, part).youngs_modulus == pytest.approx(output["youngs_modulus"])
 
 
 def test_both_databases_and_their_licences_are_shown() -> None:

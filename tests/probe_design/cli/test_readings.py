@@ -16,13 +16,13 @@ from click.testing import CliRunner
 from geometry import InputError
 from hw.common.samples import Floats
 from hw.reader import Reader
-from hw.recordings.recording import sha256
+from hw.recordings.recording import compute_sha256
 from hw.signal.waveform import Flawed
 from hw.simulation.firmware import Fault
-from hw.simulation.virtual import virtual
+from hw.simulation.virtual import make_virtual_probe
 from probe_design.built_probe import film_forces, reading
-from probe_design.built_probe.calibration import calibrated
-from probe_design.built_probe.virtual_probe import Built, signals
+from probe_design.built_probe.calibration import calibrate_measurements
+from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals
 from probe_design.cli import hardware, hardware_sources, reference_readings
 from probe_design.cli.hardware_sources import HardwareSetup, SampleSource
 from solver.results.result import Result
@@ -37,7 +37,7 @@ Devices = Callable[[list[tuple[Fault, ...]]], None]
 
 
 def volts(k: int) -> Callable[[Floats], Floats]:
-    return signals(Built(), BENCH, scene(), 0.1 * np.array([0.5, 0.5]), [3, k])
+    return build_signals(BuiltProperties(), BENCH, scene(), 0.1 * np.array([0.5, 0.5]), [3, k])
 
 
 @pytest.fixture
@@ -49,8 +49,10 @@ def devices(monkeypatch: pytest.MonkeyPatch) -> Devices:
 
     def connect(faults: list[tuple[Fault, ...]]) -> None:
         first = next(connected)
-        boards = iter([virtual(volts(first + k), 500.0, channels=3, scale=2e-6, faults=one) for k, one in enumerate(faults)])
-        opened: Any = lambda name, *asked: real(next(boards) if name == "usb" else name, *asked)  # noqa: E731
+        boards = iter(
+            [make_virtual_probe(volts(first + k), 500.0, channels=3, scale=2e-6, faults=fault) for k, fault in enumerate(faults)]
+        )
+        opened: Any = lambda name, *options: real(next(boards) if name == "usb" else name, *options)  # noqa: E731
         monkeypatch.setattr(hardware_sources.Reader, "open", opened)
 
     monkeypatch.setattr(reference_readings, "_ask_for", lambda *what: None)
@@ -58,10 +60,10 @@ def devices(monkeypatch: pytest.MonkeyPatch) -> Devices:
 
 
 def read(source: SampleSource, capsys: pytest.CaptureFixture[str]) -> tuple[list[str], str]:
-    readings = reference_readings.readings(SETUP, source, PINS, 0)
-    files = [one.file for one in readings]
-    assert [len(one.samples) for one in readings] == [2500] * 3
-    assert [path is None or len(sha256(path)) == 64 for path in files] == [True] * 3
+    readings = reference_readings.read_references(SETUP, source, PINS, 0)
+    files = [reading.file for reading in readings]
+    assert [len(reading.samples) for reading in readings] == [2500] * 3
+    assert [path is None or len(compute_sha256(path)) == 64 for path in files] == [True] * 3
     return ["" if path is None else path.name for path in files], capsys.readouterr().err
 
 
@@ -77,23 +79,23 @@ def test_a_flawed_reading_is_read_again(devices: Devices, capsys: pytest.Capture
 def test_what_is_flawed_thrice_is_refused_by_name(devices: Devices) -> None:
     devices([GOOD, LOST, LOST, LOST])
     with pytest.raises(Flawed, match="ring on the outer block: samples from index"):
-        reference_readings.readings(SETUP, SampleSource(device="usb", seconds="5"), PINS, 0)
+        reference_readings.read_references(SETUP, SampleSource(device="usb", seconds="5"), PINS, 0)
 
 
 def test_cycles_are_judged_at_each_reading(devices: Devices) -> None:
     """Not after the last of them."""
     devices([GOOD] * 3)
     with pytest.raises(Flawed, match=r"pin on the inner block: 4\.99 cycles"):
-        reference_readings.readings(SETUP, SampleSource(device="usb", seconds="1"), PINS, 0)
+        reference_readings.read_references(SETUP, SampleSource(device="usb", seconds="1"), PINS, 0)
 
 
 def test_a_calibration_is_resumed(devices: Devices, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     source = SampleSource(device="usb", seconds="5", record=tmp_path / "run.probe")
     devices([GOOD, LOST, LOST, LOST])
     with pytest.raises(Flawed):
-        reference_readings.readings(SETUP, source, PINS, 0)
+        reference_readings.read_references(SETUP, source, PINS, 0)
     with pytest.raises(InputError, match="a name that is not taken"):
-        reference_readings.readings(SETUP, source, PINS, 0)
+        reference_readings.read_references(SETUP, source, PINS, 0)
     (tmp_path / "run-2-again3.probe").unlink()
     devices([GOOD, GOOD])
     files, _ = read(SampleSource(device="usb", seconds="5", record=tmp_path / "run.probe", resume=True), capsys)
@@ -110,15 +112,15 @@ def test_recorded_and_live_readings_are_mixed(devices: Devices, capsys: pytest.C
 
 def test_read_predicts_before_the_board_starts(monkeypatch: pytest.MonkeyPatch) -> None:
     """It sent START, and computed while nobody read: 4 of 10 s were lost with a buffer of 100 ms."""
-    board = virtual(volts(0), 500.0, channels=3, scale=2e-6)
+    board = make_virtual_probe(volts(0), 500.0, channels=3, scale=2e-6)
     real, running = Reader.open, []
 
     def predicts(*given: Any) -> Result:
         running.append(board.firmware.stream)
         return Result("none", 0.0, stress_inner=500.0, stress_outer=900.0, ratio=0.55, error_estimate=1e-3)
 
-    monkeypatch.setattr(hardware_sources.Reader, "open", lambda name, *asked: real(board))
-    monkeypatch.setattr(reading, "prediction", predicts)
+    monkeypatch.setattr(hardware_sources.Reader, "open", lambda name, *options: real(board))
+    monkeypatch.setattr(reading, "predict_scene", predicts)
     ended = CliRunner().invoke(hardware.read, [str(SCENE), "--device", "usb", "--seconds", "5", "--json"])
     assert ended.exit_code == 0, ended.output
     assert running == [0]
@@ -128,10 +130,10 @@ def test_read_predicts_before_the_board_starts(monkeypatch: pytest.MonkeyPatch) 
 def test_rate_and_columns_beside_a_recording_of_ours_are_the_device_s(devices: Devices, tmp_path: Path) -> None:
     devices([GOOD])
     live = SampleSource(device="usb", seconds="5", record=tmp_path / "run.probe")
-    with live.openers(lambda: (), 1, pace=False)[0]() as reader:
+    with live.build_openers(lambda: (), 1, pace=False)[0]() as reader:
         reader.collect(5.0, live.record)
     source = SampleSource(device="usb", replay=(tmp_path / "run.probe",), rate="1 kHz", column=("force=4",))
-    with source.openers(lambda: (), 2, pace=False)[0]() as reader:
+    with source.build_openers(lambda: (), 2, pace=False)[0]() as reader:
         assert len(reader.collect(5.0)) == 2500
 
 
@@ -145,7 +147,7 @@ def test_rate_and_columns_beside_a_recording_of_ours_are_the_device_s(devices: D
 )  # fmt: skip
 def test_sources_that_contradict_each_other(given: dict[str, Any], words: str) -> None:
     with pytest.raises(InputError, match=words):
-        SampleSource(**given).openers(lambda: (), 3, pace=False)
+        SampleSource(**given).build_openers(lambda: (), 3, pace=False)
 
 
 def test_each_reading_is_fitted_once(devices: Devices, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -153,11 +155,13 @@ def test_each_reading_is_fitted_once(devices: Devices, monkeypatch: pytest.Monke
     devices([GOOD] * 3)
     fits: list[int] = []  # rows of each
     real = film_forces.measure
-    monkeypatch.setattr(film_forces, "measure", lambda samples, *rest: fits.append(len(samples)) or real(samples, *rest))
-    readings = reference_readings.readings(SETUP, SampleSource(device="usb", seconds="5"), PINS, 0)
+    monkeypatch.setattr(film_forces, "measure", lambda samples, *options: fits.append(len(samples)) or real(samples, *options))
+    readings = reference_readings.read_references(SETUP, SampleSource(device="usb", seconds="5"), PINS, 0)
     known = replace(shares(), blocks=shares().blocks[:1])
     with pytest.raises(InputError, match="readings that agree"):  # pressed on the same thing thrice
-        calibrated(SETUP.scene, BENCH.model_copy(update={"reference": PINS}), [one.measurement for one in readings], known)
+        calibrate_measurements(
+            SETUP.scene, BENCH.model_copy(update={"reference": PINS}), [reading.measurement for reading in readings], known
+        )
     assert fits == [2500] * 3
 
 
@@ -167,19 +171,19 @@ def test_names_of_hdf5_recordings_may_be_as_long_as_the_disk_allows(length: int,
     path = tmp_path / f"{'a' * (length - 3)}.h5"
     source = SampleSource(device="usb", record=path)
     if length <= 249:
-        assert source.recordings(1) == (path,)
-        with Reader.open(virtual(volts(0), 500.0, channels=3, scale=2e-6)) as reader:
+        assert source.list_new_recordings(1) == (path,)
+        with Reader.open(make_virtual_probe(volts(0), 500.0, channels=3, scale=2e-6)) as reader:
             reader.collect(0.1, path)
         assert path.exists()
         return
     with pytest.raises(InputError, match=r"record = .*: allowed: the name of a file that can be written"):
-        source.recordings(1)
+        source.list_new_recordings(1)
 
 
 def test_a_killed_reading_counts_as_recorded(tmp_path: Path) -> None:
     """Its name is taken, and who resumes gets it for the reading that it was."""
     source = SampleSource(device="usb", record=tmp_path / "run.h5", resume=True)
     (tmp_path / "run-2.h5.probe").touch()
-    assert source.recorded(3) == (None, tmp_path / "run-2.h5.probe", None)
+    assert source.list_recorded_files(3) == (None, tmp_path / "run-2.h5.probe", None)
     with pytest.raises(InputError, match="a name that is not taken"):
-        replace(source, resume=False).recordings(3)
+        replace(source, resume=False).list_new_recordings(3)

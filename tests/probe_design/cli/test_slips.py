@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from solver.levels import AUTO, BUILT
+from solver.levels import AUTO, EVALUATOR_NAMES
 from tests.support.paths import SCENE
 from tests.support.program import refused, run
 
@@ -85,10 +85,10 @@ KINDS = {  # the file of another kind, and what reads it
 @pytest.mark.parametrize(
     ("reader", "given"),
     [
-        *(("evaluate", one) for one in ("design", "sweep", "bench", "calibration")),
-        *(("optimize", one) for one in ("sweep", "bench", "calibration")),
-        *(("sweep", one) for one in ("design", "scene", "bench", "calibration")),
-        *(("read", one) for one in ("design", "sweep", "scene", "calibration")),
+        *(("evaluate", file_kind) for file_kind in ("design", "sweep", "bench", "calibration")),
+        *(("optimize", file_kind) for file_kind in ("sweep", "bench", "calibration")),
+        *(("sweep", file_kind) for file_kind in ("design", "scene", "bench", "calibration")),
+        *(("read", file_kind) for file_kind in ("design", "sweep", "scene", "calibration")),
     ],
 )
 def test_a_file_of_another_kind_is_named_with_what_reads_it(reader: str, given: str, tmp_path: Path) -> None:
@@ -125,17 +125,19 @@ def test_a_gap_wider_than_the_core_is_doubted(tmp_path: Path) -> None:
 
 def completions(*words: str) -> list[str]:
     """What bash is told for the last word, as click asks for it."""
-    asked = {
+    requests = {
         "_PROBE_DESIGN_COMPLETE": "bash_complete",
         "COMP_WORDS": " ".join(("probe-design", *words)),
         "COMP_CWORD": str(len(words)),
     }
     code = "import sys; sys.argv[0] = 'probe-design'; from probe_design.__main__ import main; main()"
-    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env={**os.environ, **asked}, check=True)
+    ended = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env={**os.environ, **requests}, check=True
+    )
     return [line.partition(",")[2] for line in ended.stdout.splitlines()]
 
 
 def test_a_shell_completes_verbs_and_evaluators() -> None:
     assert completions("evalu") == ["evaluate"]
-    assert completions("evaluate", "scene.toml", "--evaluator", "") == [AUTO, *BUILT]
+    assert completions("evaluate", "scene.toml", "--evaluator", "") == [AUTO, *EVALUATOR_NAMES]
     assert completions("evaluate", "scene.toml", "--evaluator", "ax") == ["axisymmetric"]

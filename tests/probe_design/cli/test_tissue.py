@@ -21,13 +21,13 @@ def test_the_list_names_all() -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_what_is_shown_is_a_scene_s_tissue(name: str) -> None:
-    shown, told = tomllib.loads(run("tissue", "show", name).stdout), json.loads(run("tissue", "show", name, "--json").stdout)
-    assert shown["tissue"].get("layer", []) == told["tissue"]["layer"]
+    shown, output = tomllib.loads(run("tissue", "show", name).stdout), json.loads(run("tissue", "show", name, "--json").stdout)
+    assert shown["tissue"].get("layer", []) == output["tissue"]["layer"]
     scene = scene_from_dict(tomllib.loads((EXAMPLES / "scene.toml").read_text()) | shown)
-    assert len(scene.tissue.layer) == len(told["tissue"]["layer"])
-    assert set(told["sources"]) == {
+    assert len(scene.tissue.layer) == len(output["tissue"]["layer"])
+    assert set(output["sources"]) == {
         *(f"tissue.{key}" for key in ("youngs_modulus", "poisson_ratio")),
-        *(f"tissue.layer[{k}].{key}" for k, layer in enumerate(told["tissue"]["layer"]) for key in layer),
+        *(f"tissue.layer[{k}].{key}" for k, layer in enumerate(output["tissue"]["layer"]) for key in layer),
     }
 
 

@@ -9,17 +9,17 @@ import pytest
 
 from geometry.common.errors import InputError
 from geometry.scenes.scene import Scene
-from geometry.scenes.variables import values
-from probe_design.data.builtin import typical_scenes
-from probe_design.design_search.choices import choose
-from probe_design.design_search.heights import OUTER, design_of, with_heights
-from probe_design.design_search.room import admitted, room
-from probe_design.design_search.steered_population import SteeredDesigns, _probes
-from probe_design.design_search.workshop import drawn
-from solver.closed_form.designs import PROBE, parameters
+from geometry.scenes.variables import list_values
+from probe_design.data.builtin import read_typical_scenes
+from probe_design.design_search.choices import search_combinations
+from probe_design.design_search.heights import OUTER_HEIGHT_INDEX, read_design_vector, set_heights
+from probe_design.design_search.room import build_search_space, is_admissible
+from probe_design.design_search.steered_population import DesignObjective, _build_probe_parameters
+from probe_design.design_search.workshop import draw_built_designs
+from solver.closed_form.designs import PROBE_PARAMETERS, build_parameters
 from tests.support.searches import design
 
-SCENE = typical_scenes()["on-axis"]
+SCENE = read_typical_scenes()["on-axis"]
 FEW = {
     "population": {"depth": [5e-3, 15e-3], "samples": 4},
     "protocol": {"positions": [-8e-3, 8e-3, 2]},
@@ -29,28 +29,32 @@ POISSON = SCENE.probe.inner.poisson_ratio, SCENE.probe.outer.poisson_ratio
 
 
 def stepped() -> Scene:
-    return with_heights(SCENE, 3e-3, 4.5e-3)
+    return set_heights(SCENE, 3e-3, 4.5e-3)
 
 
-def steered(**tables: Any) -> SteeredDesigns:
-    return SteeredDesigns.of(design(**{**FEW, **tables}), 8e-3)
+def steered(**tables: Any) -> DesignObjective:
+    return DesignObjective.from_design(design(**{**FEW, **tables}), 8e-3)
 
 
 def test_a_key_of_either_height_frees_both() -> None:
-    found = room(design(variables={"inner_height": [2e-3, 4e-3]}, limits={"height": 6e-3}))
-    assert found.names[3] == "inner_height"
-    assert found.names[OUTER] == "outer_height"
-    assert (found.space.low[3], found.space.high[3], found.space.high[OUTER]) == (2e-3, 4e-3, 6e-3)
-    held = room(design(variables={"inner_height": "fixed", "outer_height": {"choices": [2e-3, 5e-3]}}))
+    search_space = build_search_space(design(variables={"inner_height": [2e-3, 4e-3]}, limits={"height": 6e-3}))
+    assert search_space.names[3] == "inner_height"
+    assert search_space.names[OUTER_HEIGHT_INDEX] == "outer_height"
+    assert (search_space.space.low[3], search_space.space.high[3], search_space.space.high[OUTER_HEIGHT_INDEX]) == (
+        2e-3,
+        4e-3,
+        6e-3,
+    )
+    held = build_search_space(design(variables={"inner_height": "fixed", "outer_height": {"choices": [2e-3, 5e-3]}}))
     assert held.space.low[3] == held.space.high[3] == SCENE.probe.core_height
-    assert held.grids == {OUTER: (2e-3, 5e-3)}
-    assert "outer_height 5 mm" in [*held.every()][1].told
+    assert held.grids == {OUTER_HEIGHT_INDEX: (2e-3, 5e-3)}
+    assert "outer_height 5 mm" in [*held.iterate_combinations()][1].description
 
 
 def test_what_a_start_of_two_heights_leaves_out_stays_of_two() -> None:
-    assert len(room(design(scene=stepped())).space.low) == 7
-    assert len(room(design(scene=stepped(), variables={"height": [2e-3, 5e-3]})).space.low) == 6
-    assert len(room(design()).space.low) == 6
+    assert len(build_search_space(design(scene=stepped())).space.low) == 7
+    assert len(build_search_space(design(scene=stepped(), variables={"height": [2e-3, 5e-3]})).space.low) == 6
+    assert len(build_search_space(design()).space.low) == 6
 
 
 @pytest.mark.parametrize(
@@ -68,38 +72,46 @@ def test_what_a_start_of_two_heights_leaves_out_stays_of_two() -> None:
 )
 def test_careless_heights_are_refused(tables: dict[str, Any], named: str) -> None:
     with pytest.raises(InputError, match=named):
-        room(design(units_required=True, **tables))
+        build_search_space(design(units_required=True, **tables))
 
 
 def test_the_formulas_are_asked_for_the_probe_that_the_scene_has() -> None:
-    asked = _probes(design_of(stepped())[:, None], POISSON)[:, 0]
-    np.testing.assert_allclose(asked, parameters(stepped().model_copy(update={"inclusion": ()}))[1][: len(PROBE)], rtol=1e-12)
+    probes = _build_probe_parameters(read_design_vector(stepped())[:, None], POISSON)[:, 0]
+    np.testing.assert_allclose(
+        probes, build_parameters(stepped().model_copy(update={"inclusion": ()}))[1][: len(PROBE_PARAMETERS)], rtol=1e-12
+    )
 
 
 def test_equal_heights_are_worth_what_one_height_is_and_slopes_are_exact() -> None:
-    of, six = steered(), design_of(SCENE)
+    steered_designs, six = steered(), read_design_vector(SCENE)
     seven = np.append(six, six[3])
-    assert of.real_values(seven[:, None], POISSON)[0] == pytest.approx(of.real_values(six[:, None], POISSON)[0], rel=1e-12)
-    slopes = of.gradient(seven, POISSON, [3, OUTER])[1][0]
-    assert slopes.sum() == pytest.approx(of.gradient(six, POISSON, [3])[1][0, 0], rel=1e-9)
-    step = 1e-3 * (np.arange(7) == OUTER)[:, None] * np.array([1, -1])
-    above, below = of.real_values(seven[:, None] * np.exp(step), POISSON)
-    assert slopes[1] == pytest.approx((above - below) / 2e-3, rel=1e-3)
+    assert steered_designs.evaluate_designs(seven[:, None], POISSON)[0] == pytest.approx(
+        steered_designs.evaluate_designs(six[:, None], POISSON)[0], rel=1e-12
+    )
+    slopes = steered_designs.gradient(seven, POISSON, [3, OUTER_HEIGHT_INDEX])[1][0]
+    assert slopes.sum() == pytest.approx(steered_designs.gradient(six, POISSON, [3])[1][0, 0], rel=1e-9)
+    step = 1e-3 * (np.arange(7) == OUTER_HEIGHT_INDEX)[:, None] * np.array([1, -1])
+    upper, lower = steered_designs.evaluate_designs(seven[:, None] * np.exp(step), POISSON)
+    assert slopes[1] == pytest.approx((upper - lower) / 2e-3, rel=1e-3)
 
 
 def test_the_best_of_all_pairs_of_heights_is_brute_forces() -> None:
     held = dict.fromkeys(("inner_radius", "area_ratio", "gap", "inner_modulus", "outer_modulus"), "fixed")
     inner, outer = [2e-3, 3e-3, 5e-3], [1.5e-3, 3e-3, 6e-3]
     made = design(**FEW, variables=held | {"inner_height": {"choices": inner}, "outer_height": {"choices": outer}})
-    of, found = SteeredDesigns.of(made, 8e-3), room(made)
-    best = choose(of, found, lambda done, total: None).choices[0]
-    every = [design_of(with_heights(SCENE, one, other), apart=True) for one in inner for other in outer]
-    worth = of.real_values(np.array(every).T, POISSON)
-    np.testing.assert_allclose(best.design, every[int(worth.argmax())], rtol=1e-9)
-    scene = found.scene_of(best.design, best.combination)
+    steered_designs, search_space = DesignObjective.from_design(made, 8e-3), build_search_space(made)
+    best = search_combinations(steered_designs, search_space, lambda done, total: None).choices[0]
+    designs = [
+        read_design_vector(set_heights(SCENE, inner_height, outer_height), separate_heights=True)
+        for inner_height in inner
+        for outer_height in outer
+    ]
+    worth = steered_designs.evaluate_designs(np.array(designs).T, POISSON)
+    np.testing.assert_allclose(best.design, designs[int(worth.argmax())], rtol=1e-9)
+    scene = search_space.build_scene(best.design, best.combination)
     assert scene is not None
-    assert (scene.probe.core_height, scene.probe.tube_height) == (best.design[3], best.design[OUTER])
-    assert admitted(found, scene)
+    assert (scene.probe.core_height, scene.probe.tube_height) == (best.design[3], best.design[OUTER_HEIGHT_INDEX])
+    assert is_admissible(search_space, scene)
 
 
 def test_a_search_of_two_heights_ends_no_lower_than_one_of_one() -> None:
@@ -107,26 +119,32 @@ def test_a_search_of_two_heights_ends_no_lower_than_one_of_one() -> None:
     worth = []
     for heights in ({"height": [2e-3, 6e-3]}, {"inner_height": [2e-3, 6e-3], "outer_height": [2e-3, 6e-3]}):
         made = design(**FEW, variables=held | heights)
-        worth.append(choose(SteeredDesigns.of(made, 8e-3), room(made), lambda done, total: None).choices[0].value)
+        worth.append(
+            search_combinations(DesignObjective.from_design(made, 8e-3), build_search_space(made), lambda done, total: None)
+            .choices[0]
+            .value
+        )
     assert worth[1] >= worth[0] - 1e-6
 
 
 def test_rounded_and_exact_scenes_have_both_heights() -> None:
-    found = room(design(variables={"outer_height": [2e-3, 6e-3]}))
-    x, one = np.array([3e-3, 0.7, 2e-4, 3.0001e-3, 5e5, 5e4, 4.4444e-3]), next(found.every())
-    exact, made = found.exact_scene(x, one), found.scene_of(x, one)
+    search_space = build_search_space(design(variables={"outer_height": [2e-3, 6e-3]}))
+    x, combination = np.array([3e-3, 0.7, 2e-4, 3.0001e-3, 5e5, 5e4, 4.4444e-3]), next(search_space.iterate_combinations())
+    exact, made = search_space.build_exact_scene(x, combination), search_space.build_scene(x, combination)
     assert exact is not None
     assert made is not None
-    assert values(exact)["probe.outer_height"] == 4.4444e-3
+    assert list_values(exact)["probe.outer_height"] == 4.4444e-3
     assert (made.probe.core_height, made.probe.tube_height) == (3e-3, 4.44e-3)
-    lying = {one.name for one in found.space.limits(exact.model_copy(deep=True)) if one.active}
+    lying = {
+        combination.name for combination in search_space.space.list_limits(exact.model_copy(deep=True)) if combination.active
+    }
     assert not lying & {"least outer_height", "largest outer_height"}
 
 
 def test_a_workshop_errs_in_both_heights() -> None:
-    built = drawn(stepped(), ())
+    built = draw_built_designs(stepped(), ())
     assert len(built) == 7
-    for row, height in ((3, 3e-3), (OUTER, 4.5e-3)):
+    for row, height in ((3, 3e-3), (OUTER_HEIGHT_INDEX, 4.5e-3)):
         assert built[row].mean() == pytest.approx(height, rel=0.01)
         assert built[row].std() == pytest.approx(0.05e-3, rel=0.25)
-    assert abs(np.corrcoef(built[3], built[OUTER])[0, 1]) < 0.3
+    assert abs(np.corrcoef(built[3], built[OUTER_HEIGHT_INDEX])[0, 1]) < 0.3

@@ -13,9 +13,9 @@ from types import SimpleNamespace
 import pytest
 
 from geometry import read_scene
-from probe_design.design_search.outcome import hardly_detected
-from probe_design.design_search.question import builtin_design
-from probe_design.design_search.template import whole_template
+from probe_design.design_search.outcome import explain_low_detection
+from probe_design.design_search.question import read_builtin_design
+from probe_design.design_search.template import build_design_template
 from probe_design.populations.design_file import Design, design_from_dict, read_design
 from probe_design.populations.population import ScenePopulation
 from tests.support.program import run
@@ -43,7 +43,7 @@ materials = ["dragon-skin-30"]
 
 @pytest.fixture
 def small(tmp_path: Path) -> Path:
-    text = whole_template()
+    text = build_design_template()
     path = tmp_path / "design.toml"
     path.write_text(SMALL + text[text.index("\n[scene.probe]") :].replace('"100 Pa"', '"10 kPa"'), encoding="utf-8")
     return path
@@ -60,11 +60,13 @@ def test_template_is_all_defaults_and_reads_back() -> None:
 
 
 def test_builtin_design_starts_from_the_papers_probe_and_every_number_says_where_it_is_from() -> None:
-    design = builtin_design()
+    design = read_builtin_design()
     probe = design.scene.probe
     assert (probe.area_ratio, probe.inner.youngs_modulus, probe.outer.youngs_modulus) == (3.7, 1e5, 1e2)  # sections 2.1, 2.3
     assert design.limits.outer_radius is not None
-    assert ScenePopulation.of(design.scene, design.population).drawn(256).note is None  # a first run begins without a warning
+    assert (
+        ScenePopulation.from_scene(design.scene, design.population).draw_tumours(256).note is None
+    )  # a first run begins without a warning
 
 
 @pytest.mark.parametrize(
@@ -93,52 +95,52 @@ def test_careless_questions_are_one_line_and_exit_2(
 
 @pytest.mark.parametrize(("detection", "error", "said"), [(0.05, 0.01, True), (0.09, 0.03, True), (0.12, 0.03, False)])
 def test_a_population_that_no_design_sees_is_told_so(detection: float, error: float, said: bool) -> None:
-    told = hardly_detected(SimpleNamespace(detection=detection, detection_error=error, false_alarm=0.05))  # type: ignore[arg-type]
-    assert (told is not None) == said
-    assert told is None or "false alarms" in told
+    message = explain_low_detection(SimpleNamespace(detection=detection, detection_error=error, false_alarm=0.05))  # type: ignore[arg-type]
+    assert (message is not None) == said
+    assert message is None or "false alarms" in message
 
 
 @pytest.mark.slow
 def test_an_answer_is_the_same_after_a_kill(small: Path) -> None:
-    out = small.parent / "out"
-    words = [sys.executable, "-m", "probe_design", "optimize", str(small), "-o", str(out), "--json"]
+    output = small.parent / "out"
+    words = [sys.executable, "-m", "probe_design", "optimize", str(small), "-o", str(output), "--json"]
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as first:
         assert first.stderr is not None
         assert any("searching" in line for line in first.stderr)
         first.send_signal(signal.SIGKILL)
-    assert not out.exists()
+    assert not output.exists()
     answers = [run("optimize", small, "-o", small.parent / name, "--json") for name in ("out", "again")]
-    found, again = (json.loads(one.stdout) for one in answers)
-    assert found["design"] == again["design"]
-    assert found["objective"] == again["objective"]
-    _check(found, small, out)
+    first_output, repeated = (json.loads(answer.stdout) for answer in answers)
+    assert first_output["design"] == repeated["design"]
+    assert first_output["objective"] == repeated["objective"]
+    _check(first_output, small, output)
 
 
-def _check(found: dict[str, object], asked: Path, out: Path) -> None:
+def _check(output: dict[str, object], design_path: Path, folder: Path) -> None:
     """What DESIGN.md promises of the JSON object and the folder."""
-    population = found["population"]
+    population = output["population"]
     assert isinstance(population, dict)
     for name in ("start", "single", "optimum"):
         assert {f"{kind}{end}" for kind in ("detection", "resolved", "information") for end in ("", "_error")} <= set(
             population[name]
         )
-    assert found["objective"] == population["optimum"]["detection"]
-    assert found["baseline_objective"] == population["start"]["detection"]
-    limits = found["limits"]
+    assert output["objective"] == population["optimum"]["detection"]
+    assert output["baseline_objective"] == population["start"]["detection"]
+    limits = output["limits"]
     assert isinstance(limits, list)
-    assert {"outer_radius", "wall", "height", "force", "gap_closure"} <= {one["name"] for one in limits}
-    assert all(set(one) == {"name", "value", "active"} for one in limits)
-    pressing, warnings = found["pressing"], found["warnings"]
+    assert {"outer_radius", "wall", "height", "force", "gap_closure"} <= {limit["name"] for limit in limits}
+    assert all(set(limit) == {"name", "value", "active"} for limit in limits)
+    pressing, warnings = output["pressing"], output["warnings"]
     assert isinstance(pressing, dict)
     assert isinstance(warnings, list)
-    unused = [one for one in warnings if "limits.force of 0.05 N is more than linear elasticity answers for" in one]
+    unused = [limit for limit in warnings if "limits.force of 0.05 N is more than linear elasticity answers for" in limit]
     assert len(unused) == (pressing["optimum"]["limited_by"] in ("linearity", "gap_closure"))
-    files = found["files"]
+    files = output["files"]
     assert isinstance(files, list)
-    assert {Path(one).name for one in files} == {path.name for path in out.iterdir()}
-    assert {"report.html", "maps.png", "levers.png", "assembly.step", "design.toml"} <= {path.name for path in out.iterdir()}
-    page = (out / "report.html").read_text(encoding="utf-8")
+    assert {Path(limit).name for limit in files} == {path.name for path in folder.iterdir()}
+    assert {"report.html", "maps.png", "levers.png", "assembly.step", "design.toml"} <= {path.name for path in folder.iterdir()}
+    page = (folder / "report.html").read_text(encoding="utf-8")
     assert page.count("data:image/png;base64,") >= 4  # maps, levers, drawing, stresses: inside, as a file alone is sent on
     assert 'src="maps' not in page
-    assert read_scene(out / "design.toml").probe.inner.poisson_ratio == pytest.approx(0.495)
-    assert read_design(out / "question.toml") == read_design(asked)
+    assert read_scene(folder / "design.toml").probe.inner.poisson_ratio == pytest.approx(0.495)
+    assert read_design(folder / "question.toml") == read_design(design_path)

@@ -11,9 +11,9 @@ import pytest
 from geometry.common.errors import InputError
 from geometry.scenes.catalogue import find_material
 from geometry.scenes.scene import Scene
-from probe_design.data.builtin import typical_scenes
-from probe_design.design_search.room import admitted, room
-from probe_design.optimisation.design_space import VARIABLES, variables
+from probe_design.data.builtin import read_typical_scenes
+from probe_design.design_search.room import build_search_space, is_admissible
+from probe_design.optimisation.design_space import VARIABLES, read_variables
 from probe_design.populations.design_file import design_from_dict, read_design
 from tests.support.paths import EXAMPLES
 from tests.support.searches import design
@@ -22,14 +22,14 @@ GAP = VARIABLES.index("gap")
 
 
 def test_what_is_left_out_varies_round_the_start() -> None:
-    found = room(design())
-    assert found.combinations == 1
-    assert found.free() == list(range(6))
-    assert np.all(found.space.low <= variables(typical_scenes()["on-axis"]))
+    search_space = build_search_space(design())
+    assert search_space.combinations == 1
+    assert search_space.list_free_variables() == list(range(6))
+    assert np.all(search_space.space.low <= read_variables(read_typical_scenes()["on-axis"]))
 
 
 def test_fixed_is_the_start_and_choices_and_steps_are_grids() -> None:
-    found = room(
+    search_space = build_search_space(
         design(
             variables={
                 "inner_radius": "fixed",
@@ -38,56 +38,60 @@ def test_fixed_is_the_start_and_choices_and_steps_are_grids() -> None:
             }
         )
     )
-    assert found.space.low[0] == found.space.high[0] == 4e-3
-    assert found.grids[GAP] == (1e-4, 3e-4)
-    assert found.grids[3] == pytest.approx((2e-3, 2.2e-3, 2.4e-3, 2.6e-3), rel=1e-12)
-    assert found.combinations == 8
-    assert found.free(next(found.every())) == [1, 4, 5]
+    assert search_space.space.low[0] == search_space.space.high[0] == 4e-3
+    assert search_space.grids[GAP] == (1e-4, 3e-4)
+    assert search_space.grids[3] == pytest.approx((2e-3, 2.2e-3, 2.4e-3, 2.6e-3), rel=1e-12)
+    assert search_space.combinations == 8
+    assert search_space.list_free_variables(next(search_space.iterate_combinations())) == [1, 4, 5]
 
 
 def test_materials_pick_modulus_and_poissons_ratio_together() -> None:
     names = ("dragon-skin-30", "ecoflex-00-10")
-    found = room(design(variables={"materials": list(names)}))
-    assert found.combinations == 4
-    at = variables(typical_scenes()["on-axis"])
-    for one in found.every():
-        made = found.scene_of(np.array([*at[:4], *(find_material(name).youngs_modulus for name in one.materials)]), one)
+    search_space = build_search_space(design(variables={"materials": list(names)}))
+    assert search_space.combinations == 4
+    start = read_variables(read_typical_scenes()["on-axis"])
+    for combination in search_space.iterate_combinations():
+        made = search_space.build_scene(
+            np.array([*start[:4], *(find_material(name).youngs_modulus for name in combination.materials)]), combination
+        )
         assert made is not None
-        for name, block in zip(one.materials, (made.probe.inner, made.probe.outer), strict=True):
+        for name, block in zip(combination.materials, (made.probe.inner, made.probe.outer), strict=True):
             cast = find_material(name)
             assert (block.youngs_modulus, block.poisson_ratio) == (cast.youngs_modulus, cast.poisson_ratio)
             assert block.material == name
 
 
 def test_a_modulus_that_is_searched_takes_the_starts_material_away() -> None:
-    start = typical_scenes()["on-axis"].model_dump(exclude_unset=True)
+    start = read_typical_scenes()["on-axis"].model_dump(exclude_unset=True)
     start["probe"]["outer"] = {"material": "ecoflex-00-50"}
-    found = room(design_from_dict({"scene": Scene.model_validate(start)}))
-    at = variables(found.space.scene)
-    one = next(found.every())
-    same, stiffer = (found.scene_of(at * np.array([1, 1, 1, 1, 1, factor]), one) for factor in (1.0, 1.2))
-    assert same is not None
+    search_space = build_search_space(design_from_dict({"scene": Scene.model_validate(start)}))
+    start_values = read_variables(search_space.space.scene)
+    combination = next(search_space.iterate_combinations())
+    unchanged, stiffer = (
+        search_space.build_scene(start_values * np.array([1, 1, 1, 1, 1, factor]), combination) for factor in (1.0, 1.2)
+    )
+    assert unchanged is not None
     assert stiffer is not None
-    assert (same.probe.outer.material, stiffer.probe.outer.material) == ("ecoflex-00-50", None)
+    assert (unchanged.probe.outer.material, stiffer.probe.outer.material) == ("ecoflex-00-50", None)
 
 
 def test_the_example_of_a_shelf_offers_nine_pairs() -> None:
-    found = room(read_design(EXAMPLES / "shelf.toml"))
-    assert found.combinations == 9
-    assert {one.materials for one in found.every()} == set(
+    search_space = build_search_space(read_design(EXAMPLES / "shelf.toml"))
+    assert search_space.combinations == 9
+    assert {combination.materials for combination in search_space.iterate_combinations()} == set(
         product(("ecoflex-00-30", "dragon-skin-10", "dragon-skin-30"), repeat=2)
     )
-    assert found.space.outer_radius == 8e-3
+    assert search_space.space.outer_radius == 8e-3
 
 
 def test_what_a_workshop_gets_keeps_grids_and_limits() -> None:
-    found = room(design(variables={"inner_radius": {"choices": [3.137e-3]}}, limits={"outer_radius": 5e-3}))
-    one = next(found.every())
-    made = found.scene_of(np.array([3.137e-3, 0.7, 1.234e-4, 3e-3, 5e5, 5e4]), one)
+    search_space = build_search_space(design(variables={"inner_radius": {"choices": [3.137e-3]}}, limits={"outer_radius": 5e-3}))
+    combination = next(search_space.iterate_combinations())
+    made = search_space.build_scene(np.array([3.137e-3, 0.7, 1.234e-4, 3e-3, 5e5, 5e4]), combination)
     assert made is not None
     assert made.probe.inner_radius == 3.137e-3
     assert made.probe.tube_radius <= 5e-3
-    assert admitted(found, made)
+    assert is_admissible(search_space, made)
 
 
 CARELESS = [
@@ -116,7 +120,7 @@ CARELESS = [
 @pytest.mark.parametrize(("tables", "named"), CARELESS)
 def test_careless_files_are_refused_in_one_line(tables: dict[str, Any], named: str) -> None:
     with pytest.raises(InputError) as refused:
-        room(design(units_required=True, **tables))
+        build_search_space(design(units_required=True, **tables))
     assert named in str(refused.value)
     assert "\n" not in str(refused.value)
     assert refused.value.exit_code == 2

@@ -10,30 +10,30 @@ import pytest
 
 from geometry.scenes.catalogue import find_material
 from geometry.scenes.scene import Load
-from geometry.scenes.variables import changed
-from probe_design.data.builtin import typical_scenes
-from probe_design.design_search.choices import choose
-from probe_design.design_search.room import Room, room
-from probe_design.design_search.steered_population import SteeredDesigns
-from probe_design.optimisation.design_space import variables
+from geometry.scenes.variables import replace_values
+from probe_design.data.builtin import read_typical_scenes
+from probe_design.design_search.choices import search_combinations
+from probe_design.design_search.room import SearchSpace, build_search_space
+from probe_design.design_search.steered_population import DesignObjective
+from probe_design.optimisation.design_space import read_variables
 from probe_design.populations.design_file import Design
-from solver.planning.load_limits import load_rule
+from solver.planning.load_limits import build_load_rule
 from tests.support.searches import design
 
 POPULATION = {"depth": [5e-3, 15e-3], "diameter": [5e-3, 12e-3], "object": [2e4, 1e5], "tissue": [4e3, 8e3], "samples": 8}
 PROTOCOL = {"positions": [-8e-3, 0.0, 8e-3, 4e-3], "stiffness": True}
 
 
-def asked(**tables: Any) -> Design:
+def make_design(**tables: Any) -> Design:
     return design(**{"population": POPULATION, "protocol": PROTOCOL, **tables})
 
 
-def ready(made: Design) -> tuple[SteeredDesigns, Room]:
-    found = room(made)
-    return SteeredDesigns.of(made, max(found.space.outer_radius, 7.6e-3)), found
+def ready(made: Design) -> tuple[DesignObjective, SearchSpace]:
+    search_space = build_search_space(made)
+    return DesignObjective.from_design(made, max(search_space.space.outer_radius, 7.6e-3)), search_space
 
 
-def none(done: int, total: int) -> None:
+def ignore_progress(done: int, total: int) -> None:
     assert 0 <= done <= total
 
 
@@ -41,19 +41,21 @@ def none(done: int, total: int) -> None:
 @pytest.mark.parametrize("blank", [True, False])
 def test_gradients_are_exact_at_taylors_rate(maximise: str, blank: bool) -> None:
     noise = {"white": 0.002, "stiffness_white": 0.002, "charge": 1e-15}  # so small that something is told
-    made = asked(objective={"maximise": maximise}, protocol={**PROTOCOL, "blank": blank}, limits={"force": 5e-4}, noise=noise)
-    steered, found = ready(made)
-    at = variables(made.scene)
+    made = make_design(
+        objective={"maximise": maximise}, protocol={**PROTOCOL, "blank": blank}, limits={"force": 5e-4}, noise=noise
+    )
+    steered, search_space = ready(made)
+    start = read_variables(made.scene)
     direction = np.array([0.8, 0.6, 0.2, -0.4, 0.3, 0.5])
 
     def moved(step: complex) -> Any:
-        return steered.each(at * np.exp(step * direction), found.start_poisson, 5e-4)
+        return steered.evaluate_tumours(start * np.exp(step * direction), search_space.start_poisson, 5e-4)
 
     slope = moved(1e-30j).imag / 1e-30  # of each tumour: of their mean a remainder may pass through zero
     left = [np.linalg.norm(moved(step) - moved(0.0) - step * slope) for step in (0.08, 0.04, 0.02)]
     assert np.log2(left[0] / left[1]) == pytest.approx(2, abs=0.35)
     assert np.log2(left[1] / left[2]) == pytest.approx(2, abs=0.2)
-    slopes = steered.gradient(at, found.start_poisson, list(range(6)))[1][0]
+    slopes = steered.gradient(start, search_space.start_poisson, list(range(6)))[1][0]
     assert slopes @ direction == pytest.approx(slope.mean(), rel=1e-9)
 
 
@@ -62,19 +64,19 @@ def test_all_of_few_combinations_are_tried_and_the_best_is_brute_forces() -> Non
         "inner_radius": [2e-3, 3e-3, 4e-3], "area_ratio": [0.5, 1.5], "gap": [1e-4, 3e-4], "height": [2e-3, 5e-3],
         "inner_modulus": [1e5, 1e6], "outer_modulus": [1e5],
     }  # fmt: skip
-    made = asked(
+    made = make_design(
         variables={key: {"choices": values} for key, values in grids.items()}, limits={"outer_radius": 6e-3, "force": 5e-3}
     )
-    steered, found = ready(made)
-    chosen = choose(steered, found, none)
+    steered, search_space = ready(made)
+    chosen = search_combinations(steered, search_space, ignore_progress)
     assert chosen.exhaustive
     assert "all 48 combinations" in chosen.how
-    every = np.array(list(product(*grids.values()))).T
-    values = steered.real_values(every, found.start_poisson)
-    values[found.space.derived_radius(every) > 6e-3] = -np.inf
-    values[found.space.derived_radius(every) - every[0] - every[2] < found.space.wall] = -np.inf
+    designs = np.array(list(product(*grids.values()))).T
+    values = steered.evaluate_designs(designs, search_space.start_poisson)
+    values[search_space.space.compute_outer_radius(designs) > 6e-3] = -np.inf
+    values[search_space.space.compute_outer_radius(designs) - designs[0] - designs[2] < search_space.space.wall] = -np.inf
     assert chosen.choices[0].value == pytest.approx(values.max(), rel=1e-9)
-    np.testing.assert_allclose(chosen.choices[0].design, every[:, values.argmax()], rtol=1e-9)
+    np.testing.assert_allclose(chosen.choices[0].design, designs[:, values.argmax()], rtol=1e-9)
 
 
 SHELF = ["ecoflex-00-30", "dragon-skin-10", "dragon-skin-30"]
@@ -82,11 +84,11 @@ SHELF = ["ecoflex-00-30", "dragon-skin-10", "dragon-skin-30"]
 
 def cast_of(inner: str, outer: str) -> dict[str, Any]:
     """The usual scene with blocks of two materials, written into it as numbers."""
-    scene = typical_scenes()["on-axis"]
+    scene = read_typical_scenes()["on-axis"]
     blocks = zip(("inner", "outer"), (find_material(inner), find_material(outer)), strict=True)
-    numbers = [(f"probe.{block}.", one) for block, one in blocks]
-    moduli = {f"{key}youngs_modulus": one.youngs_modulus for key, one in numbers}
-    return {"scene": changed(scene, moduli | {f"{key}poisson_ratio": one.poisson_ratio for key, one in numbers})}
+    numbers = [(f"probe.{block}.", material) for block, material in blocks]
+    moduli = {f"{key}youngs_modulus": material.youngs_modulus for key, material in numbers}
+    return {"scene": replace_values(scene, moduli | {f"{key}poisson_ratio": material.poisson_ratio for key, material in numbers})}
 
 
 @pytest.mark.slow
@@ -94,66 +96,73 @@ def cast_of(inner: str, outer: str) -> dict[str, Any]:
 def test_three_materials_are_answered_with_the_best_of_all_pairs(maximise: str) -> None:
     """Each pair by a search of its own, in which moduli and Poisson's ratios stand in the scene and no shelf is named."""
     free = {"inner_radius": [1.5e-3, 4e-3], "area_ratio": [0.3, 3.0], "gap": "fixed", "height": "fixed"}
-    rest = {"limits": {"outer_radius": 6e-3, "force": 5e-3}, "objective": {"maximise": maximise}, "noise": {"charge": 1e-15}}
-    rest |= {"population": {**POPULATION, "samples": 4}, "protocol": {**PROTOCOL, "positions": [-4e-3, 4e-3]}}
-    chosen = choose(*ready(asked(variables=free | {"materials": SHELF}, **rest)), none)
+    tables = {"limits": {"outer_radius": 6e-3, "force": 5e-3}, "objective": {"maximise": maximise}, "noise": {"charge": 1e-15}}
+    tables |= {"population": {**POPULATION, "samples": 4}, "protocol": {**PROTOCOL, "positions": [-4e-3, 4e-3]}}
+    chosen = search_combinations(*ready(make_design(variables=free | {"materials": SHELF}, **tables)), ignore_progress)
     assert chosen.exhaustive
     held = free | {"inner_modulus": "fixed", "outer_modulus": "fixed"}
     pairs = list(product(SHELF, SHELF))
-    alone = [choose(*ready(asked(variables=held, **rest, **cast_of(*pair))), none).choices[0].value for pair in pairs]
+    alone = [
+        search_combinations(*ready(make_design(variables=held, **tables, **cast_of(*pair))), ignore_progress).choices[0].value
+        for pair in pairs
+    ]
     best = chosen.choices[0]
     assert best.combination.materials == pairs[int(np.argmax(alone))]
     assert best.value == pytest.approx(max(alone), rel=1e-5)
     assert max(alone) > (1 + 5e-5) * sorted(alone)[-2]  # or either of two might be the best
-    assert {one.split("materials ")[1] for one in chosen.best} == {" / ".join(pair) for pair in pairs}
+    assert {name.split("materials ")[1] for name in chosen.best} == {" / ".join(pair) for pair in pairs}
 
 
 @pytest.mark.slow
 def test_many_combinations_are_branched_and_it_is_said() -> None:
-    made = asked(variables={"inner_radius": {"step": 1e-4}, "gap": {"step": 5e-5}, "height": "fixed"}, limits={"force": 5e-3})
-    steered, found = ready(made)
-    chosen = choose(steered, found, none)
+    made = make_design(
+        variables={"inner_radius": {"step": 1e-4}, "gap": {"step": 5e-5}, "height": "fixed"}, limits={"force": 5e-3}
+    )
+    steered, search_space = ready(made)
+    chosen = search_combinations(steered, search_space, ignore_progress)
     assert not chosen.exhaustive
     assert "not all tried" in chosen.how
     best = chosen.choices[0]
-    for k in found.grids:
-        assert best.design[k] in found.grids[k]
-    relaxed = asked(variables={"height": "fixed"}, limits={"force": 5e-3})
-    free = choose(*ready(relaxed), none).choices[0].value
+    for k in search_space.grids:
+        assert best.design[k] in search_space.grids[k]
+    relaxed = make_design(variables={"height": "fixed"}, limits={"force": 5e-3})
+    free = search_combinations(*ready(relaxed), ignore_progress).choices[0].value
     assert best.value <= free + 1e-6
     assert best.value > free - 0.02
 
 
 @pytest.mark.slow
 def test_the_same_question_has_the_same_answer_and_a_tighter_limit_no_better_one() -> None:
-    found = []
+    choices = []
     for limit in (7e-3, 7e-3, 6e-3, 5e-3):
-        one = choose(*ready(asked(limits={"outer_radius": limit, "force": 5e-3})), none).choices[0]
-        found.append((one.value, one.design.tolist()))
-    assert found[0] == found[1]
-    assert found[0][0] >= found[2][0] - 1e-7  # searches of other ranges end 5e-8 apart where the limit does not bind
-    assert found[2][0] >= found[3][0] - 1e-7
+        choice = search_combinations(*ready(make_design(limits={"outer_radius": limit, "force": 5e-3})), ignore_progress).choices[
+            0
+        ]
+        choices.append((choice.value, choice.design.tolist()))
+    assert choices[0] == choices[1]
+    assert choices[0][0] >= choices[2][0] - 1e-7  # searches of other ranges end 5e-8 apart where the limit does not bind
+    assert choices[2][0] >= choices[3][0] - 1e-7
 
 
 def test_a_force_is_the_least_that_is_allowed_and_the_judge_takes_it() -> None:
-    made = asked(limits={"force": 5e-3, "indentation": 1e-4, "charge": [0.0, 1e-12]})
+    made = make_design(limits={"force": 5e-3, "indentation": 1e-4, "charge": [0.0, 1e-12]})
     steered, _ = ready(made)
-    pressed = steered.rule.pressed(made.scene)
+    pressed = steered.rule.compute_pressed_design(made.scene)
     assert 0.99 * min(pressed.allowed.values()) <= pressed.force <= min(pressed.allowed.values())
-    assert pressed.allowed[pressed.by] == min(pressed.allowed.values())
+    assert pressed.allowed[pressed.limited_by] == min(pressed.allowed.values())
     assert pressed.indentation <= 1e-4
-    for tissue in steered.draw.on(made.scene.model_copy(update={"load": Load(force=pressed.force)})).tissues:
-        rule = load_rule(tissue)
-        assert rule.knows(pressed.force)
-        assert rule.ratio_change(pressed.force) <= 0.01
+    for tissue in steered.draw.replace_probe(made.scene.model_copy(update={"load": Load(force=pressed.force)})).tissues:
+        rule = build_load_rule(tissue)
+        assert rule.is_known(pressed.force)
+        assert rule.bound_ratio_change(pressed.force) <= 0.01
 
 
 def test_a_tighter_limit_of_force_strain_or_charge_takes_from_every_design() -> None:
-    at = variables(asked().scene)[:, None] * np.linspace(0.8, 1.2, 5)
-    wide, least = asked(limits={"force": 5e-3, "gap_closure": False}), []
+    designs = read_variables(make_design().scene)[:, None] * np.linspace(0.8, 1.2, 5)
+    wide, minima = make_design(limits={"force": 5e-3, "gap_closure": False}), []
     for limits in ({"force": 5e-3}, {"force": 2e-3}, {"indentation": 2e-5}, {"tissue_strain": 2e-3}, {"charge": [0.0, 3e-14]}):
-        steered, found = ready(asked(limits={"force": 5e-3, **limits}))
-        least.append(steered.real_values(at, found.start_poisson))
-    steered, found = ready(wide)
-    assert np.all(np.array(least) <= steered.real_values(at, found.start_poisson) + 1e-12)
-    assert np.all(least[1] < least[0])
+        steered, search_space = ready(make_design(limits={"force": 5e-3, **limits}))
+        minima.append(steered.evaluate_designs(designs, search_space.start_poisson))
+    steered, search_space = ready(wide)
+    assert np.all(np.array(minima) <= steered.evaluate_designs(designs, search_space.start_poisson) + 1e-12)
+    assert np.all(minima[1] < minima[0])

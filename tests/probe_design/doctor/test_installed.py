@@ -23,11 +23,11 @@ def test_without_libusb_visa_serial_and_hdf5(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr("libusb_package.get_libusb1_backend", lambda: None)
     ended = program.run("doctor", "--json")
     assert (ended.returncode, ended.stderr) == (0, "")
-    found = {one["name"]: one for one in json.loads(ended.stdout)["installed"]}
+    by_name = {entry["name"]: entry for entry in json.loads(ended.stdout)["installed"]}
     for name, remedy in (("libusb", "libusb-1.0"), ("VISA", "probe-design[scope]"), ("HDF5", "pip install h5py")):
-        assert found[name]["state"] == "missing"
-        assert remedy in found[name]["remedy"]
-    assert found["serial ports"]["state"] == "missing"
+        assert by_name[name]["state"] == "missing"
+        assert remedy in by_name[name]["remedy"]
+    assert by_name["serial ports"]["state"] == "missing"
 
 
 def denied(name: str, fault: Exception | None) -> list[FoundDevice]:
@@ -37,43 +37,45 @@ def denied(name: str, fault: Exception | None) -> list[FoundDevice]:
 def test_a_probe_that_may_not_be_opened_is_a_fault_with_the_rule(monkeypatch: pytest.MonkeyPatch) -> None:
     from usb.core import USBError
 
-    monkeypatch.setattr(installed, "probes", lambda: denied("", USBError("Access denied", -3, 13)))
-    (found,) = installed._probes()
-    assert (found.state, "udev" in found.remedy, "SUBSYSTEM" in found.remedy) == ("fault", True, True)
-    monkeypatch.setattr(installed, "probes", lambda: denied("AB1", None))
-    assert installed._probes() == [Finding("probe on USB", "good", "AB1 at bus 1 address 7")]
+    monkeypatch.setattr(installed, "find_usb_probes", lambda: denied("", USBError("Access denied", -3, 13)))
+    (finding,) = installed._check_probes()
+    assert (finding.state, "udev" in finding.remedy, "SUBSYSTEM" in finding.remedy) == ("fault", True, True)
+    monkeypatch.setattr(installed, "find_usb_probes", lambda: denied("AB1", None))
+    assert installed._check_probes() == [Finding("probe on USB", "good", "AB1 at bus 1 address 7")]
 
 
 def test_what_raises_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
     def broken() -> list[FoundDevice]:
         raise NotFound("libusb could not\nbe loaded")
 
-    monkeypatch.setattr(installed, "probes", broken)
-    found = {one.name: one for one in installed.installed()}
-    assert found["probes on USB"].text == "NotFound: libusb could not be loaded"
+    monkeypatch.setattr(installed, "find_usb_probes", broken)
+    by_name = {finding.name: finding for finding in installed.check_installation()}
+    assert by_name["probes on USB"].text == "NotFound: libusb could not be loaded"
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="udev is Linux's")
 def test_the_rule_is_looked_for(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(installed.os, "geteuid", lambda: 1000)
     monkeypatch.setattr(installed, "RULE_FOLDERS", (str(tmp_path),))
-    monkeypatch.setattr(installed, "UDEV", tmp_path)
-    (found,) = installed._udev()
-    assert (found.state, "1209" in found.remedy) == ("missing", True)
-    monkeypatch.setattr(installed, "UDEV", tmp_path / "absent")
-    assert "does not run here" in installed._udev()[0].text
-    (tmp_path / installed.RULES).write_text("")
-    assert installed._udev()[0].state == "good"
+    monkeypatch.setattr(installed, "UDEV_FOLDER", tmp_path)
+    (finding,) = installed._check_permissions()
+    assert (finding.state, "1209" in finding.remedy) == ("missing", True)
+    monkeypatch.setattr(installed, "UDEV_FOLDER", tmp_path / "absent")
+    assert "does not run here" in installed._check_permissions()[0].text
+    (tmp_path / installed.UDEV_RULES_FILE).write_text("")
+    assert installed._check_permissions()[0].state == "good"
 
 
 def test_the_verb_tests_a_virtual_probe() -> None:
     ended = program.run("doctor", SCENE, "--virtual", "--seconds", "5", "--json")
     assert ended.returncode == 0, ended.stderr
-    found = json.loads(ended.stdout)
-    assert found["good"]
-    assert {one["state"] for one in found["self_test"]} == {"good"}
-    assert {"noise, inner", "polarity, outer", "load, force", "clipping", "mains"} <= {one["name"] for one in found["self_test"]}
-    assert found["versions"]["pyusb"]
+    output = json.loads(ended.stdout)
+    assert output["good"]
+    assert {entry["state"] for entry in output["self_test"]} == {"good"}
+    assert {"noise, inner", "polarity, outer", "load, force", "clipping", "mains"} <= {
+        entry["name"] for entry in output["self_test"]
+    }
+    assert output["versions"]["pyusb"]
 
 
 def test_a_table_and_exit_code_1_for_a_fault(tmp_path: Path) -> None:

@@ -10,21 +10,23 @@ import pytest
 
 from geometry.common.arrays import Floats
 from hw.common.samples import Gap, Samples
-from probe_design.built_probe.virtual_probe import Built, signals
-from probe_design.doctor.lock_in import lock_in
-from probe_design.doctor.self_test import self_test
+from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals
+from probe_design.doctor.lock_in import fit_lock_in
+from probe_design.doctor.self_test import run_self_test
 from tests.support.hw.benches import BENCH, sampled, scene
 
 FORCES = np.array([0.03, 0.07])  # N
 
 
-def volts(built: Built = Built(), forces: Floats = FORCES, rate: float = 1000.0, seconds: float = 5.0) -> Samples:  # noqa: B008
-    made = sampled(signals(built, BENCH, scene(), forces, 1), round(seconds * rate), rate)
+def volts(
+    built: BuiltProperties = BuiltProperties(), forces: Floats = FORCES, rate: float = 1000.0, seconds: float = 5.0
+) -> Samples:  # noqa: B008
+    made = sampled(build_signals(built, BENCH, scene(), forces, 1), round(seconds * rate), rate)
     return replace(made, volts=np.rint(made.volts / 2e-6) * 2e-6)
 
 
 def states(samples: Samples) -> dict[str, str]:
-    return {one.name: one.state for one in self_test(samples, scene(), BENCH)}
+    return {finding.name: finding.state for finding in run_self_test(samples, scene(), BENCH)}
 
 
 def changed(change: Callable[[Floats], Floats]) -> Samples:
@@ -46,13 +48,13 @@ def test_lock_in_finds_what_was_put_in() -> None:
         volts(seconds=8.0), channels=("inner", "outer"), volts=np.column_stack([3e-3 * load + hum, -1e-3 * load + hum])
     )
     made = replace(made, saturated=np.zeros((8000, 2), bool), volts=made.volts + 2e-5 * random.standard_normal((8000, 2)) + 0.5)
-    found = lock_in(made, 5.0)
-    assert found.frequency == pytest.approx(5.3, abs=1e-3)
-    assert found.mains == pytest.approx(59.9, abs=5e-3)
-    np.testing.assert_allclose(np.abs(found.load), [3e-3, 1e-3], rtol=2e-3)
-    np.testing.assert_allclose(found.hum, 2e-4, rtol=0.02)
-    np.testing.assert_allclose(found.noise, 2e-5, rtol=0.03)
-    assert np.angle(-found.load[1] / found.load[0]) == pytest.approx(0, abs=5e-3)
+    locked = fit_lock_in(made, 5.0)
+    assert locked.frequency == pytest.approx(5.3, abs=1e-3)
+    assert locked.mains == pytest.approx(59.9, abs=5e-3)
+    np.testing.assert_allclose(np.abs(locked.load), [3e-3, 1e-3], rtol=2e-3)
+    np.testing.assert_allclose(locked.hum, 2e-4, rtol=0.02)
+    np.testing.assert_allclose(locked.noise, 2e-5, rtol=0.03)
+    assert np.angle(-locked.load[1] / locked.load[0]) == pytest.approx(0, abs=5e-3)
 
 
 FAULTS: dict[str, tuple[Callable[[], Samples], str, str]] = {
@@ -64,10 +66,10 @@ FAULTS: dict[str, tuple[Callable[[], Samples], str, str]] = {
     "clipped": (lambda: changed(lambda v: np.minimum(v, 0.6 * v.max(axis=0))), "clipping, inner", "fault"),
     "clipped below": (lambda: changed(lambda v: np.maximum(v, [-9, 0.8 * v[:, 1].min(), -9])), "clipping, outer", "fault"),
     "no load": (lambda: volts(forces=np.zeros(2)), "load, inner", "fault"),
-    "film torn off": (lambda: volts(forces=FORCES * [1, 0], built=Built(gains=((1, 0), (0, 1)))), "load, outer", "fault"),
+    "film torn off": (lambda: volts(forces=FORCES * [1, 0], built=BuiltProperties(gains=((1, 0), (0, 1)))), "load, outer", "fault"),
     "dead channel": (lambda: changed(lambda v: v * [1, 0, 1]), "outer channel", "fault"),
-    "noisy": (lambda: volts(Built(noise=1e-4)), "noise, inner", "doubtful"),
-    "hum": (lambda: volts(Built(hum=0.05)), "mains", "doubtful"),
+    "noisy": (lambda: volts(BuiltProperties(noise=1e-4)), "noise, inner", "doubtful"),
+    "hum": (lambda: volts(BuiltProperties(hum=0.05)), "mains", "doubtful"),
     "mains on the load": (lambda: volts(rate=45.0, seconds=30.0), "mains", "fault"),
     "overtones of the mains on the load": (lambda: volts(rate=155.0, seconds=30.0), "mains", "fault"),
     "too short": (lambda: volts(seconds=0.3), "load", "fault"),

@@ -16,12 +16,12 @@ from geometry.common.errors import InputError, Refusal
 from geometry.scenes.scene_file import scene_from_dict, scene_to_toml
 from probe_design.estimation.answer import Estimate
 from probe_design.estimation.depth_and_strength import Plane
-from probe_design.estimation.estimate import estimate, searched
-from probe_design.estimation.intervals import QUANTILE, Likelihood, threshold
+from probe_design.estimation.estimate import estimate, search_unknown
+from probe_design.estimation.intervals import CHI2_QUANTILE, Likelihood, compute_threshold
 from probe_design.estimation.model import TargetModel
-from probe_design.estimation.profile import Track, coordinate
-from probe_design.estimation.readings import Measurements, Reading, one_reading, read_readings
-from probe_design.estimation.strength import strength
+from probe_design.estimation.profile import Track, compute_coordinate
+from probe_design.estimation.readings import Measurements, Reading, build_single_reading, read_readings
+from probe_design.estimation.strength import compute_strength
 from solver import evaluate
 from tests.support.load_paths import added_by_blocks
 from tests.support.paths import EXAMPLES, REFERENCE
@@ -38,10 +38,10 @@ LIGHT = Load(force=1e-3)  # N: finite strain is nothing beside the least noise
 def scene(depth: str = "9 mm", modulus: str = "60 kPa", nu: float = 0.48, diameter: str = "8 mm", **probe: object) -> Scene:
     """The probe and tumour of PHYSICS section 2, which gives neither Poisson's ratios nor the tissue's size."""
     blocks = {key: {"youngs_modulus": E, "poisson_ratio": 0.48} for key, E in (("inner", "1.13 MPa"), ("outer", "0.785 MPa"))}
-    own = {"inner_radius": "2.51 mm", "area_ratio": 0.117, "gap": "0.22 mm", "height": "2.47 mm", "base": {"rigid": True}}
+    probe_table = {"inner_radius": "2.51 mm", "area_ratio": 0.117, "gap": "0.22 mm", "height": "2.47 mm", "base": {"rigid": True}}
     return scene_from_dict(
         {
-            "probe": own | blocks | probe,
+            "probe": probe_table | blocks | probe,
             "tissue": {"shape": "cylinder", "radius": "60 mm", "depth": "60 mm", "youngs_modulus": "6 kPa", "poisson_ratio": nu},
             "inclusion": [{"diameter": diameter, "depth": depth, "youngs_modulus": modulus, "poisson_ratio": nu}],
             "load": {"force": "0.03 N"},
@@ -55,7 +55,7 @@ def value_of(scene: Scene, unknown: str) -> float:
 
 def model(scene: Scene, noise: float, places: tuple[float, ...] = (0.0,), stiffness: bool = False) -> TargetModel:
     readings = tuple(Reading(x, 0.0, 1.0, noise, 100.0 if stiffness else None, noise) for x in places)
-    return TargetModel(scene, Measurements.of(readings), 0.01)
+    return TargetModel(scene, Measurements.from_readings(readings), 0.01)
 
 
 @cache
@@ -65,7 +65,7 @@ def exact_ratio(scene: Scene) -> float:
 
 @cache
 def track(scene: Scene, unknown: str, places: tuple[float, ...], stiffness: bool) -> Track:
-    return Track.of(model(scene, 0.05, places, stiffness), unknown).exact()
+    return Track.from_model(model(scene, 0.05, places, stiffness), unknown).remove_model_error()
 
 
 @pytest.mark.parametrize(
@@ -82,22 +82,24 @@ def track(scene: Scene, unknown: str, places: tuple[float, ...], stiffness: bool
     ],
 )
 def test_coverage(truth: Scene, unknown: str, noise: float, places: tuple[float, ...], stiffness: bool) -> None:
-    along = track(truth, unknown, places, stiffness)
-    fit = Likelihood(along, np.full(len(along.model.data.value), noise))
-    here = coordinate(along.model, unknown, np.array([value_of(truth, unknown)]))
-    mean = along.model.predict({unknown: along.values(here)}).value
+    tracked = track(truth, unknown, places, stiffness)
+    fit = Likelihood(tracked, np.full(len(tracked.model.data.value), noise))
+    coordinates = compute_coordinate(tracked.model, unknown, np.array([value_of(truth, unknown)]))
+    mean = tracked.model.predict({unknown: tracked.compute_values(coordinates)}).value
     y = mean + noise * np.random.default_rng(7).normal(size=(SIMULATIONS, mean.shape[1]))
-    covered = fit.unexplained(y) | (fit.chi_square(here, y) - fit.best(y)[1] <= fit.limit(here))  # no interval is an open one
+    covered = fit.find_unexplained(y) | (
+        fit.compute_chi_square(coordinates, y) - fit.find_best(y)[1] <= fit.interpolate_limit(coordinates)
+    )  # no interval is an open one
     assert binomtest(int(covered.sum()), SIMULATIONS, 0.95).pvalue > 0.001
     value = value_of(truth, unknown)
-    for one, yes in zip(y[:30], covered, strict=False):  # the intervals are the set of values that the test does not reject
-        pieces = fit.pieces(one)
+    for reading, yes in zip(y[:30], covered, strict=False):  # the intervals are the set of values that the test does not reject
+        pieces = fit.find_pieces(reading)
         assert yes == (not pieces or any(piece.low <= value <= piece.high for piece in pieces))
 
 
 def test_an_error_within_its_bound_costs_no_more_coverage_than_stated() -> None:
     for shift in (0.0, 0.2, 1 / 3, 0.34, 1.0, 3.9, 4.1, 30.0):
-        c = np.sqrt(threshold(np.array(shift)))
+        c = np.sqrt(compute_threshold(np.array(shift)))
         worst = norm.cdf(c - shift) - norm.cdf(-c - shift)
         assert worst > 0.936
         assert shift < 0.34 or worst == pytest.approx(0.95, abs=1e-4)
@@ -106,21 +108,24 @@ def test_an_error_within_its_bound_costs_no_more_coverage_than_stated() -> None:
 @pytest.mark.parametrize("partner", ["youngs_modulus", "diameter"])
 def test_coverage_of_depth_and_strength_together(partner: str) -> None:
     truth, noise = scene(depth="11 mm", modulus="20 kPa"), 0.01
-    plane = Plane.of(model(truth, noise, SCAN), partner)
-    here = np.log(value_of(truth, "depth")), np.log(20e3 if partner == "youngs_modulus" else 8e-3 / plane.model.room(11e-3))
-    u, v = (np.unique(np.append(at + np.linspace(*ends, 141), at)) for at, ends in
-            zip(here, ((-0.6, 0.6), (-2.0, 5.0) if partner == "youngs_modulus" else (-0.9, 0.9)), strict=True))  # fmt: skip
+    plane = Plane.from_model(model(truth, noise, SCAN), partner)
+    centre = (
+        np.log(value_of(truth, "depth")),
+        np.log(20e3 if partner == "youngs_modulus" else 8e-3 / plane.model.compute_max_diameter(11e-3)),
+    )
+    u, v = (np.unique(np.append(interval_value + np.linspace(*ends, 141), interval_value)) for interval_value, ends in
+            zip(centre, ((-0.6, 0.6), (-2.0, 5.0) if partner == "youngs_modulus" else (-0.9, 0.9)), strict=True))  # fmt: skip
     v = v[v <= plane.v[-1]]
-    value, dark = plane.values(u, v)
+    value, dark = plane.interpolate(u, v)
     value = np.where(dark[..., None], 1e9, value)
     mean = plane.model.predict({partner: np.array([value_of(truth, partner)])}, reflect=False).value[0]
-    assert plane.values(*(np.array([at]) for at in here))[0][0, 0] == pytest.approx(mean, abs=1e-4)
-    S, wanted = plane.strengths(u, v), float(strength(truth.tissue, truth.inclusion[0]))
-    near = np.abs(S / wanted - 1) < 0.02
+    assert plane.interpolate(*(np.array([interval_value]) for interval_value in centre))[0][0, 0] == pytest.approx(mean, abs=1e-4)
+    S, wanted = plane.compute_strengths(u, v), float(compute_strength(truth.tissue, truth.inclusion[0]))
+    close = np.abs(S / wanted - 1) < 0.02
     hits = np.zeros((1000, 2), dtype=bool)
     for hit, y in zip(hits, mean + noise * np.random.default_rng(5).normal(size=(1000, len(mean))), strict=True):
         chi2 = (((y - value) / noise) ** 2).sum(axis=-1)
-        hit[:] = np.array([chi2[np.argmin(np.abs(u - here[0]))].min(), chi2[near].min()]) - chi2.min() <= QUANTILE
+        hit[:] = np.array([chi2[np.argmin(np.abs(u - centre[0]))].min(), chi2[close].min()]) - chi2.min() <= CHI2_QUANTILE
     assert np.all((hits.mean(axis=0) > 0.92) & (hits.mean(axis=0) < 0.975))
 
 
@@ -133,12 +138,12 @@ TRUTHS = [scene(), scene(modulus="15 kPa", nu=0.45), scene(depth="14 mm", modulu
 def test_an_independent_model_is_read_right(truth: Scene, noise: float, unknown: str) -> None:
     """The axisymmetric level reads 1.5 standard deviations too much or too little: the truth is inside."""
     real = exact_ratio(truth)
-    for away in (-1.5, 0.0, 1.5):
-        found = estimate(truth, one_reading(truth, real * np.exp(away * noise), noise), unknown)
-        low, high = found.interval
+    for distance in (-1.5, 0.0, 1.5):
+        estimated = estimate(truth, build_single_reading(truth, real * np.exp(distance * noise), noise), unknown)
+        low, high = estimated.interval
         assert (low or 0.0) <= value_of(truth, unknown) <= (high or np.inf)
-        assert found.strength is not None
-        assert found.error_estimate is not None
+        assert estimated.strength is not None
+        assert estimated.error_estimate is not None
 
 
 @pytest.mark.slow
@@ -146,40 +151,42 @@ def test_numbers_of_physics_section_2() -> None:
     """Those of the optimised probe: derivatives, and the standard deviation of ln E_object at 5 %, 1 % and 0.2 % noise."""
     truth = scene().model_copy(update={"load": LIGHT})
     ratio = exact_ratio(truth)
-    of = model(truth, 0.05)
-    slopes = {unknown: Track.of(of, unknown) for unknown in ("diameter", "depth")}
-    at = {key: coordinate(of, key, np.array([value_of(truth, key)])) for key in slopes}
-    assert slopes["depth"].at(at["depth"])[1][0, 0] == pytest.approx(-0.75, rel=0.05)
-    assert slopes["diameter"].at(at["diameter"])[1][0, 0] * at["diameter"][0] == pytest.approx(0.72, rel=0.05)
-    sensitivity = of.predict({"youngs_modulus": np.array([60e3])}).by_modulus[0, 0]
+    target_model = model(truth, 0.05)
+    slopes = {unknown: Track.from_model(target_model, unknown) for unknown in ("diameter", "depth")}
+    coordinates = {key: compute_coordinate(target_model, key, np.array([value_of(truth, key)])) for key in slopes}
+    assert slopes["depth"].interpolate(coordinates["depth"])[1][0, 0] == pytest.approx(-0.75, rel=0.05)
+    assert slopes["diameter"].interpolate(coordinates["diameter"])[1][0, 0] * coordinates["diameter"][0] == pytest.approx(
+        0.72, rel=0.05
+    )
+    sensitivity = target_model.predict({"youngs_modulus": np.array([60e3])}).by_modulus[0, 0]
     assert 0.05 / sensitivity == pytest.approx(0.81, rel=0.05)
     for noise, deviation in ((0.01, 0.16), (0.002, 0.032)):
-        low, high = estimate(truth, one_reading(truth, ratio, noise)).interval_of_noise
+        low, high = estimate(truth, build_single_reading(truth, ratio, noise)).interval_of_noise
         assert low is not None
         assert high is not None
         assert np.log(high / low) / (2 * 1.96) == pytest.approx(deviation, rel=0.15)
-    wide = estimate(truth, one_reading(truth, ratio, 0.05))
+    wide = estimate(truth, build_single_reading(truth, ratio, 0.05))
     assert not wide.identifiable
     assert wide.interval[1] is None
 
 
 def test_what_cannot_be_told_is_said_plainly() -> None:
     truth = scene()
-    open_above = estimate(truth, one_reading(truth, 0.71, 0.05))
+    open_above = estimate(truth, build_single_reading(truth, 0.71, 0.05))
     assert (open_above.value, open_above.identifiable, open_above.interval[1]) == (None, False, None)
     assert "stiff" in str(open_above.reason)
     assert open_above.depth == pytest.approx(9e-3)
     assert open_above.depth_interval is None
     low, high = open_above.strength_interval or (None, None)
     assert low is not None
-    assert high == pytest.approx(float(strength(truth.tissue, truth.inclusion[0], modulus=np.inf)), rel=1e-4)
-    above = estimate(truth, one_reading(truth, 2.0, 0.01))
-    assert above.interval == (None, None)
-    assert "above" in str(above.reason)
-    assert any("contradict" in warning for warning in above.warnings)
-    noisy = estimate(truth, one_reading(truth, 0.7, 2.0))
+    assert high == pytest.approx(float(compute_strength(truth.tissue, truth.inclusion[0], modulus=np.inf)), rel=1e-4)
+    upper = estimate(truth, build_single_reading(truth, 2.0, 0.01))
+    assert upper.interval == (None, None)
+    assert "above" in str(upper.reason)
+    assert any("contradict" in warning for warning in upper.warnings)
+    noisy = estimate(truth, build_single_reading(truth, 0.7, 2.0))
     assert "any E_object" in str(noisy.reason)
-    negative = estimate(truth, one_reading(truth, -0.7, 0.05))
+    negative = estimate(truth, build_single_reading(truth, -0.7, 0.05))
     assert "sign" in str(negative.reason)
 
 
@@ -187,14 +194,14 @@ def test_what_cannot_be_told_is_said_plainly() -> None:
 def test_a_scan_tells_depth_and_strength() -> None:
     truth = scene().model_copy(update={"load": LIGHT})
     places = SCAN[1:-1]
-    of = model(truth, 0.01, places)
-    mean = of.predict({"youngs_modulus": np.array([60e3])}, reflect=True).value[0]
+    target_model = model(truth, 0.01, places)
+    mean = target_model.predict({"youngs_modulus": np.array([60e3])}, reflect=True).value[0]
     y = np.exp(mean + 0.01 * np.random.default_rng(2).normal(size=len(mean)))
-    found = estimate(truth, tuple(Reading(x, 0.0, float(r), 0.01) for x, r in zip(places, y, strict=True)))
-    assert found.identifiable
+    estimated = estimate(truth, tuple(Reading(x, 0.0, float(r), 0.01) for x, r in zip(places, y, strict=True)))
+    assert estimated.identifiable
     for value, interval in (
-        (9e-3, found.depth_interval),
-        (float(strength(truth.tissue, truth.inclusion[0])), found.strength_interval),
+        (9e-3, estimated.depth_interval),
+        (float(compute_strength(truth.tissue, truth.inclusion[0])), estimated.strength_interval),
     ):
         low, high = interval or (None, None)
         assert low is not None
@@ -207,20 +214,20 @@ def test_a_scan_tells_depth_and_strength() -> None:
 
 def test_a_track_is_the_model_between_its_nodes() -> None:
     for unknown in ("youngs_modulus", "diameter", "depth"):
-        along = track(scene(), unknown, (0.0,), False)
-        x = (along.x[1:-1] + along.x[2:])[:-1] / 2
-        real = along.model.predict({unknown: along.values(x)})
-        assert np.abs(along.at(x)[0] - real.value).max() < 1e-3
-        assert coordinate(along.model, unknown, along.values(x)) == pytest.approx(x, rel=1e-9)
+        tracked = track(scene(), unknown, (0.0,), False)
+        x = (tracked.x[1:-1] + tracked.x[2:])[:-1] / 2
+        real = tracked.model.predict({unknown: tracked.compute_values(x)})
+        assert np.abs(tracked.interpolate(x)[0] - real.value).max() < 1e-3
+        assert compute_coordinate(tracked.model, unknown, tracked.compute_values(x)) == pytest.approx(x, rel=1e-9)
 
 
 def test_useless_stiffness_is_left_out_and_scenes_of_two_tumours_work() -> None:
     truth = scene()
     two = truth.model_copy(update={"inclusion": (
         truth.inclusion[0].model_copy(update={"target": True}), truth.inclusion[0].model_copy(update={"x": 25e-3}))})  # fmt: skip
-    one, both = (estimate(of, (Reading(0.0, 0.0, 0.7, 0.01, 120.0, 1e-6),)) for of in (truth, two))
-    assert any("left out" in warning for warning in one.warnings)
-    assert one.value == pytest.approx(both.value, rel=0.05)
+    single, pair = (estimate(scene_read, (Reading(0.0, 0.0, 0.7, 0.01, 120.0, 1e-6),)) for scene_read in (truth, two))
+    assert any("left out" in warning for warning in single.warnings)
+    assert single.value == pytest.approx(pair.value, rel=0.05)
 
 
 def test_readings_files(tmp_path: Path) -> None:
@@ -272,8 +279,8 @@ def test_kinds_that_are_refused(change: dict[str, object], word: str) -> None:
         estimate(scene().model_copy(update=change), (Reading(0.0, 0.0, 0.7, 0.05),))
 
 
-def as_file(path: Path, of: Scene) -> Path:
-    path.write_text(scene_to_toml(of))
+def as_file(path: Path, scene_written: Scene) -> Path:
+    path.write_text(scene_to_toml(scene_written))
     return path
 
 
@@ -284,10 +291,10 @@ def test_command_line(tmp_path: Path) -> None:
     )
     assert ended.returncode == 0, ended.stderr
     assert ended.stderr == ""
-    found = json.loads(ended.stdout)
-    assert found.keys() == {*Estimate.__dataclass_fields__, "youngs_modulus", "provenance"} - {"value"}
-    assert found["interval"][0] < found["youngs_modulus"] < found["interval"][1]
-    assert found["identifiable"] is True
+    output = json.loads(ended.stdout)
+    assert output.keys() == {*Estimate.__dataclass_fields__, "youngs_modulus", "provenance"} - {"value"}
+    assert output["interval"][0] < output["youngs_modulus"] < output["interval"][1]
+    assert output["identifiable"] is True
     said = run("estimate", file, "--ratio", "0.71")
     assert said.returncode == 0
     assert "E_object is not identifiable" in said.stdout
@@ -322,10 +329,10 @@ def test_a_scene_without_inclusion_is_refused() -> None:
 
 
 def test_findings_of_an_exact_reading_are_the_truth() -> None:
-    of = model(scene(), 0.01)
-    value = of.predict({"youngs_modulus": np.array([60e3])}).value[0, 0]
-    exact = TargetModel(of.scene, Measurements.of((Reading(0.0, 0.0, float(np.exp(value)), 0.01),)), 0.01)
-    assert searched(exact, "youngs_modulus").best_value == pytest.approx(60e3, rel=1e-4)
+    target_model = model(scene(), 0.01)
+    value = target_model.predict({"youngs_modulus": np.array([60e3])}).value[0, 0]
+    exact = TargetModel(target_model.scene, Measurements.from_readings((Reading(0.0, 0.0, float(np.exp(value)), 0.01),)), 0.01)
+    assert search_unknown(exact, "youngs_modulus").best_value == pytest.approx(60e3, rel=1e-4)
 
 
 class TestLoads:
@@ -352,11 +359,11 @@ class TestLoads:
         pressed = evaluate(self.scene(0.02), "axisymmetric")
         x = deep * (math.hypot(1 / radius, 25 * radius / depth**2) + added_by_blocks(self.scene(0.02).probe, pressed, deep))
         assert heavy.error_estimate - light.error_estimate == pytest.approx(0.1 * covered * x, rel=0.03)
-        ends = [one for interval in (heavy.interval, light.interval) for one in interval if one is not None]
+        ends = [end for interval in (heavy.interval, light.interval) for end in interval if end is not None]
         assert ends[0] < ends[2] < ends[3] < ends[1]
 
     def test_linearly_beyond_what_is_known_nothing_is_told(self) -> None:
-        found = estimate(self.scene(1.0), self.READ, linear=True)
-        assert not found.identifiable
-        assert found.interval == (None, None)
-        assert any("are unknown at this load" in line for line in found.warnings)
+        estimated = estimate(self.scene(1.0), self.READ, linear=True)
+        assert not estimated.identifiable
+        assert estimated.interval == (None, None)
+        assert any("are unknown at this load" in line for line in estimated.warnings)

@@ -14,95 +14,99 @@ from geometry.common.arrays import Floats
 from geometry.scenes import fit as placement
 from geometry.scenes.scene import Placement
 from geometry.scenes.scene_file import scene_from_dict
-from geometry.scenes.variables import changed
-from probe_design.estimation.answer import identifiable
-from probe_design.estimation.candidates import NextCandidate, candidates
+from geometry.scenes.variables import replace_values
+from probe_design.estimation.answer import is_identifiable
+from probe_design.estimation.candidates import NextCandidate, list_candidates
 from probe_design.estimation.intervals import Likelihood
 from probe_design.estimation.model import TargetModel
-from probe_design.estimation.next_reading import _Draws, next_reading
-from probe_design.estimation.nuisances import Spread, spread
-from probe_design.estimation.predicted import Predicted
+from probe_design.estimation.next_reading import _Draws, choose_next_reading
+from probe_design.estimation.nuisances import NuisanceErrors, compute_nuisance_errors
+from probe_design.estimation.predicted import Predictions
 from probe_design.estimation.profile import Track
 from probe_design.estimation.readings import Measurements, Reading
 from probe_design.estimation.shared_errors import SharedErrors
-from probe_design.populations.inclusion_scan import inclusion_readings
+from probe_design.populations.inclusion_scan import compute_inclusion_readings
 from probe_design.populations.population import TumourDraw
-from probe_design.populations.resolved import Unknowns, contrast_deviations
+from probe_design.populations.resolved import Unknowns, compute_contrast_deviations
 from probe_design.populations.tables import NoiseModel, Protocol
 from tests.support.paths import EXAMPLES
 from tests.support.program import run
 
-SCENE = changed(read_scene(EXAMPLES / "scene.toml"), {"inclusion.youngs_modulus": 20e3})
+SCENE = replace_values(read_scene(EXAMPLES / "scene.toml"), {"inclusion.youngs_modulus": 20e3})
 READ = 0.551  # `probe-design evaluate --evaluator axisymmetric` says of it 0.55096
 SIZE = {"inclusion.diameter": 0.2}
 
 
 def model(ratio: float = READ, noise: float = 0.02, scene: Scene = SCENE) -> TargetModel:
-    return TargetModel(scene, Measurements.of((Reading(0.0, 0.0, ratio, noise),)), 0.01)
+    return TargetModel(scene, Measurements.from_readings((Reading(0.0, 0.0, ratio, noise),)), 0.01)
 
 
 def test_what_may_be_read_stands_on_the_tissue_and_is_named_once() -> None:
-    found = candidates(model(), "youngs_modulus", SIZE)
-    assert len({one.told for one in found}) == len(found)
-    assert {one.kind for one in found} == {
+    candidates_found = list_candidates(model(), "youngs_modulus", SIZE)
+    assert len({candidate.description for candidate in candidates_found}) == len(candidates_found)
+    assert {candidate.kind for candidate in candidates_found} == {
         "ratio",
         "ratio and stiffness",
         "blank",
         "blank with stiffness",
         "size from ultrasound",
     }
-    for one in found:
-        if one.reading is not None:
-            placement.check(SCENE.model_copy(update={"placement": Placement(x=one.reading.x, y=one.reading.y)}))
+    for candidate in candidates_found:
+        if candidate.reading is not None:
+            placement.check_bodies_fit(
+                SCENE.model_copy(update={"placement": Placement(x=candidate.reading.x, y=candidate.reading.y)})
+            )
 
 
 def test_a_blank_and_a_size_are_read_only_where_something_else_is_not_known() -> None:
-    kinds = {one.kind for one in candidates(model(), "youngs_modulus", {})}
+    kinds = {candidate.kind for candidate in list_candidates(model(), "youngs_modulus", {})}
     assert kinds == {"ratio", "ratio and stiffness"}
-    assert "size from ultrasound" not in {one.kind for one in candidates(model(), "youngs_modulus", {"inclusion.diameter": 0.03})}
+    assert "size from ultrasound" not in {
+        candidate.kind for candidate in list_candidates(model(), "youngs_modulus", {"inclusion.diameter": 0.03})
+    }
 
 
 @pytest.mark.slow
 def test_the_expected_interval_is_what_simulated_readings_give() -> None:
     """Truths drawn evenly along eq. ES.2, kept where they may have given the reading that is there; fresh noise."""
-    of, chance, noise = model(), np.random.default_rng(11), 0.02
-    found = next_reading(of, "youngs_modulus", {}, told=True)
-    best = found.reading
+    target_model, chance, noise = model(), np.random.default_rng(11), 0.02
+    suggestion = choose_next_reading(target_model, "youngs_modulus", {}, already_identifiable=True)
+    best = suggestion.reading
     assert best is not None
     assert best.x is not None
     assert best.y is not None
     stiff = 100.0 if "stiffness" in best.kind else None
-    again = Measurements.of((Reading(0.0, 0.0, READ, noise), Reading(best.x, best.y, 1.0, noise, stiff, noise)))
-    track = Track.of(TargetModel(SCENE, again, 0.01), "youngs_modulus")
-    fit, points = Likelihood(track, again.noise), np.concatenate(track.runs)
+    measurements = Measurements.from_readings((Reading(0.0, 0.0, READ, noise), Reading(best.x, best.y, 1.0, noise, stiff, noise)))
+    track = Track.from_model(TargetModel(SCENE, measurements, 0.01), "youngs_modulus")
+    fit, points = Likelihood(track, measurements.noise), np.concatenate(track.runs)
     truth = chance.uniform(points.min(), points.max(), 40_000)
-    first = track.at(truth)[0][:, 0]
+    first = track.interpolate(truth)[0][:, 0]
     truth = truth[chance.random(len(truth)) < np.exp(-(((np.log(READ) - first) / noise) ** 2) / 2)][:300]
-    y = track.at(truth)[0] + again.noise * chance.normal(size=(len(truth), len(again.noise)))
+    y = track.interpolate(truth)[0] + measurements.noise * chance.normal(size=(len(truth), len(measurements.noise)))
     y[:, 0] = np.log(READ)
     ends = [(None, None)] * len(y)
-    for k, one in enumerate(y):
-        pieces = fit.pieces(one)
+    for k, reading in enumerate(y):
+        pieces = fit.find_pieces(reading)
         if pieces:
             ends[k] = (None if pieces[0].low_open else pieces[0].low, None if pieces[-1].high_open else pieces[-1].high)
-    told = np.mean([identifiable(one, "youngs_modulus") for one in ends])
+    identified = np.mean([is_identifiable(reading, "youngs_modulus") for reading in ends])
     widths = [np.inf if low is None or high is None else high / low for low, high in ends]
-    print(f"expected width {best.width}, simulated {np.median(widths)}; told {best.identifiable}, simulated {told}")
-    assert best.identifiable == pytest.approx(told, abs=0.15)  # 64 draws against 300: a standard deviation of 0.07 at most
+    print(f"expected width {best.width}, simulated {np.median(widths)}; told {best.identifiable}, simulated {identified}")
+    assert best.identifiable == pytest.approx(identified, abs=0.15)  # 64 draws against 300: a standard deviation of 0.07 at most
     assert best.width is not None
     assert np.log(best.width) == pytest.approx(np.log(np.median(widths)), rel=0.1)
-    assert track.values(np.array([truth.min()]))[0] < 20e3
+    assert track.compute_values(np.array([truth.min()]))[0] < 20e3
 
 
 def linear(slope: Floats, shared: Floats, noise: Floats) -> Track:
     """ln depth read along straight lines by data that share errors with standard deviation 1, without any error of the model."""
-    spots = tuple(Reading(1e-3 * k, 0.0, 1.0, float(one)) for k, one in enumerate(noise))
+    spots = tuple(Reading(1e-3 * k, 0.0, 1.0, float(sd)) for k, sd in enumerate(noise))
     x = np.linspace(np.log(6e-3), np.log(24e-3), 9)
-    predicted = Predicted.empty(len(x), len(noise))
+    predicted = Predictions.empty(len(x), len(noise))
     predicted.value[:] = (x - np.log(12e-3))[:, None] * slope
-    spread = Spread(x[:1], SharedErrors(shared[None], np.zeros_like(shared)[None])) if shared.size else None
-    of = TargetModel(SCENE, Measurements.of(spots), 0.01)
-    return Track(of, "depth", x, predicted, np.tile(slope, (len(x), 1)), spread)
+    spread = NuisanceErrors(x[:1], SharedErrors(shared[None], np.zeros_like(shared)[None])) if shared.size else None
+    linear_model = TargetModel(SCENE, Measurements.from_readings(spots), 0.01)
+    return Track(linear_model, "depth", x, predicted, np.tile(slope, (len(x), 1)), spread)
 
 
 @pytest.mark.parametrize("shared", [np.zeros((4, 0)), np.array([[0.02], [0.03], [-0.01], [0.05]])])
@@ -110,47 +114,47 @@ def test_expected_widths_of_straight_lines_are_those_of_normal_theory(shared: Fl
     """All is normal then: ln width is 2 x 1.96 (J^T C^-1 J)^(-1/2), C noise and shared errors together, whatever is read."""
     slope, noise = np.array([0.3, 0.25, -0.2, 0.4]), np.array([0.01, 0.01, 0.006, 0.03])
     track, present = linear(slope, shared, noise), np.array([0])
-    draws = _Draws.of(track, present, [np.array([k]) for k in (1, 2, 3)], seed=3)
-    found = []
+    draws = _Draws.from_track(track, present, [np.array([k]) for k in (1, 2, 3)], seed=3)
+    scores = []
     for which in ([0, 1], [0, 2], [0, 3], [0, 1, 2, 3]):
         C = np.diag(noise[which] ** 2) + shared[which] @ shared[which].T
         expected = 2 * norm.ppf(0.975) * float(slope[which] @ np.linalg.solve(C, slope[which])) ** -0.5
-        one = draws.expected(NextCandidate("linear"), np.array(which), together=len(which) > 2)
-        assert one.width is not None
-        assert np.log(one.width) == pytest.approx(expected, rel=2e-3)  # straight lines between points of the parabola chi2
-        assert one.score == pytest.approx(expected, rel=2e-3)
-        assert one.identifiable == 1.0
-        found.append(expected)
-    assert np.ptp(found) > 0.2 * min(found)  # they do differ
+        score = draws.summarise(NextCandidate("linear"), np.array(which), together=len(which) > 2)
+        assert score.width is not None
+        assert np.log(score.width) == pytest.approx(expected, rel=2e-3)  # straight lines between points of the parabola chi2
+        assert score.score == pytest.approx(expected, rel=2e-3)
+        assert score.identifiable == 1.0
+        scores.append(expected)
+    assert np.ptp(scores) > 0.2 * min(scores)  # they do differ
 
 
 @pytest.mark.slow
 def test_stiffness_needs_the_size_from_elsewhere() -> None:
     """A deep tumour of unknown size shows only its strength: ultrasound helps most, and no scan does."""
-    found = next_reading(model(noise=0.01), "youngs_modulus", SIZE, told=False)
-    assert found.reading is not None
-    assert found.reading.kind == "size from ultrasound"
-    assert found.verdict.startswith("measure this: diameter from ultrasound")
-    assert all(one.score >= found.reading.score for one in found.others)
+    suggestion = choose_next_reading(model(noise=0.01), "youngs_modulus", SIZE, already_identifiable=False)
+    assert suggestion.reading is not None
+    assert suggestion.reading.kind == "size from ultrasound"
+    assert suggestion.verdict.startswith("measure this: diameter from ultrasound")
+    assert all(other_candidate.score >= suggestion.reading.score for other_candidate in suggestion.others)
 
 
 @pytest.mark.slow
 def test_what_saturates_no_reading_tells() -> None:
-    stiff = changed(SCENE, {"inclusion.youngs_modulus": 30e6})
-    told = run("estimate", EXAMPLES / "scene.toml", "--ratio", "0.5967", "--noise", "0.05", "--next", "--json")
-    found = json.loads(told.stdout)
+    stiff = replace_values(SCENE, {"inclusion.youngs_modulus": 30e6})
+    ended = run("estimate", EXAMPLES / "scene.toml", "--ratio", "0.5967", "--noise", "0.05", "--next", "--json")
+    output = json.loads(ended.stdout)
     assert stiff.inclusion[0].youngs_modulus == 30e6
-    assert not found["identifiable"]
-    assert found["next"]["verdict"].startswith("no reading of this probe can")
-    assert found["next"]["together"]["identifiable"] < 0.5
+    assert not output["identifiable"]
+    assert output["next"]["verdict"].startswith("no reading of this probe can")
+    assert output["next"]["together"]["identifiable"] < 0.5
 
 
 def test_the_command_says_what_to_measure() -> None:
     words = ("estimate", EXAMPLES / "scene.toml", "--ratio", "0.551", "--noise", "0.02")
-    found = json.loads(run(*words, "--next", "--json").stdout)["next"]
-    assert set(found["reading"]) == {"kind", "told", "x", "y", "interval", "width", "identifiable", "score"}
-    assert found["verdict"].startswith(("measure this: ", "no reading of this probe can"))
-    scores = [found["reading"]["score"], *(one["score"] for one in found["others"])]
+    output = json.loads(run(*words, "--next", "--json").stdout)["next"]
+    assert set(output["reading"]) == {"kind", "told", "x", "y", "interval", "width", "identifiable", "score"}
+    assert output["verdict"].startswith(("measure this: ", "no reading of this probe can"))
+    scores = [output["reading"]["score"], *(entry["score"] for entry in output["others"])]
     assert scores == sorted(scores)
 
 
@@ -158,15 +162,15 @@ def by_population(scene: Scene, positions: Sequence[float], stiffness: bool) -> 
     """Sd of ln E_object by eq. PO.6: other code for derivatives, which are exact there, and for what is not known."""
     deviations = {"object": 1.0, "depth": 0.5, "diameter": 0.5, "tissue": 0.5}
     body = scene.inclusion[0]
-    one = (np.array([value]) for value in (body.depth, body.diameter, body.youngs_modulus, 0.0))
+    number = (np.array([value]) for value in (body.depth, body.diameter, body.youngs_modulus, 0.0))
     tissue = scene.model_copy(update={"inclusion": ()})
-    draw = TumourDraw(scene, *one, body.poisson_ratio, np.zeros(1, dtype=int), (tissue,))
+    draw = TumourDraw(scene, *number, body.poisson_ratio, np.zeros(1, dtype=int), (tissue,))
     protocol = Protocol(positions=tuple(positions), stiffness=stiffness, blank=False)
     noise = NoiseModel(white=0.01, stiffness_white=0.01, gain=0.0, stiffness_gain=0.0, charge=0.0)
-    readings = inclusion_readings(draw, protocol, tuple(deviations), noise=noise).best
+    readings = compute_inclusion_readings(draw, protocol, tuple(deviations), noise=noise).best
     unknowns = Unknowns(tuple(deviations), np.array(list(deviations.values())), np.array([3]))
-    J = unknowns.derivatives(readings, protocol.blank)
-    return float(contrast_deviations(unknowns, J, 1e-4 * np.eye(J.shape[1]), of_object=True)[0])
+    J = unknowns.build_derivatives(readings, protocol.blank)
+    return float(compute_contrast_deviations(unknowns, J, 1e-4 * np.eye(J.shape[1]), of_object=True)[0])
 
 
 @pytest.mark.slow
@@ -199,19 +203,23 @@ def test_what_is_identifiable_near_the_surface(body: tuple[str, str, float]) -> 
         }
     )
     scan = tuple(Reading(float(x), 0.0, 1.0, 0.01, 100.0, 0.01) for x in np.linspace(-16e-3, 16e-3, 9))
-    whole = TargetModel(scene, Measurements.of(scan), 0.01)
+    whole = TargetModel(scene, Measurements.from_readings(scan), 0.01)
     E = np.array([scene.inclusion[0].youngs_modulus])
-    by = whole.predict({"youngs_modulus": E}, reflect=True).by_modulus[0]
+    slopes = whole.predict({"youngs_modulus": E}, reflect=True).by_modulus[0]
     prior, step = 0.5, 0.02
     names = ("inclusion.depth", "inclusion.diameter", "tissue.youngs_modulus")
-    line = spread(whole, dict.fromkeys(names, step), np.zeros(1), {"youngs_modulus": E}).errors.line[0] * prior / step
+    line = (
+        compute_nuisance_errors(whole, dict.fromkeys(names, step), np.zeros(1), {"youngs_modulus": E}).errors.linear[0]
+        * prior
+        / step
+    )
     centre, ratios = np.arange(18) == 4, np.arange(18) < 9
-    found = []
+    rows = []
     for which in (centre, ratios, ratios | True):
         covariance = 1e-4 * np.eye(which.sum()) + line[which] @ line[which].T
-        found.append(float((by[which] @ np.linalg.solve(covariance, by[which])) ** -0.5))
+        rows.append(float((slopes[which] @ np.linalg.solve(covariance, slopes[which])) ** -0.5))
     places = np.linspace(-16e-3, 16e-3, 9)
-    again = [by_population(scene, *one) for one in ([[0.0], False], [places, False], [places, True])]
-    print(f"D {diameter} at {depth}, c = {contrast:g}: " + " / ".join(f"{one:.2g}" for one in found), "eq. PO.6", again)
-    assert found == pytest.approx(again, rel=0.05)
-    assert (found[2] < 0.5) == (depth == "6 mm")  # a scan with stiffness tells what is near the surface, and nothing deep
+    computed = [by_population(scene, *item) for item in ([[0.0], False], [places, False], [places, True])]
+    print(f"D {diameter} at {depth}, c = {contrast:g}: " + " / ".join(f"{item:.2g}" for item in rows), "eq. PO.6", computed)
+    assert rows == pytest.approx(computed, rel=0.05)
+    assert (rows[2] < 0.5) == (depth == "6 mm")  # a scan with stiffness tells what is near the surface, and nothing deep

@@ -17,13 +17,13 @@ from scipy.stats import binomtest
 from geometry import Scene, read_scene
 from geometry.common.errors import InputError
 from geometry.scenes.scene import Load
-from geometry.scenes.variables import changed, values
+from geometry.scenes.variables import list_values, replace_values
 from probe_design.estimation.answer import Estimate
-from probe_design.estimation.estimate import estimate, searched
-from probe_design.estimation.intervals import QUANTILE, Likelihood
+from probe_design.estimation.estimate import estimate, search_unknown
+from probe_design.estimation.intervals import CHI2_QUANTILE, Likelihood
 from probe_design.estimation.model import TargetModel
-from probe_design.estimation.nuisances import spread
-from probe_design.estimation.profile import Track, coordinate
+from probe_design.estimation.nuisances import compute_nuisance_errors
+from probe_design.estimation.profile import Track, compute_coordinate
 from probe_design.estimation.readings import Measurements, Reading, read_readings
 from probe_design.estimation.shared_errors import SharedErrors
 from solver import evaluate
@@ -35,16 +35,16 @@ TISSUE, BLOCK = "tissue.youngs_modulus", "probe.outer.youngs_modulus"
 
 
 def scene(**new: float) -> Scene:
-    return changed(read_scene(SCENE), {"inclusion.depth": 7e-3, "inclusion.youngs_modulus": 20e3} | new)
+    return replace_values(read_scene(SCENE), {"inclusion.depth": 7e-3, "inclusion.youngs_modulus": 20e3} | new)
 
 
-def read(of: Scene, *, blank: bool) -> float:
+def read(scene_read: Scene, *, blank: bool) -> float:
     """What an independent level says is read."""
-    return evaluate(of.model_copy(update={"inclusion": ()}) if blank else of, "axisymmetric", 1e-3).ratio or 0.0
+    return evaluate(scene_read.model_copy(update={"inclusion": ()}) if blank else scene_read, "axisymmetric", 1e-3).ratio or 0.0
 
 
-def width(found: Estimate) -> float:
-    low, high = found.interval
+def width(estimated: Estimate) -> float:
+    low, high = estimated.interval
     assert low is not None
     assert high is not None
     return float(np.log(high / low))
@@ -53,33 +53,35 @@ def width(found: Estimate) -> float:
 def test_shared_errors_are_those_of_the_covariance() -> None:
     chance = np.random.default_rng(0)
     v, A = chance.normal(size=(5, 4)), chance.normal(size=(5, 4, 2))
-    wanted = np.array([np.linalg.solve(np.eye(4) + a @ a.T, one) for one, a in zip(v, A, strict=True)])
+    wanted = np.array([np.linalg.solve(np.eye(4) + a @ a.T, vector) for vector, a in zip(v, A, strict=True)])
     errors = SharedErrors(A, np.zeros_like(A))
-    assert errors.decorrelated(v) == pytest.approx(wanted, rel=1e-12)
-    assert errors.misfit(v) == pytest.approx((v * wanted).sum(axis=1), rel=1e-12)
+    assert errors.decorrelate(v) == pytest.approx(wanted, rel=1e-12)
+    assert errors.compute_misfit(v) == pytest.approx((v * wanted).sum(axis=1), rel=1e-12)
 
 
 def test_the_misfit_is_the_least_over_what_is_not_known() -> None:
     """Scipy's own minimisation finds none better."""
     chance = np.random.default_rng(1)
-    off, line, bend = 2 * chance.normal(size=4), chance.normal(size=(4, 2)), 0.1 * chance.normal(size=(4, 2))
-    found = minimize(lambda eta: ((off - line @ eta - bend @ eta**2) ** 2).sum() + (eta**2).sum(), np.zeros(2), tol=1e-14).fun
-    assert SharedErrors(line, bend).misfit(off) == pytest.approx(found, rel=1e-6)
+    residual, line, bend = 2 * chance.normal(size=4), chance.normal(size=(4, 2)), 0.1 * chance.normal(size=(4, 2))
+    misfit = minimize(
+        lambda eta: ((residual - line @ eta - bend @ eta**2) ** 2).sum() + (eta**2).sum(), np.zeros(2), tol=1e-14
+    ).fun
+    assert SharedErrors(line, bend).compute_misfit(residual) == pytest.approx(misfit, rel=1e-6)
 
 
 def test_a_modulus_known_to_20_percent_costs_and_a_blank_gives_most_of_it_back() -> None:
     """The truth has another outer block than the scene says: without saying so the interval misses it."""
     truth = scene(**{BLOCK: 80e3 * 1.25})
-    over, beside = (read(truth, blank=blank) for blank in (False, True))
-    reading, blank = Reading(0.0, 0.0, over, NOISE), Reading(0.0, 0.0, beside, NOISE, blank=True)
+    plain, with_blank = (read(truth, blank=blank) for blank in (False, True))
+    reading, blank = Reading(0.0, 0.0, plain, NOISE), Reading(0.0, 0.0, with_blank, NOISE, blank=True)
     blind = estimate(scene(), (reading,))
     rough = estimate(scene(), (reading,), nuisances={BLOCK: 0.2})
     helped = estimate(scene(), (reading, blank), nuisances={BLOCK: "20 %"})
     assert blind.interval[1] is not None
     assert not (blind.interval[0] or 0.0) < 20e3 < blind.interval[1]
     assert rough.interval_if_known == blind.interval
-    for found in (rough, helped):
-        low, high = found.interval
+    for estimated in (rough, helped):
+        low, high = estimated.interval
         assert (low or 0.0) < 20e3 < (high or np.inf)
     assert rough.interval[1] is None or width(rough) > 1.5 * width(helped)
     assert helped.nuisances == {BLOCK: 0.2}
@@ -89,49 +91,52 @@ def test_a_modulus_known_to_20_percent_costs_and_a_blank_gives_most_of_it_back()
 @pytest.mark.parametrize("blank", [False, True])
 def test_coverage(blank: bool) -> None:
     """Of scenes whose outer block is drawn from its prior, as the level itself reads them with noise, at next to no load."""
-    of, sd, here = scene().model_copy(update={"load": Load(force=1e-4)}), 0.15, 20e3
-    over = Reading(0.0, 0.0, 1.0, NOISE, 100.0, NOISE)
-    data = Measurements.of((over, Reading(0.0, 0.0, 1.0, NOISE, blank=True)) if blank else (over,))
-    model = TargetModel(of, data, NOISE / 4)
-    fit = Likelihood(Track.of(model, "youngs_modulus").with_spread({BLOCK: sd}), data.noise)
-    at = np.linspace(-4 * sd, 4 * sd, 9)
-    exact = CubicSpline(at, [model.changed({BLOCK: values(of)[BLOCK] * float(np.exp(t))}).predict({}).value[0] for t in at])
+    soft_scene, sd, modulus = scene().model_copy(update={"load": Load(force=1e-4)}), 0.15, 20e3
+    reading = Reading(0.0, 0.0, 1.0, NOISE, 100.0, NOISE)
+    data = Measurements.from_readings((reading, Reading(0.0, 0.0, 1.0, NOISE, blank=True)) if blank else (reading,))
+    model = TargetModel(soft_scene, data, NOISE / 4)
+    fit = Likelihood(Track.from_model(model, "youngs_modulus").add_nuisances({BLOCK: sd}), data.noise)
+    nodes = np.linspace(-4 * sd, 4 * sd, 9)
+    exact = CubicSpline(
+        nodes,
+        [model.replace_values({BLOCK: list_values(soft_scene)[BLOCK] * float(np.exp(t))}).predict({}).value[0] for t in nodes],
+    )
     chance = np.random.default_rng(3)
-    y = exact(np.clip(chance.normal(0, sd, 3000), at[0], at[-1])) + NOISE * chance.normal(size=(3000, len(data.value)))
-    u = np.full(len(y), coordinate(model, "youngs_modulus", np.array([here]))[0])
-    covered = fit.chi_square(u, y) - fit.best(y)[1] <= fit.limit(u)
+    y = exact(np.clip(chance.normal(0, sd, 3000), nodes[0], nodes[-1])) + NOISE * chance.normal(size=(3000, len(data.value)))
+    u = np.full(len(y), compute_coordinate(model, "youngs_modulus", np.array([modulus]))[0])
+    covered = fit.compute_chi_square(u, y) - fit.find_best(y)[1] <= fit.interpolate_limit(u)
     assert binomtest(int(covered.sum()), len(y), 0.95).pvalue > 0.001
-    blind = Likelihood(Track.of(model, "youngs_modulus"), data.noise)
-    assert (blind.chi_square(u, y) - blind.best(y)[1] <= QUANTILE).mean() < 0.8  # what it is for
+    blind = Likelihood(Track.from_model(model, "youngs_modulus"), data.noise)
+    assert (blind.compute_chi_square(u, y) - blind.find_best(y)[1] <= CHI2_QUANTILE).mean() < 0.8  # what it is for
 
 
 @pytest.mark.slow
 def test_a_number_of_the_tissue_may_be_the_unknown_without_any_tumour() -> None:
     bare = read_scene(SCENE).model_copy(update={"inclusion": ()})
-    stiffness = evaluate(changed(bare, {TISSUE: 9e3}), "axisymmetric", 1e-3).stiffness
-    ratio = read(changed(bare, {TISSUE: 9e3}), blank=True)
-    found = estimate(bare, (Reading(0.0, 0.0, ratio, NOISE, stiffness, NOISE),), TISSUE)
-    assert found.value == pytest.approx(9e3, rel=0.01)
-    assert found.interval[0] is not None
-    assert found.interval[0] < 9e3 < (found.interval[1] or 0.0)
-    assert found.depth is found.strength is None
+    stiffness = evaluate(replace_values(bare, {TISSUE: 9e3}), "axisymmetric", 1e-3).stiffness
+    ratio = read(replace_values(bare, {TISSUE: 9e3}), blank=True)
+    estimated = estimate(bare, (Reading(0.0, 0.0, ratio, NOISE, stiffness, NOISE),), TISSUE)
+    assert estimated.value == pytest.approx(9e3, rel=0.01)
+    assert estimated.interval[0] is not None
+    assert estimated.interval[0] < 9e3 < (estimated.interval[1] or 0.0)
+    assert estimated.depth is estimated.strength is None
 
 
 @pytest.mark.slow
 def test_several_places_share_the_error_too() -> None:
     readings = tuple(Reading(x, 0.0, 0.6, NOISE) for x in (-6e-3, 0.0, 6e-3))
-    model = TargetModel(scene(), Measurements.of(readings), 0.01)
-    certain, rough = (searched(model, "youngs_modulus", known) for known in ({}, {TISSUE: 0.3}))
+    model = TargetModel(scene(), Measurements.from_readings(readings), 0.01)
+    certain, rough = (search_unknown(model, "youngs_modulus", known) for known in ({}, {TISSUE: 0.3}))
     assert rough.p_value > certain.p_value  # what a common shift explains is no contradiction
-    assert rough.if_known == certain.pieces
+    assert rough.pieces_if_known == certain.pieces
 
 
 def test_readings_files_have_blanks(tmp_path: Path) -> None:
     table, toml = tmp_path / "scan.csv", tmp_path / "scan.toml"
     table.write_text("ratio, noise, blank\n0.6, 0.02,\n0.5, 0.02, TRUE\n0.5, 0.02, false\n")
     toml.write_text("[[reading]]\nratio = 0.6\nnoise = 0.02\n[[reading]]\nratio = 0.5\nnoise = 0.02\nblank = true\n")
-    assert [one.blank for one in read_readings(table, scene())] == [False, True, False]
-    assert [one.blank for one in read_readings(toml, scene())] == [False, True]
+    assert [reading.blank for reading in read_readings(table, scene())] == [False, True, False]
+    assert [reading.blank for reading in read_readings(toml, scene())] == [False, True]
     toml.write_text("[[reading]]\nratio = 0.6\nnoise = 0.02\nblank = 1\n")
     with pytest.raises(InputError, match="true or false"):
         read_readings(toml, scene())
@@ -177,18 +182,18 @@ class Turning:
     scene: Scene
     stiffer: float = 1.0
 
-    def changed(self, new: dict[str, float]) -> Turning:
-        return Turning(self.scene, new[TISSUE] / values(self.scene)[TISSUE])
+    def replace_values(self, new: dict[str, float]) -> Turning:
+        return Turning(self.scene, new[TISSUE] / list_values(self.scene)[TISSUE])
 
     def predict(self, target: dict[str, np.ndarray]) -> SimpleNamespace:
-        one = np.ones(len(target["youngs_modulus"]))
-        return SimpleNamespace(value=np.log(self.stiffer) * one[:, None], resolved=one > 0, agrees=self.stiffer * one < 1.1)
+        ones = np.ones(len(target["youngs_modulus"]))
+        return SimpleNamespace(value=np.log(self.stiffer) * ones[:, None], resolved=ones > 0, agrees=self.stiffer * ones < 1.1)
 
 
 def test_a_number_that_turns_the_ratios_sign_is_refused() -> None:
     """On either side of zero logarithms are of ratios of either sign: no line goes through them."""
     model: Any = Turning(scene())
     target = {"youngs_modulus": np.array([1e3, 1e4])}
-    assert spread(model, {TISSUE: 0.05}, np.zeros(2), target).errors.line.ravel() == pytest.approx(0.05)
+    assert compute_nuisance_errors(model, {TISSUE: 0.05}, np.zeros(2), target).errors.linear.ravel() == pytest.approx(0.05)
     with pytest.raises(InputError, match=rf"nuisance.{TISSUE} = 0.2: allowed: a smaller one: the model cannot predict"):
-        spread(model, {TISSUE: 0.2}, np.zeros(2), target)
+        compute_nuisance_errors(model, {TISSUE: 0.2}, np.zeros(2), target)

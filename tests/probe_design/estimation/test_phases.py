@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from geometry import InputError, Scene, read_scene
-from geometry.scenes.variables import changed
+from geometry.scenes.variables import replace_values
 from probe_design.estimation.estimate import estimate
 from probe_design.estimation.model import TargetModel
-from probe_design.estimation.phases import THIRD, usable
+from probe_design.estimation.phases import THIRD_ORDER_FACTOR, select_usable
 from probe_design.estimation.readings import Measurements, Reading, read_readings
-from solver.axisymmetric.refinement import LEVELS
-from solver.phase.losses import spread
+from solver.axisymmetric.refinement import MESH_LEVELS
+from solver.phase.losses import compute_angle_spread
 from tests.support.complex_states import complex_ratio
 from tests.support.paths import EXAMPLES
 
@@ -26,7 +26,9 @@ SD = 2e-3
 
 @cache
 def lossy(tissue: float = 0.2) -> Scene:
-    return changed(read_scene(EXAMPLES / "scene.toml"), {"tissue.loss_factor": tissue, "inclusion.loss_factor": tissue / 2})
+    return replace_values(
+        read_scene(EXAMPLES / "scene.toml"), {"tissue.loss_factor": tissue, "inclusion.loss_factor": tissue / 2}
+    )
 
 
 def read_at(phase: float | None, sd: float | None = SD, noise: float = 0.01) -> tuple[Reading, ...]:
@@ -60,12 +62,12 @@ def test_phases_that_are_none_are_refused(tmp_path: Path, cells: str, key: str) 
 
 
 def test_what_the_model_cannot_use_is_left_out_and_said() -> None:
-    data = Measurements.of(read_at(0.03))
-    assert usable(lossy(), data) == (data, ())
-    left, notes = usable(read_scene(EXAMPLES / "scene.toml"), data)
+    data = Measurements.from_readings(read_at(0.03))
+    assert select_usable(lossy(), data) == (data, ())
+    left, notes = select_usable(read_scene(EXAMPLES / "scene.toml"), data)
     assert not left.is_phase.any()
     assert "every loss factor of the scene is 0" in notes[0]
-    left, notes = usable(lossy(), Measurements.of(read_at(0.03, 1e-4)))
+    left, notes = select_usable(lossy(), Measurements.from_readings(read_at(0.03, 1e-4)))
     assert not left.is_phase.any()
     assert "good to" in notes[0]
 
@@ -74,20 +76,20 @@ def test_what_the_model_cannot_use_is_left_out_and_said() -> None:
 def test_predictions_are_phases_of_the_complex_equations() -> None:
     """Within the bound, which is mostly what eq. ES.9 leaves out; and the slope is that of bodies a little softer and stiffer."""
     scene = lossy()
-    model = TargetModel(scene, Measurements.of(read_at(0.03)), 3e-3)
-    found = model.predict({"youngs_modulus": 30e3 * np.array([1 / 1.2, 1.0, 1.2])})
-    assert abs(found.value[1, 1] - cmath.phase(complex_ratio(scene, LEVELS[1]))) <= found.bound[1, 1]
-    assert found.bound[1, 1] <= THIRD * spread(scene) ** 3 + 6e-3
-    slope = (found.value[2, 1] - found.value[0, 1]) / (2 * math.log(1.2))
-    assert found.by_modulus[1, 1] == pytest.approx(slope, rel=0.1)
+    model = TargetModel(scene, Measurements.from_readings(read_at(0.03)), 3e-3)
+    predicted = model.predict({"youngs_modulus": 30e3 * np.array([1 / 1.2, 1.0, 1.2])})
+    assert abs(predicted.value[1, 1] - cmath.phase(complex_ratio(scene, MESH_LEVELS[1]))) <= predicted.bound[1, 1]
+    assert predicted.bound[1, 1] <= THIRD_ORDER_FACTOR * compute_angle_spread(scene) ** 3 + 6e-3
+    slope = (predicted.value[2, 1] - predicted.value[0, 1]) / (2 * math.log(1.2))
+    assert predicted.by_modulus[1, 1] == pytest.approx(slope, rel=0.1)
 
 
 @pytest.mark.slow
 def test_a_phase_narrows_the_interval_by_noise_and_contradictions_are_told() -> None:
     scene = lossy()
-    true = cmath.phase(complex_ratio(scene, LEVELS[3]))
-    without, with_it = (estimate(scene, read_at(phase, noise=0.05)) for phase in (None, true))
-    (low, high), (lower, higher) = with_it.interval_of_noise, without.interval_of_noise
+    true = cmath.phase(complex_ratio(scene, MESH_LEVELS[3]))
+    without_phase, with_it = (estimate(scene, read_at(phase, noise=0.05)) for phase in (None, true))
+    (low, high), (lower, higher) = with_it.interval_of_noise, without_phase.interval_of_noise
     assert (high or 1e9) / (low or 1e3) < (higher or 1e9) / (lower or 1e3)
     wrong = estimate(scene, read_at(true + 0.2))
     assert wrong.p_value is not None
@@ -97,7 +99,7 @@ def test_a_phase_narrows_the_interval_by_noise_and_contradictions_are_told() -> 
 @pytest.mark.slow
 def test_loss_factors_known_roughly_take_back_what_phases_tell() -> None:
     scene = lossy()
-    true = cmath.phase(complex_ratio(scene, LEVELS[3]))
+    true = cmath.phase(complex_ratio(scene, MESH_LEVELS[3]))
     known, rough = (
         estimate(scene, read_at(true, noise=0.05), nuisances=nuisances) for nuisances in ({}, {"tissue.loss_factor": "50 %"})
     )

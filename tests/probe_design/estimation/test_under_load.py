@@ -10,11 +10,11 @@ import pytest
 from geometry import Load, Scene, read_scene
 from geometry.common.errors import Refusal
 from probe_design.estimation.estimate import estimate
-from probe_design.estimation.loaded_model import LoadedModel, Told
+from probe_design.estimation.loaded_model import LoadedModel, LogPrediction
 from probe_design.estimation.model import TargetModel
 from probe_design.estimation.profile import Track
 from probe_design.estimation.readings import Measurements, Reading
-from probe_design.estimation.under_load import under_load
+from probe_design.estimation.under_load import add_load
 from tests.support.paths import EXAMPLES, REFERENCE
 
 EXPECTED = json.loads((REFERENCE / "contact" / "expected.json").read_text())
@@ -30,18 +30,18 @@ def test_a_reading_of_other_codes_is_inverted_right() -> None:
     scene = read_scene(REFERENCE / "contact" / "example.toml")
     row = next(row for row in EXPECTED["example"]["rows"] if row["indentation"] == 0.0025)
     read, truth = (Reading(0.0, 0.0, row["ratio"], 0.01),), scene.inclusion[0].youngs_modulus
-    found = estimate(scene.model_copy(update={"load": Load(indentation=0.0025)}), read)
-    assert found.evaluator == "contact"
-    assert found.value is not None
-    assert found.error_estimate is not None
-    low, high = found.interval
+    estimated = estimate(scene.model_copy(update={"load": Load(indentation=0.0025)}), read)
+    assert estimated.evaluator == "contact"
+    assert estimated.value is not None
+    assert estimated.error_estimate is not None
+    low, high = estimated.interval
     assert (low or 0.0) < truth < (high or np.inf)
-    off = found.error_estimate + row["ratio_unc"] / row["ratio"]
-    assert abs(np.log(found.value / truth)) <= off / (row["log_sensitivity"] - 0.1 * off)
+    tolerance = estimated.error_estimate + row["ratio_unc"] / row["ratio"]
+    assert abs(np.log(estimated.value / truth)) <= tolerance / (row["log_sensitivity"] - 0.1 * tolerance)
     linear = estimate(scene.model_copy(update={"load": Load(force=0.0)}), read).value
     assert linear is not None
     assert linear < 0.85 * truth
-    assert abs(np.log(found.value / truth)) < abs(np.log(linear / truth)) / 2
+    assert abs(np.log(estimated.value / truth)) < abs(np.log(linear / truth)) / 2
 
 
 class MadeUp(LoadedModel):
@@ -51,58 +51,58 @@ class MadeUp(LoadedModel):
 
     def prepare(self, at_rest: Track) -> None:
         """Know the linear predictions, and what was asked for."""
-        self.rest, self.asked = at_rest, list[float]()
+        self.track_at_rest, self.requests = at_rest, list[float]()
 
     @staticmethod
     def change(x: np.ndarray) -> np.ndarray:
         """What the load changes: no polynomial in the track's coordinate."""
         return np.asarray(0.2 * np.exp(0.8 * x))
 
-    def told(self, value: float) -> Told | None:
-        self.asked.append(value)
+    def predict(self, value: float) -> LogPrediction | None:
+        self.requests.append(value)
         if value < self.ends * self.model.host.youngs_modulus:
             raise Refusal("load.force", "0.2 N", "less")
-        k = int(np.argmin(np.abs(self.rest.values(self.rest.x) / value - 1)))
-        return self.rest.predicted.value[k] + self.change(self.rest.x[k]), np.array([1e-3])
+        k = int(np.argmin(np.abs(self.track_at_rest.compute_values(self.track_at_rest.x) / value - 1)))
+        return self.track_at_rest.predicted.value[k] + self.change(self.track_at_rest.x[k]), np.array([1e-3])
 
 
 def made_up(noise: float) -> tuple[Track, Track, MadeUp]:
     reading = Reading(0.0, 0.0, 0.6, noise)
-    model = TargetModel(example(Load(force=0.2)), Measurements.of((reading,)), 0.01)
+    model = TargetModel(example(Load(force=0.2)), Measurements.from_readings((reading,)), 0.01)
     loaded = MadeUp(model, "youngs_modulus", 0.01)
-    at_rest = Track.of(loaded.at_rest, "youngs_modulus")
+    at_rest = Track.from_model(loaded.unloaded_model, "youngs_modulus")
     loaded.prepare(at_rest)
-    return at_rest, under_load(at_rest, loaded), loaded
+    return at_rest, add_load(at_rest, loaded), loaded
 
 
 def test_between_nodes_the_change_is_off_by_no_more_than_its_bound() -> None:
-    at_rest, found, loaded = made_up(1e-3)
-    x = np.concatenate(found.runs)
-    wanted = at_rest.at(x)[0] + loaded.change(x)[:, None]
-    bound = np.interp(x, found.x, found.predicted.bound[:, 0])
-    assert np.all(np.abs(found.at(x)[0] - wanted)[:, 0] <= bound)
-    assert len(set(loaded.asked)) < len(at_rest.x)
-    assert found.level == "contact"
+    at_rest, estimated, loaded = made_up(1e-3)
+    x = np.concatenate(estimated.runs)
+    wanted = at_rest.interpolate(x)[0] + loaded.change(x)[:, None]
+    bound = np.interp(x, estimated.x, estimated.predicted.bound[:, 0])
+    assert np.all(np.abs(estimated.interpolate(x)[0] - wanted)[:, 0] <= bound)
+    assert len(set(loaded.requests)) < len(at_rest.x)
+    assert estimated.evaluator == "contact"
 
 
 def test_noise_says_how_many_nodes_are_asked_for() -> None:
-    asked = [len(set(made_up(noise)[2].asked)) for noise in (1e-4, 0.1)]
-    assert asked[1] < asked[0]
+    counts = [len(set(made_up(noise)[2].requests)) for noise in (1e-4, 0.1)]
+    assert counts[1] < counts[0]
 
 
 def test_what_cannot_be_pressed_is_not_searched() -> None:
-    _, found, loaded = made_up(0.01)
-    assert found.predicted.resolved.tolist() == (found.values(found.x) >= 0.999 * loaded.ends * 6e3).tolist()
+    _, estimated, loaded = made_up(0.01)
+    assert estimated.predicted.resolved.tolist() == (estimated.compute_values(estimated.x) >= 0.999 * loaded.ends * 6e3).tolist()
 
 
 def test_stiffnesses_that_the_model_knows_less_well_are_left_out_under_load_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    def told(self: LoadedModel, value: float) -> Told:
+    def tell_roughly(self: LoadedModel, value: float) -> LogPrediction:
         return np.log(np.full(len(self.model.data.value), 0.6)), np.full(len(self.model.data.value), 1e-3)
 
-    monkeypatch.setattr(LoadedModel, "told", told)
-    found = estimate(example(Load(force=0.2)), (Reading(0.0, 0.0, 0.6, 0.05, stiffness=95.0, stiffness_noise=1e-6),))
-    assert found.evaluator == "contact"
-    assert any("1 stiffnesses left out" in text for text in found.warnings)
+    monkeypatch.setattr(LoadedModel, "predict", tell_roughly)
+    estimated = estimate(example(Load(force=0.2)), (Reading(0.0, 0.0, 0.6, 0.05, stiffness=95.0, stiffness_noise=1e-6),))
+    assert estimated.evaluator == "contact"
+    assert any("1 stiffnesses left out" in text for text in estimated.warnings)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ import pytest
 from geometry import Load, Scene, read_scene
 from probe_design.maps.detectability import detectability
 from probe_design.maps.sphere_effects import Thresholds
-from probe_design.maps.target_grid import chosen_sizes
+from probe_design.maps.target_grid import choose_sizes
 from solver import evaluate
 from tests.support.paths import REFERENCE, SCENE
 from tests.support.program import refused, run
@@ -37,22 +37,22 @@ def test_json_and_picture(tmp_path: Path) -> None:
     sizes = ("--depth-from", "4 mm", "--depth-to", "20 mm", "--diameter-from", "1 mm", "--diameter-to", "12 mm")
     ended = run("detectability", SCENE, *sizes, "--noise", "0.01", "--points", "9", "--json", "--plot", picture)
     assert ended.returncode == 0, ended.stderr
-    found = json.loads(ended.stdout, parse_constant=lambda word: pytest.fail(word))
-    assert set(found) == KEYS
-    assert found["depth"] == pytest.approx(np.linspace(4e-3, 20e-3, 9).tolist())
-    assert found["seen_threshold"] == pytest.approx(0.03)
-    assert found["noise"] == 0.01
+    output = json.loads(ended.stdout, parse_constant=lambda word: pytest.fail(word))
+    assert set(output) == KEYS
+    assert output["depth"] == pytest.approx(np.linspace(4e-3, 20e-3, 9).tolist())
+    assert output["seen_threshold"] == pytest.approx(0.03)
+    assert output["noise"] == 0.01
     for key in ("change", "standard_deviation", "error", "seen", "resolved", "above_error"):
-        assert [len(row) for row in found[key]] == [9] * 9
-    for k, depth in enumerate(found["depth"]):
-        for m, diameter in enumerate(found["diameter"]):
+        assert [len(row) for row in output[key]] == [9] * 9
+    for k, depth in enumerate(output["depth"]):
+        for m, diameter in enumerate(output["diameter"]):
             fits = depth - diameter / 2 >= 0.025 * diameter
-            assert (found["change"][k][m] is not None) == fits
-            assert (found["error"][k][m] is not None) == fits
+            assert (output["change"][k][m] is not None) == fits
+            assert (output["error"][k][m] is not None) == fits
             if not fits:
-                assert found["seen"][k][m] is found["resolved"][k][m] is found["standard_deviation"][k][m] is None
-    assert found["seen"][0][0] is False  # 1 mm at 4 mm
-    assert found["seen"][0][4] is True  # 6.5 mm at 4 mm
+                assert output["seen"][k][m] is output["resolved"][k][m] is output["standard_deviation"][k][m] is None
+    assert output["seen"][0][0] is False  # 1 mm at 4 mm
+    assert output["seen"][0][4] is True  # 6.5 mm at 4 mm
     assert matplotlib.image.imread(picture).shape[1] == 1430
 
 
@@ -63,30 +63,30 @@ POINTS = [(0.009, 0.008), (0.006, 0.004), (0.006, 0.009), (0.02, 0.012), (0.0051
 def test_points_are_what_axisymmetric_says(depth: float, diameter: float) -> None:
     """Change within its bound, standard deviation = noise / S with the S of finite elements."""
     scene, noise = read_scene(SCENE), 0.02
-    told = detectability(scene, np.array([depth]), np.array([diameter]), Thresholds(noise))
+    mapped = detectability(scene, np.array([depth]), np.array([diameter]), Thresholds(noise))
     with_it = evaluate(with_sphere(scene, depth, diameter), "axisymmetric", 1e-4)
-    without = evaluate(scene.model_copy(update={"inclusion": ()}), "axisymmetric", 1e-4)
-    change = with_it.ratio / without.ratio - 1
-    assert told.change[0][0] == pytest.approx(change, abs=told.error[0][0] + 2e-4 * abs(change))
-    assert told.standard_deviation[0][0] == pytest.approx(noise / with_it.log_sensitivity, rel=0.15)
-    assert told.seen[0][0] in (None, abs(change) >= 0.06)
-    assert told.resolved[0][0] in (None, noise / with_it.log_sensitivity <= 0.5)
+    bare = evaluate(scene.model_copy(update={"inclusion": ()}), "axisymmetric", 1e-4)
+    change = with_it.ratio / bare.ratio - 1
+    assert mapped.change[0][0] == pytest.approx(change, abs=mapped.error[0][0] + 2e-4 * abs(change))
+    assert mapped.standard_deviation[0][0] == pytest.approx(noise / with_it.log_sensitivity, rel=0.15)
+    assert mapped.seen[0][0] in (None, abs(change) >= 0.06)
+    assert mapped.resolved[0][0] in (None, noise / with_it.log_sensitivity <= 0.5)
 
 
-BESIDE = [one for one in expected("off-axis") if "0.25" in one.name]
+BESIDE = [reference for reference in expected("off-axis") if "0.25" in reference.name]
 
 
-@pytest.mark.parametrize("one", slow_unless(BESIDE[:2].__contains__, BESIDE), ids=lambda one: one.name)
-def test_tumours_beside_the_axis(one: object) -> None:
+@pytest.mark.parametrize("reference", slow_unless(BESIDE[:2].__contains__, BESIDE), ids=lambda reference: reference.name)
+def test_tumours_beside_the_axis(reference: object) -> None:
     """The 3D references give the ratio without the tumour too."""
-    scene: Scene = one.scene  # type: ignore[attr-defined]
+    scene: Scene = reference.scene  # type: ignore[attr-defined]
     body = scene.inclusion[0]
-    without = json.loads((REFERENCE / "off-axis" / "expected.json").read_text())[one.name]["ratio_without"]  # type: ignore[attr-defined]
-    told = detectability(scene, np.array([body.depth]), np.array([body.diameter]))
-    change = one.ratio / without - 1  # type: ignore[attr-defined]
-    assert told.change[0][0] == pytest.approx(change, abs=told.error[0][0] + 2e-4)
-    assert told.seen[0][0] in (None, abs(change) >= 0.03)
-    assert told.ratio_without == pytest.approx(without, rel=0.01)
+    ratio_without = json.loads((REFERENCE / "off-axis" / "expected.json").read_text())[reference.name]["ratio_without"]  # type: ignore[attr-defined]
+    mapped = detectability(scene, np.array([body.depth]), np.array([body.diameter]))
+    change = reference.ratio / ratio_without - 1  # type: ignore[attr-defined]
+    assert mapped.change[0][0] == pytest.approx(change, abs=mapped.error[0][0] + 2e-4)
+    assert mapped.seen[0][0] in (None, abs(change) >= 0.03)
+    assert mapped.ratio_without == pytest.approx(ratio_without, rel=0.01)
 
 
 @pytest.mark.slow
@@ -98,8 +98,8 @@ def test_verdicts_hold_with_less_error() -> None:
     noisy = detectability(scene, depths, diameters, Thresholds(0.02), accuracy=0.0005)
     for k in range(5):
         for m in range(5):
-            for one, other in ((coarse.seen, fine.seen), (coarse.resolved, fine.resolved)):
-                assert one[k][m] is None or other[k][m] is None or one[k][m] == other[k][m]
+            for coarse_verdict, fine_verdict in ((coarse.seen, fine.seen), (coarse.resolved, fine.resolved)):
+                assert coarse_verdict[k][m] is None or fine_verdict[k][m] is None or coarse_verdict[k][m] == fine_verdict[k][m]
             if fine.change[k][m] is not None:
                 assert coarse.change[k][m] == pytest.approx(fine.change[k][m], abs=coarse.error[k][m] + fine.error[k][m])
                 assert noisy.standard_deviation[k][m] == pytest.approx(2 * fine.standard_deviation[k][m], rel=0.1)
@@ -115,23 +115,23 @@ def test_threshold_is_what_its_docstring_says() -> None:
 
 def test_others_stay_and_spheres_keep_clear_of_them() -> None:
     scene = read_scene(REFERENCE / "solid" / "two-tumours-on-large-tumour.toml")  # the other: 30 mm away, 5 mm wide
-    told = detectability(scene, np.array([0.01]), np.array([0.008]))
-    one = evaluate(scene, "equivalent-inclusion")
-    other = scene.inclusion[1].model_copy(update={"target": True})
-    alone = evaluate(scene.model_copy(update={"inclusion": (other,)}), "equivalent-inclusion")
-    assert told.ratio_without == pytest.approx(alone.ratio, rel=1e-6)
-    assert told.change[0][0] == pytest.approx(one.ratio / alone.ratio - 1, rel=0.02)
-    near = scene.inclusion[1].model_copy(update={"x": scene.inclusion[0].x + 0.008})
-    close = scene.model_copy(update={"inclusion": (scene.inclusion[0], near)})
+    mapped = detectability(scene, np.array([0.01]), np.array([0.008]))
+    evaluated = evaluate(scene, "equivalent-inclusion")
+    second = scene.inclusion[1].model_copy(update={"target": True})
+    alone = evaluate(scene.model_copy(update={"inclusion": (second,)}), "equivalent-inclusion")
+    assert mapped.ratio_without == pytest.approx(alone.ratio, rel=1e-6)
+    assert mapped.change[0][0] == pytest.approx(evaluated.ratio / alone.ratio - 1, rel=0.02)
+    closer = scene.inclusion[1].model_copy(update={"x": scene.inclusion[0].x + 0.008})
+    close = scene.model_copy(update={"inclusion": (scene.inclusion[0], closer)})
     assert detectability(close, np.array([0.01]), np.array([0.010, 0.012])).change[0][1] is None
 
 
 def test_sizes_chosen_hold_the_scenes_own_tumour() -> None:
     scene = with_sphere(read_scene(SCENE), 0.03, 0.02)
-    depths, diameters = chosen_sizes(scene, 4)
+    depths, diameters = choose_sizes(scene, 4)
     assert depths[0] < 0.03 < depths[-1] <= scene.tissue.depth
     assert diameters[0] < 0.02 < diameters[-1]
-    assert math.isclose(chosen_sizes(scene, 4, depth_to=0.01)[0][-1], 0.01)
+    assert math.isclose(choose_sizes(scene, 4, depth_to=0.01)[0][-1], 0.01)
 
 
 def test_table() -> None:

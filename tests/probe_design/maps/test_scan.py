@@ -16,7 +16,7 @@ from geometry.scenes.scene import Inclusion
 from probe_design.maps.scan import scan
 from solver import Workspace, evaluate
 from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed
-from solver.linalg.workspace import using
+from solver.linalg.workspace import use_workspace
 from tests.support.paths import EXAMPLES, REFERENCE
 from tests.support.program import begun, refused, run
 from tests.support.references import expected, named
@@ -40,32 +40,32 @@ def test_both_references_of_solid_lie_on_one_scan(tmp_path: Path) -> None:
     ended = run("scan", SCENE, "--from", "-15 mm", "--to", "0 mm", "--points", "2", "--json", "--plot", picture)
     assert ended.returncode == 0, ended.stderr
     assert ended.stderr == ""
-    found = json.loads(ended.stdout)
-    assert set(found) == KEYS
-    assert found["position"] == pytest.approx([-0.015, 0.0])
+    output = json.loads(ended.stdout)
+    assert set(output) == KEYS
+    assert output["position"] == pytest.approx([-0.015, 0.0])
     for k, name in enumerate(("two-tumours-on-large-tumour", "two-tumours-between")):
-        one = named("solid", name)
-        slack = one.uncertainty + found["error_estimate"][k]
-        assert found["ratio"][k] == pytest.approx(one.ratio, rel=slack)
+        reference = named("solid", name)
+        slack = reference.uncertainty + output["error_estimate"][k]
+        assert output["ratio"][k] == pytest.approx(reference.ratio, rel=slack)
         # round tissue about the probe's axis stands for the block, which is felt where the probe is off its middle
-        assert found["stiffness"][k] == pytest.approx(one.stiffness, rel=0.015)
-        assert found["stress_inner"][k] == pytest.approx(one.stress_inner, rel=0.015)
-        assert found["stress_outer"][k] == pytest.approx(one.stress_outer, rel=0.015)
-    assert any("stiffness" in warning for warning in found["warnings"])
+        assert output["stiffness"][k] == pytest.approx(reference.stiffness, rel=0.015)
+        assert output["stress_inner"][k] == pytest.approx(reference.stress_inner, rel=0.015)
+        assert output["stress_outer"][k] == pytest.approx(reference.stress_outer, rel=0.015)
+    assert any("stiffness" in warning for warning in output["warnings"])
     height, width = matplotlib.image.imread(picture).shape[:2]
     assert width == 1170
     assert height > 700
 
 
-BESIDE = [one for one in expected("off-axis") if "0.25" in one.name]
+BESIDE = [reference for reference in expected("off-axis") if "0.25" in reference.name]
 
 
-@pytest.mark.parametrize("one", slow_unless(BESIDE[:2].__contains__, BESIDE), ids=lambda one: one.name)
-def test_tumours_beside_the_axis(one: object) -> None:
+@pytest.mark.parametrize("reference", slow_unless(BESIDE[:2].__contains__, BESIDE), ids=lambda reference: reference.name)
+def test_tumours_beside_the_axis(reference: object) -> None:
     """3D references with the probe beside the tumour."""
-    told = scan(one.scene, "x", np.array([one.scene.placement.x]))  # type: ignore[attr-defined]
-    assert told.ratio[0] == pytest.approx(one.ratio, rel=told.error_estimate[0] + one.uncertainty)  # type: ignore[attr-defined]
-    assert told.error_estimate[0] <= 0.011
+    scanned = scan(reference.scene, "x", np.array([reference.scene.placement.x]))  # type: ignore[attr-defined]
+    assert scanned.ratio[0] == pytest.approx(reference.ratio, rel=scanned.error_estimate[0] + reference.uncertainty)  # type: ignore[attr-defined]
+    assert scanned.error_estimate[0] <= 0.011
 
 
 @pytest.mark.slow
@@ -75,25 +75,25 @@ def test_a_symmetric_scene_gives_a_symmetric_scan_along_any_line() -> None:
     pair = [body.model_copy(update={"x": x, "y": 0.0, "target": False}) for x in (-0.012, 0.012)]
     twin = changed(scene, inclusion=tuple(pair), tissue=named("solid", "flank").scene.tissue)
     places = np.linspace(-0.018, 0.018, 7)
-    along = scan(twin, "x", places, at=0.0)
-    assert along.ratio == pytest.approx(along.ratio[::-1], rel=1e-9)
-    assert along.log_sensitivity == (None,) * 7
-    turned = changed(twin, inclusion=tuple(one.model_copy(update={"x": 0.0, "y": one.x}) for one in pair))
-    assert scan(turned, "y", places, at=0.0).ratio == pytest.approx(along.ratio, rel=1e-9)
-    across = scan(twin, "y", np.array([-0.004, 0.004]), at=0.012)
+    line = scan(twin, "x", places, offset=0.0)
+    assert line.ratio == pytest.approx(line.ratio[::-1], rel=1e-9)
+    assert line.log_sensitivity == (None,) * 7
+    turned = changed(twin, inclusion=tuple(single.model_copy(update={"x": 0.0, "y": single.x}) for single in pair))
+    assert scan(turned, "y", places, offset=0.0).ratio == pytest.approx(line.ratio, rel=1e-9)
+    across = scan(twin, "y", np.array([-0.004, 0.004]), offset=0.012)
     assert across.ratio[0] == pytest.approx(across.ratio[1], rel=1e-9)
     assert across.at == 0.012
 
 
 def test_position_0_is_what_axisymmetric_says() -> None:
     scene = read_scene(EXAMPLES / "scene.toml")
-    told, other = scan(scene, "x", np.array([-0.01, 0.0, 0.01])), evaluate(scene, "axisymmetric", 1e-3)
-    assert told.error_estimate[1] is not None
-    assert told.error_estimate[1] <= 0.01
-    assert told.ratio[1] == pytest.approx(other.ratio, rel=told.error_estimate[1])
-    assert told.stiffness[1] == pytest.approx(other.stiffness, rel=0.01)
-    assert told.stress_outer[1] == pytest.approx(other.stress_outer, rel=0.01)
-    assert told.log_sensitivity[1] == pytest.approx(other.log_sensitivity, rel=0.05)
+    scanned, evaluated = scan(scene, "x", np.array([-0.01, 0.0, 0.01])), evaluate(scene, "axisymmetric", 1e-3)
+    assert scanned.error_estimate[1] is not None
+    assert scanned.error_estimate[1] <= 0.01
+    assert scanned.ratio[1] == pytest.approx(evaluated.ratio, rel=scanned.error_estimate[1])
+    assert scanned.stiffness[1] == pytest.approx(evaluated.stiffness, rel=0.01)
+    assert scanned.stress_outer[1] == pytest.approx(evaluated.stress_outer, rel=0.01)
+    assert scanned.log_sensitivity[1] == pytest.approx(evaluated.log_sensitivity, rel=0.05)
 
 
 def test_far_from_tumours_and_without_them_the_ratio_is_that_of_tissue_alone() -> None:
@@ -112,7 +112,7 @@ def test_far_from_tumours_and_without_them_the_ratio_is_that_of_tissue_alone() -
 def test_one_probe_is_held_wherever_its_bounds_are_found() -> None:
     """Positions off the middle of a block ask for film forces alone: each probe solved everywhere is some 40 MB."""
     scene = read_scene(EXAMPLES / "two-tumours.toml")
-    with using(Workspace()) as held:
+    with use_workspace(Workspace()) as held:
         scan(changed(scene, inclusion=()), "x", np.array([0.0, 0.03]), accuracy=0.1)
     kinds = [type(entry.value) for entry in held._entries.values()]
     assert (kinds.count(Undisturbed), kinds.count(ProbeAlone)) == (1, 2)
@@ -120,22 +120,22 @@ def test_one_probe_is_held_wherever_its_bounds_are_found() -> None:
 
 def test_a_force_is_shared_by_both_films() -> None:
     scene = changed(read_scene(SCENE), load={"force": 0.01})
-    told = scan(scene, "x", np.array([-0.015, 0.005]))
+    scanned = scan(scene, "x", np.array([-0.015, 0.005]))
     areas = scene.probe.inner_area, scene.probe.outer_area
-    total = np.array(told.stress_inner) * areas[0] + np.array(told.stress_outer) * areas[1]
+    total = np.array(scanned.stress_inner) * areas[0] + np.array(scanned.stress_outer) * areas[1]
     assert total == pytest.approx(0.01, rel=1e-9)
-    assert np.array(told.stress_inner) / np.array(told.stress_outer) == pytest.approx(told.ratio, rel=1e-9)
+    assert np.array(scanned.stress_inner) / np.array(scanned.stress_outer) == pytest.approx(scanned.ratio, rel=1e-9)
 
 
 def test_a_tumour_beyond_the_round_tissue_is_counted_as_an_error() -> None:
     scene = read_scene(SCENE)
     corner = Inclusion(diameter=0.006, depth=0.01, x=0.045, y=0.035, youngs_modulus=6e4, poisson_ratio=0.45, target=True)
-    one = changed(scene, inclusion=(corner,))
-    told = scan(one, "x", np.array([-0.02, 0.04]), at=0.0)
-    assert told.log_sensitivity[0] is None
-    assert told.log_sensitivity[1] is not None
-    assert told.ratio[0] == pytest.approx(told.ratio_without, rel=1e-3)
-    assert any("outside the round tissue" in warning for warning in told.warnings)
+    cornered = changed(scene, inclusion=(corner,))
+    scanned = scan(cornered, "x", np.array([-0.02, 0.04]), offset=0.0)
+    assert scanned.log_sensitivity[0] is None
+    assert scanned.log_sensitivity[1] is not None
+    assert scanned.ratio[0] == pytest.approx(scanned.ratio_without, rel=1e-3)
+    assert any("outside the round tissue" in warning for warning in scanned.warnings)
 
 
 @pytest.mark.slow
@@ -154,9 +154,9 @@ def test_interrupted_is_one_line_and_leaves_no_file(tmp_path: Path) -> None:
     with begun("probe_design.maps.scan", "scan", SCENE, "--points", "2000", "--plot", tmp_path / "scan.png") as started:
         time.sleep(3)
         started.send_signal(signal.SIGINT)
-        out, said = started.communicate(timeout=60)
+        output, said = started.communicate(timeout=60)
     assert started.returncode == 130
-    assert out == ""
+    assert output == ""
     assert said.strip() == "probe-design: interrupted; nothing half-written is left"
     assert list(tmp_path.iterdir()) == []
 
@@ -214,5 +214,5 @@ def test_round_tissue_limits_the_line_by_its_chord() -> None:
 
 
 def test_half_space_has_no_limit() -> None:
-    told = scan(read_scene(REFERENCE / "half-space" / "bonded.toml"), "x", np.array([0.0, 2.0]))
-    assert told.ratio[1] == pytest.approx(told.ratio_without, rel=1e-6)
+    scanned = scan(read_scene(REFERENCE / "half-space" / "bonded.toml"), "x", np.array([0.0, 2.0]))
+    assert scanned.ratio[1] == pytest.approx(scanned.ratio_without, rel=1e-6)

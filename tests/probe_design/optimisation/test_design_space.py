@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from geometry import InputError, read_scene
-from probe_design.data.builtin import builtin_scene
-from probe_design.optimisation.design_space import space
-from probe_design.optimisation.global_search import screen
+from probe_design.data.builtin import read_builtin_scene
+from probe_design.optimisation.design_space import build_space
+from probe_design.optimisation.global_search import screen_designs
 from probe_design.optimisation.optimize import optimize
 from tests.support.paths import SCENE
 from tests.support.program import run
@@ -18,8 +18,8 @@ from tests.support.scenes import nodule
 
 
 def test_rounding_keeps_the_limit() -> None:
-    room = space(builtin_scene(), 8.013e-3)
-    made = room.scene_of(np.array([3.5266e-3, 0.24353, 1.004e-4, 1.6028e-3, 98765.0, 12345.0])).probe
+    room = build_space(read_builtin_scene(), 8.013e-3)
+    made = room.build_scene(np.array([3.5266e-3, 0.24353, 1.004e-4, 1.6028e-3, 98765.0, 12345.0])).probe
     assert (made.inner_radius, made.gap, made.height) == (3.53e-3, 1e-4, 1.6e-3)
     assert made.tube_radius <= 8.013e-3
     assert made.tube_radius * 1e5 == pytest.approx(round(made.tube_radius * 1e5), abs=1e-9)
@@ -27,11 +27,11 @@ def test_rounding_keeps_the_limit() -> None:
 
 
 def test_rounding_thins_no_wall_of_the_least_thickness() -> None:
-    room = space(read_scene(SCENE), 8e-3)
+    room = build_space(read_scene(SCENE), 8e-3)
     inner, gap, outer = 4.596e-3, 0.5e-3, 5.5965e-3
     design = np.array([inner, inner**2 / (outer**2 - (inner + gap) ** 2), gap, 1.63e-3, 1e6, 6.85e5])
     assert room.admits(design)
-    made = room.scene_of(design).probe
+    made = room.build_scene(design).probe
     assert (made.inner_radius, made.tube_radius) == (4.59e-3, 5.59e-3)
     assert made.tube_radius - made.hole_radius >= room.wall * (1 - 1e-9)
 
@@ -39,14 +39,14 @@ def test_rounding_thins_no_wall_of_the_least_thickness() -> None:
 def test_a_tighter_limit_takes_designs_away_and_brings_none() -> None:
     """Bounds, what is screened, and the search itself, on a small probe over a shallow nodule."""
     start = nodule()
-    wide = space(start, 12e-3)
+    wide = build_space(start, 12e-3)
     for limit in (1.101e-3, 2.5e-3, 4e-3, 6.3e-3):
-        tight = space(start, limit)
+        tight = build_space(start, limit)
         assert np.all(tight.low == wide.low)
         assert np.all(tight.high[1:] == wide.high[1:])
         assert tight.wall == wide.wall
-        screened = {tuple(design) for design in screen(tight).T}
-        assert screened == {tuple(design) for design in screen(wide).T if tight.derived_radius(design) <= limit}
+        screened = {tuple(design) for design in screen_designs(tight).T}
+        assert screened == {tuple(design) for design in screen_designs(wide).T if tight.compute_outer_radius(design) <= limit}
         assert all(np.all((tight.low <= design) & (np.array(design) <= tight.high)) for design in screened)
 
 
@@ -61,21 +61,21 @@ def test_a_tighter_limit_never_gives_a_better_optimum() -> None:
 
 
 def test_limits_say_which_are_active() -> None:
-    scene = builtin_scene()
-    room = space(scene, 8e-3)
+    scene = read_builtin_scene()
+    room = build_space(scene, 8e-3)
     x = np.array([3.5e-3, 0.25, 0.1e-3, 1.25e-3, 1e6, 5e5])
-    made = room.scene_of(x)
-    told = {limit.name: limit for limit in room.limits(made)}
-    assert {name for name, limit in told.items() if limit.active} == {"least gap", "least height", "largest inner_modulus"}
-    assert told["least height"].value == pytest.approx(1.25e-3)  # the groove's depth is 1 mm
-    assert told["largest outer_radius"].value == 8e-3
-    assert told["least outer_modulus"].value == 100.0  # the start's own
-    assert len(told) == 13
+    made = room.build_scene(x)
+    limits = {limit.name: limit for limit in room.list_limits(made)}
+    assert {name for name, limit in limits.items() if limit.active} == {"least gap", "least height", "largest inner_modulus"}
+    assert limits["least height"].value == pytest.approx(1.25e-3)  # the groove's depth is 1 mm
+    assert limits["largest outer_radius"].value == 8e-3
+    assert limits["least outer_modulus"].value == 100.0  # the start's own
+    assert len(limits) == 13
 
 
 def test_help_and_table_print_the_limits() -> None:
     text = run("optimize", "--help").stdout
-    room = space(read_scene(SCENE))
+    room = build_space(read_scene(SCENE))
     for words in ("0.5 mm or more", "0.05 to 20", "0.1 mm to 0.5 mm", "1 mm to 20 mm", "10 kPa to 1 MPa"):
         assert words in text
     assert room.low == pytest.approx([0.5e-3, 0.05, 0.1e-3, 1e-3, 10e3, 10e3])
@@ -85,4 +85,4 @@ def test_help_and_table_print_the_limits() -> None:
 
 def test_no_room_is_refused() -> None:
     with pytest.raises(InputError, match="outer-radius"):
-        space(builtin_scene(), 1e-3)
+        build_space(read_builtin_scene(), 1e-3)

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from geometry import read_scene
-from probe_design.data.builtin import builtin_scene
-from probe_design.optimisation.candidate import candidate
-from probe_design.optimisation.design_space import space
-from probe_design.optimisation.global_search import log_objectives, search
-from probe_design.optimisation.local_search import polish
+from probe_design.data.builtin import read_builtin_scene
+from probe_design.optimisation.candidate import evaluate_candidate
+from probe_design.optimisation.design_space import build_space
+from probe_design.optimisation.global_search import compute_log_objectives, search_designs
+from probe_design.optimisation.local_search import refine_by_finite_elements
 from probe_design.optimisation.objective import Noise
 from tests.support.paths import REFERENCE, ROOT
 from tests.support.program import Ended, run
@@ -26,7 +26,7 @@ NOISE = Noise()
 
 
 def test_builtin_scene_has_the_papers_numbers() -> None:
-    scene = builtin_scene()
+    scene = read_builtin_scene()
     probe = scene.probe
     assert (probe.outer.youngs_modulus, probe.inner.youngs_modulus) == (1e2, 1e5)  # E_1, E_2, section 2.1
     assert (probe.outer.poisson_ratio, probe.inner.poisson_ratio) == (0.48, 0.40)
@@ -40,22 +40,24 @@ def test_builtin_scene_has_the_papers_numbers() -> None:
 
 def test_search_cost_is_the_closed_forms_objective() -> None:
     scene = named("axisymmetric", "nearly-incompressible").scene
-    room = space(scene)
+    room = build_space(scene)
     design = np.array([3.5e-3, 0.5, 0.2e-3, 5e-3, 3e5, 2e4])  # far from the tissue's sides, as the scene's probe is
-    made = room.scene_of(design)
-    found = float(np.exp(log_objectives(room, NOISE, design[:, None])[0]))
-    assert found == pytest.approx(candidate(made, NOISE, "axisymmetric").searched_objective, rel=2e-3)  # lengths were rounded
+    made = room.build_scene(design)
+    objective = float(np.exp(compute_log_objectives(room, NOISE, design[:, None])[0]))
+    assert objective == pytest.approx(
+        evaluate_candidate(made, NOISE, "axisymmetric").searched_objective, rel=2e-3
+    )  # lengths were rounded
 
 
 def test_search_stays_in_bounds_and_finds_better_than_it_screened() -> None:
-    room = space(named("axisymmetric", "nearly-incompressible").scene, 8e-3)
-    designs = search(room, NOISE, 2, lambda done, total: None)
-    values = log_objectives(room, NOISE, designs)
+    room = build_space(named("axisymmetric", "nearly-incompressible").scene, 8e-3)
+    designs = search_designs(room, NOISE, 2, lambda done, total: None)
+    values = compute_log_objectives(room, NOISE, designs)
     assert np.all(np.diff(values) >= 0)
-    assert np.all(room.derived_radius(designs) <= 8e-3 * (1 + 1e-6))
+    assert np.all(room.compute_outer_radius(designs) <= 8e-3 * (1 + 1e-6))
     assert np.all((room.low * 0.999 <= designs.T) & (room.high * 1.001 >= designs.T))
-    apart = [np.max(np.abs(np.log(designs[:, i] / designs[:, j]))) for i in range(10) for j in range(i)]
-    assert min(apart) > 0.05
+    distances = [np.max(np.abs(np.log(designs[:, i] / designs[:, j]))) for i in range(10) for j in range(i)]
+    assert min(distances) > 0.05
 
 
 @pytest.fixture(scope="module")
@@ -64,27 +66,27 @@ def improved(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Ended]:
     folder = tmp_path_factory.mktemp("optimum")
     text = (ROOT / "probe_design" / "data" / "builtin.toml").read_text(encoding="utf-8")
     (folder / "light.toml").write_text(text.replace('force = "0.1 N"', 'force = "0.3 mN"'), encoding="utf-8")
-    out = folder / "out"
-    return out, run("optimize", folder / "light.toml", "-o", out, "--starts", "2", "--json")
+    output = folder / "out"
+    return output, run("optimize", folder / "light.toml", "-o", output, "--starts", "2", "--json")
 
 
 @pytest.mark.slow
 def test_optimize_from_the_command_line(improved: tuple[Path, Ended]) -> None:
-    out, ended = improved
+    output, ended = improved
     assert ended.returncode == 0, ended.stderr
-    found = json.loads(ended.stdout)
-    assert found["status"] == "improved"
-    assert found["objective"] < found["baseline_objective"] / 2
-    assert sorted(Path(file).name for file in found["files"]) == sorted(path.name for path in out.iterdir())
-    design = read_scene(out / "design.toml")
-    assert candidate(design, NOISE, found["evaluator"]).judged_objective == pytest.approx(found["objective"], rel=1e-9)
-    rows = list(csv.DictReader((out / "candidates.csv").read_text().splitlines()))
+    report = json.loads(ended.stdout)
+    assert report["status"] == "improved"
+    assert report["objective"] < report["baseline_objective"] / 2
+    assert sorted(Path(file).name for file in report["files"]) == sorted(path.name for path in output.iterdir())
+    design = read_scene(output / "design.toml")
+    assert evaluate_candidate(design, NOISE, report["evaluator"]).judged_objective == pytest.approx(report["objective"], rel=1e-9)
+    rows = list(csv.DictReader((output / "candidates.csv").read_text().splitlines()))
     assert 8 <= len(rows) <= 14  # the start, ten judged designs and what polishing made of the best three, merged
     judged = [float(row["objective"]) for row in rows]
-    assert judged[0] == pytest.approx(found["baseline_objective"], rel=1e-4)
+    assert judged[0] == pytest.approx(report["baseline_objective"], rel=1e-4)
     assert judged[1:] == sorted(judged[1:])
-    assert "in place of" in (out / "report.html").read_text()
-    assert not [path for path in out.iterdir() if path.name.startswith(".")]
+    assert "in place of" in (output / "report.html").read_text()
+    assert not [path for path in output.iterdir() if path.name.startswith(".")]
 
 
 @pytest.mark.slow
@@ -93,9 +95,9 @@ def test_no_gain_is_said_and_exits_1(improved: tuple[Path, Ended], tmp_path: Pat
     limit = f"{read_scene(first / 'design.toml').probe.tube_radius} m"
     ended = run("optimize", first / "design.toml", "-o", tmp_path / "second", "--starts", "2", "--outer-radius", limit, "--json")
     assert ended.returncode == 1
-    found = json.loads(ended.stdout)
-    assert found["status"] == "no-gain"
-    assert found["objective"] == found["baseline_objective"]
+    report = json.loads(ended.stdout)
+    assert report["status"] == "no-gain"
+    assert report["objective"] == report["baseline_objective"]
 
 
 @pytest.mark.parametrize(
@@ -107,11 +109,11 @@ def test_no_gain_is_said_and_exits_1(improved: tuple[Path, Ended], tmp_path: Pat
 )
 def test_polishing_gains_by_the_judges_own_word(folder: str, name: str, judge: str) -> None:
     scene = named(folder, name).scene
-    room = space(scene)
-    start = candidate(scene, NOISE, judge)
-    found = room.scene_of(polish(room, NOISE, scene, start.nearing, judge))
-    assert found is not None
-    assert candidate(found, NOISE, judge).judged_objective < 0.95 * start.judged_objective
+    room = build_space(scene)
+    start = evaluate_candidate(scene, NOISE, judge)
+    polished = room.build_scene(refine_by_finite_elements(room, NOISE, scene, start.wall_approach, judge))
+    assert polished is not None
+    assert evaluate_candidate(polished, NOISE, judge).judged_objective < 0.95 * start.judged_objective
 
 
 def test_a_judge_is_one_that_knows_finite_elements(tmp_path: Path) -> None:

@@ -10,13 +10,13 @@ from itertools import pairwise
 import pytest
 
 from geometry import Load, Scene
-from probe_design.optimisation.candidate import Candidate, candidate
-from probe_design.optimisation.comparison import level_rows
-from probe_design.optimisation.loaded_candidate import asks_for_contact, under_load
-from probe_design.optimisation.loaded_search import limited, unlimited
+from probe_design.optimisation.candidate import Candidate, evaluate_candidate
+from probe_design.optimisation.comparison import list_comparison_rows
+from probe_design.optimisation.loaded_candidate import needs_contact, optimize_load
+from probe_design.optimisation.loaded_search import remove_load_limit, restore_load
 from probe_design.optimisation.objective import Noise
 from probe_design.optimisation.optimize import optimize
-from probe_design.optimisation.report import summary
+from probe_design.optimisation.report import build_summary
 from solver import evaluate
 from tests.support.load_paths import FOLDER, scene_of
 from tests.support.scenes import nodule
@@ -28,8 +28,8 @@ EXPECTED = json.loads((FOLDER / "expected.json").read_text())
 def loaded(name: str, force: float) -> tuple[Candidate, Candidate]:
     """A reference's probe under a force, judged linearly as far as that goes and by contact."""
     scene = scene_of(name).model_copy(update={"load": Load(force=force)})
-    one = candidate(Scene.model_validate(scene), NOISE, "axisymmetric")
-    return one, under_load(one, NOISE)
+    judged_design = evaluate_candidate(Scene.model_validate(scene), NOISE, "axisymmetric")
+    return judged_design, optimize_load(judged_design, NOISE)
 
 
 def sd(row: dict[str, float], scene: Scene) -> float:
@@ -44,81 +44,81 @@ def sd(row: dict[str, float], scene: Scene) -> float:
 @pytest.mark.parametrize(("name", "k"), [("example", 3), ("equal-blocks-6kpa", 3)])
 def test_contact_judges_what_linear_elasticity_does_not_answer_for(name: str, k: int) -> None:
     row = EXPECTED[name]["rows"][k]
-    linear, found = loaded(name, row["force"])
-    assert linear.pressing.by != "scene"
-    assert found.judged.evaluator == "contact"
-    assert (found.pressing.by, found.pressing.force) == ("scene", row["force"])
+    linear, pressed = loaded(name, row["force"])
+    assert linear.pressing.limited_by != "scene"
+    assert pressed.judged.evaluator == "contact"
+    assert (pressed.pressing.limited_by, pressed.pressing.force) == ("scene", row["force"])
     unsure = row["log_sensitivity_unc"] / row["log_sensitivity"] + 0.01
-    assert found.least * (1 - unsure) <= sd(row, found.scene) <= found.most * (1 + unsure)
-    assert found.beats(linear)  # pressing harder tells more
+    assert pressed.objective_min * (1 - unsure) <= sd(row, pressed.scene) <= pressed.objective_max * (1 + unsure)
+    assert pressed.is_better_than(linear)  # pressing harder tells more
 
 
 @pytest.mark.slow
 def test_beyond_closure_the_gap_is_kept_open() -> None:
     closure, unsure = (EXPECTED["paper"][key] for key in ("gap_closure_force", "gap_closure_force_unc"))
-    linear, found = loaded("paper", 1.5 * closure)
-    assert found.pressing.by == "gap closure"
-    assert found.pressing.load.force == found.pressing.force
-    assert linear.pressing.force < found.pressing.force < closure
-    assert found.pressing.force == pytest.approx(0.9 * closure, rel=0.05 + unsure / closure)
+    linear, pressed = loaded("paper", 1.5 * closure)
+    assert pressed.pressing.limited_by == "gap closure"
+    assert pressed.pressing.load.force == pressed.pressing.force
+    assert linear.pressing.force < pressed.pressing.force < closure
+    assert pressed.pressing.force == pytest.approx(0.9 * closure, rel=0.05 + unsure / closure)
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_a_wider_limit_never_makes_a_design_worse() -> None:
     """Below linear elasticity's end, just beyond it, far beyond it, and beyond what it can be pressed."""
-    found = [loaded("example", force)[1] for force in (0.01, 0.03, 0.031, 0.05, 0.12, 0.3, 3.0)]
-    values = [one.judged_objective for one in found]
+    judged_designs = [loaded("example", force)[1] for force in (0.01, 0.03, 0.031, 0.05, 0.12, 0.3, 3.0)]
+    values = [judged_design.judged_objective for judged_design in judged_designs]
     assert all(wider <= tighter for tighter, wider in pairwise(values)), values
-    assert [one.judged.evaluator for one in found[1:]] == ["contact"] * 6
-    assert found[-1].pressing.by in ("depth", "gap closure")
-    assert found[-1].pressing.force < 0.5
+    assert [judged_design.judged.evaluator for judged_design in judged_designs[1:]] == ["contact"] * 6
+    assert judged_designs[-1].pressing.limited_by in ("depth", "gap closure")
+    assert judged_designs[-1].pressing.force < 0.5
 
 
 @pytest.mark.slow
 def test_what_is_judged_is_what_the_level_says_when_it_is_asked_alone() -> None:
-    _, found = loaded("example", 0.09)
-    alone = evaluate(found.pressed, "contact")
-    assert found.judged.evaluator == "contact"
-    errors = (found.judged.error_estimate or 0.0) + (alone.error_estimate or 0.0)
-    assert found.judged.ratio == pytest.approx(alone.ratio, rel=errors)
+    _, pressed = loaded("example", 0.09)
+    alone = evaluate(pressed.loaded_scene, "contact")
+    assert pressed.judged.evaluator == "contact"
+    errors = (pressed.judged.error_estimate or 0.0) + (alone.error_estimate or 0.0)
+    assert pressed.judged.ratio == pytest.approx(alone.ratio, rel=errors)
     forces = [
-        found.scene.probe.inner_area * (alone.stress_inner or 0.0),
-        found.scene.probe.outer_area * (alone.stress_outer or 0.0),
+        pressed.scene.probe.inner_area * (alone.stress_inner or 0.0),
+        pressed.scene.probe.outer_area * (alone.stress_outer or 0.0),
     ]
     assert sum(forces) == pytest.approx(0.09, rel=errors)
     noise = math.hypot(0.05, *(0.01e-12 / (20e-12 * force) for force in forces))
     value = noise / (alone.log_sensitivity or math.nan)
-    assert found.least < value < found.most
-    assert found.judged_objective == pytest.approx(value, rel=0.02)
+    assert pressed.objective_min < value < pressed.objective_max
+    assert pressed.judged_objective == pytest.approx(value, rel=0.02)
 
 
 @pytest.mark.slow
 def test_an_indentation_is_a_limit_too() -> None:
     scene = scene_of("example").model_copy(update={"load": Load(indentation=1e-3)})
-    one = candidate(Scene.model_validate(scene), NOISE, "axisymmetric")
-    found = under_load(one, NOISE)
-    assert (found.pressing.load.indentation, found.pressing.load.force, found.pressing.by) == (1e-3, None, "scene")
+    start = evaluate_candidate(Scene.model_validate(scene), NOISE, "axisymmetric")
+    pressed = optimize_load(start, NOISE)
+    assert (pressed.pressing.load.indentation, pressed.pressing.load.force, pressed.pressing.limited_by) == (1e-3, None, "scene")
     row = next(row for row in EXPECTED["example"]["rows"] if row["indentation"] == 1.25e-3)
-    assert one.pressing.force < found.pressing.force < row["force"]
-    assert found.beats(one)
+    assert start.pressing.force < pressed.pressing.force < row["force"]
+    assert pressed.is_better_than(start)
 
 
 def test_a_gain_of_more_load_counts_beyond_twice_its_error() -> None:
     linear, _ = loaded("example", 0.01)
-    loose = replace(linear, judged_objective=1.0, least=0.98, most=1.02)
+    loose = replace(linear, judged_objective=1.0, objective_min=0.98, objective_max=1.02)
 
-    def more(value: float, error: float) -> Candidate:
-        return replace(linear, judged_objective=value, least=value - error, most=value + error, linear=loose)
+    def make_candidate(value: float, error: float) -> Candidate:
+        return replace(linear, judged_objective=value, objective_min=value - error, objective_max=value + error, linear=loose)
 
-    gain, error = more(0.9, 0.03).gain_over(loose)
+    gain, error = make_candidate(0.9, 0.03).compute_gain(loose)
     assert gain == pytest.approx(0.1)
     assert error == pytest.approx(0.9 * math.hypot(0.03 / 0.9, 0.02))
-    assert not more(0.93, 0.03).beats(loose)  # 0.96 < 0.98, but no 0.07 beyond twice 0.035
-    assert more(0.9, 0.03).beats(loose)
-    assert replace(more(0.93, 0.03), linear=None).beats(loose)  # bounds alone count within linear elasticity
-    assert more(0.9, math.inf).gain_over(loose)[1] == math.inf
-    assert not more(0.9, math.inf).beats(loose)
+    assert not make_candidate(0.93, 0.03).is_better_than(loose)  # 0.96 < 0.98, but no 0.07 beyond twice 0.035
+    assert make_candidate(0.9, 0.03).is_better_than(loose)
+    assert replace(make_candidate(0.93, 0.03), linear=None).is_better_than(loose)  # bounds alone count within linear elasticity
+    assert make_candidate(0.9, math.inf).compute_gain(loose)[1] == math.inf
+    assert not make_candidate(0.9, math.inf).is_better_than(loose)
 
 
 def test_finalists_do_not_hang_on_the_limit_of_the_load() -> None:
@@ -126,34 +126,41 @@ def test_finalists_do_not_hang_on_the_limit_of_the_load() -> None:
     free, _ = loaded("example", 1e9)
     for force in (5e-3, 0.2):
         scene = free.scene.model_copy(update={"load": Load(force=force)})
-        own = limited(free, scene, NOISE, "axisymmetric")
-        again = candidate(scene, NOISE, "axisymmetric")
-        assert (own.scene.load, own.pressing, own.judged_objective) == (scene.load, again.pressing, again.judged_objective)
-        assert unlimited(own.scene) == free.scene
+        limited_scene = restore_load(free, scene, NOISE, "axisymmetric")
+        repeated = evaluate_candidate(scene, NOISE, "axisymmetric")
+        assert (limited_scene.scene.load, limited_scene.pressing, limited_scene.judged_objective) == (
+            scene.load,
+            repeated.pressing,
+            repeated.judged_objective,
+        )
+        assert remove_load_limit(limited_scene.scene) == free.scene
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_a_tighter_limit_of_the_load_never_gives_a_better_optimum() -> None:
     """The whole loop: within linear elasticity, where only some designs ask for more, and where all do."""
-    found = [optimize(pressed_nodule(force), lambda *_: None, starts=1, outer_radius=4.5e-3) for force in (1e-3, 0.03, 0.1)]
-    best = [one.candidates[0].judged_objective for one in found]
+    optima = [optimize(pressed_nodule(force), lambda *_: None, starts=1, outer_radius=4.5e-3) for force in (1e-3, 0.03, 0.1)]
+    best = [optimum.candidates[0].judged_objective for optimum in optima]
     assert all(wider <= tighter for tighter, wider in pairwise(best)), best
-    assert found[0].candidates[0].judged.evaluator == "axisymmetric"
-    last = found[-1]
-    assert last.found.judged.evaluator == last.baseline.judged.evaluator == "contact"
-    assert last.found.linear is not None
-    assert last.found.judged_objective < last.found.linear.judged_objective
-    told = summary(last, [])
-    assert told["evaluator"] == told["baseline_evaluator"] == "contact"
-    gain, error = last.best.gain_over(last.best.linear or last.best)
-    assert (told["under_load"]["gain"], told["under_load"]["gain_error"]) == pytest.approx((gain, error))
-    assert told["force_limited_by"] == last.best.pressing.by
-    rows = {name: found for name, _, found, _ in level_rows(last)}
-    assert rows["force limited by"] == last.found.pressing.by
+    assert optima[0].candidates[0].judged.evaluator == "axisymmetric"
+    last = optima[-1]
+    assert last.best_tried.judged.evaluator == last.baseline.judged.evaluator == "contact"
+    assert last.best_tried.linear is not None
+    assert last.best_tried.judged_objective < last.best_tried.linear.judged_objective
+    text = build_summary(last, [])
+    assert text["evaluator"] == text["baseline_evaluator"] == "contact"
+    gain, error = last.best.compute_gain(last.best.linear or last.best)
+    assert (text["under_load"]["gain"], text["under_load"]["gain_error"]) == pytest.approx((gain, error))
+    assert text["force_limited_by"] == last.best.pressing.limited_by
+    rows = {name: optima for name, _, optima, _ in list_comparison_rows(last)}
+    assert rows["force limited by"] == last.best_tried.pressing.limited_by
     assert float(rows["gain of more load, %"]) == pytest.approx(100 * gain, rel=0.01)
     assert any("where linear elasticity ends" in line for line in last.remarks)
-    assert all(candidate(one.pressed, NOISE, "axisymmetric").pressing.force <= one.pressing.force for one in last.candidates[:2])
+    assert all(
+        evaluate_candidate(optimum.loaded_scene, NOISE, "axisymmetric").pressing.force <= optimum.pressing.force
+        for optimum in last.candidates[:2]
+    )
 
 
 def pressed_nodule(force: float) -> Scene:
@@ -161,6 +168,6 @@ def pressed_nodule(force: float) -> Scene:
 
 
 def test_a_small_load_asks_for_no_contact() -> None:
-    one, same = loaded("example", 0.01)
-    assert not asks_for_contact(one)
-    assert same is one
+    small, unloaded = loaded("example", 0.01)
+    assert not needs_contact(small)
+    assert unloaded is small

@@ -8,8 +8,8 @@ from scipy.special import ndtr
 from scipy.stats import norm
 
 from geometry.common.arrays import Floats
-from probe_design.populations.control import ControlVariate, sample_mean
-from probe_design.populations.detection import Detector, log_likelihood_ratio, whitened
+from probe_design.populations.control import ControlVariate, estimate_statistic
+from probe_design.populations.detection import Detector, compute_log_likelihood_ratio, whiten
 from probe_design.populations.population import ScenePopulation
 from probe_design.populations.tables import Objective
 from tests.support.designs import SUPERFICIAL, example_design
@@ -25,14 +25,16 @@ def probabilities(sizes: Floats, slope: float, rng: np.random.Generator, scans: 
 
 def repeated(slope: float) -> tuple[Floats, Floats, Floats]:
     """Means, their stated errors, and plain means of repeated samples, the sizes normal."""
-    rng, found = np.random.default_rng(0), []
+    rng, estimates = np.random.default_rng(0), []
     for _ in range(REPEATS):
-        sizes, others = rng.standard_normal(JUDGED), rng.standard_normal(MANY)
+        sizes, controls = rng.standard_normal(JUDGED), rng.standard_normal(MANY)
         seed = rng.integers(2**31)
-        judged, own = (probabilities(sizes, one, np.random.default_rng(seed), 256) for one in (TRUE, slope))
-        control = ControlVariate(own, probabilities(others, slope, rng, 64), np.zeros(MANY, dtype=int))
-        found.append((*sample_mean(judged, np.zeros(JUDGED, dtype=int), Objective(), control), judged.mean()))
-    mean, error, plain = np.array(found).T
+        judged, predicted = (
+            probabilities(sizes, chosen_slope, np.random.default_rng(seed), 256) for chosen_slope in (TRUE, slope)
+        )
+        control = ControlVariate(predicted, probabilities(controls, slope, rng, 64), np.zeros(MANY, dtype=int))
+        estimates.append((*estimate_statistic(judged, np.zeros(JUDGED, dtype=int), Objective(), control), judged.mean()))
+    mean, error, plain = np.array(estimates).T
     return mean, error, plain
 
 
@@ -51,19 +53,22 @@ def test_formulas_that_know_nothing_do_not_count() -> None:
     rng = np.random.default_rng(1)
     values, group = rng.uniform(size=JUDGED), np.zeros(JUDGED, dtype=int)
     control = ControlVariate(rng.uniform(size=JUDGED), rng.uniform(size=MANY), np.zeros(MANY, dtype=int))
-    mean, error = sample_mean(values, group, Objective(), control)
-    alone = sample_mean(values, group, Objective(), None)
+    mean, error = estimate_statistic(values, group, Objective(), control)
+    alone = estimate_statistic(values, group, Objective(), None)
     assert mean == alone[0]
     assert alone[1] <= error < 1.2 * alone[1]
     quantile = Objective(statistic=0.2)
-    assert sample_mean(values, group, quantile, control) == (quantile.over(values), quantile.error(values, group))
+    assert estimate_statistic(values, group, quantile, control) == (
+        quantile.compute_statistic(values),
+        quantile.compute_error(values, group),
+    )
 
 
 def test_few_tumours_that_are_all_detected_do_not_make_the_sampling_error_vanish() -> None:
     """Two tumours, both detected, gave 100 of 100 with an error of 0, where the formulas detect 7 of 10 others."""
     rng, group = np.random.default_rng(2), np.zeros(2, dtype=int)
     control = ControlVariate(np.array([0.97, 1.0]), rng.uniform(0.4, 1.0, MANY), np.zeros(MANY, dtype=int))
-    mean, error = sample_mean(np.ones(2), group, Objective(), control)
+    mean, error = estimate_statistic(np.ones(2), group, Objective(), control)
     assert abs(mean - 0.7) < 0.05
     assert error > 0.01
 
@@ -71,32 +76,32 @@ def test_few_tumours_that_are_all_detected_do_not_make_the_sampling_error_vanish
 def test_slopes_of_the_detector_are_those_of_its_statistic() -> None:
     rng = np.random.default_rng(2)
     A = rng.standard_normal((5, 5))
-    detector = Detector.trained(rng.standard_normal((7, 5)), A @ A.T + np.eye(5), 0.05, blanks=256)
+    detector = Detector.train(rng.standard_normal((7, 5)), A @ A.T + np.eye(5), 0.05, blanks=256)
     signals, step = rng.standard_normal((3, 5)), 1e-6
-    found = detector.slopes(signals)
+    slopes = detector.compute_derivatives(signals)
     for j in range(5):
         sides = [
-            log_likelihood_ratio(detector.templates, whitened(detector.factor, signals + one * np.eye(5)[j]))
-            for one in (step, -step)
+            compute_log_likelihood_ratio(detector.templates, whiten(detector.factor, signals + shift * np.eye(5)[j]))
+            for shift in (step, -step)
         ]
-        assert (sides[0] - sides[1]) / (2 * step) == pytest.approx(found[:, j], rel=1e-5, abs=1e-7)
+        assert (sides[0] - sides[1]) / (2 * step) == pytest.approx(slopes[:, j], rel=1e-5, abs=1e-7)
 
 
 def test_no_errors_within_their_bounds_lose_more_than_those_that_bound_the_level() -> None:
     rng = np.random.default_rng(3)
-    detector = Detector.trained(0.7 * rng.standard_normal((64, 6)), np.eye(6) + 1, 0.05)
+    detector = Detector.train(0.7 * rng.standard_normal((64, 6)), np.eye(6) + 1, 0.05)
     signals, bound = 0.7 * rng.standard_normal((200, 6)), 0.15 * rng.uniform(size=(200, 6))
-    off = bound * np.sign(detector.slopes(signals))
-    low, mean, high = (float(detector.probabilities(signals + one).mean()) for one in (-off, 0.0, off))
+    error = bound * np.sign(detector.compute_derivatives(signals))
+    low, mean, high = (float(detector.compute_probabilities(signals + shift).mean()) for shift in (-error, 0.0, error))
     assert low < mean - 0.01
     for _ in range(8):
-        other = bound * rng.choice([-1.0, 1.0], size=bound.shape)
-        assert low < detector.probabilities(signals + other).mean() < high
+        random_error = bound * rng.choice([-1.0, 1.0], size=bound.shape)
+        assert low < detector.compute_probabilities(signals + random_error).mean() < high
 
 
 def test_more_tissues_may_be_drawn_than_a_judge_has_time_for() -> None:
     design = example_design(population={**SUPERFICIAL, "tissue": ["4 kPa", "9 kPa"]})
-    population = ScenePopulation.of(design.scene, design.population)
-    few, many = population.drawn(64), population.drawn(64, tissues=32)
-    assert (len(few.tissues), len(many.tissues)) == (4, 32)
-    assert len({one.tissue.youngs_modulus for one in many.tissues}) == 32
+    population = ScenePopulation.from_scene(design.scene, design.population)
+    few_tissues, many_tissues = population.draw_tumours(64), population.draw_tumours(64, tissues=32)
+    assert (len(few_tissues.tissues), len(many_tissues.tissues)) == (4, 32)
+    assert len({tissue.tissue.youngs_modulus for tissue in many_tissues.tissues}) == 32

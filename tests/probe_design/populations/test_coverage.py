@@ -16,11 +16,11 @@ from benchmarks.populations.judging import found
 from geometry.common.arrays import Floats
 from probe_design.populations.closed_form_scan import ClosedFormScan
 from probe_design.populations.design_file import Design
-from probe_design.populations.judge import examined
-from probe_design.populations.noise import covariance_of_all
+from probe_design.populations.judge import examine
+from probe_design.populations.noise import build_full_covariance
 from probe_design.populations.population import ScenePopulation, TumourDraw
-from probe_design.populations.readings import logarithms
-from probe_design.populations.resolved import Unknowns, contrast_deviations
+from probe_design.populations.readings import compute_logarithms
+from probe_design.populations.resolved import Unknowns, compute_contrast_deviations
 from tests.support.designs import SUPERFICIAL, THREE, example_design
 
 NARROW: dict[str, Any] = {
@@ -51,39 +51,39 @@ class SimulatedScans:
     covariance: Floats
 
     @classmethod
-    def of(cls, design: Design) -> SimulatedScans:
+    def from_design(cls, design: Design) -> SimulatedScans:
         """Simulate them."""
-        population = ScenePopulation.of(design.scene, design.population)
-        draw, middle = population.drawn(SCANS, unseen=True, tissues=SCANS), _middle(population)
-        known = Unknowns.of(population, middle)
-        scan = ClosedFormScan.of(middle, design.protocol)
-        readings = scan.readings(design.scene, known.names)
-        C = covariance_of_all(design.noise, design.protocol, design.scene, readings.blank[0], readings.over)
+        population = ScenePopulation.from_scene(design.scene, design.population)
+        draw, middle = population.draw_tumours(SCANS, unseen=True, tissues=SCANS), _middle(population)
+        known = Unknowns.from_draw(population, middle)
+        scan = ClosedFormScan.from_draw(middle, design.protocol)
+        readings = scan.compute_readings(design.scene, known.names)
+        C = build_full_covariance(design.noise, design.protocol, design.scene, readings.blank[0], readings.mean_forces)
         offs = _readings(draw, design) - _readings(middle, design) + _errors(design, SCANS)
         contrast = np.log(draw.youngs_modulus / _tissues(draw)) - np.log(middle.youngs_modulus / _tissues(middle))
-        return cls(offs, contrast, known, known.derivatives(readings, design.protocol.blank)[0], C)
+        return cls(offs, contrast, known, known.build_derivatives(readings, design.protocol.blank)[0], C)
 
     def covered(self, left_out: str = "", gains: bool = True) -> float:
         """Share of 95 % intervals of ln contrast that hold the truth; without an unknown's prior width, or without gains."""
         deviations = np.array(
             [
-                0.0 if name == left_out else one
-                for name, one in zip(self.unknowns.names, self.unknowns.deviations.tolist(), strict=True)
+                0.0 if name == left_out else deviation
+                for name, deviation in zip(self.unknowns.names, self.unknowns.deviations.tolist(), strict=True)
             ]
         )
         known = replace(self.unknowns, deviations=deviations)
         C = self.covariance if gains else np.diag(np.diag(self.covariance))
-        sd = float(contrast_deviations(known, self.J[None], C)[0])
-        others, j = self.J[:, 1:].copy(), self.J[:, 0]
-        others[:, known.host[0] - 1] += j
-        weights = np.linalg.solve(C + (others * deviations[1:]) @ (others * deviations[1:]).T, j)
+        sd = float(compute_contrast_deviations(known, self.J[None], C)[0])
+        nuisances, j = self.J[:, 1:].copy(), self.J[:, 0]
+        nuisances[:, known.host[0] - 1] += j
+        weights = np.linalg.solve(C + (nuisances * deviations[1:]) @ (nuisances * deviations[1:]).T, j)
         estimate = self.offs @ weights / (j @ weights)
         return float((np.abs(estimate - self.contrast) < TOLD * sd).mean())
 
 
 def _middle(population: ScenePopulation) -> TumourDraw:
     values = {key: np.array([population.ranges[key].middle]) for key in ("depth", "diameter", "object", "x")}
-    draw = population.drawn(1)
+    draw = population.draw_tumours(1)
     return replace(
         draw, depth=values["depth"], diameter=values["diameter"], youngs_modulus=values["object"], x=values["x"],
         tissue=np.array([0]), tissues=(population.middle,),
@@ -91,13 +91,13 @@ def _middle(population: ScenePopulation) -> TumourDraw:
 
 
 def _tissues(draw: TumourDraw) -> Floats:
-    return np.array([one.tissue.youngs_modulus for one in draw.tissues])[draw.tissue]
+    return np.array([tissue.tissue.youngs_modulus for tissue in draw.tissues])[draw.tissue]
 
 
 def _readings(draw: TumourDraw, design: Design) -> Floats:
     """Ln ratio and ln stiffness at all positions, then the blank's, of each tumour without errors."""
-    scan = ClosedFormScan.of(draw, design.protocol).readings(design.scene)
-    blank = logarithms(scan.blank[:, None], design.protocol.stiffness)[draw.tissue]
+    scan = ClosedFormScan.from_draw(draw, design.protocol).compute_readings(design.scene)
+    blank = compute_logarithms(scan.blank[:, None], design.protocol.stiffness)[draw.tissue]
     return np.concatenate([scan.signal + np.repeat(blank, scan.positions, axis=1), blank], axis=1)
 
 
@@ -113,7 +113,7 @@ def _errors(design: Design, scans: int) -> Floats:
 
 @pytest.mark.slow
 def test_intervals_of_the_contrast_cover_that_of_drawn_tumours() -> None:
-    scans = SimulatedScans.of(example_design(population=NARROW, protocol=THREE, noise=NOISE))
+    scans = SimulatedScans.from_design(example_design(population=NARROW, protocol=THREE, noise=NOISE))
     assert 0.93 < scans.covered() < 0.97
     for left_out in ("diameter", "depth"):  # what is taken as known and is not
         assert scans.covered(left_out) < 0.9
@@ -124,8 +124,8 @@ def test_intervals_of_the_contrast_cover_that_of_drawn_tumours() -> None:
 def test_as_many_simulated_scans_find_the_tumour_as_is_stated() -> None:
     noise = {"white": 0.03, "stiffness_white": 0.03}
     design = example_design(population={**SUPERFICIAL, "samples": 64}, protocol=THREE, noise=noise)
-    scan = examined(design.scene, design)
-    stated = scan.judgement(design).detection
+    scan = examine(design.scene, design)
+    stated = scan.evaluate(design).detection
     shares = found(scan, design, 10_000)
     assert 0.2 < stated < 0.9
     assert abs(shares[0] - stated) < 0.02

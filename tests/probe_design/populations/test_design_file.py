@@ -12,7 +12,7 @@ import pytest
 from geometry.common.errors import InputError
 from probe_design.populations.design_file import Design, design_from_dict, is_design, read_design
 from probe_design.populations.ranges import Range
-from probe_design.populations.template import template
+from probe_design.populations.template import build_template
 from tests.support.paths import ROOT
 
 EXAMPLES = ROOT / "examples"
@@ -23,12 +23,12 @@ def design(**tables: Any) -> Design:
 
 
 def test_the_template_reads_as_the_defaults() -> None:
-    read = design_from_dict(tomllib.loads(template()), EXAMPLES, True)
+    read = design_from_dict(tomllib.loads(build_template()), EXAMPLES, True)
     assert read == Design(scene=read.scene)
 
 
 def test_the_template_s_examples_are_allowed() -> None:
-    text = template().replace("\n# ", "\n").replace("\n[[population.layer]]", "")
+    text = build_template().replace("\n# ", "\n").replace("\n[[population.layer]]", "")
     lines = [line for line in text.splitlines() if not line.startswith(("A ", "#", "thickness", "modulus"))]
     read = design_from_dict(tomllib.loads("\n".join(lines)), EXAMPLES, True)
     assert read.variables.materials
@@ -75,8 +75,8 @@ def test_refusals_name_key_and_remedy(tables: dict[str, Any], key: str, allowed:
 
 
 def test_fractions_may_be_percentages() -> None:
-    found = design(protocol={"false_alarm": "7 %"}, limits={"tissue_strain": "10%"}, noise={"white": "1 %"})
-    assert (found.protocol.false_alarm, found.limits.tissue_strain, found.noise.white) == (0.07, 0.1, 0.01)
+    made = design(protocol={"false_alarm": "7 %"}, limits={"tissue_strain": "10%"}, noise={"white": "1 %"})
+    assert (made.protocol.false_alarm, made.limits.tissue_strain, made.noise.white) == (0.07, 0.1, 0.01)
     with pytest.raises(InputError, match=r"protocol\.false_alarm = '7 x%'"):
         design(protocol={"false_alarm": "7 x%"})
 
@@ -100,8 +100,10 @@ def test_a_scene_file_is_no_design_file() -> None:
     assert is_design({"scene": "scene.toml"})
 
 
-@pytest.mark.parametrize(("one", "sd"), [(Range((1.0, np.e), continuous=True), 1 / np.sqrt(12)), (Range((1.0, np.e**2)), 1.0)])
-def test_deviations_are_those_of_draws(one: Range, sd: float) -> None:
-    drawn = np.log(one.at((np.arange(20_000) + 0.5) / 20_000))
-    assert one.deviation == pytest.approx(sd)
+@pytest.mark.parametrize(
+    ("value_range", "sd"), [(Range((1.0, np.e), continuous=True), 1 / np.sqrt(12)), (Range((1.0, np.e**2)), 1.0)]
+)
+def test_deviations_are_those_of_draws(value_range: Range, sd: float) -> None:
+    drawn = np.log(value_range.compute_quantiles((np.arange(20_000) + 0.5) / 20_000))
+    assert value_range.deviation == pytest.approx(sd)
     assert drawn.std() == pytest.approx(sd, rel=1e-3)

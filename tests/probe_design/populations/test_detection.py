@@ -10,8 +10,13 @@ from scipy.stats import multivariate_normal, norm
 from geometry.common.arrays import Floats
 from probe_design.populations.closed_form_scan import ClosedFormScan
 from probe_design.populations.design_file import Design
-from probe_design.populations.detection import Detector, deflections, known_tumours, log_likelihood_ratio
-from probe_design.populations.noise import covariance
+from probe_design.populations.detection import (
+    Detector,
+    compute_deflections,
+    compute_known_probabilities,
+    compute_log_likelihood_ratio,
+)
+from probe_design.populations.noise import build_difference_covariance
 from probe_design.populations.population import ScenePopulation
 from probe_design.populations.readings import ScanReadings
 from probe_design.populations.tables import NoiseModel, Protocol
@@ -31,8 +36,8 @@ def simulated(noise: NoiseModel, protocol: Protocol, scans: int, seed: int) -> F
 
 
 def readings_of(design: Design, samples: int) -> ScanReadings:
-    population = ScenePopulation.of(design.scene, design.population)
-    return ClosedFormScan.of(population.drawn(samples), design.protocol).readings(design.scene)
+    population = ScenePopulation.from_scene(design.scene, design.population)
+    return ClosedFormScan.from_draw(population.draw_tumours(samples), design.protocol).compute_readings(design.scene)
 
 
 def probability_by_simulation(noise: NoiseModel, protocol: Protocol, known: Floats, tumours: Floats, scans: int) -> Floats:
@@ -49,27 +54,29 @@ def probability_by_simulation(noise: NoiseModel, protocol: Protocol, known: Floa
         C[k * p : (k + 1) * p, k * p : (k + 1) * p] = block
 
     def statistic(y: Floats) -> Floats:
-        over = np.array([multivariate_normal.logpdf(y, mean, C) for mean in known])
-        return np.asarray(logsumexp(over, axis=0) - np.log(len(known)) - multivariate_normal.logpdf(y, np.zeros(len(C)), C))
+        log_density = np.array([multivariate_normal.logpdf(y, mean, C) for mean in known])
+        return np.asarray(
+            logsumexp(log_density, axis=0) - np.log(len(known)) - multivariate_normal.logpdf(y, np.zeros(len(C)), C)
+        )
 
     threshold = np.quantile(statistic(simulated(noise, protocol, 4 * scans, 11)), 1 - ALARMS)
     return np.array(
-        [(statistic(one + simulated(noise, protocol, scans, 12 + k)) > threshold).mean() for k, one in enumerate(tumours)]
+        [(statistic(signal + simulated(noise, protocol, scans, 12 + k)) > threshold).mean() for k, signal in enumerate(tumours)]
     )
 
 
 @pytest.mark.parametrize("blank", [True, False])
 def test_probabilities_are_those_of_simulated_scans(blank: bool) -> None:
-    compare(blank, tumours=6, known=12, scans=1000, within=0.04)
+    compare(blank, tumours=6, known=12, scans=1000, tolerance=0.04)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("blank", [True, False])
 def test_probabilities_are_those_of_ten_thousand_simulated_scans(blank: bool) -> None:
-    compare(blank, tumours=8, known=48, scans=10_000, within=0.02)
+    compare(blank, tumours=8, known=48, scans=10_000, tolerance=0.02)
 
 
-def compare(blank: bool, *, tumours: int, known: int, scans: int, within: float) -> None:
+def compare(blank: bool, *, tumours: int, known: int, scans: int, tolerance: float) -> None:
     design = example_design(
         population=SUPERFICIAL,
         protocol={**THREE, "blank": blank},
@@ -77,13 +84,13 @@ def compare(blank: bool, *, tumours: int, known: int, scans: int, within: float)
     )
     signals = readings_of(design, known + tumours)
     signals_known, tried = signals.signal[:known], signals.signal[known:]
-    C = covariance(design.noise, design.protocol, design.scene, signals.blank[0])
-    detector = Detector.trained(signals_known, C, ALARMS)
-    found = detector.probabilities(tried, scans=4 * scans)
+    C = build_difference_covariance(design.noise, design.protocol, design.scene, signals.blank[0])
+    detector = Detector.train(signals_known, C, ALARMS)
+    probabilities = detector.compute_probabilities(tried, scans=4 * scans)
     expected = probability_by_simulation(design.noise, design.protocol, signals_known, tried, scans)
     assert 0.1 < expected.mean() < 0.95
-    assert np.abs(found - expected).max() < 1.5 * within
-    assert abs(found.mean() - expected.mean()) < within
+    assert np.abs(probabilities - expected).max() < 1.5 * tolerance
+    assert abs(probabilities.mean() - expected.mean()) < tolerance
 
 
 def test_one_tumour_is_found_as_the_deflection_says() -> None:
@@ -91,43 +98,47 @@ def test_one_tumour_is_found_as_the_deflection_says() -> None:
     mixing = rng.standard_normal((6, 6))
     C, signal = mixing @ mixing.T, rng.standard_normal((1, 6))
     d = np.sqrt(signal[0] @ np.linalg.inv(C) @ signal[0])
-    assert deflections(signal, C)[0] == pytest.approx(d, rel=1e-12)
+    assert compute_deflections(signal, C)[0] == pytest.approx(d, rel=1e-12)
     exact = norm.cdf(d - norm.ppf(1 - ALARMS))
-    assert Detector.trained(signal, C, ALARMS).probabilities(signal)[0] == pytest.approx(exact, rel=1e-12)
-    assert known_tumours(np.array([d]), ALARMS)[0] == pytest.approx(exact, rel=1e-12)
+    assert Detector.train(signal, C, ALARMS).compute_probabilities(signal)[0] == pytest.approx(exact, rel=1e-12)
+    assert compute_known_probabilities(np.array([d]), ALARMS)[0] == pytest.approx(exact, rel=1e-12)
 
 
 def test_no_detector_finds_more_than_that_of_the_known_tumour() -> None:
     signals, C = np.random.default_rng(1).standard_normal((20, 4)) * 1.5, np.eye(4)
-    most = known_tumours(deflections(signals, C), ALARMS)
-    assert np.all(Detector.trained(signals, C, ALARMS).probabilities(signals, scans=4000) < most + 4 * np.sqrt(0.25 / 4000))
+    known = compute_known_probabilities(compute_deflections(signals, C), ALARMS)
+    assert np.all(
+        Detector.train(signals, C, ALARMS).compute_probabilities(signals, scans=4000) < known + 4 * np.sqrt(0.25 / 4000)
+    )
 
 
 @pytest.mark.parametrize("size", [0.0, 1e-300, 1e-17, 1e-9, 1e-3])
 def test_tumours_without_effect_are_found_as_often_as_none(size: float) -> None:
     signals = size * np.random.default_rng(2).standard_normal((40, 4))
-    found = Detector.trained(signals, np.eye(4), ALARMS).probabilities(signals, scans=4096)
-    assert found.mean() == pytest.approx(ALARMS, abs=0.004)
+    probabilities = Detector.train(signals, np.eye(4), ALARMS).compute_probabilities(signals, scans=4096)
+    assert probabilities.mean() == pytest.approx(ALARMS, abs=0.004)
 
 
 @pytest.mark.parametrize("noise", [1e-6, 1e-12])
 def test_hardly_any_noise_hides_no_tumour(noise: float) -> None:
     signals = np.abs(np.random.default_rng(3).standard_normal((40, 4))) * 0.01
     with np.errstate(all="raise", under="ignore"):
-        found = Detector.trained(signals[:20], noise**2 * np.eye(4), ALARMS).probabilities(signals[20:])
-    assert np.all(found == 1.0)
+        probabilities = Detector.train(signals[:20], noise**2 * np.eye(4), ALARMS).compute_probabilities(signals[20:])
+    assert np.all(probabilities == 1.0)
 
 
 def test_likelihood_ratios_are_what_they_say() -> None:
     templates, z = np.random.default_rng(4).standard_normal((7, 3)), np.random.default_rng(5).standard_normal((11, 3))
     for scale in (1e-8, 1e-3, 1.0, 20.0):
         u = scale * templates
-        exact = logsumexp([norm.logpdf(z, one).sum(axis=1) - norm.logpdf(z).sum(axis=1) for one in u], axis=0) - np.log(7)
-        assert log_likelihood_ratio(u, z) == pytest.approx(exact, rel=1e-12, abs=1e-14)
+        exact = logsumexp([norm.logpdf(z, shift).sum(axis=1) - norm.logpdf(z).sum(axis=1) for shift in u], axis=0) - np.log(7)
+        assert compute_log_likelihood_ratio(u, z) == pytest.approx(exact, rel=1e-12, abs=1e-14)
 
 
 def test_the_same_draws_serve_two_designs() -> None:
     """So that their difference is that of the designs, far below what either one's draws scatter."""
     signals, C = np.random.default_rng(6).standard_normal((30, 4)), np.eye(4)
-    one, other = (Detector.trained(scale * signals, C, ALARMS).probabilities(scale * signals).mean() for scale in (1.0, 1.001))
-    assert abs(other - one) < 0.002
+    first, second = (
+        Detector.train(scale * signals, C, ALARMS).compute_probabilities(scale * signals).mean() for scale in (1.0, 1.001)
+    )
+    assert abs(second - first) < 0.002

@@ -10,11 +10,11 @@ import pytest
 from geometry.common.errors import Refusal
 from geometry.scenes.scene import Load
 from geometry.scenes.scene_file import scene_from_dict
-from geometry.scenes.variables import changed
-from probe_design.design_search.steered_population import SteeredDesigns
-from probe_design.optimisation.design_space import variables
+from geometry.scenes.variables import replace_values
+from probe_design.design_search.steered_population import DesignObjective
+from probe_design.optimisation.design_space import read_variables
 from probe_design.populations.design_file import design_from_dict
-from probe_design.populations.judge import judged, scored
+from probe_design.populations.judge import score, verify
 from probe_design.populations.tables import Objective
 from tests.support.designs import SUPERFICIAL, THREE, example_design
 
@@ -22,24 +22,24 @@ DESIGN = example_design(population={**SUPERFICIAL, "samples": 16}, protocol=THRE
 
 
 def test_a_probe_is_judged_on_tumours_that_no_search_has_seen() -> None:
-    seen, unseen = scored(DESIGN.scene, DESIGN), judged(DESIGN.scene, DESIGN, samples=4)
+    seen, unseen = score(DESIGN.scene, DESIGN), verify(DESIGN.scene, DESIGN, samples=4)
     assert not set(seen.depth.tolist()) & set(unseen.depth.tolist())
     assert unseen.evaluator == "equivalent-inclusion"
     assert abs(unseen.detection - seen.detection) < 3 * np.hypot(unseen.detection_error, seen.detection_error)
-    told = json.loads(json.dumps(unseen.as_dict()))
-    assert {"detection", "detection_error", "resolved", "resolved_error", "information", "information_error"} <= told.keys()
+    stored = json.loads(json.dumps(unseen.as_dict()))
+    assert {"detection", "detection_error", "resolved", "resolved_error", "information", "information_error"} <= stored.keys()
 
 
 @pytest.mark.slow
 def test_more_readings_find_more() -> None:
     noisy = {"white": 0.03, "stiffness_white": 0.03}
     axis = {"positions": ["0 mm"], "stiffness": False}
-    found = []
+    scores = []
     for protocol in (axis, {**THREE, "stiffness": False}, THREE):
         design = example_design(population=SUPERFICIAL, protocol=protocol, noise=noisy)
-        found.append(scored(design.scene, design))
-    assert found[0].detection < found[1].detection < found[2].detection
-    assert np.all(np.diff([one.information for one in found]) > 0)
+        scores.append(score(design.scene, design))
+    assert scores[0].detection < scores[1].detection < scores[2].detection
+    assert np.all(np.diff([scored_design.information for scored_design in scores]) > 0)
 
 
 @pytest.mark.slow
@@ -47,27 +47,27 @@ def test_differences_of_two_probes_are_paired() -> None:
     """The same tumours, the same draws: the error of the difference is far below those of both."""
     noise = {"white": 0.04, "stiffness_white": 0.04}
     design = example_design(population={**SUPERFICIAL, "samples": 64}, protocol=THREE, noise=noise)
-    one = scored(design.scene, design)
-    other = scored(changed(design.scene, {"probe.height": 3.3e-3}), design)
-    gain, error = other.gain_over(one, design.objective)
-    assert gain == pytest.approx(other.detection - one.detection)
-    assert error < 0.5 * one.detection_error
-    assert one.gain_over(one, design.objective)[0] == 0.0
+    first = score(design.scene, design)
+    second = score(replace_values(design.scene, {"probe.height": 3.3e-3}), design)
+    gain, error = second.compute_gain(first, design.objective)
+    assert gain == pytest.approx(second.detection - first.detection)
+    assert error < 0.5 * first.detection_error
+    assert first.compute_gain(first, design.objective)[0] == 0.0
 
 
 def test_a_quantile_looks_at_the_hard_tumours() -> None:
     design = example_design(population=SUPERFICIAL, protocol=THREE, objective={"statistic": 0.1})
-    found = scored(design.scene, design)
-    assert found.detection == pytest.approx(np.quantile(found.probability, 0.1))
-    assert found.detection < found.probability.mean()
+    scored_design = score(design.scene, design)
+    assert scored_design.detection == pytest.approx(np.quantile(scored_design.probability, 0.1))
+    assert scored_design.detection < scored_design.probability.mean()
 
 
 def test_errors_of_means_are_those_of_repeated_samples() -> None:
     rng = np.random.default_rng(0)
     samples = rng.beta(0.5, 0.5, (2000, 50))
     for objective in (Objective(), Objective(statistic=0.3)):
-        spread = np.std([objective.over(one) for one in samples])
-        assert np.mean([objective.error(one) for one in samples]) == pytest.approx(spread, rel=0.15)
+        spread = np.std([objective.compute_statistic(values) for values in samples])
+        assert np.mean([objective.compute_error(values) for values in samples]) == pytest.approx(spread, rel=0.15)
 
 
 def test_tissues_that_differ_count_in_the_error() -> None:
@@ -77,10 +77,10 @@ def test_tissues_that_differ_count_in_the_error() -> None:
     for _ in range(2000):
         values = rng.standard_normal(4)[group] + 0.1 * rng.standard_normal(100)
         spread.append(values.mean())
-        stated.append(Objective().error(values, group))
+        stated.append(Objective().compute_error(values, group))
     assert np.sqrt(np.mean(np.square(stated))) == pytest.approx(np.std(spread), rel=0.1)
-    alike = rng.standard_normal(100)
-    assert Objective().error(alike, group) >= Objective().error(alike)
+    tissues = rng.standard_normal(100)
+    assert Objective().compute_error(tissues, group) >= Objective().compute_error(tissues)
 
 
 def test_a_film_that_is_pulled_on_is_refused_in_words_and_steers_no_search() -> None:
@@ -93,15 +93,15 @@ def test_a_film_that_is_pulled_on_is_refused_in_words_and_steers_no_search() -> 
     scene = scene_from_dict({"probe": probe, "tissue": tissue, "inclusion": [body], "load": {"force": "0.1 mN"}})
     design = design_from_dict({"scene": scene, "protocol": {"positions": [0.0], "stiffness": False}})
     with pytest.raises(Refusal, match="the inner film is pulled on") as refused:
-        judged(scene, design)
+        verify(scene, design)
     assert "\n" not in str(refused.value)
-    steered = SteeredDesigns.of(design, 4e-3)
+    steered = DesignObjective.from_design(design, 4e-3)
     with pytest.raises(Refusal, match="pulled"):
-        steered.rule.pressed(scene)
-    assert steered.real_values(variables(scene)[:, None], (0.495, 0.495))[0] == -np.inf
+        steered.rule.compute_pressed_design(scene)
+    assert steered.evaluate_designs(read_variables(scene)[:, None], (0.495, 0.495))[0] == -np.inf
 
 
 def test_loads_of_which_nothing_is_known_are_refused() -> None:
     pressed = DESIGN.scene.model_copy(update={"load": Load(force=50.0)})
     with pytest.raises(Refusal, match="load"):
-        judged(pressed, DESIGN, samples=1)
+        verify(pressed, DESIGN, samples=1)

@@ -8,9 +8,9 @@ import pytest
 
 from geometry.common.errors import InputError
 from probe_design.design_report.judgement_pictures import plot_judgements, plot_levers
-from probe_design.design_report.levers import Lever, levers
+from probe_design.design_report.levers import Lever, compute_levers
 from probe_design.populations.design_file import Design
-from probe_design.populations.judge import scored
+from probe_design.populations.judge import score
 from tests.support.designs import SUPERFICIAL, example_design
 
 NOISE = {"white": 0.05, "stiffness_white": 0.05}
@@ -25,24 +25,24 @@ def small(**protocol: object) -> Design:
 @pytest.mark.slow
 def test_every_lever_helps_and_is_named() -> None:
     design = small(stiffness=False, blank=False)
-    found = levers(design.scene, design)
+    levers_found = compute_levers(design.scene, design)
     names = ["as it is", "white halved", "gain halved", "charge halved", "stiffness read", "blank read", "3 positions"]
-    assert [one.name for one in found] == names
-    assert found[0].gain == 0.0
-    for one in found[1:]:
-        if one.name != "blank read":  # which takes gains away and doubles white noise
-            assert one.gain > -2 * one.error, one
+    assert [lever.name for lever in levers_found] == names
+    assert levers_found[0].gain == 0.0
+    for lever in levers_found[1:]:
+        if lever.name != "blank read":  # which takes gains away and doubles white noise
+            assert lever.gain > -2 * lever.error, lever
 
 
 @pytest.mark.slow
 def test_gains_that_cancel_are_no_lever() -> None:
     design = small(stiffness=False)
-    assert not any("gain" in one.name for one in levers(design.scene, design))
+    assert not any("gain" in lever.name for lever in compute_levers(design.scene, design))
 
 
 def test_pictures_are_written(tmp_path: Path) -> None:
     design = small()
-    judgement = scored(design.scene, design)
+    judgement = score(design.scene, design)
     for count in (1, 2):
         path = plot_judgements([("start", judgement), ("optimum", judgement)][:count], tmp_path / f"{count}.png")
         assert path.read_bytes().startswith(PNG)

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.special import ndtr, ndtri
 
-from geometry.scenes.variables import changed
-from probe_design.design_search.question import builtin_design
+from geometry.scenes.variables import replace_values
+from probe_design.design_search.question import read_builtin_design
 from probe_design.populations import inclusion_scan
 from probe_design.populations.examination import Examination
-from probe_design.populations.judge import examined, judged
-from probe_design.populations.noise import covariance
-from probe_design.populations.scan_errors import CAUSES, GROOVE, groove_share
+from probe_design.populations.judge import examine, verify
+from probe_design.populations.noise import build_difference_covariance
+from probe_design.populations.scan_errors import ERROR_CAUSES, GROOVE_SAFETY_FACTOR, bound_groove_change
 from solver.equivalent_inclusion.level import EquivalentInclusion
 from tests.support.designs import SUPERFICIAL, THREE, example_design
 
@@ -21,17 +21,17 @@ NOISE = {"white": 0.02, "charge": "0 pC"}
 
 def test_more_tumours_make_no_error_larger(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where fewer tumours get reflections than are drawn, bounds on what the others lack once grew with their number."""
-    monkeypatch.setattr(inclusion_scan, "READINGS", 24)
+    monkeypatch.setattr(inclusion_scan, "MAX_REFLECTED_READINGS", 24)
     monkeypatch.setattr(inclusion_scan, "MIN_REFLECTED", 8)
     design = example_design(population=SUPERFICIAL, protocol=THREE, noise=NOISE)
-    few, many = (judged(design.scene, design, samples=samples) for samples in (8, 64))
-    for kind, error in many.errors.items():
-        assert error.model <= 1.05 * few.errors[kind].model, kind
-        assert error.whole <= few.errors[kind].whole, kind
-    assert few.errors["detection"].model > 0
-    assert few.errors["detection"].corrected == 0 < many.errors["detection"].corrected
-    assert sum(many.causes.values()) == pytest.approx(1.0)
-    assert set(many.causes) == set(CAUSES)
+    few_tumours, many_tumours = (verify(design.scene, design, samples=samples) for samples in (8, 64))
+    for kind, error in many_tumours.errors.items():
+        assert error.model <= 1.05 * few_tumours.errors[kind].model, kind
+        assert error.total <= few_tumours.errors[kind].total, kind
+    assert few_tumours.errors["detection"].model > 0
+    assert few_tumours.errors["detection"].corrected == 0 < many_tumours.errors["detection"].corrected
+    assert sum(many_tumours.causes.values()) == pytest.approx(1.0)
+    assert set(many_tumours.causes) == set(ERROR_CAUSES)
 
 
 def test_tumours_without_reflections_count_with_the_others_mean_correction() -> None:
@@ -46,9 +46,9 @@ def test_tumours_without_reflections_count_with_the_others_mean_correction() -> 
         scan = Examination.__new__(Examination)
         object.__setattr__(scan, "draw", range(n))
         object.__setattr__(scan, "reflected", chosen)
-        values, off = scan._corrected({"detection": known}, {"detection": first})
+        values, errors = scan._correct_first_order({"detection": known}, {"detection": first})
         means.append(values["detection"].mean())
-        stated.append(off["detection"])
+        stated.append(errors["detection"])
     assert np.mean(means) == pytest.approx(best.mean(), abs=4 * np.std(means) / np.sqrt(4000))
     assert np.sqrt(np.mean(np.square(stated))) == pytest.approx(np.std(means), rel=0.05)
 
@@ -57,45 +57,47 @@ def test_three_lines_are_those_of_a_known_tumour_in_closed_form() -> None:
     """One tumour, white noise: P = Phi(d' - z), d'^2 = (sum s^2 - (sum s)^2 / (p + 1)) / w^2 for each channel."""
     noise = {"white": 0.05, "stiffness_white": 0.01, "charge": "0 pC"}
     design = example_design(protocol={**THREE, "stiffness": False}, noise=noise)
-    scan = examined(design.scene, design, unseen=True)
-    found = scan.judgements(design)
+    scan = examine(design.scene, design, unseen=True)
+    judgements = scan.evaluate_all_channels(design)
     signal, p, squares = scan.readings.signal[0], 3, {}
     for name, part, white in (("ratio", signal[:p], 0.05), ("stiffness", signal[p:], 0.01)):
         squares[name] = ((part**2).sum() - part.sum() ** 2 / (p + 1)) / white**2
     squares["both"] = sum(squares.values())
-    for name, one in found.by_observable.items():
-        assert one is not None
-        assert one.detection == pytest.approx(ndtr(np.sqrt(squares[name]) - ndtri(0.95)), rel=1e-6)
-    assert found.detection == found.by_observable["ratio"].detection  # type: ignore[union-attr]
-    assert found.as_dict()["by_observable"]["both"]["detection"] > found.detection
+    for name, judgement in judgements.by_observable.items():
+        assert judgement is not None
+        assert judgement.detection == pytest.approx(ndtr(np.sqrt(squares[name]) - ndtri(0.95)), rel=1e-6)
+    assert judgements.detection == judgements.by_observable["ratio"].detection  # type: ignore[union-attr]
+    assert judgements.as_dict()["by_observable"]["both"]["detection"] > judgements.detection
 
 
 def test_a_channel_without_noise_that_is_not_read_is_left_out_and_not_refused() -> None:
     design = example_design(protocol={**THREE, "stiffness": False}, noise={"stiffness_white": 0.0})
-    found = judged(design.scene, design)
-    assert found.by_observable["stiffness"] is found.by_observable["both"] is None
-    assert found.as_dict()["by_observable"]["both"] is None
+    judgement = verify(design.scene, design)
+    assert judgement.by_observable["stiffness"] is judgement.by_observable["both"] is None
+    assert judgement.as_dict()["by_observable"]["both"] is None
 
 
 def test_noise_of_one_channel_is_that_part_of_both() -> None:
     design = example_design(protocol=THREE)
     blank = np.array([3.0, 1.0])
-    whole = covariance(design.noise, design.protocol, design.scene, blank)
+    whole = build_difference_covariance(design.noise, design.protocol, design.scene, blank)
     for observable, part in (("ratio", slice(0, 3)), ("stiffness", slice(3, 6))):
-        one = covariance(design.noise, design.protocol, design.scene, blank, observable=observable)  # type: ignore[arg-type]
-        assert np.array_equal(one, whole[part, part])
+        matrix = build_difference_covariance(design.noise, design.protocol, design.scene, blank, observable=observable)  # type: ignore[arg-type]
+        assert np.array_equal(matrix, whole[part, part])
 
 
 def test_what_the_groove_is_bounded_by_is_above_what_solid_finds() -> None:
     """The optimum of the built-in run by `solid`: 0.37639 with the groove, 0.37478 without; +x and -x tumours: 0.0060, 0.0010."""
     radii = {"probe.inner_radius": 6.26e-3, "probe.outer_radius": 8.37e-3}
     blocks = {f"probe.{name}.youngs_modulus": 1e6 for name in ("inner", "outer")}
-    scene = builtin_design().scene
+    scene = read_builtin_design().scene
     probe = scene.probe.model_copy(update={"area_ratio": None, "outer_radius": 8.37e-3})
     sizes = {**radii, **blocks, "probe.height": 1.25e-3, "probe.gap": 5e-4}
-    scene = changed(scene.model_copy(update={"inclusion": (), "probe": probe}), sizes)
-    share = groove_share(scene, EquivalentInclusion().alone(scene, 0.01).films.forces).max()
+    scene = replace_values(scene.model_copy(update={"inclusion": (), "probe": probe}), sizes)
+    share = bound_groove_change(scene, EquivalentInclusion().solve_alone(scene, 0.01).films.forces).max()
     change = np.log(0.37639 / 0.37478)
     assert change < share < 8 * change
-    bound = GROOVE * share * (0.136 + 0.054)  # of what a tumour of 12 mm under the groove changes of both films' forces
+    bound = (
+        GROOVE_SAFETY_FACTOR * share * (0.136 + 0.054)
+    )  # of what a tumour of 12 mm under the groove changes of both films' forces
     assert bound > 0.0060

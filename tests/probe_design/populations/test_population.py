@@ -10,7 +10,7 @@ import pytest
 from geometry.common.errors import InputError
 from geometry.scenes.scene import Inclusion, Scene
 from geometry.scenes.scene_file import scene_to_dict
-from probe_design.populations.population import MOST_TISSUES, ScenePopulation, TumourDraw
+from probe_design.populations.population import MAX_TISSUES, ScenePopulation, TumourDraw
 from tests.support.designs import example_design
 
 WIDE = {"depth": ["3 mm", "20 mm"], "diameter": ["5 mm", "15 mm"], "x": ["-30 mm", "30 mm"], "tissue": ["4 kPa", "9 kPa"]}
@@ -18,7 +18,7 @@ WIDE = {"depth": ["3 mm", "20 mm"], "diameter": ["5 mm", "15 mm"], "x": ["-30 mm
 
 def drawn(samples: int, *, unseen: bool = False, **population: object) -> TumourDraw:
     design = example_design(population=population)
-    return ScenePopulation.of(design.scene, design.population).drawn(samples, unseen=unseen)
+    return ScenePopulation.from_scene(design.scene, design.population).draw_tumours(samples, unseen=unseen)
 
 
 def test_every_tumour_drawn_is_one_of_a_scene() -> None:
@@ -43,21 +43,26 @@ def test_what_does_not_fit_is_drawn_again_and_said_so() -> None:
 def test_draws_fill_their_ranges_evenly() -> None:
     draw = drawn(256, depth=["10 mm", "20 mm"], object=["10 kPa", "100 kPa"], tissue=["4 kPa", "9 kPa"])
     for values, low, high in ((draw.depth, 10e-3, 20e-3), (draw.youngs_modulus, 1e4, 1e5)):
-        for tissue in range(MOST_TISSUES):  # not only in all, but in each tissue
+        for tissue in range(MAX_TISSUES):  # not only in all, but in each tissue
             shares = np.log(values[draw.tissue == tissue] / low) / np.log(high / low)
             assert np.histogram(shares, 4, (0, 1))[0] == pytest.approx(16, abs=1)
 
 
 def test_a_draw_is_repeated_and_the_judge_s_are_others() -> None:
-    once, again, unseen, other = drawn(32, **WIDE), drawn(32, **WIDE), drawn(32, unseen=True, **WIDE), drawn(32, seed=1, **WIDE)
-    assert np.array_equal(once.depth, again.depth)
-    for draw in (unseen, other):
+    once, repeated, unseen, other_seed = (
+        drawn(32, **WIDE),
+        drawn(32, **WIDE),
+        drawn(32, unseen=True, **WIDE),
+        drawn(32, seed=1, **WIDE),
+    )
+    assert np.array_equal(once.depth, repeated.depth)
+    for draw in (unseen, other_seed):
         assert not set(once.depth.tolist()) & set(draw.depth.tolist())
 
 
 def test_lists_are_equally_likely() -> None:
     draw = drawn(90, depth=["10 mm", "12 mm", "14 mm"], x={"values": ["-2 mm", "2 mm"]})
-    assert {f"{one:.3f}" for one in draw.depth} == {"0.010", "0.012", "0.014"}
+    assert {f"{depth:.3f}" for depth in draw.depth} == {"0.010", "0.012", "0.014"}
     assert set(np.round(draw.x, 6)) == {-2e-3, 2e-3}
     assert np.unique(draw.depth, return_counts=True)[1].min() >= 26
 
@@ -72,7 +77,7 @@ def test_tumours_stay_clear_of_layers() -> None:
     tables["tissue"]["layer"] = [{"thickness": "2 mm", "youngs_modulus": "50 kPa", "poisson_ratio": 0.45}]
     ranges = {"depth": ["3 mm", "20 mm"], "diameter": ["3 mm", "9 mm"], "layer": [{"thickness": ["1 mm", "3 mm"]}]}
     design = example_design(scene=tables, population=ranges)
-    draw = ScenePopulation.of(design.scene, design.population).drawn(40)
+    draw = ScenePopulation.from_scene(design.scene, design.population).draw_tumours(40)
     faces = np.array([draw.tissues[k].tissue.interfaces[0] for k in draw.tissue])
     assert np.ptp(faces) > 0
     assert np.all(np.abs(draw.depth - faces) >= 0.6 * draw.diameter * (1 - 1e-12))
@@ -95,5 +100,5 @@ def test_ranges_in_which_nothing_fits_are_refused() -> None:
 def test_tumours_that_do_not_fit_are_refused_with_the_reason(ranges: dict[str, Any], why: str) -> None:
     design = example_design(population={"object": "20 kPa", **ranges})
     with pytest.raises(InputError, match=why) as refused:
-        ScenePopulation.of(design.scene, design.population).drawn(8)
+        ScenePopulation.from_scene(design.scene, design.population).draw_tumours(8)
     assert "\n" not in str(refused.value)

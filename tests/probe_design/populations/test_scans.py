@@ -9,18 +9,18 @@ import pytest
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Inclusion, Layer, Placement, Scene
-from geometry.scenes.variables import changed
+from geometry.scenes.variables import replace_values
 from probe_design.populations.closed_form_scan import ClosedFormScan
-from probe_design.populations.inclusion_scan import inclusion_readings
+from probe_design.populations.inclusion_scan import compute_inclusion_readings
 from probe_design.populations.population import ScenePopulation, TumourDraw
 from probe_design.populations.tables import NoiseModel
 from solver import evaluate
-from solver.closed_form.designs import PROBE, parameters
+from solver.closed_form.designs import PROBE_PARAMETERS, build_parameters
 from tests.support.designs import SUPERFICIAL, THREE, example_design
 
 RANGES = {**SUPERFICIAL, "tissue": ["4 kPa", "9 kPa"], "x": ["-3 mm", "3 mm"]}
 DESIGN = example_design(population=RANGES, protocol=THREE)
-POPULATION = ScenePopulation.of(DESIGN.scene, DESIGN.population)
+POPULATION = ScenePopulation.from_scene(DESIGN.scene, DESIGN.population)
 FINE = NoiseModel(white=3e-4, stiffness_white=3e-4, charge=0.0)  # so that nothing that is reflected is left out
 FIELDS = {"depth": "depth", "diameter": "diameter", "object": "youngs_modulus", "x": "x"}
 
@@ -39,14 +39,16 @@ def single(draw: TumourDraw, number: int, level: str) -> Floats:
     rows = []
     for position in DESIGN.protocol.positions:
         scene = one_scene(draw, number, position)
-        over, without = (evaluate(one, level) for one in (scene, scene.model_copy(update={"inclusion": ()})))
-        rows.append([np.log(getattr(over, key) / getattr(without, key)) for key in ("ratio", "stiffness")])
+        over_tumour, bare = (
+            evaluate(scene_evaluated, level) for scene_evaluated in (scene, scene.model_copy(update={"inclusion": ()}))
+        )
+        rows.append([np.log(getattr(over_tumour, key) / getattr(bare, key)) for key in ("ratio", "stiffness")])
     return np.array(rows).T.ravel()
 
 
 def test_formulas_on_arrays_are_those_of_single_scenes() -> None:
-    draw = POPULATION.drawn(6)
-    signal = ClosedFormScan.of(draw, DESIGN.protocol).readings(DESIGN.scene).signal
+    draw = POPULATION.draw_tumours(6)
+    signal = ClosedFormScan.from_draw(draw, DESIGN.protocol).compute_readings(DESIGN.scene).signal
     for number in range(len(draw)):
         assert signal[number] == pytest.approx(
             single(draw, number, "closed-form"), rel=0.01, abs=1e-5
@@ -55,41 +57,44 @@ def test_formulas_on_arrays_are_those_of_single_scenes() -> None:
 
 @pytest.mark.slow
 def test_the_judge_s_readings_are_those_of_single_scenes() -> None:
-    draw = POPULATION.drawn(2)
-    readings = inclusion_readings(draw, DESIGN.protocol, noise=FINE).best
+    draw = POPULATION.draw_tumours(2)
+    readings = compute_inclusion_readings(draw, DESIGN.protocol, noise=FINE).best
     for number in range(len(draw)):
-        off = np.abs(readings.signal[number] - single(draw, number, "equivalent-inclusion"))
-        assert np.all(off <= readings.error[number])
+        error = np.abs(readings.signal[number] - single(draw, number, "equivalent-inclusion"))
+        assert np.all(error <= readings.error[number])
 
 
 @pytest.mark.slow
 def test_levels_agree_and_so_do_their_derivatives() -> None:
-    draw, names = POPULATION.drawn(2), (*FIELDS, "tissue")
-    formulas = ClosedFormScan.of(draw, DESIGN.protocol).readings(DESIGN.scene, names)
-    elements = inclusion_readings(draw, DESIGN.protocol, names, noise=FINE).best
+    draw, names = POPULATION.draw_tumours(2), (*FIELDS, "tissue")
+    formulas = ClosedFormScan.from_draw(draw, DESIGN.protocol).compute_readings(DESIGN.scene, names)
+    elements = compute_inclusion_readings(draw, DESIGN.protocol, names, noise=FINE).best
     assert np.abs(formulas.signal - elements.signal).max() < 0.05 * np.abs(elements.signal).max()
     for name in names:
-        assert np.abs(formulas.by[name] - elements.by[name]).max() < 0.15 * np.abs(elements.by[name]).max(), name
-    assert formulas.blank_by["tissue"] == pytest.approx(elements.blank_by["tissue"], rel=0.05)
+        assert (
+            np.abs(formulas.derivatives[name] - elements.derivatives[name]).max()
+            < 0.15 * np.abs(elements.derivatives[name]).max()
+        ), name
+    assert formulas.blank_derivatives["tissue"] == pytest.approx(elements.blank_derivatives["tissue"], rel=0.05)
 
 
 @pytest.mark.parametrize("name", [*FIELDS, "tissue"])
 def test_derivatives_of_the_formulas_have_taylor_s_rate(name: str) -> None:
     """What a straight line leaves of a step falls with its square: a rate of 2."""
-    draw = POPULATION.drawn(4)
-    now = ClosedFormScan.of(draw, DESIGN.protocol).readings(DESIGN.scene, (name,))
+    draw = POPULATION.draw_tumours(4)
+    now = ClosedFormScan.from_draw(draw, DESIGN.protocol).compute_readings(DESIGN.scene, (name,))
 
     def left(step: float) -> float:
         if name == "tissue":
-            grown = (one.tissue.youngs_modulus * np.exp(step) for one in draw.tissues)
-            tissues = tuple(POPULATION.in_tissue({"tissue": float(one)}) for one in grown)
-            there = replace(draw, tissues=tissues)
+            grown = (tissue.tissue.youngs_modulus * np.exp(step) for tissue in draw.tissues)
+            tissues = tuple(POPULATION.build_tissue_scene({"tissue": float(tissue)}) for tissue in grown)
+            moved_draw = replace(draw, tissues=tissues)
         else:
             old = getattr(draw, FIELDS[name])
-            there = replace(draw, **{FIELDS[name]: old + 1e-3 * step if name == "x" else old * np.exp(step)})
+            moved_draw = replace(draw, **{FIELDS[name]: old + 1e-3 * step if name == "x" else old * np.exp(step)})
         moved = step * (1e-3 if name == "x" else 1.0)
-        signal = ClosedFormScan.of(there, DESIGN.protocol, radius=6.5e-3).readings(DESIGN.scene).signal
-        return float(np.abs(signal - now.signal - moved * now.by[name]).max())
+        signal = ClosedFormScan.from_draw(moved_draw, DESIGN.protocol, radius=6.5e-3).compute_readings(DESIGN.scene).signal
+        return float(np.abs(signal - now.signal - moved * now.derivatives[name]).max())
 
     rate = np.log2(left(0.04) / left(0.02))
     assert 1.8 < rate < 2.2
@@ -97,37 +102,37 @@ def test_derivatives_of_the_formulas_have_taylor_s_rate(name: str) -> None:
 
 def test_derivatives_by_the_probe_have_taylor_s_rate() -> None:
     """By complex steps, as a search asks for them."""
-    scan = ClosedFormScan.of(POPULATION.drawn(4), DESIGN.protocol)
-    probe = parameters(DESIGN.scene)[1][: len(PROBE), None]
-    for row in range(len(PROBE)):
+    scan = ClosedFormScan.from_draw(POPULATION.draw_tumours(4), DESIGN.protocol)
+    probe = build_parameters(DESIGN.scene)[1][: len(PROBE_PARAMETERS), None]
+    for row in range(len(PROBE_PARAMETERS)):
         direction = np.zeros_like(probe)
         direction[row] = 0.1 * probe[row]
-        value, slope = (scan.signals(probe)[0].real, scan.signals(probe + 1e-30j * direction)[0].imag / 1e-30)
-        left = [np.abs(scan.signals(probe + h * direction)[0] - value - h * slope).max() for h in (0.2, 0.1)]
-        assert 1.8 < np.log2(left[0] / left[1]) < 2.3, PROBE[row]
+        value, slope = (scan.compute_signals(probe)[0].real, scan.compute_signals(probe + 1e-30j * direction)[0].imag / 1e-30)
+        left = [np.abs(scan.compute_signals(probe + h * direction)[0] - value - h * slope).max() for h in (0.2, 0.1)]
+        assert 1.8 < np.log2(left[0] / left[1]) < 2.3, PROBE_PARAMETERS[row]
 
 
 @pytest.mark.parametrize("skin", [False, True])
 def test_where_all_moduli_grow_alike_no_signal_changes(skin: bool) -> None:
     """Close to the surface the first order has a third of what the tissue's modulus does: 10 mm at 6 mm, rigid blocks."""
-    scene = changed(DESIGN.scene, {f"probe.{block}.youngs_modulus": 60e6 for block in ("inner", "outer")})
+    scene = replace_values(DESIGN.scene, {f"probe.{block}.youngs_modulus": 60e6 for block in ("inner", "outer")})
     layer = ({"thickness": 0.5e-3, "youngs_modulus": 6e3, "poisson_ratio": 0.45},) if skin else ()
-    tissue = scene.tissue.model_copy(update={"layer": tuple(Layer(**one) for one in layer)})
+    tissue = scene.tissue.model_copy(update={"layer": tuple(Layer(**item) for item in layer)})
     scene = scene.model_copy(update={"inclusion": (), "tissue": tissue})
-    one = [np.array([value]) for value in (6e-3, 9.8e-3, 60e3, 0.0)]
-    draw = TumourDraw(scene, *one, poisson_ratio=0.45, tissue=np.zeros(1, dtype=int), tissues=(scene,))
+    item = [np.array([value]) for value in (6e-3, 9.8e-3, 60e3, 0.0)]
+    draw = TumourDraw(scene, *item, poisson_ratio=0.45, tissue=np.zeros(1, dtype=int), tissues=(scene,))
     names = ("object", "tissue", *(["layer_0_modulus"] if skin else []))
-    by = inclusion_readings(draw, DESIGN.protocol, names, noise=FINE).best.by
-    whole, own = sum(by.values()), np.abs(by["object"]).max()
-    assert np.abs(whole).max() < 0.02 * own
-    assert np.abs(by["tissue"]).max() > 0.9 * own
+    parts = compute_inclusion_readings(draw, DESIGN.protocol, names, noise=FINE).best.derivatives
+    whole, object_part = sum(parts.values()), np.abs(parts["object"]).max()
+    assert np.abs(whole).max() < 0.02 * object_part
+    assert np.abs(parts["tissue"]).max() > 0.9 * object_part
 
 
 def test_the_same_tumour_read_from_both_sides_is_the_same() -> None:
     design = example_design(protocol=THREE)
-    draw = ScenePopulation.of(design.scene, design.population).drawn()
+    draw = ScenePopulation.from_scene(design.scene, design.population).draw_tumours()
     for read in (
-        ClosedFormScan.of(draw, design.protocol).readings(design.scene),
-        inclusion_readings(draw, design.protocol, noise=FINE).best,
+        ClosedFormScan.from_draw(draw, design.protocol).compute_readings(design.scene),
+        compute_inclusion_readings(draw, design.protocol, noise=FINE).best,
     ):
         assert read.signal[0, :3] == pytest.approx(read.signal[0, 2::-1], rel=1e-12)

@@ -10,22 +10,24 @@ import pytest
 
 from geometry import InputError
 from geometry.common.arrays import Floats
-from geometry.scenes.variables import changed, values
+from geometry.scenes.variables import list_values, replace_values
 from hw.common.samples import Samples
 from probe_design.built_probe.bench import Reference, Workshop
-from probe_design.built_probe.block_predictions import predicted
+from probe_design.built_probe.block_predictions import predict_blocks
 from probe_design.built_probe.calibration import calibrate
-from probe_design.built_probe.virtual_probe import Built, as_delivered, signals
+from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals, draw_delivered
 from probe_design.probe_check.check import Check, check
 from probe_design.probe_check.deviation import Deviation
-from probe_design.probe_check.explanations import Explanation, explanations, refined, told
-from probe_design.probe_check.verdicts import OUT, UNTESTED
+from probe_design.probe_check.explanations import Explanation, build_explanation, compute_explanations, fit_variables
+from probe_design.probe_check.verdicts import VERDICT_OUT, VERDICT_UNTESTED
 from tests.support.hw.benches import BENCH, films, sampled, scene, shares
 
-BUILT = Built()
+BUILT = BuiltProperties()
 DRAWN = {"workshop": Workshop(length=1e-9, modulus=0.0, poisson_ratio=0.0)}  # a probe as drawn, whatever the workshop says
 STRICT = BENCH.model_copy(update={**DRAWN, "channels": BENCH.channels.model_copy(update={"warming": 1e-6})})
-DRY = tuple(one if one.on == "tissue" else one.model_copy(update={"leak": 0.0}) for one in BENCH.reference)
+DRY = tuple(
+    reference if reference.on == "tissue" else reference.model_copy(update={"leak": 0.0}) for reference in BENCH.reference
+)
 TIGHT = BENCH.model_copy(update={"reference": DRY})  # pin and ring leak nothing, as virtual ones do, and are taken as such
 BLOCKS = BENCH.model_copy(update={"reference": BENCH.blocks})
 
@@ -33,29 +35,29 @@ BLOCKS = BENCH.model_copy(update={"reference": BENCH.blocks})
 def loop(logs: Floats, seed: int) -> Check:
     """Calibrate and check one virtual probe whose blocks give ``logs``."""
     forces = films(logs)
-    read = [sampled(signals(BUILT, BENCH, scene(), one, [seed, k])) for k, one in enumerate(forces)]
-    again = [sampled(signals(BUILT, BENCH, scene(), one, [seed, 10 + k])) for k, one in enumerate(forces[2:])]
-    found = calibrate(scene(), TIGHT, read, shares())
-    return check(scene(), STRICT, again, found.gains, variables=found.variables, shares=shares())
+    read = [sampled(build_signals(BUILT, BENCH, scene(), force, [seed, k])) for k, force in enumerate(forces)]
+    repeated = [sampled(build_signals(BUILT, BENCH, scene(), force, [seed, 10 + k])) for k, force in enumerate(forces[2:])]
+    calibration = calibrate(scene(), TIGHT, read, shares())
+    return check(scene(), STRICT, repeated, calibration.gains, variables=calibration.variables, shares=shares())
 
 
 def delivered(seed: int) -> tuple[Reference, ...]:
     random = np.random.default_rng(seed)
-    return tuple(as_delivered(one, random) for one in BENCH.reference)
+    return tuple(draw_delivered(reference, random) for reference in BENCH.reference)
 
 
 @cache
 def built(name: str, turn: float) -> Check:
     """The loop with a probe that is off its drawing in one variable, on blocks off by their tolerances."""
-    true = changed(scene(), {name: values(scene())[name] * turn})
-    return loop(predicted(true, delivered(3)).log_ratios, 3)
+    true = replace_values(scene(), {name: list_values(scene())[name] * turn})
+    return loop(predict_blocks(true, delivered(3)).log_ratios, 3)
 
 
 def test_a_probe_as_drawn_passes() -> None:
-    found = loop(predicted(scene(), delivered(4)).log_ratios, 4)
-    assert found.p_value >= found.level
-    assert found.alike == ()
-    assert np.abs([block.z for block in found.blocks]).max() < 3
+    checked_probe = loop(predict_blocks(scene(), delivered(4)).log_ratios, 4)
+    assert checked_probe.p_value >= checked_probe.level
+    assert checked_probe.alike == ()
+    assert np.abs([block.z for block in checked_probe.blocks]).max() < 3
 
 
 @pytest.mark.slow
@@ -65,14 +67,14 @@ def test_a_probe_as_drawn_passes() -> None:
 )
 def test_a_probe_off_its_drawing_is_found(name: str, turn: float) -> None:
     """15 % in a modulus, 1 % in a radius, a double gap: the variable is among those that explain it, at its true size."""
-    found = built(name, turn)
-    assert found.verdict == OUT
-    assert name in found.alike
-    one = next(one for one in found.explanations if one.variable == name)
-    assert one.explains
-    truth = (turn - 1) * values(scene())[name]
-    assert abs(one.change - truth) < 3 * one.uncertainty
-    assert one.uncertainty < 0.2 * abs(truth)
+    checked_probe = built(name, turn)
+    assert checked_probe.verdict == VERDICT_OUT
+    assert name in checked_probe.alike
+    explanation = next(explanation for explanation in checked_probe.explanations if explanation.variable == name)
+    assert explanation.explains
+    truth = (turn - 1) * list_values(scene())[name]
+    assert abs(explanation.change - truth) < 3 * explanation.uncertainty
+    assert explanation.uncertainty < 0.2 * abs(truth)
 
 
 @pytest.mark.slow
@@ -86,28 +88,28 @@ def test_what_cannot_be_told_apart_is_said() -> None:
 def test_large_changes_need_the_refined_fit() -> None:
     """Linear in 20 % the modulus would be 3 standard deviations off."""
     name, known = "probe.outer.youngs_modulus", shares()
-    logs = predicted(changed(scene(), {name: 1.2 * values(scene())[name]}), BENCH.reference).log_ratios
+    logs = predict_blocks(replace_values(scene(), {name: 1.2 * list_values(scene())[name]}), BENCH.reference).log_ratios
     read = 0.0027**2 * np.eye(len(logs))  # what the loop above leaves
-    model = np.array([share.variance(block) for share, block in zip(known.blocks, BENCH.blocks, strict=True)])
+    model = np.array([share.compute_variance(block) for share, block in zip(known.blocks, BENCH.blocks, strict=True)])
     deviation = Deviation(logs, known.log_ratios, read, model, {})
-    linear = _of("probe.outer.youngs_modulus", explanations(deviation, known)[0])
-    (fit,) = refined(scene(), BLOCKS, deviation, known, ["probe.outer.youngs_modulus"])
-    again = told(fit, deviation)
+    linear = _find_explanation("probe.outer.youngs_modulus", compute_explanations(deviation, known)[0])
+    (fit,) = fit_variables(scene(), BLOCKS, deviation, known, ["probe.outer.youngs_modulus"])
+    repeated = build_explanation(fit, deviation)
     assert abs(linear.change - 16e3) > 3 * linear.uncertainty
-    assert abs(again.change - 16e3) < 3 * again.uncertainty
+    assert abs(repeated.change - 16e3) < 3 * repeated.uncertainty
 
 
 def test_nothing_to_explain_is_explained_by_no_change() -> None:
     name, known = "probe.outer.youngs_modulus", shares()
     read = 0.0027**2 * np.eye(len(known.log_ratios))
     deviation = Deviation(known.log_ratios, known.log_ratios, read, np.zeros_like(read), {})
-    (fit,) = refined(scene(), BLOCKS, deviation, known, [name])
-    assert fit.changes.values[0] == values(scene())[name]
+    (fit,) = fit_variables(scene(), BLOCKS, deviation, known, [name])
+    assert fit.changes.values[0] == list_values(scene())[name]
     assert fit.chi_square == 0
 
 
-def _of(name: str, explained: tuple[Explanation, ...]) -> Explanation:
-    return next(one for one in explained if one.variable == name)
+def _find_explanation(name: str, explained: tuple[Explanation, ...]) -> Explanation:
+    return next(explanation for explanation in explained if explanation.variable == name)
 
 
 @pytest.mark.slow
@@ -116,62 +118,70 @@ def test_coverage_of_chi_square_and_sizes() -> None:
     known, z, p, sizes = shares(), [], [], []
     for seed in range(60):
         random = np.random.default_rng(seed)
-        own = [share.variance(block) ** 0.5 for share, block in zip(known.blocks, BENCH.blocks, strict=True)]
-        found = _quick(known.log_ratios + own * random.standard_normal(len(own)), seed)
-        z.append([block.z for block in found.blocks])
-        p.append(found.p_value)
-        sizes.append([one.change / one.uncertainty for one in found.explanations if found.p_value >= found.level])
+        spreads = [share.compute_variance(block) ** 0.5 for share, block in zip(known.blocks, BENCH.blocks, strict=True)]
+        result = _quick(known.log_ratios + spreads * random.standard_normal(len(spreads)), seed)
+        z.append([block.z for block in result.blocks])
+        p.append(result.p_value)
+        sizes.append(
+            [
+                explanation.change / explanation.uncertainty
+                for explanation in result.explanations
+                if result.p_value >= result.level
+            ]
+        )
     assert np.mean(np.square(z)) == pytest.approx(1.0, abs=4 * np.sqrt(2 / 300))
     # each variable's size is 0 here; they go together, so that 60 probes are 60 numbers
-    assert np.mean([np.mean(np.square(one)) for one in sizes if one]) == pytest.approx(1.0, abs=4 * np.sqrt(2 / 60))
+    assert np.mean([np.mean(np.square(explanation)) for explanation in sizes if explanation]) == pytest.approx(
+        1.0, abs=4 * np.sqrt(2 / 60)
+    )
     assert np.mean(p) == pytest.approx(0.5, abs=4 / np.sqrt(12 * 60))
-    assert sum(one < 0.01 for one in p) <= 4  # 0.6 expected
+    assert sum(explanation < 0.01 for explanation in p) <= 4  # 0.6 expected
 
 
 def _quick(logs: Floats, seed: int) -> Check:
     """The loop with as few samples as a calibration takes."""
     bench = TIGHT.model_copy(update={"load": BENCH.load.model_copy(update={"least_cycles": 10.0})})
     forces = films(logs)
-    runs = ([sampled(signals(BUILT, bench, scene(), one, [seed, run, k]), rows=450, rate=200.0) for k, one in enumerate(forces)]
+    runs = ([sampled(build_signals(BUILT, bench, scene(), film, [seed, run, k]), rows=450, rate=200.0) for k, film in enumerate(forces)]
             for run in (0, 1))  # fmt: skip
-    read, again = runs
-    found = calibrate(scene(), bench, read, shares())
+    read, repeated = runs
+    calibration = calibrate(scene(), bench, read, shares())
     strict = STRICT.model_copy(update={"load": bench.load})
-    return check(scene(), strict, again[2:], found.gains, variables=found.variables, shares=shares())
+    return check(scene(), strict, repeated[2:], calibration.gains, variables=calibration.variables, shares=shares())
 
 
 @pytest.mark.slow
 def test_what_the_calibration_has_absorbed_is_not_told() -> None:
     """Gains from blocks alone, no force channel: three free entries take up what a variable does to five blocks."""
     forces = films(shares().log_ratios, BLOCKS)
-    read = [sampled(signals(BUILT, BLOCKS, scene(), one, [5, k]), channels=2) for k, one in enumerate(forces)]
+    read = [sampled(build_signals(BUILT, BLOCKS, scene(), item, [5, k]), channels=2) for k, item in enumerate(forces)]
     alone = calibrate(scene(), BLOCKS, read, shares())
     strict = BLOCKS.model_copy(update=DRAWN)
-    found = check(scene(), strict, read, alone.gains, variables=alone.variables, shares=shares())
-    spread = {one.variable: one.uncertainty / one.nominal for one in found.explanations}
-    known = {one.variable: one.uncertainty / one.nominal for one in built("probe.gap", 2.0).explanations}
+    result = check(scene(), strict, read, alone.gains, variables=alone.variables, shares=shares())
+    spread = {item.variable: item.uncertainty / item.nominal for item in result.explanations}
+    known = {item.variable: item.uncertainty / item.nominal for item in built("probe.gap", 2.0).explanations}
     for name in ("probe.outer.youngs_modulus", "probe.height"):
         assert spread.get(name, np.inf) > 5 * known[name]
 
 
 def on_blocks(seed: int) -> list[Samples]:
     forces = films(shares().log_ratios)[2:]
-    return [sampled(signals(BUILT, BENCH, scene(), one, [seed, k])) for k, one in enumerate(forces)]
+    return [sampled(build_signals(BUILT, BENCH, scene(), force, [seed, k])) for k, force in enumerate(forces)]
 
 
 def test_reversed_polarity_is_refused() -> None:
-    samples = [replace(one, volts=one.volts * [-1.0, 1.0, 1.0]) for one in on_blocks(6)]
+    samples = [replace(reading, volts=reading.volts * [-1.0, 1.0, 1.0]) for reading in on_blocks(6)]
     with pytest.raises(InputError, match="leads are exchanged"):
         check(scene(), BENCH, samples, shares=shares())
 
 
 def test_uncalibrated_gains_leave_a_wide_check() -> None:
     samples = on_blocks(7)
-    found = check(scene(), BENCH, samples, shares=shares())
-    assert not found.calibrated
-    assert found.blocks[0].ratio_uncertainty / found.blocks[0].ratio > 0.05
-    assert found.verdict == UNTESTED
-    assert (found.passed, found.failed, found.tested) == (False, False, ())  # nothing contradicts the drawing: it says nothing
-    assert all(one.reason for one in found.untested)
+    result = check(scene(), BENCH, samples, shares=shares())
+    assert not result.calibrated
+    assert result.blocks[0].ratio_uncertainty / result.blocks[0].ratio > 0.05
+    assert result.verdict == VERDICT_UNTESTED
+    assert (result.passed, result.failed, result.tested) == (False, False, ())  # nothing contradicts the drawing: it says nothing
+    assert all(variable.reason for variable in result.untested)
     with pytest.raises(InputError, match="one for each"):
         check(scene(), BENCH, samples[:2], shares=shares())

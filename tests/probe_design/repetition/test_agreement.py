@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 
-from probe_design.repetition.agreement import compared, differences
+from probe_design.repetition.agreement import count_numbers, find_differences
 
 
 @pytest.mark.parametrize(
-    ("before", "now", "places"),
+    ("previous", "now", "places"),
     [
         ({"ratio": 0.5}, {"ratio": 0.5 * (1 + 1e-7)}, []),
         ({"ratio": 0.5}, {"ratio": 0.501}, ["ratio"]),
@@ -48,8 +48,8 @@ from probe_design.repetition.agreement import compared, differences
         ({"result": {"ratio": 1.0, "error_estimate": 0.1}}, {"result": {"ratio": 1.1, "error_estimate": 0.1}}, []),
     ],
 )
-def test_differences(before: dict[str, Any], now: dict[str, Any], places: list[str]) -> None:
-    found = differences(before, now)
-    assert [one.place for one in found] == places
-    assert all("\n" not in str(one) for one in found)
-    assert len(found) <= compared(before, now)
+def test_differences(previous: dict[str, Any], now: dict[str, Any], places: list[str]) -> None:
+    differing = find_differences(previous, now)
+    assert [difference.place for difference in differing] == places
+    assert all("\n" not in str(difference) for difference in differing)
+    assert len(differing) <= count_numbers(previous, now)

@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 
 from geometry import read_scene
-from geometry.provenance.block import provenance
+from geometry.provenance.block import build_provenance
 from probe_design import evaluate
 from probe_design.cli.main import cli
-from probe_design.repetition.command_line import rerun_words
+from probe_design.repetition.command_line import build_rerun_words
 from tests.support.paths import EXAMPLES, ROOT, SCENE
 from tests.support.program import Ended, refused, run
 
@@ -30,17 +30,17 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def again(*words: str | Path) -> Ended:
+def rerun(*words: str | Path) -> Ended:
     return run("rerun", *words)
 
 
 def test_an_answer_is_repeated(folder: Path) -> None:
-    ended = again("made.json")
+    ended = rerun("made.json")
     assert ended.returncode == 0, ended.stderr
     assert "all agree" in ended.stdout
-    told = json.loads(again("made.json", "--json").stdout)
-    assert told["agrees"] is True
-    assert told["command"] == list(QUESTION)
+    output = json.loads(rerun("made.json", "--json").stdout)
+    assert output["agrees"] is True
+    assert output["command"] == list(QUESTION)
 
 
 @pytest.mark.parametrize(
@@ -52,14 +52,14 @@ def test_an_answer_is_repeated(folder: Path) -> None:
 )
 def test_answers_of_other_verbs_are_repeated(words: tuple[str, ...], folder: Path) -> None:
     (folder / "other.json").write_text(run(*words, cwd=folder).stdout)
-    assert "all agree" in again("other.json").stdout
+    assert "all agree" in rerun("other.json").stdout
 
 
 def test_another_number_is_noticed(folder: Path) -> None:
-    told = json.loads((folder / "made.json").read_text())
-    told["stress_inner"] *= 1.2
-    (folder / "made.json").write_text(json.dumps(told))
-    ended = again("made.json")
+    record_table = json.loads((folder / "made.json").read_text())
+    record_table["stress_inner"] *= 1.2
+    (folder / "made.json").write_text(json.dumps(record_table))
+    ended = rerun("made.json")
     assert ended.returncode == 1
     assert "stress_inner: " in ended.stdout
 
@@ -99,7 +99,7 @@ def test_what_python_made_is_refused(folder: Path) -> None:
     "words", [["nonsense"], ["evaluate", "scene.toml", "--colour", "red"], ["tissue"], ["read", "--device", "usb"]]
 )
 def test_a_command_that_cannot_be_repeated_is_refused(words: list[str], folder: Path) -> None:
-    block = provenance(read_scene(SCENE)) | {"command": words}
+    block = build_provenance(read_scene(SCENE)) | {"command": words}
     (folder / "odd.json").write_text(json.dumps({"ratio": 1.0, "provenance": block}))
     assert "file = " in refused("rerun", "odd.json")
 
@@ -121,16 +121,23 @@ def test_a_damaged_block_is_refused(damage: dict[str, Any], folder: Path) -> Non
 
 
 def test_a_file_that_says_that_rerun_made_it_would_have_no_end(folder: Path) -> None:
-    block = provenance(read_scene(SCENE)) | {"command": ["rerun", "odd.json"], "inputs": {}}
+    block = build_provenance(read_scene(SCENE)) | {"command": ["rerun", "odd.json"], "inputs": {}}
     (folder / "odd.json").write_text(json.dumps({"ratio": 1.0, "provenance": block}))
     assert "file = made by 'rerun'" in refused("rerun", "odd.json")
 
 
 def test_no_file_beside_is_written_and_no_cluster_asked(tmp_path: Path) -> None:
     words = ["check", "--virtual", "--report", "page.html"]
-    assert rerun_words(cli, words, {}, tmp_path, tmp_path) == ["check", "--virtual", "--json", "--"]
+    assert build_rerun_words(cli, words, {}, tmp_path, tmp_path) == ["check", "--virtual", "--json", "--"]
     words = ["sweep", "sweep.toml", "--scheduler", "tcp://host:8786", "-o", "out"]
-    assert rerun_words(cli, words, {}, tmp_path, tmp_path) == ["sweep", "--output", str(tmp_path), "--json", "--", "sweep.toml"]
+    assert build_rerun_words(cli, words, {}, tmp_path, tmp_path) == [
+        "sweep",
+        "--output",
+        str(tmp_path),
+        "--json",
+        "--",
+        "sweep.toml",
+    ]
 
 
 @pytest.mark.parametrize("content", [b"ratio\n\xff\n", b'ratio\n"' + 200_000 * b"9"])
@@ -143,17 +150,17 @@ def test_a_damaged_table_is_refused(content: bytes, folder: Path) -> None:
 def test_cells_without_a_heading_are_passed_over(folder: Path) -> None:
     (folder / "parts.json").write_bytes((folder / "made.json").read_bytes())
     (folder / "results.csv").write_text("ratio\n0.5,0.6\n")
-    assert "rows: " in again(".").stdout
+    assert "rows: " in rerun(".").stdout
 
 
 @pytest.mark.slow
 def test_a_sweep_s_folder_is_repeated(folder: Path) -> None:
     (folder / "sweep.toml").write_bytes((EXAMPLES / "sweep.toml").read_bytes())
     assert run("sweep", "sweep.toml", "-o", "out", "--workers", "1").returncode == 0
-    assert again("out").returncode == 0
+    assert rerun("out").returncode == 0
     table = folder / "out" / "results.csv"
     table.write_text(table.read_text().replace(",ok,", ",failed,", 1))
-    assert again("out").returncode == 1
+    assert rerun("out").returncode == 1
 
 
 @pytest.mark.slow
@@ -163,10 +170,10 @@ def test_an_export_s_record_is_repeated(folder: Path) -> None:
     kept = table.read_text()
     table.write_text(kept.replace("hole_diameter,diameter,outer,8.2,", "hole_diameter,diameter,outer,8.3,"))
     assert table.read_text() != kept
-    first, last = again("out").stdout.splitlines()  # the tables' numbers too, and all others agree
+    first, last = rerun("out").stdout.splitlines()  # the tables' numbers too, and all others agree
     assert first.startswith("tolerances[2].nominal: 8.3 then, 8.2 now")
     assert int(last.split()[0]) > 40
     record = folder / "out" / "parts.json"
-    told = json.loads(record.read_text())
-    record.write_text(json.dumps(told | {"design": "0" * 64}))
-    assert again(record).returncode == 1
+    entry = json.loads(record.read_text())
+    record.write_text(json.dumps(entry | {"design": "0" * 64}))
+    assert rerun(record).returncode == 1

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from geometry import read_scene
-from geometry.provenance.block import provenance
-from geometry.provenance.texts import block_of
-from probe_design.reports.bodies import bodies
-from probe_design.reports.page import Chapter, Code, Items, PageTable, Part, Text, TurningView, page
+from geometry.provenance.block import build_provenance
+from geometry.provenance.texts import read_block
+from probe_design.reports.bodies import build_bodies
+from probe_design.reports.page import Chapter, Code, Items, PageTable, Part, Text, TurningView, build_page
 from tests.support.browser import shown
 from tests.support.paths import EXAMPLES, SCENE
 
@@ -21,16 +21,16 @@ LONG = "a_very_long_name_without_any_blank_" * 8
 
 
 def written(folder: Path, *parts: Part) -> Path:
-    answer = {"ratio": 0.5, "note": ODD, "provenance": provenance(read_scene(SCENE))}
+    answer = {"ratio": 0.5, "note": ODD, "provenance": build_provenance(read_scene(SCENE))}
     path = folder / "report.html"
-    path.write_text(page(f"Report {ODD}", LONG, [Chapter(ODD, parts)], answer), encoding="utf-8")
+    path.write_text(build_page(f"Report {ODD}", LONG, [Chapter(ODD, parts)], answer), encoding="utf-8")
     return path
 
 
 @pytest.fixture
 def report(tmp_path: Path) -> Path:
     wide = PageTable(tuple(f"heading {k}" for k in range(15)), (tuple("1.2345678" for _ in range(15)), (LONG, *"abcdefghijklmn")))
-    view = TurningView(bodies(read_scene(EXAMPLES / "two-tumours.toml")), "the probe")
+    view = TurningView(build_bodies(read_scene(EXAMPLES / "two-tumours.toml")), "the probe")
     return written(tmp_path, Text(ODD), Text(LONG), Code(LONG), Items((ODD, "design.toml"), links=True), wide, view)
 
 
@@ -49,18 +49,18 @@ def test_control_codes_are_shown_and_not_obeyed(tmp_path: Path) -> None:
 
 
 def test_the_answer_is_inside(report: Path) -> None:
-    block, answer = block_of(report)
+    block, answer = read_block(report)
     assert answer == {"ratio": 0.5, "note": ODD}
-    assert block == json.loads(json.dumps(provenance(read_scene(SCENE))))
+    assert block == json.loads(json.dumps(build_provenance(read_scene(SCENE))))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("width", [390, 1280])
 def test_a_page_in_a_browser(report: Path, width: int, tmp_path: Path) -> None:
-    found = shown(report, width, tmp_path)
-    assert found.console == []
-    assert int(found.told["width"]) == width
-    assert int(found.told["scroll"]) <= width
-    assert found.told["clipped"] == ""
-    assert int(found.told["drawn"]) > 3000  # pixels that are not background
-    assert found.told["tables"] == found.told["buttons"] == "2"
+    page = shown(report, width, tmp_path)
+    assert page.console == []
+    assert int(page.attributes["width"]) == width
+    assert int(page.attributes["scroll"]) <= width
+    assert page.attributes["clipped"] == ""
+    assert int(page.attributes["drawn"]) > 3000  # pixels that are not background
+    assert page.attributes["tables"] == page.attributes["buttons"] == "2"

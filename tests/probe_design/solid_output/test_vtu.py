@@ -15,12 +15,12 @@ from matplotlib.image import imread
 
 from geometry.common.errors import InputError, MissingLibrary
 from geometry.scenes.probe import Material
-from geometry.tetra.tet_mesh import BEYOND, GROOVE, INCLUSION, INNER, OUTER, TISSUE, TetMesh
+from geometry.tetra.tet_mesh import BEYOND_BODY, FIRST_INCLUSION_BODY, GROOVE_BODY, INNER_BODY, OUTER_BODY, TISSUE_BODY, TetMesh
 from probe_design.solid_output import render as solid_space
-from probe_design.solid_output.faces import Faces, name, section, skin
-from probe_design.solid_output.stress_panel import deformed
+from probe_design.solid_output.faces import Faces, cut_section, extract_skin, name_region
+from probe_design.solid_output.stress_panel import deform_section
 from probe_design.solid_output.vtu import draw_solid, write_vtu
-from solver.solid.base_states import SolidFields, SolidStates, fields, solid_states
+from solver.solid.base_states import SolidFields, SolidStates, compute_fields, solid_states
 from solver.solid.problem import Problem, Solid
 from solver.solid.regions import Region
 from tests.support.meshes import body_volumes, stored_mesh
@@ -33,7 +33,12 @@ def material(modulus: float, ratio: float = 0.45) -> Material:
     return Material(youngs_modulus=modulus, poisson_ratio=ratio)
 
 
-MATERIALS = {INNER: material(1e6), OUTER: material(8e4), TISSUE: material(6e3), INCLUSION: material(6e4)}  # a groove cut out
+MATERIALS = {
+    INNER_BODY: material(1e6),
+    OUTER_BODY: material(8e4),
+    TISSUE_BODY: material(6e3),
+    FIRST_INCLUSION_BODY: material(6e4),
+}  # a groove cut out
 
 
 def half() -> TetMesh:
@@ -50,13 +55,13 @@ def whole() -> TetMesh:
 
 @cache
 def states(frictionless: bool = False) -> SolidStates:
-    return solid_states(Problem.of(Solid.of(half(), frictionless), MATERIALS))
+    return solid_states(Problem.assemble(Solid.from_mesh(half(), frictionless), MATERIALS))
 
 
 @pytest.fixture(scope="module")
 def grid(tmp_path_factory: pytest.TempPathFactory) -> pyvista.UnstructuredGrid:
     path = write_vtu(tmp_path_factory.mktemp("vtu") / "new folder" / "probe.vtu", states(), DOWN)
-    assert [each.name for each in path.parent.iterdir()] == ["probe.vtu"]
+    assert [path_found.name for path_found in path.parent.iterdir()] == ["probe.vtu"]
     return pyvista.read(path)
 
 
@@ -65,10 +70,10 @@ class TestFile:
         """To rounding; VTK, which takes quadratic tetrahedra as eight flat ones, misses up to 3 % of a sphere this coarse."""
         assert set(grid.celltypes) == {pyvista.CellType.QUADRATIC_TETRA}
         names = dict(zip(grid.field_data["body_number"].tolist(), grid.field_data["body_name"], strict=True))
-        assert names == {INNER: "inner", OUTER: "outer", TISSUE: "tissue", INCLUSION: "inclusion[0]"}
+        assert names == {INNER_BODY: "inner", OUTER_BODY: "outer", TISSUE_BODY: "tissue", FIRST_INCLUSION_BODY: "inclusion[0]"}
         nodes, elements = np.asarray(grid.points), grid.cells.reshape(-1, 11)[:, 1:]
-        none = np.zeros(len(elements), dtype=np.int64)
-        read = TetMesh(nodes, elements, np.asarray(grid["body"]), none.astype(bool), none, half=True)
+        zeros = np.zeros(len(elements), dtype=np.int64)
+        read = TetMesh(nodes, elements, np.asarray(grid["body"]), zeros.astype(bool), zeros, half=True)
         expected = {body: volume for body, volume in body_volumes(half()).items() if body in MATERIALS}
         assert body_volumes(read) == pytest.approx(expected, rel=1e-12)
         vtks = np.abs(grid.compute_cell_sizes(length=False, area=False)["Volume"])
@@ -84,7 +89,7 @@ class TestFile:
 
     def test_stresses(self, grid: pyvista.UnstructuredGrid) -> None:
         """Pressure is positive and about the film's; von Mises stress follows from the tensor in VTK's order."""
-        inner = grid["body"] == INNER
+        inner = grid["body"] == INNER_BODY
         volume = np.abs(grid.compute_cell_sizes(length=False, area=False)["Volume"])
         force = grid.field_data["film_forces"][0]
         assert force == pytest.approx(states().forces[0].sum() * 1e-5)
@@ -99,10 +104,10 @@ class TestFile:
     def test_shear_stands_where_vtk_expects_it(self, grid: pyvista.UnstructuredGrid) -> None:
         """About the axis of a probe on the axis xz shear goes with x, yz with y; xy with neither but their product."""
         centre = grid.cell_centers().points
-        below = (grid["body"] == TISSUE) & (np.hypot(*centre[:, :2].T) < 0.008) & (centre[:, 2] > -0.003)
-        xz, yz = grid["stress"][below, 5], grid["stress"][below, 4]
-        assert np.corrcoef(xz, centre[below, 0])[0, 1] > 0.3
-        assert abs(np.corrcoef(yz, centre[below, 0])[0, 1]) < 0.3
+        deep = (grid["body"] == TISSUE_BODY) & (np.hypot(*centre[:, :2].T) < 0.008) & (centre[:, 2] > -0.003)
+        xz, yz = grid["stress"][deep, 5], grid["stress"][deep, 4]
+        assert np.corrcoef(xz, centre[deep, 0])[0, 1] > 0.3
+        assert abs(np.corrcoef(yz, centre[deep, 0])[0, 1]) < 0.3
 
     def test_says_that_it_is_a_half(self, grid: pyvista.UnstructuredGrid) -> None:
         assert grid.field_data["symmetry"][0].startswith("the half y >= 0")
@@ -128,31 +133,33 @@ class TestCut:
     @pytest.mark.parametrize("mesh", [half, whole])
     def test_section(self, mesh: object) -> None:
         """Areas in the plane y = 0; the fields there, the motion at the tops."""
-        problem = states().problem if mesh is half else Problem.of(Solid.of(whole()), MATERIALS)
-        found = fields(states(), DOWN)
+        problem = states().problem if mesh is half else Problem.assemble(Solid.from_mesh(whole()), MATERIALS)
+        field_values = compute_fields(states(), DOWN)
         if mesh is not half:
-            found = replace(found, displacement=np.tile(found.displacement, (2, 1)), stress=np.tile(found.stress, (2, 1)))
-        cut = section(problem, found)
+            field_values = replace(
+                field_values, displacement=np.tile(field_values.displacement, (2, 1)), stress=np.tile(field_values.stress, (2, 1))
+            )
+        cut = cut_section(problem, field_values)
         assert np.abs(cut.points[:, 1]).max() < 2e-7
-        assert area(cut, cut.body == INNER) == pytest.approx(24e-6, rel=1e-3)
-        assert area(cut, cut.body == OUTER) == pytest.approx(2 * 1.9e-3 * 3e-3 - 1.9e-6, rel=1e-3)
-        assert area(cut, cut.body == INCLUSION) == pytest.approx(np.pi * 2.5e-3**2, rel=0.02)  # a polygon
+        assert area(cut, cut.body == INNER_BODY) == pytest.approx(24e-6, rel=1e-3)
+        assert area(cut, cut.body == OUTER_BODY) == pytest.approx(2 * 1.9e-3 * 3e-3 - 1.9e-6, rel=1e-3)
+        assert area(cut, cut.body == FIRST_INCLUSION_BODY) == pytest.approx(np.pi * 2.5e-3**2, rel=0.02)  # a polygon
         top = cut.points[:, 2] > 0.003 - 1e-9
         assert cut.values["displacement"][top, 2] == pytest.approx(-1e-5 * np.ones(top.sum()))
-        inner = np.unique(cut.triangles[cut.body == INNER])
+        inner = np.unique(cut.triangles[cut.body == INNER_BODY])
         assert 0 < np.median(cut.values["pressure"][inner]) < cut.values["pressure"].max()
         assert cut.lines.max() < len(cut.points)
 
     def test_a_body_beside_the_plane_is_not_in_the_section(self) -> None:
         mesh = replace(whole(), nodes=whole().nodes + np.array([0, 0.003, 0]))
         still = SolidFields(np.zeros(mesh.nodes.shape), np.zeros((len(mesh.elements), 6)))
-        cut = section(Problem.of(Solid.of(mesh), MATERIALS), still)
-        assert set(cut.body.tolist()) == {INNER, OUTER, TISSUE}
-        assert area(cut, cut.body == INNER) == pytest.approx(3e-3 * 2 * 7**0.5 * 1e-3, rel=0.01)
+        cut = cut_section(Problem.assemble(Solid.from_mesh(mesh), MATERIALS), still)
+        assert set(cut.body.tolist()) == {INNER_BODY, OUTER_BODY, TISSUE_BODY}
+        assert area(cut, cut.body == INNER_BODY) == pytest.approx(3e-3 * 2 * 7**0.5 * 1e-3, rel=0.01)
 
     def test_skin_closes(self) -> None:
         """The skin's normals add up to nothing, and each side has two triangles."""
-        faces = skin(states().problem)
+        faces = extract_skin(states().problem)
         sides = np.sort(faces.triangles[:, [(0, 1), (1, 2), (2, 0)]].reshape(-1, 2), axis=1)
         assert set(np.unique(sides, axis=0, return_counts=True)[1].tolist()) <= {2, 4}
         corners = faces.points[faces.triangles]
@@ -160,21 +167,26 @@ class TestCut:
         assert np.abs(normals.sum(axis=0)).max() < 1e-12 * np.abs(normals).sum()
 
     def test_names(self) -> None:
-        assert [name(body) for body in (GROOVE, BEYOND, INCLUSION + 1, -1 - INCLUSION)] == [
+        assert [name_region(body) for body in (GROOVE_BODY, BEYOND_BODY, FIRST_INCLUSION_BODY + 1, -1 - FIRST_INCLUSION_BODY)] == [
             "groove", "tissue beyond", "inclusion[1]", "inclusion[0] beyond",
         ]  # fmt: skip
-        layered = [Region(TISSUE, 1), Region(BEYOND, 2), Region(INCLUSION, 1), Region(INCLUSION, 2, True)]
-        assert [name(region.number) for region in layered] == [
+        layered = [
+            Region(TISSUE_BODY, 1),
+            Region(BEYOND_BODY, 2),
+            Region(FIRST_INCLUSION_BODY, 1),
+            Region(FIRST_INCLUSION_BODY, 2, True),
+        ]
+        assert [name_region(region.number) for region in layered] == [
             "tissue.layer[0]", "tissue.layer[1] beyond",
             "inclusion[0] in tissue.layer[0]", "inclusion[0] in tissue.layer[1] beyond",
         ]  # fmt: skip
 
     @pytest.mark.parametrize(("amount", "factor"), [(1e-6, 200.0), (1e-3, 1.0), (0.0, 1.0)])
     def test_exaggeration(self, amount: float, factor: float) -> None:
-        cut = section(states().problem, fields(states(), DOWN * amount / 1e-5))
-        shape = deformed(cut, 4e-4, (-0.01, 0.01, -0.01, 0.004))
+        cut = cut_section(states().problem, compute_fields(states(), DOWN * amount / 1e-5))
+        shape = deform_section(cut, 4e-4, (-0.01, 0.01, -0.01, 0.004))
         assert shape.factor == factor
-        low, high = shape.ends(cut.values["pressure"])
+        low, high = shape.find_colour_limits(cut.values["pressure"])
         assert cut.values["pressure"].min() <= low <= high <= cut.values["pressure"].max()
 
 
@@ -209,7 +221,7 @@ class TestPicture:
     @pytest.mark.slow
     def test_a_whole_that_does_not_move(self, tmp_path: Path) -> None:
         """Cut open at y = 0; nothing to exaggerate, no stress to scale colours by."""
-        problem = Problem.of(Solid.of(whole()), MATERIALS)
+        problem = Problem.assemble(Solid.from_mesh(whole()), MATERIALS)
         still = SolidStates(problem, np.zeros((problem.supports.unknowns, 3)), states().energies)
         picture = drawn(tmp_path / "probe.png", still, np.zeros(3))
         assert picture[..., :3].std() > 0.1
@@ -222,7 +234,7 @@ class TestPicture:
         """A renderer that crashes, as VTK does, is an error that names the remedy, and leaves no file."""
         crash = tmp_path / "crash.py"
         crash.write_text("import os, sys\nprint('no libOSMesa. Install it.', file=sys.stderr, flush=True)\nos.abort()\n")
-        monkeypatch.setattr(solid_space, "PROGRAM", crash)
+        monkeypatch.setattr(solid_space, "RENDER_PROGRAM", crash)
         with pytest.raises(MissingLibrary, match=r"cannot render \(no libOSMesa\): install OpenGL.*libegl1"):
             draw_solid(tmp_path / "out" / "probe.png", states(), DOWN)
         assert not (tmp_path / "out").exists()

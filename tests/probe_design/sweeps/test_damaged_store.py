@@ -14,30 +14,30 @@ import pytest
 from geometry import InputError
 from probe_design import sweep
 from probe_design.sweeps.progress import Progress
-from probe_design.sweeps.results import about, rows
-from probe_design.sweeps.rows import Job, blank
-from probe_design.sweeps.store import DAMAGED, NAME, StoreError, writing
+from probe_design.sweeps.results import iterate_rows, read_request
+from probe_design.sweeps.rows import Job, build_unanswered_row
+from probe_design.sweeps.store import DAMAGED_FILE, STORE_FILE, StoreError, open_for_writing
 from probe_design.sweeps.workers import Batch, FinishedBatch, Outcome
 from tests.support.slow import slow_unless
-from tests.support.sweeps import asked, grid, run, stored, toml
+from tests.support.sweeps import grid, make_table, run, stored, toml
 
 
 @pytest.fixture
 def store(tmp_path: Path) -> Path:
     designs = [(k, (1e-4 * k,), k.to_bytes(8)) for k in range(40)]
-    with writing(tmp_path) as open_store:
-        open_store.begin(asked(40), designs)
-        open_store.add([(key, blank("failed", "SolveError", "a reason", 0.1)) for _, _, key in designs])
+    with open_for_writing(tmp_path) as open_store:
+        open_store.begin(make_table(40), designs)
+        open_store.add([(key, build_unanswered_row("failed", "SolveError", "a reason", 0.1)) for _, _, key in designs])
     return tmp_path
 
 
 def read(folder: Path) -> int:
-    return len(about(folder)) + len(list(rows(folder)))
+    return len(read_request(folder)) + len(list(iterate_rows(folder)))
 
 
 def test_what_is_whole_is_read(store: Path) -> None:
-    assert about(store) == asked(40)
-    assert [row["probe.gap"] for row in rows(store)] == [1e-4 * k for k in range(40)]
+    assert read_request(store) == make_table(40)
+    assert [row["probe.gap"] for row in iterate_rows(store)] == [1e-4 * k for k in range(40)]
 
 
 @pytest.mark.parametrize(
@@ -55,7 +55,7 @@ def test_what_is_whole_is_read(store: Path) -> None:
     ],
 )
 def test_texts_that_no_sweep_has_written(store: Path, query: str) -> None:
-    connection = sqlite3.connect(store / NAME)
+    connection = sqlite3.connect(store / STORE_FILE)
     with connection:
         connection.execute(query)
     connection.close()
@@ -64,12 +64,12 @@ def test_texts_that_no_sweep_has_written(store: Path, query: str) -> None:
 
 
 def test_flipped_and_missing_bytes(store: Path) -> None:
-    content, random = (store / NAME).read_bytes(), np.random.default_rng(0)
+    content, random = (store / STORE_FILE).read_bytes(), np.random.default_rng(0)
     refused = []
     for k in range(150):
         damaged = np.frombuffer(content[: random.integers(1, len(content)) if k % 5 == 0 else None], np.uint8).copy()
         damaged[random.integers(len(damaged), size=30)] ^= np.uint8(random.integers(1, 256))
-        (store / NAME).write_bytes(damaged.tobytes())
+        (store / STORE_FILE).write_bytes(damaged.tobytes())
         try:
             read(store)
         except (InputError, StoreError) as fault:
@@ -80,7 +80,7 @@ def test_flipped_and_missing_bytes(store: Path) -> None:
 
 def changed(folder: Path, *queries: str) -> None:
     """Change rows behind the program's back, as a flipped bit would: every page stays what SQLite expects."""
-    connection = sqlite3.connect(folder / NAME)
+    connection = sqlite3.connect(folder / STORE_FILE)
     with connection:
         for query in queries:
             connection.execute(query)
@@ -107,12 +107,12 @@ def test_what_was_changed_is_answered_again_and_that_is_said(query: str, swept: 
     changed(tmp_path, query)
     with pytest.raises(InputError, match=r"folder = .* is whole \(.*\); move it away"):
         read(tmp_path)
-    told: list[str] = []
-    sweep(grid(2, 2), tmp_path, workers=1, notice=told.append)
+    messages: list[str] = []
+    sweep(grid(2, 2), tmp_path, workers=1, notice=messages.append)
     assert stored(tmp_path) == stored(swept)
-    assert [line.startswith("sweep.sqlite was damaged (") for line in told] == [True]
-    assert told[0] in (tmp_path / "sweep.log").read_text()
-    assert (tmp_path / DAMAGED).exists()
+    assert [line.startswith("sweep.sqlite was damaged (") for line in messages] == [True]
+    assert messages[0] in (tmp_path / "sweep.log").read_text()
+    assert (tmp_path / DAMAGED_FILE).exists()
 
 
 @pytest.fixture(scope="module")
@@ -122,25 +122,25 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-class Here:
+class InProcessCrew:
     """A crew of this process, which starts in no time."""
 
     def __init__(self, job: Job, *_: object) -> None:
         self._job, self._given = job, list[Batch]()
 
-    def free(self) -> int:
+    def count_free(self) -> int:
         return 1 - len(self._given)
 
-    def size(self) -> int:
+    def count_workers(self) -> int:
         return 1
 
-    def give(self, batch: Batch) -> None:
+    def submit(self, batch: Batch) -> None:
         self._given.append(batch)
 
-    def take(self, _: float) -> list[FinishedBatch]:
+    def collect(self, _: float) -> list[FinishedBatch]:
         (batch,), self._given = self._given, []
-        found = [row for rows in self._job.pieces([task.values for task in batch]) for row in rows]
-        return [FinishedBatch(batch, Outcome(tuple(found)))]
+        row_list = [row for rows in self._job.evaluate_parts([task.values for task in batch]) for row in rows]
+        return [FinishedBatch(batch, Outcome(tuple(row_list)))]
 
     def close(self) -> None:
         self._given.clear()
@@ -155,8 +155,8 @@ def cut(content: bytearray, chance: random.Random) -> None:
 
 
 def zeroed(content: bytearray, chance: random.Random) -> None:
-    at = chance.randrange(len(content) // 512) * 512
-    content[at : at + 512] = bytes(512)
+    position = chance.randrange(len(content) // 512) * 512
+    content[position : position + 512] = bytes(512)
 
 
 @pytest.mark.slow
@@ -165,40 +165,40 @@ def test_the_table_is_right_or_the_store_refused(
     damage: Callable[[bytearray, random.Random], None], tries: int, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of a sweep of 300 designs: bits anywhere in the file, its end, a sector."""
-    monkeypatch.setattr("probe_design.sweeps.run.LocalCrew", Here)
+    monkeypatch.setattr("probe_design.sweeps.run.LocalPool", InProcessCrew)
     path, known, chance = toml(tmp_path), stored(whole), random.Random(25)
-    outcomes = [after(damage, path, whole, tmp_path / str(k), known, chance) for k in range(tries)]
+    outcomes = [report_after(damage, path, whole, tmp_path / str(k), known, chance) for k in range(tries)]
     assert set(outcomes) <= {"the same", "mended", "refused"}
     assert len(set(outcomes)) > 1
 
 
-def after(
+def report_after(
     damage: Callable[[bytearray, random.Random], None], path: Path, whole: Path, folder: Path, known: list[object],
     chance: random.Random,
 ) -> str:  # fmt: skip
     """What becomes of a damaged store that is read, swept and read again."""
     folder.mkdir()
-    content = bytearray((whole / NAME).read_bytes())
+    content = bytearray((whole / STORE_FILE).read_bytes())
     damage(content, chance)
-    (folder / NAME).write_bytes(content)
-    unnoticed, told = refusal(lambda: check(folder, known)) == "", []
-    refused = refusal(lambda: sweep(path, folder, workers=1, notice=told.append))
+    (folder / STORE_FILE).write_bytes(content)
+    unnoticed, messages = refusal(lambda: check(folder, known)) == "", []
+    refused = refusal(lambda: sweep(path, folder, workers=1, notice=messages.append))
     if refused:
         assert "\n" not in refused
         return "refused"
     check(folder, known)
-    assert bool(told) != unnoticed
+    assert bool(messages) != unnoticed
     shutil.rmtree(folder)
-    return "mended" if told else "the same"
+    return "mended" if messages else "the same"
 
 
 def check(folder: Path, known: list[object]) -> None:
     assert stored(folder) == known
 
 
-def refusal(asked: Callable[[], object]) -> str:
+def refusal(call: Callable[[], object]) -> str:
     try:
-        asked()
+        call()
     except InputError as fault:
         return str(fault)
     return ""
@@ -207,19 +207,19 @@ def refusal(asked: Callable[[], object]) -> str:
 def test_the_write_ahead_file_holds_rows_up_to_the_first_flipped_bit(tmp_path: Path) -> None:
     """As a killed sweep leaves it: of ten commits the first ones are there, and no row is another."""
     designs = [(k, (1e-4 * k,), k.to_bytes(8)) for k in range(10)]
-    with writing(tmp_path) as running:
-        running.begin(asked(10), designs)
+    with open_for_writing(tmp_path) as running:
+        running.begin(make_table(10), designs)
         for _, _, key in designs:
-            running.add([(key, blank("failed", "SolveError", f"of {key!r}", 0.1))])
-        main, log, known = (tmp_path / NAME).read_bytes(), (tmp_path / f"{NAME}-wal").read_bytes(), stored(tmp_path)
+            running.add([(key, build_unanswered_row("failed", "SolveError", f"of {key!r}", 0.1))])
+        main, log, known = (tmp_path / STORE_FILE).read_bytes(), (tmp_path / f"{STORE_FILE}-wal").read_bytes(), stored(tmp_path)
     chance, counts = random.Random(5), []
     for _ in range(30):
         content = bytearray(log)
         flipped(content, chance)
-        (tmp_path / NAME).write_bytes(main)
-        (tmp_path / f"{NAME}-wal").write_bytes(content)
-        with writing(tmp_path) as found:
-            counts.append(found.counts()["failed"])
+        (tmp_path / STORE_FILE).write_bytes(main)
+        (tmp_path / f"{STORE_FILE}-wal").write_bytes(content)
+        with open_for_writing(tmp_path) as store:
+            counts.append(store.count_rows()["failed"])
         if counts[-1]:
             assert stored(tmp_path) == known[: counts[-1]]
     assert len(known) == 10
@@ -239,21 +239,21 @@ def test_the_terminal_says_what_was_mended(swept: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("gone", slow_unless("moved".__eq__, ["moved", "deleted", "replaced"]))
 def test_a_folder_that_goes_ends_the_sweep(gone: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("probe_design.sweeps.run.SECONDS", 1e-9)  # each design is a batch
-    out, elsewhere, gone_with = tmp_path / "out", tmp_path / "elsewhere", []
+    monkeypatch.setattr("probe_design.sweeps.run.BATCH_TIME_S", 1e-9)  # each design is a batch
+    folder, elsewhere, gone_with = tmp_path / "out", tmp_path / "elsewhere", []
 
     def go(state: Progress) -> None:
         assert not gone_with  # nothing is reported after
         if state.done:
             gone_with.append(state.done)
-            out.rename(elsewhere)
+            folder.rename(elsewhere)
             if gone == "deleted":
                 shutil.rmtree(elsewhere)
             if gone == "replaced":
-                shutil.copytree(elsewhere, out)
+                shutil.copytree(elsewhere, folder)
 
     with pytest.raises(StoreError, match=r"sweep\.sqlite: moved or deleted during the sweep"):
-        sweep(grid(10, 10), out, workers=1, progress=go)
+        sweep(grid(10, 10), folder, workers=1, progress=go)
     assert gone_with < [100]
     if gone == "moved":
-        assert [len(list(rows(elsewhere)))] == gone_with
+        assert [len(list(iterate_rows(elsewhere)))] == gone_with

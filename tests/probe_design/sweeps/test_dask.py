@@ -24,12 +24,12 @@ from geometry.common.resources import Limits
 from probe_design import sweep
 from probe_design.sweeps import dask_task as sweep_remote
 from probe_design.sweeps import dask_workers, progress
-from probe_design.sweeps.dask_workers import DaskCrew
+from probe_design.sweeps.dask_workers import DaskPool
 from probe_design.sweeps.file import sweep_from_dict
 from probe_design.sweeps.local_workers import WorkerProcess
-from probe_design.sweeps.results import rows
+from probe_design.sweeps.results import iterate_rows
 from probe_design.sweeps.rows import Job
-from probe_design.sweeps.workers import CrewError
+from probe_design.sweeps.workers import WorkerPoolError
 from tests.support.paths import ROOT
 from tests.support.sweeps import command, grid, run, stored, toml, wait_for_rows
 
@@ -41,7 +41,7 @@ from probe_design.sweeps import run as sweep_run
 
 def main(path, out):
     dask.config.set({"distributed.worker.daemon": True, "logging.distributed": "critical"})
-    sweep_run.SECONDS, sweep_dask.LEAST, sweep_dask.FETCH = 0.05, 0.3, 0.5
+    sweep_run.BATCH_TIME_S, sweep_dask.MIN_SLOW_BATCH_S, sweep_dask.FETCH_TIMEOUT_S = 0.05, 0.3, 0.5
     with distributed.LocalCluster(n_workers=4, threads_per_worker=1, dashboard_address=":0", silence_logs=50) as cluster:
         pids = [worker.process.pid for worker in cluster.workers.values()]
         signals = [signal.SIGSTOP, signal.SIGKILL, signal.SIGKILL]
@@ -84,11 +84,11 @@ def test_a_scheduler_that_dies_and_comes_back(tmp_path: Path) -> None:
         wait_for_rows(tmp_path / "out", 3, process)
         cluster[0].kill()
         cluster += begun(address)
-        _, told = process.communicate(timeout=100)
+        _, errors = process.communicate(timeout=100)
     finally:
         end([*cluster, process])
-    assert process.returncode == 0, told
-    assert [line for line in told.splitlines() if not line.startswith("probe-design: ")] == []
+    assert process.returncode == 0, errors
+    assert [line for line in errors.splitlines() if not line.startswith("probe-design: ")] == []
     assert "scheduler is there again" in (tmp_path / "out" / "sweep.log").read_text()
     sweep(path, tmp_path / "alone")
     assert stored(tmp_path / "out") == stored(tmp_path / "alone")
@@ -96,7 +96,7 @@ def test_a_scheduler_that_dies_and_comes_back(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("which", "stop", "told"),
+    ("which", "stop", "message"),
     [
         (0, signal.SIGSTOP, "the Dask scheduler {} has not answered for"),
         (1, signal.SIGSTOP, "no Dask worker has answered for"),
@@ -104,11 +104,11 @@ def test_a_scheduler_that_dies_and_comes_back(tmp_path: Path) -> None:
     ],
 )
 def test_what_stops_is_told_of_and_may_go_on(
-    which: int, stop: signal.Signals, told: str, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    which: int, stop: signal.Signals, message: str, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It goes on as soon as that is said, or another one is started."""
-    monkeypatch.setattr(progress, "SILENT", 2.0)
-    monkeypatch.setattr("probe_design.sweeps.run.SECONDS", 0.02)
+    monkeypatch.setattr(progress, "SILENCE_INTERVAL_S", 2.0)
+    monkeypatch.setattr("probe_design.sweeps.run.BATCH_TIME_S", 0.02)
     address, lines = unused(), list[str]()
     cluster = begun(address)
 
@@ -121,7 +121,7 @@ def test_what_stops_is_told_of_and_may_go_on(
         lines.append(line)
         if stop == signal.SIGKILL and len(cluster) == 2:
             cluster.append(dask("worker", address, "--no-nanny", "--nthreads", "1"))
-        elif stop == signal.SIGSTOP and line.startswith(told.format(address)):
+        elif stop == signal.SIGSTOP and line.startswith(message.format(address)):
             cluster[which].send_signal(signal.SIGCONT)
 
     try:
@@ -129,17 +129,17 @@ def test_what_stops_is_told_of_and_may_go_on(
         sweep(toml(tmp_path), tmp_path / "out", scheduler=address, progress=act, notice=notice)
     finally:
         end(cluster)
-    assert any(line.startswith(told.format(address)) for line in lines)
+    assert any(line.startswith(message.format(address)) for line in lines)
     assert lines[-1] in (tmp_path / "out" / "sweep.log").read_text()
     assert stored(tmp_path / "out") == stored(whole)
 
 
 @pytest.mark.slow
 def test_a_scheduler_that_stays_away_ends_the_sweep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(progress, "SILENT", 2.0)
-    monkeypatch.setattr(dask_workers, "TRY", 1.0)
-    monkeypatch.setattr(dask_workers, "PATIENCE", 6.0)
-    monkeypatch.setattr("probe_design.sweeps.run.SECONDS", 0.02)
+    monkeypatch.setattr(progress, "SILENCE_INTERVAL_S", 2.0)
+    monkeypatch.setattr(dask_workers, "CONNECTION_TIMEOUT_S", 1.0)
+    monkeypatch.setattr(dask_workers, "MAX_SCHEDULER_ABSENCE_S", 6.0)
+    monkeypatch.setattr("probe_design.sweeps.run.BATCH_TIME_S", 0.02)
     address, lines = unused(), list[str]()
     cluster = begun(address)
 
@@ -149,13 +149,13 @@ def test_a_scheduler_that_stays_away_ends_the_sweep(tmp_path: Path, monkeypatch:
 
     try:
         wait_for_scheduler(address)
-        with pytest.raises(CrewError, match=r"no scheduler for 6 s; all rows are kept, start again"):
+        with pytest.raises(WorkerPoolError, match=r"no scheduler for 6 s; all rows are kept, start again"):
             sweep(toml(tmp_path), tmp_path / "out", scheduler=address, progress=act, notice=lines.append)
     finally:
         end(cluster)
     assert lines[0] == "the Dask scheduler is gone"
     assert lines[1].startswith(f"the Dask scheduler {address} has been gone for")
-    assert len(list(rows(tmp_path / "out"))) >= 20
+    assert len(list(iterate_rows(tmp_path / "out"))) >= 20
 
 
 def unused() -> str:
@@ -173,9 +173,9 @@ def wait_for_scheduler(address: str) -> None:
 
 
 def end(processes: Sequence[subprocess.Popen[Any]]) -> None:
-    for one in processes:
-        one.kill()
-        one.wait()
+    for process in processes:
+        process.kill()
+        process.wait()
 
 
 def begun(address: str) -> list[subprocess.Popen[bytes]]:
@@ -195,34 +195,35 @@ def test_workers_without_this_program_are_one_line(tmp_path: Path, monkeypatch: 
     def missing(*_: object) -> None:
         raise ModuleNotFoundError("No module named\n'probe_design'")
 
-    monkeypatch.setattr("probe_design.sweeps.dask_workers.answered", missing)
+    monkeypatch.setattr("probe_design.sweeps.dask_workers.evaluate_batch", missing)
     with (
         distributed.LocalCluster(processes=False, n_workers=1, dashboard_address=":0", silence_logs=60) as cluster,
-        pytest.raises(CrewError, match=r"cannot run this program.*ModuleNotFoundError: No module named 'probe_design'"),
+        pytest.raises(WorkerPoolError, match=r"cannot run this program.*ModuleNotFoundError: No module named 'probe_design'"),
     ):
         sweep(grid(2, 2), tmp_path, scheduler=cluster.scheduler_address)
 
 
 @pytest.mark.slow
 def test_a_dask_worker_keeps_its_process_for_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sweep_remote, "IDLE", 2.0)
+    monkeypatch.setattr(sweep_remote, "MAX_IDLE_TIME_S", 2.0)
     started: list[int] = []
-    begun = WorkerProcess._begun
-    monkeypatch.setattr(WorkerProcess, "_begun", lambda worker: bool(started.append(1)) or begun(worker))
-    asked = sweep_from_dict(grid(2, 2))
-    job, designs = Job.of(asked), [values for _, values in asked.designs()]
-    assert [len(sweep_remote.answered(job, Limits(), designs[k:]).rows) for k in range(3)] == [4, 3, 2]
+    begun = WorkerProcess._start
+    monkeypatch.setattr(WorkerProcess, "_start", lambda worker: bool(started.append(1)) or begun(worker))
+    made_sweep = sweep_from_dict(grid(2, 2))
+    job, designs = Job.from_sweep(made_sweep), [values for _, values in made_sweep.list_designs()]
+    assert [len(sweep_remote.evaluate_batch(job, Limits(), designs[k:]).rows) for k in range(3)] == [4, 3, 2]
     assert len(started) == 1
-    (_, _, kept), *_ = sweep_remote._POOL._idle
+    (_, _, kept), *_ = sweep_remote._IDLE_PROCESSES._idle
     process = kept._process
     assert process is not None
     assert process.wait(60) != 0  # ended by the pool
-    assert sweep_remote._POOL._idle == []
+    assert sweep_remote._IDLE_PROCESSES._idle == []
 
 
 def test_a_scheduler_that_is_not_there_is_one_line(tmp_path: Path) -> None:
     program = (
-        "from probe_design.__main__ import main; from probe_design.sweeps import dask_workers as dask; dask.TRY = 0.5; main()"
+        "from probe_design.__main__ import main; from probe_design.sweeps import dask_workers as dask; "
+        "dask.CONNECTION_TIMEOUT_S = 0.5; main()"
     )
     arguments = ["sweep", toml(tmp_path), "-o", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:9"]
     ended = subprocess.run([sys.executable, "-W", "error", "-c", program, *arguments], capture_output=True, text=True, cwd=ROOT)
@@ -308,12 +309,12 @@ def test_what_is_no_scheduler_is_refused(
     """However it answers, or does not: nothing else is printed, and nothing waited for."""
     pytest.importorskip("distributed")
     if behaviour is silent:
-        monkeypatch.setattr(dask_workers, "TRY", 0.2)
+        monkeypatch.setattr(dask_workers, "CONNECTION_TIMEOUT_S", 0.2)
     address = served(behaviour)
     with pytest.raises(
         InputError, match=rf"^scheduler = '{address}': allowed: the address of a Dask scheduler, tcp://host:8786 \(({why})"
     ):
-        DaskCrew(Job.of(sweep_from_dict(grid(2, 2))), address, Limits(), print)
+        DaskPool(Job.from_sweep(sweep_from_dict(grid(2, 2))), address, Limits(), print)
     gc.collect()
     assert capfd.readouterr() == ("", "")
 
@@ -332,7 +333,7 @@ def test_dask_s_own_other_ports_are_refused(monkeypatch: pytest.MonkeyPatch) -> 
             (worker.address, "what answers there is a Dask Worker"),
         ):
             with pytest.raises(InputError, match=rf"^scheduler = '{address}'.*\({why}\)"):
-                DaskCrew(Job.of(sweep_from_dict(grid(2, 2))), address, Limits(), print)
+                DaskPool(Job.from_sweep(sweep_from_dict(grid(2, 2))), address, Limits(), print)
 
 
 @pytest.mark.slow
@@ -360,14 +361,14 @@ class Still:
 
 def test_a_scheduler_that_stands_still_is_told_of_once_a_minute(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    told: list[str] = []
+    messages: list[str] = []
     now = [0.0]
     monkeypatch.setattr(dask_workers.time, "monotonic", lambda: now[0])
     monkeypatch.setattr(progress, "monotonic", lambda: now[0])
-    monkeypatch.setattr(DaskCrew, "_connected", lambda crew: Still(10))
-    crew = DaskCrew(Job.of(sweep_from_dict(grid(2, 2))), "tcp://127.0.0.1:8786", Limits(), told.append)
+    monkeypatch.setattr(DaskPool, "_connect_client", lambda crew: Still(10))
+    crew = DaskPool(Job.from_sweep(sweep_from_dict(grid(2, 2))), "tcp://127.0.0.1:8786", Limits(), messages.append)
     for now[0] in range(20, 240, 20):
-        crew.take(0.0)
-    assert [line.partition(" for ")[2] for line in told] == [f"{s} s; start it again, or wait" for s in (60, 120, 180)]
-    assert (now[0], crew.size()) == (220, 3)
-    crew._hush(crew._levels)
+        crew.collect(0.0)
+    assert [line.partition(" for ")[2] for line in messages] == [f"{s} s; start it again, or wait" for s in (60, 120, 180)]
+    assert (now[0], crew.count_workers()) == (220, 3)
+    crew._set_log_levels(crew._log_levels)

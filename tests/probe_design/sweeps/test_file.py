@@ -9,24 +9,26 @@ import numpy as np
 import pytest
 
 from geometry import InputError, Scene, read_scene
-from probe_design.sweeps.constraints import satisfied
-from probe_design.sweeps.file import read_sweep, scene_of, sweep_from_dict
+from probe_design.sweeps.constraints import evaluate_condition
+from probe_design.sweeps.file import build_scene, read_sweep, sweep_from_dict
 from probe_design.sweeps.samples import DesignSampling
-from probe_design.sweeps.summary_page import sobol_indices
+from probe_design.sweeps.summary_page import compute_sobol_indices
 from tests.support.paths import SCENE
 from tests.support.sweeps import DEPTH, GAP, grid, toml
 
 
 class TestFile:
     def test_a_grid_has_every_combination_the_last_changing_fastest(self) -> None:
-        asked = sweep_from_dict(grid(3, 2))
-        assert [values for _, values in asked.designs()] == [(g, d) for g in (5e-5, 1.25e-4, 2e-4) for d in (0.006, 0.012)]
+        made_sweep = sweep_from_dict(grid(3, 2))
+        assert [values for _, values in made_sweep.list_designs()] == [
+            (g, d) for g in (5e-5, 1.25e-4, 2e-4) for d in (0.006, 0.012)
+        ]
 
     def test_values_reach_the_scene(self) -> None:
         changes = {"inclusion[0].depth": ["11 mm"], "probe.outer_radius": ["8 mm"], "contact.interface": ["frictionless"],
                    "load.indentation": ["3 um"]}  # fmt: skip
-        asked = sweep_from_dict({"scene": SCENE, "variables": changes})
-        scene = scene_of(asked.base, asked.keys, asked.designs()[0][1])
+        made_sweep = sweep_from_dict({"scene": SCENE, "variables": changes})
+        scene = build_scene(made_sweep.base, made_sweep.keys, made_sweep.list_designs()[0][1])
         assert (scene.inclusion[0].depth, scene.probe.outer_radius, scene.probe.area_ratio) == (0.011, 0.008, None)
         assert (scene.contact.interface, scene.load.force, scene.load.indentation) == ("frictionless", None, 3e-6)
 
@@ -34,12 +36,12 @@ class TestFile:
         base = read_scene(SCENE).model_dump(exclude_unset=True)
         base["probe"]["inner"] = {"material": "dragon-skin-30"}
         names = ["ecoflex-00-10", "dragon-skin-20"]
-        asked = sweep_from_dict({"scene": Scene.model_validate(base), "variables": {"probe.inner.material": names}})
-        blocks = [scene_of(asked.base, asked.keys, values).probe.inner for _, values in asked.designs()]
+        made_sweep = sweep_from_dict({"scene": Scene.model_validate(base), "variables": {"probe.inner.material": names}})
+        blocks = [build_scene(made_sweep.base, made_sweep.keys, values).probe.inner for _, values in made_sweep.list_designs()]
         assert [(block.material, block.youngs_modulus) for block in blocks] == [(names[0], 36070.0), (names[1], 478e3)]
         moduli = {"probe.inner.youngs_modulus": ["100 kPa", "600 kPa", "1 MPa"]}
-        asked = sweep_from_dict({"scene": Scene.model_validate(base), "variables": moduli})
-        blocks = [scene_of(asked.base, asked.keys, values).probe.inner for _, values in asked.designs()]
+        made_sweep = sweep_from_dict({"scene": Scene.model_validate(base), "variables": moduli})
+        blocks = [build_scene(made_sweep.base, made_sweep.keys, values).probe.inner for _, values in made_sweep.list_designs()]
         assert [(block.material, block.youngs_modulus) for block in blocks] == [(None, 1e5), (None, 6e5), (None, 1e6)]
 
     @pytest.mark.parametrize("kind", ["sobol", "latin-hypercube", "saltelli"])
@@ -49,9 +51,9 @@ class TestFile:
             "inclusion.depth": DEPTH,
             "contact.interface": ["bonded", "frictionless"],
         }
-        asked = sweep_from_dict({"scene": SCENE, "sample": {"kind": kind, "n": 64, "seed": 5}, "variables": variables})
-        designs = asked.designs()
-        assert designs == asked.designs()
+        made_sweep = sweep_from_dict({"scene": SCENE, "sample": {"kind": kind, "n": 64, "seed": 5}, "variables": variables})
+        designs = made_sweep.list_designs()
+        assert designs == made_sweep.list_designs()
         assert len(designs) == (64 * 5 if kind == "saltelli" else 64)
         gaps, depths, kinds = zip(*(values for _, values in designs), strict=True)
         assert 5e-5 <= min(gaps) < 5.5e-5
@@ -61,12 +63,12 @@ class TestFile:
 
     def test_a_saltelli_sample_is_what_salib_expects(self) -> None:
         """Sobol indices of the Ishigami function: Saltelli et al., Global Sensitivity Analysis (2008), section 4.5."""
-        u = np.array(DesignSampling("saltelli", 4096, 1)._shares(3))
+        u = np.array(DesignSampling("saltelli", 4096, 1)._draw_points(3))
         x = np.pi * (2 * u - 1)
         y = np.sin(x[:, 0]) + 7 * np.sin(x[:, 1]) ** 2 + 0.1 * x[:, 2] ** 4 * np.sin(x[:, 0])
-        found = sobol_indices(y, 3)
+        indices = compute_sobol_indices(y, 3)
         for (first, first_off, total, total_off), known in zip(
-            found, ((0.3139, 0.5576), (0.4424, 0.4424), (0.0, 0.2437)), strict=True
+            indices, ((0.3139, 0.5576), (0.4424, 0.4424), (0.0, 0.2437)), strict=True
         ):
             assert abs(first - known[0]) < max(1.5 * first_off, 0.005)
             assert abs(total - known[1]) < max(1.5 * total_off, 0.005)
@@ -84,9 +86,9 @@ class TestFile:
         ],
     )
     def test_constraints(self, text: str, kept_ones: list[int]) -> None:
-        asked = sweep_from_dict({"scene": SCENE, "variables": {"probe.gap": [5e-5, 0.99e-4 if "inner" in text else 1e-4, 2e-4]},
+        job = sweep_from_dict({"scene": SCENE, "variables": {"probe.gap": [5e-5, 0.99e-4 if "inner" in text else 1e-4, 2e-4]},
                                  "constraints": [text]})  # fmt: skip
-        assert [number for number, _ in asked.designs()] == [place for place, one in enumerate(kept_ones) if one]
+        assert [number for number, _ in job.list_designs()] == [place for place, is_kept in enumerate(kept_ones) if is_kept]
 
     @pytest.mark.parametrize(
         "text",
@@ -99,23 +101,27 @@ class TestFile:
          "not " * 240 + "1 < 2", "1 < 2 and " * 99 + "1 < 3" * 9, "1 < 2if 1 else 2", "a" + ".a" * 490 + " < 1"],
     )  # fmt: skip
     def test_what_is_no_condition_is_refused(self, text: str) -> None:
-        asked = sweep_from_dict({"scene": SCENE, "variables": {"probe.gap": [1e-4]}, "constraints": [text]})
+        made_sweep = sweep_from_dict({"scene": SCENE, "variables": {"probe.gap": [1e-4]}, "constraints": [text]})
         with pytest.raises(InputError, match=r"constraints|variable"):
-            asked.designs()
+            made_sweep.list_designs()
 
     def test_a_key_whose_place_a_variable_takes_is_in_no_condition(self) -> None:
         """The scene has an area ratio, which says nothing of the designs."""
-        asked = {"scene": SCENE, "variables": {"probe.outer_radius": [0.006, 0.008]}, "constraints": ["probe.area_ratio < 2"]}
+        table = {"scene": SCENE, "variables": {"probe.outer_radius": [0.006, 0.008]}, "constraints": ["probe.area_ratio < 2"]}
         with pytest.raises(InputError, match=r"probe\.area_ratio"):
-            sweep_from_dict(asked).designs()
+            sweep_from_dict(table).list_designs()
 
     def test_numbers_may_be_numpys(self) -> None:
         values = {"probe.gap": np.array([1e-4, 2e-4]), "inclusion.depth": [np.float64(0.009)]}
-        asked = sweep_from_dict({"scene": SCENE, "variables": values})
-        assert [values for _, values in asked.designs()] == [(1e-4, 0.009), (2e-4, 0.009)]
+        made_sweep = sweep_from_dict({"scene": SCENE, "variables": values})
+        assert [values for _, values in made_sweep.list_designs()] == [(1e-4, 0.009), (2e-4, 0.009)]
 
     def test_each_side_is_read_once(self) -> None:
-        assert satisfied("a.b > 1 and a.b < 3", lambda name: (np.array([1.0, 2.0, 3.0]), ""), 3).tolist() == [False, True, False]
+        assert evaluate_condition("a.b > 1 and a.b < 3", lambda name: (np.array([1.0, 2.0, 3.0]), ""), 3).tolist() == [
+            False,
+            True,
+            False,
+        ]
 
     @pytest.mark.parametrize(
         ("old", "new", "word"),
@@ -166,7 +172,7 @@ class TestFile:
     )
     def test_what_no_file_can_ask_for_either(self, variables: dict[Any, Any], word: str) -> None:
         with pytest.raises(InputError, match=word):
-            sweep_from_dict({"scene": SCENE, "variables": variables}).designs()
+            sweep_from_dict({"scene": SCENE, "variables": variables}).list_designs()
 
 
 @pytest.mark.parametrize("count", [0, 2])

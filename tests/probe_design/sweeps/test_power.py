@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 
 from probe_design.sweeps import store as sweep_store
-from probe_design.sweeps.rows import COLUMNS, Row, blank
-from probe_design.sweeps.store import NAME, writing
+from probe_design.sweeps.rows import ROW_COLUMNS, Row, build_unanswered_row
+from probe_design.sweeps.store import STORE_FILE, open_for_writing
 from tests.support.losing_files import Connection, Event, Recorder, left
-from tests.support.sweeps import asked
+from tests.support.sweeps import make_table
 
 BATCHES, IN_EACH = 40, 10
 CUTS = 60
@@ -22,7 +22,7 @@ CUTS = 60
 
 def row(number: int) -> Row:
     """Rows as large as those with a long plan: the log is copied into the file several times."""
-    return blank("ok", "", "", float(number)) | {"plan": f"{number} " * 9000}
+    return build_unanswered_row("ok", "", "", float(number)) | {"plan": f"{number} " * 9000}
 
 
 @pytest.fixture(scope="module")
@@ -34,8 +34,8 @@ def recorded(folder: Path, recorder: Recorder, monkeypatch: pytest.MonkeyPatch, 
     """All that a store wrote; after each commit a note of how many rows there are."""
     connect = sqlite3.connect
 
-    def opened(path: Path, **more: Any) -> Any:
-        return Connection(path, replaced) if Path(path).name == NAME else connect(path, **more)
+    def opened(path: Path, **options: Any) -> Any:
+        return Connection(path, replaced) if Path(path).name == STORE_FILE else connect(path, **options)
 
     def synced(handle: int) -> None:
         recorder.events.append(Event("folder"))
@@ -43,14 +43,16 @@ def recorded(folder: Path, recorder: Recorder, monkeypatch: pytest.MonkeyPatch, 
     recorder.events.clear()
     monkeypatch.setattr(sweep_store.os, "fsync", synced)
     monkeypatch.setattr(sweep_store.sqlite3, "connect", opened)
-    with writing(folder) as store:
+    with open_for_writing(folder) as store:
         recorder.events.append(Event("open"))
-        store.begin(asked(BATCHES * IN_EACH), [(k, (float(k),), bytes([k // 256, k % 256])) for k in range(BATCHES * IN_EACH)])
+        store.begin(
+            make_table(BATCHES * IN_EACH), [(k, (float(k),), bytes([k // 256, k % 256])) for k in range(BATCHES * IN_EACH)]
+        )
         recorder.events.append(Event("begun"))
         for batch in range(BATCHES):
             numbers = range(batch * IN_EACH, (batch + 1) * IN_EACH)
             store.add([(bytes([k // 256, k % 256]), row(k)) for k in numbers])
-            recorder.events.append(Event("kept", at=numbers.stop))
+            recorder.events.append(Event("kept", offset=numbers.stop))
     monkeypatch.undo()
     return list(recorder.events)
 
@@ -62,30 +64,30 @@ def lost(events: list[Event], folder: Path, seed: int) -> tuple[int, int]:
     happened = events[: chance.randrange(opened, len(events)) + 1]
     folder.mkdir()
     left(happened, folder, chance)
-    kept = max((event.at for event in happened if event.kind == "kept"), default=0)
-    with writing(folder) as store:
+    kept = max((event.offset for event in happened if event.kind == "kept"), default=0)
+    with open_for_writing(folder) as store:
         (intact,) = store._connection.execute("PRAGMA integrity_check").fetchone()
         assert intact == "ok"
-        found = {number: held for number, _, _, held in store.rows()}
-        assert all(held == {name: row(number)[name] for name in COLUMNS} for number, held in found.items())
-        assert sorted(found) == list(range(len(found)))  # whole batches, in order
-        assert len(found) % IN_EACH == 0
-    return kept, len(found)
+        rows = {number: held for number, _, _, held in store.iterate_rows()}
+        assert all(held == {name: row(number)[name] for name in ROW_COLUMNS} for number, held in rows.items())
+        assert sorted(rows) == list(range(len(rows)))  # whole batches, in order
+        assert len(rows) % IN_EACH == 0
+    return kept, len(rows)
 
 
 @pytest.mark.slow
 def test_committed_rows_outlive_power(tmp_path: Path, recorder: Recorder, monkeypatch: pytest.MonkeyPatch) -> None:
     events = recorded(tmp_path / "whole", recorder, monkeypatch, {})
-    copied = [k for k, event in enumerate(events) if (event.kind, event.name) == ("write", NAME)]
+    copied = [k for k, event in enumerate(events) if (event.kind, event.name) == ("write", STORE_FILE)]
     assert sum(b - a > 20 for a, b in pairwise(copied)) > 2  # the log was copied into the file several times
     for seed in range(CUTS):
-        kept, found = lost(events, tmp_path / str(seed), seed)
-        assert kept <= found <= kept + IN_EACH
+        kept, stored = lost(events, tmp_path / str(seed), seed)
+        assert kept <= stored <= kept + IN_EACH
 
 
 def test_without_syncs_rows_would_be_lost(tmp_path: Path, recorder: Recorder, monkeypatch: pytest.MonkeyPatch) -> None:
     """The simulation loses what is not synced: with ``synchronous = NORMAL`` commits do not wait for the disk."""
     weak = {"PRAGMA synchronous = FULL": "PRAGMA synchronous = NORMAL"}
     events = recorded(tmp_path / "whole", recorder, monkeypatch, weak)
-    short = [kept - found for kept, found in (lost(events, tmp_path / str(seed), seed) for seed in range(20))]
+    short = [kept - stored for kept, stored in (lost(events, tmp_path / str(seed), seed) for seed in range(20))]
     assert max(short) > IN_EACH

@@ -17,9 +17,9 @@ import pytest
 from probe_design import sweep
 from probe_design.sweeps.file import sweep_from_dict
 from probe_design.sweeps.local_workers import WorkerProcess
-from probe_design.sweeps.results import rows
+from probe_design.sweeps.results import iterate_rows
 from probe_design.sweeps.rows import Job
-from probe_design.sweeps.workers import CrewError
+from probe_design.sweeps.workers import WorkerPoolError
 from tests.support.paths import ROOT, SCENE
 from tests.support.sweeps import count, grid, run, stored, toml, wait_for_rows
 
@@ -35,40 +35,40 @@ class TestSurvival:
             send(worker, line)
 
         monkeypatch.setattr(WorkerProcess, "_send", deadly)
-        monkeypatch.setattr("probe_design.sweeps.run.SECONDS", 1e9)  # so that it shares a batch with others
-        found = sweep(grid(4, 2), tmp_path, workers=1)
-        assert (found.ok, found.failed) == (6, 2)
-        for row in rows(tmp_path):
+        monkeypatch.setattr("probe_design.sweeps.run.BATCH_TIME_S", 1e9)  # so that it shares a batch with others
+        results = sweep(grid(4, 2), tmp_path, workers=1)
+        assert (results.ok, results.failed) == (6, 2)
+        for row in iterate_rows(tmp_path):
             assert (row["status"] == "failed") == (row["probe.gap"] == 2e-4)
         assert "killed by signal 9" in row["reason"]
 
     @pytest.mark.slow
     def test_twenty_kills_leave_what_no_kill_leaves(self, tmp_path: Path) -> None:
-        chance, out, path = random.Random(8), tmp_path / "out", toml(tmp_path, n=3000)  # so many that no kill comes too late
+        chance, folder, path = random.Random(8), tmp_path / "out", toml(tmp_path, n=3000)  # so many that no kill comes too late
         kills, counts = 0, [0]
-        begin = "from probe_design.sweeps import run\nrun.SECONDS = 0.02\n"
+        begin = "from probe_design.sweeps import run\nrun.BATCH_TIME_S = 0.02\n"
         for kill in range(20):
-            with (tmp_path / "stderr").open("wb") as told:
+            with (tmp_path / "stderr").open("wb") as errors:
                 process = subprocess.Popen(
-                    [sys.executable, "-c", f"{begin}run.sweep({str(path)!r}, {str(out)!r}, workers=1)"],
-                    cwd=ROOT, start_new_session=True, stdout=subprocess.DEVNULL, stderr=told,
+                    [sys.executable, "-c", f"{begin}run.sweep({str(path)!r}, {str(folder)!r}, workers=1)"],
+                    cwd=ROOT, start_new_session=True, stdout=subprocess.DEVNULL, stderr=errors,
                 )  # fmt: skip
             if kill % 2:
-                wait_for_rows(out, counts[-1] + chance.randrange(1, 12), process)
+                wait_for_rows(folder, counts[-1] + chance.randrange(1, 12), process)
                 time.sleep(chance.random() * 0.05)
             else:  # while it starts, opens the store or notes the designs
                 time.sleep(chance.random() * 1.5)
             assert process.poll() is None, (tmp_path / "stderr").read_text()
             os.killpg(process.pid, signal.SIGKILL)
             kills += process.wait() == -signal.SIGKILL
-            counts.append(count(out))
+            counts.append(count(folder))
             assert counts == sorted(counts)  # a row that was there is there
         assert kills == 20
         assert counts[-1] > 30  # they came in the middle of the work
-        found = sweep(path, out, workers=2)
-        assert found.answered < 3000
+        results = sweep(path, folder, workers=2)
+        assert results.answered < 3000
         sweep(path, tmp_path / "whole", workers=2)
-        assert stored(out) == stored(tmp_path / "whole")
+        assert stored(folder) == stored(tmp_path / "whole")
 
     @pytest.mark.slow
     @pytest.mark.timeout(1200)
@@ -82,68 +82,71 @@ class TestSurvival:
             "variables": {"load.force": loads},
             "time_limit": 900.0,
         }
-        out, begin = tmp_path / "out", "from probe_design import sweep\nfrom probe_design.sweeps import run\nrun.SECONDS = 0.01\n"
+        folder, begin = (
+            tmp_path / "out",
+            "from probe_design import sweep\nfrom probe_design.sweeps import run\nrun.BATCH_TIME_S = 0.01\n",
+        )
         process = subprocess.Popen(
-            [sys.executable, "-c", f"{begin}sweep({job!r}, {str(out)!r}, workers=1)"],
+            [sys.executable, "-c", f"{begin}sweep({job!r}, {str(folder)!r}, workers=1)"],
             cwd=ROOT, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         )  # fmt: skip
-        wait_for_rows(out, 2, process)
+        wait_for_rows(folder, 2, process)
         os.killpg(process.pid, signal.SIGKILL)
         assert process.wait() == -signal.SIGKILL
-        kept = count(out)
+        kept = count(folder)
         assert 2 <= kept < 4
-        found = sweep(job, out, workers=1)
-        assert (found.ok, found.refused, found.failed, found.answered) == (3, 1, 0, 4 - kept)
+        results = sweep(job, folder, workers=1)
+        assert (results.ok, results.refused, results.failed, results.answered) == (3, 1, 0, 4 - kept)
         sweep(job, tmp_path / "whole", workers=1)
-        assert stored(out) == stored(tmp_path / "whole")
-        assert "for contact" in next(row["reason"] for row in rows(out) if row["status"] == "refused")
+        assert stored(folder) == stored(tmp_path / "whole")
+        assert "for contact" in next(row["reason"] for row in iterate_rows(folder) if row["status"] == "refused")
 
     def test_a_second_process_is_refused_and_ctrl_c_keeps_what_is_there(self, whole: Path, tmp_path: Path) -> None:
-        path, out = toml(tmp_path), tmp_path / "out"
-        slow = "from probe_design.__main__ import main; from probe_design.sweeps import run; run.SECONDS = 0.01; main()"
+        path, folder = toml(tmp_path), tmp_path / "out"
+        slow = "from probe_design.__main__ import main; from probe_design.sweeps import run; run.BATCH_TIME_S = 0.01; main()"
         first = subprocess.Popen(
-            [sys.executable, "-c", slow, "sweep", path, "-o", out], cwd=ROOT, stderr=subprocess.PIPE, text=True
+            [sys.executable, "-c", slow, "sweep", path, "-o", folder], cwd=ROOT, stderr=subprocess.PIPE, text=True
         )
-        wait_for_rows(out, 1, first)
+        wait_for_rows(folder, 1, first)
         first.send_signal(signal.SIGSTOP)  # in the middle, for as long as the second one takes
-        second = run(path, "-o", out)
+        second = run(path, "-o", folder)
         assert (second.returncode, second.stderr.count("\n")) == (2, 1)
         assert "no other sweep" in second.stderr
         first.send_signal(signal.SIGINT)
         first.send_signal(signal.SIGCONT)
-        _, told = first.communicate(timeout=30)
-        assert (first.returncode, "interrupted" in told, "Traceback" in told) == (130, True, False)
-        assert count(out) < 300
-        sweep(path, out)
-        assert stored(out) == stored(whole)
+        _, errors = first.communicate(timeout=30)
+        assert (first.returncode, "interrupted" in errors, "Traceback" in errors) == (130, True, False)
+        assert count(folder) < 300
+        sweep(path, folder)
+        assert stored(folder) == stored(whole)
 
     @pytest.mark.slow
     def test_the_design_that_takes_too_long_fails_and_no_other(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         """A worker that is stopped in the middle answers as one does that computes for ever."""
-        line = WorkerProcess._line
+        line = WorkerProcess._read_line
 
         def endless(worker: WorkerProcess, count: int) -> bytes:
-            if asked.pop() == 2 and worker._process is not None:
+            if order.pop() == 2 and worker._process is not None:
                 worker._process.send_signal(signal.SIGSTOP)
             return line(worker, count)
 
-        asked = [*range(20, 0, -1)]  # the second line that is waited for is held up
-        monkeypatch.setattr(WorkerProcess, "_line", endless)
-        monkeypatch.setattr("probe_design.sweeps.run.SECONDS", 1e9)
+        order = [*range(20, 0, -1)]  # the second line that is waited for is held up
+        monkeypatch.setattr(WorkerProcess, "_read_line", endless)
+        monkeypatch.setattr("probe_design.sweeps.run.BATCH_TIME_S", 1e9)
         job = grid(3, 2) | {"evaluator": "axisymmetric", "time_limit": 8.0}
-        found = sweep(job, tmp_path, workers=1)
-        assert (found.ok, found.failed) == (5, 1)
-        (late,) = [row for row in rows(tmp_path) if row["status"] == "failed"]
+        results = sweep(job, tmp_path, workers=1)
+        assert (results.ok, results.failed) == (5, 1)
+        (late,) = [row for row in iterate_rows(tmp_path) if row["status"] == "failed"]
         assert (late["type"], late["reason"]) == ("TimeLimit", "took longer than 8 s")
-        again = sweep(job, tmp_path, workers=1)
-        assert (again.failed, again.answered) == (1, 0)
-        again = sweep(job | {"time_limit": None}, tmp_path, workers=1, retry_failed=True)
-        assert (again.ok, again.failed, again.answered) == (6, 0, 1)
+        repeated = sweep(job, tmp_path, workers=1)
+        assert (repeated.failed, repeated.answered) == (1, 0)
+        repeated = sweep(job | {"time_limit": None}, tmp_path, workers=1, retry_failed=True)
+        assert (repeated.ok, repeated.failed, repeated.answered) == (6, 0, 1)
 
     @pytest.mark.slow
     def test_formulas_too_have_a_time_limit(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         """Of designs that are answered together each is tried alone, and the one that is held up fails."""
-        send, held = WorkerProcess._send, json.dumps(sweep_from_dict(grid(4, 4)).designs()[4][1])
+        send, held = WorkerProcess._send, json.dumps(sweep_from_dict(grid(4, 4)).list_designs()[4][1])
         sizes = []
 
         def endless(worker: WorkerProcess, line: str) -> None:
@@ -153,17 +156,17 @@ class TestSurvival:
             send(worker, line)
 
         monkeypatch.setattr(WorkerProcess, "_send", endless)
-        monkeypatch.setattr("probe_design.sweeps.run.SECONDS", 1e9)
-        found = sweep(grid(4, 4) | {"time_limit": 8.0}, tmp_path, workers=1)  # which a busy machine keeps
-        assert (found.ok, found.failed) == (15, 1)
+        monkeypatch.setattr("probe_design.sweeps.run.BATCH_TIME_S", 1e9)
+        results = sweep(grid(4, 4) | {"time_limit": 8.0}, tmp_path, workers=1)  # which a busy machine keeps
+        assert (results.ok, results.failed) == (15, 1)
         assert sizes == [3, 1]  # the third batch, then alone
-        assert [row["number"] for row in rows(tmp_path) if row["type"] == "TimeLimit"] == [4]
+        assert [row["number"] for row in iterate_rows(tmp_path) if row["type"] == "TimeLimit"] == [4]
 
     def test_workers_that_do_not_start_are_one_line_and_no_rows(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr("sys.executable", "/bin/false")
-        with pytest.raises(CrewError, match=r"no worker process starts; .*workers\.log"):
+        with pytest.raises(WorkerPoolError, match=r"no worker process starts; .*workers\.log"):
             sweep(grid(2, 2), tmp_path)
-        assert list(rows(tmp_path)) == []
+        assert list(iterate_rows(tmp_path)) == []
 
     @pytest.mark.slow
     @pytest.mark.skipif(not os.path.exists("/proc/self/environ"), reason="reads a process's environment where Linux has it")
@@ -172,12 +175,12 @@ class TestSurvival:
     ) -> None:
         monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
         checked = sweep_from_dict(grid(2, 2))
-        worker = WorkerProcess(Job.of(checked), checked.limits)
-        assert worker.answer([values for _, values in checked.designs()]).rows
+        worker = WorkerProcess(Job.from_sweep(checked), checked.limits)
+        assert worker.evaluate([values for _, values in checked.list_designs()]).rows
         assert worker._process is not None
-        told = Path(f"/proc/{worker._process.pid}/environ").read_bytes().split(b"\0")
+        environment = Path(f"/proc/{worker._process.pid}/environ").read_bytes().split(b"\0")
         (folder,) = tmp_path.iterdir()
-        assert f"TMPDIR={folder}".encode() in told
+        assert f"TMPDIR={folder}".encode() in environment
         (folder / "surface-1").mkdir()
         worker.stop()
         assert list(tmp_path.iterdir()) == []

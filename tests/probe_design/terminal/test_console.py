@@ -11,7 +11,7 @@ from rich.table import Table
 
 from geometry import read_scene
 from probe_design.terminal import console
-from probe_design.terminal.console import message, plan_lines, result_table, saying, show, stages
+from probe_design.terminal.console import build_result_table, list_plan_lines, show_stages, show_steps, show_table, write_message
 from solver import Result, plan
 from solver.results.load_limits import LargestLoad, LoadLimits
 from tests.support.paths import SCENE
@@ -22,22 +22,22 @@ def test_a_load_that_is_printed_is_allowed(exact: tuple[float, float]) -> None:
     """To three digits the nearest number may lie above the limit, and would be refused."""
     limit = LargestLoad(*exact, "ratio")
     limits = LoadLimits(limit, None, None, limit)
-    said = plan_lines(replace(plan(read_scene(SCENE)), load_limits=limits))[-1]
+    said = list_plan_lines(replace(plan(read_scene(SCENE)), load_limits=limits))[-1]
     assert "up to 0.0359 N, an indentation of 0.237 mm" in said
-    out = StringIO()
-    Console(file=out).print(result_table(Result("closed-form", 0.1, load_limits=limits)))
-    assert " 0.0359 " in out.getvalue()
+    stream = StringIO()
+    Console(file=stream).print(build_result_table(Result("closed-form", 0.1, load_limits=limits)))
+    assert " 0.0359 " in stream.getvalue()
 
 
 def test_each_stage_has_one_row(monkeypatch: pytest.MonkeyPatch) -> None:
     """The first one had two, of which one was never done."""
-    out = StringIO()
-    monkeypatch.setattr(console, "_terminal", lambda: Console(file=out, force_terminal=True, width=80))
-    with stages() as progress:
+    stream = StringIO()
+    monkeypatch.setattr(console, "_find_terminal", lambda: Console(file=stream, force_terminal=True, width=80))
+    with show_stages() as progress:
         for stage in ("first", "second"):
             for done in range(3):
                 progress(stage, done, 2)
-    frame = out.getvalue().rpartition("\x1b[1A")[2]  # as it was drawn last
+    frame = stream.getvalue().rpartition("\x1b[1A")[2]  # as it was drawn last
     assert frame.count("first") == frame.count("second") == 1
     assert frame.count("2/2") == 2
 
@@ -55,7 +55,7 @@ def test_figures_are_whole_in_every_width(
     width: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("COLUMNS", width)
-    show(figures())
+    show_table(figures())
     text = capsys.readouterr().out
     for word in ("far edges", "3.16227766e-05", "[/red]:smile:", "1.2345e-308"):
         assert word in text
@@ -66,7 +66,7 @@ def test_a_table_keeps_to_a_width_that_its_words_allow(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("COLUMNS", "60")
-    show(figures())
+    show_table(figures())
     assert max(map(len, capsys.readouterr().out.splitlines())) <= 60
 
 
@@ -74,12 +74,12 @@ def test_names_do_not_speak_to_the_terminal(capsys: pytest.CaptureFixture[str], 
     name = "a\x1b[31m\x9b\x07\r\u202e\udcff[/b].toml"
     table = Table("name", title=name)
     table.add_row(name)
-    show(table)
-    message(f"wrote {name}")
+    show_table(table)
+    write_message(f"wrote {name}")
     monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
-    with saying(name) as tell:
+    with show_steps(name) as tell:
         tell(name)
-    out, err = capsys.readouterr()
-    assert out.count(r"a\x1b[31m\x9b") == 2
+    output, err = capsys.readouterr()
+    assert output.count(r"a\x1b[31m\x9b") == 2
     assert err.count(r"a\x1b[31m\x9b") >= 3
-    assert not any(code in out + err for code in ("\x1b[31m", "\x9b", "\x07", "\u202e", "\udcff"))
+    assert not any(code in output + err for code in ("\x1b[31m", "\x9b", "\x07", "\u202e", "\udcff"))

@@ -15,20 +15,20 @@ from hw.common.errors import HardwareError, InvalidSource
 from hw.common.samples import Samples
 from hw.reader import Reader
 from hw.signal.running import RunningFit
-from hw.signal.stretches import sine_fit
+from hw.signal.stretches import fit_sine
 from hw.simulation.firmware import Fault
-from hw.simulation.virtual import virtual
+from hw.simulation.virtual import make_virtual_probe
 from probe_design.built_probe.calibration import calibrate
-from probe_design.built_probe.film_forces import reading
-from probe_design.built_probe.virtual_probe import Built, signals
-from probe_design.measuring.acquisition import collected, window
-from probe_design.terminal.braille_chart import BLANK, chart
-from probe_design.terminal.live import following
+from probe_design.built_probe.film_forces import measure_reading
+from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals
+from probe_design.measuring.acquisition import fit_reading, select_last
+from probe_design.terminal.braille_chart import BLANK_CODE_POINT, draw_chart
+from probe_design.terminal.live import show_live
 from tests.support.hw.benches import BENCH, films, sampled, scene, shares
 
 
 def test_chart_of_a_falling_line() -> None:
-    lines = chart([np.array([3.0, 1.0])], width=32, height=4).splitlines()
+    lines = draw_chart([np.array([3.0, 1.0])], width=32, height=4).splitlines()
     cells = [line[12:] for line in lines]
     assert [len(line) for line in lines] == [32] * 4
     assert lines[0].split()[0] == "3"
@@ -36,29 +36,29 @@ def test_chart_of_a_falling_line() -> None:
     assert ord(cells[0][0]) & 0x01  # the uppermost dot of the first cell, and the lowest right one of the last
     assert ord(cells[3][-1]) & 0x80
     for k, row in enumerate(cells):  # the line is in the k-th quarter, and nowhere else
-        used = [i for i, one in enumerate(row) if ord(one) != BLANK]
+        used = [i for i, character in enumerate(row) if ord(character) != BLANK_CODE_POINT]
         assert 5 * k - 1 <= min(used) <= max(used) <= 5 * (k + 1)
 
 
 def test_chart_of_a_constant_is_drawn() -> None:
-    assert "1" in chart([np.ones(3)], width=20, height=2)
+    assert "1" in draw_chart([np.ones(3)], width=20, height=2)
 
 
 def probe(faults: tuple[Fault, ...] = (), seed: int = 0) -> Reader:
-    volts = signals(Built(), BENCH, scene(), films(shares().log_ratios)[3], seed)
-    return Reader.open(virtual(volts, 500.0, channels=3, scale=2e-6, faults=faults))
+    volts = build_signals(BuiltProperties(), BENCH, scene(), films(shares().log_ratios)[3], seed)
+    return Reader.open(make_virtual_probe(volts, 500.0, channels=3, scale=2e-6, faults=faults))
 
 
 def test_collected_is_what_the_reader_gives() -> None:
     looks: list[Samples] = []
     running = RunningFit(5.0, force=True)
     with probe() as reader:
-        collected(reader, 4.0, None, running, show=looks.append, last=1.0)
+        fit_reading(reader, 4.0, None, running, show=looks.append, last=1.0)
     with probe() as reader:
         whole = reader.collect(4.0)
-    assert running.fit().amplitudes == pytest.approx(sine_fit(whole, 5.0).amplitudes, rel=1e-9)
+    assert running.fit().amplitudes == pytest.approx(fit_sine(whole, 5.0).amplitudes, rel=1e-9)
     assert all(len(look) <= 500 for look in looks)
-    assert len(window(whole, 1.0).index) == 500
+    assert len(select_last(whole, 1.0).index) == 500
 
 
 def test_what_a_look_raises_does_not_end_the_reading() -> None:
@@ -67,7 +67,7 @@ def test_what_a_look_raises_does_not_end_the_reading() -> None:
 
     running = RunningFit(5.0, force=True)
     with probe() as reader:
-        collected(reader, 3.0, None, running, show=look, last=1.0)
+        fit_reading(reader, 3.0, None, running, show=look, last=1.0)
     assert running.fit().rows == 1500
 
 
@@ -89,18 +89,18 @@ class Failing:
 def test_errors_of_the_reader_come_through(fault: Exception | None, kind: type[Exception]) -> None:
     reader: Any = Failing(fault)
     with pytest.raises(kind):
-        collected(reader, 1.0, None, RunningFit(5.0, force=True), show=lambda samples: None, last=1.0)
+        fit_reading(reader, 1.0, None, RunningFit(5.0, force=True), show=lambda samples: None, last=1.0)
 
 
 def test_lost_frames_are_marked_by_read_and_refused_by_calibrate() -> None:
     with probe((Fault("drop", 30, 4),)) as reader:
         lossy = reader.collect(8.0)
-    found = reading(lossy, BENCH)
-    assert found.lost == 1
-    assert found.fit.rows < 4000
+    reading_made = measure_reading(lossy, BENCH)
+    assert reading_made.lost == 1
+    assert reading_made.fit.rows < 4000
     with probe() as reader:
-        whole = reading(reader.collect(8.0), BENCH)
-    assert abs(found.ratio - whole.ratio) < 5 * np.sqrt(np.trace(whole.ratio_covariance))
+        whole = measure_reading(reader.collect(8.0), BENCH)
+    assert abs(reading_made.ratio - whole.ratio) < 5 * np.sqrt(np.trace(whole.ratio_covariance))
     with pytest.raises(HardwareError, match="lost"):
         calibrate(scene(), BENCH, [lossy] * 7, shares())
 
@@ -109,15 +109,15 @@ def test_lost_frames_are_marked_by_read_and_refused_by_calibrate() -> None:
 def test_following_shows_numbers(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], terminal: bool, width: int
 ) -> None:
-    from probe_design.built_probe.reading import prediction
-    from probe_design.built_probe.reading import read as judged
+    from probe_design.built_probe.reading import compute_reading as compare_reading
+    from probe_design.built_probe.reading import predict_scene
 
-    told = prediction(scene(), 0.01)
+    predicted = predict_scene(scene(), 0.01)
     screen = StringIO()
     console = Console(file=screen, force_terminal=terminal, width=width, height=40)
-    monkeypatch.setattr("probe_design.terminal.live.rich_console", lambda: console)
-    samples = sampled(signals(Built(), BENCH, scene(), films(shares().log_ratios)[3], 1))
-    with following(lambda part: judged(reading(part, BENCH), scene(), BENCH, told)) as show:
+    monkeypatch.setattr("probe_design.terminal.live.make_console", lambda: console)
+    samples = sampled(build_signals(BuiltProperties(), BENCH, scene(), films(shares().log_ratios)[3], 1))
+    with show_live(lambda part: compare_reading(measure_reading(part, BENCH), scene(), BENCH, predicted)) as show:
         show(samples)
         show(samples)
     shown = screen.getvalue() if terminal else capsys.readouterr().err
@@ -125,4 +125,4 @@ def test_following_shows_numbers(
     assert "+-" in shown
     assert "\u2026" not in shown
     assert ("\x1b" in shown) == terminal
-    assert any(ord(one) > BLANK for one in shown) == terminal
+    assert any(ord(character) > BLANK_CODE_POINT for character in shown) == terminal

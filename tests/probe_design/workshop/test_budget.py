@@ -11,10 +11,10 @@ import pytest
 from geometry.common.errors import InputError
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import read_scene
-from geometry.workshop.package import writers
+from geometry.workshop.package import build_writers
 from geometry.workshop.tolerance import Budget
 from probe_design.tolerances.budget import tolerances
-from probe_design.workshop.budget import ratio_budget
+from probe_design.workshop.budget import compute_ratio_budget
 from solver import evaluate
 from tests.support import paths
 
@@ -25,17 +25,17 @@ SIZES = {**RADII, "inner_height": 3.0, "outer_height": 3.0}  # mm
 
 @pytest.fixture(scope="module")
 def budget() -> Budget:
-    return ratio_budget(SCENE, 0.01)
+    return compute_ratio_budget(SCENE, 0.01)
 
 
 def ratio(**sizes: float) -> float:
     """By the closed form, sizes in mm."""
-    one = {name: size * 1e-3 for name, size in (SIZES | sizes).items()}
-    one["gap"] = one.pop("hole_radius") - one["inner_radius"]
-    probe = SCENE.probe.model_copy(update={**one, "area_ratio": None, "height": None})
-    told = evaluate(SCENE.model_copy(update={"probe": probe}), "closed-form").ratio
-    assert told is not None
-    return told
+    lengths = {name: size * 1e-3 for name, size in (SIZES | sizes).items()}
+    lengths["gap"] = lengths.pop("hole_radius") - lengths["inner_radius"]
+    probe = SCENE.probe.model_copy(update={**lengths, "area_ratio": None, "height": None})
+    result_ratio = evaluate(SCENE.model_copy(update={"probe": probe}), "closed-form").ratio
+    assert result_ratio is not None
+    return result_ratio
 
 
 @pytest.mark.parametrize("name", SIZES)
@@ -57,17 +57,17 @@ def test_a_scene_that_nobody_differentiates_is_told(monkeypatch: pytest.MonkeyPa
     def refuse(*_: object, **__: object) -> None:
         raise InputError("contact.interface", "unilateral", "bonded")
 
-    monkeypatch.setattr("probe_design.workshop.budget.tolerances", refuse)
-    told = ratio_budget(SCENE, 0.01)
-    assert told.deviations == {}
-    assert told.remark.startswith("No dimension is bound by the ratio: contact.interface = ")
+    monkeypatch.setattr("probe_design.workshop.ratio_budget.tolerances", refuse)
+    budget = compute_ratio_budget(SCENE, 0.01)
+    assert budget.deviations == {}
+    assert budget.remark.startswith("No dimension is bound by the ratio: contact.interface = ")
 
 
 def test_round_edges_are_told_and_bound_as_sharp_ones(budget: Budget) -> None:
     round_edges = SCENE.model_copy(update={"contact": SCENE.contact.model_copy(update={"edge_radius": 1e-4})})
-    told = ratio_budget(round_edges, 0.01)
-    assert told.deviations == pytest.approx(budget.deviations, rel=1e-9)
-    assert "sharp lower edges" in told.remark
+    edged = compute_ratio_budget(round_edges, 0.01)
+    assert edged.deviations == pytest.approx(budget.deviations, rel=1e-9)
+    assert "sharp lower edges" in edged.remark
 
 
 def test_the_drawings_and_the_uncertainty_budget_agree(tmp_path: Path) -> None:
@@ -75,12 +75,12 @@ def test_the_drawings_and_the_uncertainty_budget_agree(tmp_path: Path) -> None:
     tables = SCENE.model_dump(exclude_unset=True)
     tables["probe"]["outer"] = {"material": "ecoflex-00-50"}
     named = Scene.model_validate(tables)
-    told, found = ratio_budget(named, 0.01), tolerances(named, samples=64)
-    writers(named.probe, 0.0, told)["tolerances.csv"](tmp_path / "tolerances.csv")
+    budget, tolerance_budget = compute_ratio_budget(named, 0.01), tolerances(named, samples=64)
+    build_writers(named.probe, 0.0, budget)["tolerances.csv"](tmp_path / "tolerances.csv")
     with (tmp_path / "tolerances.csv").open(encoding="utf-8") as file:
         parts = {row["quantity"]: float(row["ratio_percent"]) for row in csv.DictReader(file) if row["ratio_percent"]}
-    assert math.hypot(*parts.values()) == pytest.approx(100 * found.outputs["ln_ratio"].sd, rel=5e-3)  # three digits
-    largest = found.lines[0]
+    assert math.hypot(*parts.values()) == pytest.approx(100 * tolerance_budget.outputs["ln_ratio"].sd, rel=5e-3)  # three digits
+    largest = tolerance_budget.lines[0]
     assert largest.name == max(parts, key=parts.__getitem__) == "probe.outer.youngs_modulus"
     assert parts[largest.name] == pytest.approx(100 * largest.outputs["ln_ratio"].contribution, rel=5e-3)
 
@@ -88,4 +88,4 @@ def test_the_drawings_and_the_uncertainty_budget_agree(tmp_path: Path) -> None:
 @pytest.mark.parametrize("share", [0.0, 1.0, -1.0, math.nan])
 def test_impossible_ratios_are_refused(share: float) -> None:
     with pytest.raises(InputError, match=r"^tolerance = "):
-        ratio_budget(SCENE, share)
+        compute_ratio_budget(SCENE, share)

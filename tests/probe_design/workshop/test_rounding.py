@@ -15,7 +15,7 @@ from geometry.scenes.probe import Base, Groove
 from geometry.scenes.scene import Contact, Scene
 from geometry.scenes.scene_file import read_scene, scene_from_toml, scene_to_toml
 from probe_design.cli.export import export
-from probe_design.workshop.rounding import costed, rounded
+from probe_design.workshop.rounding import add_cost, round_sizes
 from solver import evaluate
 from tests.support.paths import SCENE
 
@@ -36,7 +36,7 @@ def odd() -> Scene:
 
 
 def test_sizes_are_multiples_of_the_step() -> None:
-    probe = rounded(odd(), STEP).scene.probe
+    probe = round_sizes(odd(), STEP).scene.probe
     assert (probe.inner_radius, probe.gap, probe.height) == (4e-3, 1e-4, 3e-3)
     assert probe.groove == Groove(width=1e-3, depth=1e-3)
     assert probe.area_ratio is None
@@ -46,23 +46,23 @@ def test_sizes_are_multiples_of_the_step() -> None:
 
 
 def test_what_changed_is_told_and_nothing_else() -> None:
-    told = {one.key: (one.before, one.after) for one in rounded(odd(), STEP).changes}
-    assert told["probe.gap"] == (0.134e-3, 1e-4)
-    assert {"probe.inner_radius", "probe.outer_radius", "probe.height", "probe.groove.width"} <= told.keys()
-    again = rounded(rounded(odd(), STEP).scene, STEP)
-    assert again.changes == ()
+    changes = {change.key: (change.before, change.after) for change in round_sizes(odd(), STEP).changes}
+    assert changes["probe.gap"] == (0.134e-3, 1e-4)
+    assert {"probe.inner_radius", "probe.outer_radius", "probe.height", "probe.groove.width"} <= changes.keys()
+    repeated = round_sizes(round_sizes(odd(), STEP).scene, STEP)
+    assert repeated.changes == ()
 
 
 def test_the_rounded_scene_is_a_file() -> None:
-    new = rounded(odd(), STEP).scene
+    new = round_sizes(odd(), STEP).scene
     assert scene_from_toml(scene_to_toml(new)) == new
 
 
-@pytest.mark.parametrize(("wall", "least"), [(0.52e-3, 0.5e-3), (0.23e-3, 0.23e-3), (0.501e-3, 0.5e-3)])
-def test_the_wall_keeps_its_limit(wall: float, least: float) -> None:
+@pytest.mark.parametrize(("wall", "min_wall"), [(0.52e-3, 0.5e-3), (0.23e-3, 0.23e-3), (0.501e-3, 0.5e-3)])
+def test_the_wall_keeps_its_limit(wall: float, min_wall: float) -> None:
     """By nearest multiples it would come out thinner."""
-    probe = rounded(scene(inner_radius=4.05e-3, gap=0.15e-3, area_ratio=None, outer_radius=4.2e-3 + wall), STEP).scene.probe
-    assert probe.tube_radius - probe.hole_radius >= least * (1 - 1e-9)
+    probe = round_sizes(scene(inner_radius=4.05e-3, gap=0.15e-3, area_ratio=None, outer_radius=4.2e-3 + wall), STEP).scene.probe
+    assert probe.tube_radius - probe.hole_radius >= min_wall * (1 - 1e-9)
 
 
 @given(
@@ -71,8 +71,8 @@ def test_the_wall_keeps_its_limit(wall: float, least: float) -> None:
 )  # fmt: skip
 def test_any_design_stays_one(radius: float, gap: float, wall: float, height: float, depth: float, step: float) -> None:
     cut, outer = Groove(width=radius, depth=depth * height), radius + gap + wall
-    before = scene(inner_radius=radius, gap=gap, area_ratio=None, outer_radius=outer, height=height, groove=cut)
-    probe = rounded(before, step).scene.probe
+    start = scene(inner_radius=radius, gap=gap, area_ratio=None, outer_radius=outer, height=height, groove=cut)
+    probe = round_sizes(start, step).scene.probe
     assert probe.groove is not None
     for size in (probe.inner_radius, probe.gap, probe.tube_radius, probe.core_height, probe.groove.width, probe.groove.depth):
         assert size / step == pytest.approx(round(size / step), abs=1e-6)
@@ -98,13 +98,13 @@ def test_any_design_stays_one(radius: float, gap: float, wall: float, height: fl
 )
 def test_steps_that_leave_nothing_are_refused(step: float, sizes: dict[str, object], why: str) -> None:
     with pytest.raises(InputError, match=why) as fault:
-        rounded(scene(**sizes), step)
+        round_sizes(scene(**sizes), step)
     assert fault.value.exit_code == 2
 
 
 def test_a_flange_stays_wider_than_the_tube_and_a_groove_above_the_round_edges() -> None:
     flange = Base(rigid=True, flange_radius=5.53e-3, step_height=1.04e-3)
-    probe = rounded(scene(0.4e-3, base=flange, groove=Groove(width=1e-3, depth=2.56e-3)), STEP).scene.probe
+    probe = round_sizes(scene(0.4e-3, base=flange, groove=Groove(width=1e-3, depth=2.56e-3)), STEP).scene.probe
     assert probe.base.flange_radius is not None
     assert probe.base.flange_radius >= probe.tube_radius
     assert probe.groove is not None
@@ -113,9 +113,9 @@ def test_a_flange_stays_wider_than_the_tube_and_a_groove_above_the_round_edges()
 
 @pytest.mark.slow
 def test_the_cost_is_what_the_evaluator_says_of_both() -> None:
-    one = scene(inner_radius=3.972e-3, gap=0.134e-3, height=3.049e-3)
-    told = costed(rounded(one, STEP), one)
-    for built, reading in ((one, told.before), (rounded(one, STEP).scene, told.after)):
+    start = scene(inner_radius=3.972e-3, gap=0.134e-3, height=3.049e-3)
+    cost = add_cost(round_sizes(start, STEP), start)
+    for built, reading in ((start, cost.before), (round_sizes(start, STEP).scene, cost.after)):
         direct = evaluate(built, "axisymmetric", 1e-3)
         assert reading is not None
         assert reading.ratio == pytest.approx(direct.ratio, rel=2e-3)

@@ -10,14 +10,14 @@ from geometry import Refusal, Scene, read_scene
 from geometry.common.errors import InputError
 from geometry.scenes.scene import Load
 from geometry.scenes.scene_file import scene_from_toml
-from geometry.scenes.units import SI
-from geometry.scenes.variables import changed, values
+from geometry.scenes.units import SI_CONTEXT
+from geometry.scenes.variables import list_values, replace_values
 from solver.answers import evaluate, plan
-from solver.axisymmetric.gradients import gradients
+from solver.axisymmetric.gradients import compute_gradients
 from solver.axisymmetric.level import Axisymmetric
-from solver.axisymmetric.refinement import LEVELS
-from solver.axisymmetric.sample import sample
-from solver.axisymmetric.sections import sections
+from solver.axisymmetric.refinement import MESH_LEVELS
+from solver.axisymmetric.sample import solve_on_mesh
+from solver.axisymmetric.sections import build_sections
 from tests.support.paths import EXAMPLES, REFERENCE, SCENE
 
 FOLDER = REFERENCE / "tissue-layers"
@@ -27,22 +27,22 @@ EXAMPLE = read_scene(SCENE)
 OWN = (EXAMPLE.tissue.youngs_modulus, EXAMPLE.tissue.poisson_ratio)
 
 
-def on(*layers: tuple[float, ...], scene: Scene = EXAMPLE, **changes) -> Scene:
+def add_layers(*layers: tuple[float, ...], scene: Scene = EXAMPLE, **changes) -> Scene:
     """The example on layers, (thickness in mm, Young's modulus in Pa, Poisson's ratio of 0.45 unless it is given)."""
     names = ("thickness", "youngs_modulus", "poisson_ratio")
-    tables = [dict(zip(names, (1e-3 * one[0], *one[1:], 0.45)[:3], strict=True)) for one in layers]
+    tables = [dict(zip(names, (1e-3 * row[0], *row[1:], 0.45)[:3], strict=True)) for row in layers]
     data = scene.model_dump(exclude_unset=True)
-    return Scene.model_validate(data | {"tissue": data["tissue"] | {"layer": tables}} | changes, context=SI)
+    return Scene.model_validate(data | {"tissue": data["tissue"] | {"layer": tables}} | changes, context=SI_CONTEXT)
 
 
 def cut(*thicknesses: float) -> Scene:
     """The example's one material as layers of itself."""
-    return on(*((thickness, *OWN) for thickness in thicknesses))
+    return add_layers(*((thickness, *OWN) for thickness in thicknesses))
 
 
 def forces(scene: Scene, level: int = 2):
-    plain = sections(scene)
-    return sample(plain.section, plain, scene, LEVELS[level])
+    plain = build_sections(scene)
+    return solve_on_mesh(plain.section, plain, scene, MESH_LEVELS[level])
 
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in EXPECTED])
@@ -72,7 +72,7 @@ def test_a_layer_of_the_tissues_own_material_changes_nothing(thicknesses):
 def test_figures_of_the_trial():
     """DATA.md's trial: a skin of 1.5 mm and 56 kPa moves the example's ratio by -32 %, 0.5 mm of 12 kPa by -3.9 %."""
     ratio = Axisymmetric().evaluate(EXAMPLE, 1e-3).ratio
-    moved = [Axisymmetric().evaluate(on(layer), 1e-3).ratio / ratio - 1 for layer in ((1.5, 56e3), (0.5, 12e3))]
+    moved = [Axisymmetric().evaluate(add_layers(layer), 1e-3).ratio / ratio - 1 for layer in ((1.5, 56e3), (0.5, 12e3))]
     assert moved == pytest.approx([-0.32, -0.039], rel=0.02)
 
 
@@ -81,18 +81,18 @@ def test_a_very_thick_layer_is_a_half_space_of_it():
     endless = EXAMPLE.tissue.model_dump(exclude_unset=True, exclude={"radius", "depth"}) | {"shape": "half-space"}
     alone = Scene.model_validate(EXAMPLE.model_dump(exclude_unset=True) | {"tissue": endless})
     rock = Scene.model_validate(EXAMPLE.model_dump(exclude_unset=True) | {"tissue": endless | {"youngs_modulus": 1e9}})
-    found, expected = (Axisymmetric().evaluate(one, 1e-4) for one in (on((5000.0, *OWN), scene=rock), alone))
-    assert found.ratio == pytest.approx(expected.ratio, rel=2e-4)
-    assert found.stiffness == pytest.approx(expected.stiffness, rel=3e-3)  # a radius over a distance is what rock there changes
+    result, expected = (Axisymmetric().evaluate(layered, 1e-4) for layered in (add_layers((5000.0, *OWN), scene=rock), alone))
+    assert result.ratio == pytest.approx(expected.ratio, rel=2e-4)
+    assert result.stiffness == pytest.approx(expected.stiffness, rel=3e-3)  # a radius over a distance is what rock there changes
 
 
 @pytest.mark.slow
 def test_a_stiff_layer_far_below_is_the_rigid_floor():
     data = EXAMPLE.model_dump(exclude_unset=True)
     rock = Scene.model_validate(data | {"tissue": data["tissue"] | {"depth": 70e-3, "youngs_modulus": 1e12}})
-    found, expected = (Axisymmetric().evaluate(one, 1e-4) for one in (on((50.0, *OWN), scene=rock), EXAMPLE))
+    result, expected = (Axisymmetric().evaluate(layered, 1e-4) for layered in (add_layers((50.0, *OWN), scene=rock), EXAMPLE))
     for key in ("ratio", "stiffness", "log_sensitivity"):
-        assert getattr(found, key) == pytest.approx(getattr(expected, key), rel=2e-4)
+        assert getattr(result, key) == pytest.approx(getattr(expected, key), rel=2e-4)
 
 
 APART, ACROSS = ((1.4, 56e3), (3.0, 2e3, 0.49)), ((1.4, 56e3), (6.0, 2e3, 0.49))
@@ -104,30 +104,33 @@ EVERY = ("tissue.layer", "inclusion.depth")
 
 @pytest.mark.parametrize(
     ("layers", "names"),
-    [(TWICE, "tissue.layer[1].thickness"), *(pytest.param(one, EVERY, marks=pytest.mark.slow) for one in (APART, ACROSS, TWICE))],
+    [
+        (TWICE, "tissue.layer[1].thickness"),
+        *(pytest.param(layered_scene, EVERY, marks=pytest.mark.slow) for layered_scene in (APART, ACROSS, TWICE)),
+    ],
 )
 def test_taylor_rate_is_two_by_every_number_of_the_layers(layers, names):
     """Apart from the sphere, across it, twice across it: half the step leaves a quarter of the remainder."""
-    scene = on(*layers)
-    exact = gradients(scene, forces(scene))
+    scene = add_layers(*layers)
+    exact = compute_gradients(scene, forces(scene))
     for k, name in enumerate(exact.variables):
         if not name.startswith(names):
             continue
         left = []
         for step in (1e-3, 5e-4):
-            value = values(scene)[name]
-            moved = changed(scene, {name: value * (1 + step)})
-            found = gradients(moved, forces(moved), (name,))
-            off = {key: found.values[key][0] - exact.values[key][0] for key in ("ratio", "log_sensitivity")}
-            left.append([change - exact.derivatives[key][0, k] * value * step for key, change in off.items()])
+            value = list_values(scene)[name]
+            moved = replace_values(scene, {name: value * (1 + step)})
+            computed = compute_gradients(moved, forces(moved), (name,))
+            error = {key: computed.values[key][0] - exact.values[key][0] for key in ("ratio", "log_sensitivity")}
+            left.append([change - exact.derivatives[key][0, k] * value * step for key, change in error.items()])
         np.testing.assert_allclose(np.divide(*left), 4, rtol=0.01)
 
 
 def test_reciprocity_and_stiffness_grows_with_every_modulus():
-    scene = on((1.4, 56e3), (6.0, 2e3, 0.49))
-    found = forces(scene)
-    assert found.forces[0][0, 1] == pytest.approx(found.forces[0][1, 0], rel=1e-9)
-    exact = gradients(scene, found)
+    scene = add_layers((1.4, 56e3), (6.0, 2e3, 0.49))
+    solution = forces(scene)
+    assert solution.forces[0][0, 1] == pytest.approx(solution.forces[0][1, 0], rel=1e-9)
+    exact = compute_gradients(scene, solution)
     by_name = zip(exact.variables, exact.derivatives["stiffness"][0], strict=True)
     grows = {name: slope for name, slope in by_name if name.endswith("youngs_modulus")}
     assert {"tissue.layer[0].youngs_modulus", "tissue.layer[1].youngs_modulus"} < grows.keys()
@@ -146,8 +149,9 @@ def test_reciprocity_and_stiffness_grows_with_every_modulus():
 )
 def test_layers_that_do_not_fit_are_refused(layers, words):
     tables = "".join(
-        f"[[tissue.layer]]\nthickness = '{one[0]} mm'\nyoungs_modulus = '{one[1]} Pa'\npoisson_ratio = {(*one[2:], 0.45)[0]}\n"
-        for one in layers
+        f"[[tissue.layer]]\nthickness = '{layer[0]} mm'\nyoungs_modulus = '{layer[1]} Pa'\npoisson_ratio = "
+        f"{(*layer[2:], 0.45)[0]}\n"
+        for layer in layers
     )
     with pytest.raises(InputError, match="^" + re.escape(words)) as refused:
         scene_from_toml(SCENE.read_text(encoding="utf-8") + tables)
@@ -162,20 +166,22 @@ TRUE_CROSSED = json.loads((CROSSED / "expected.json").read_text())
 @pytest.mark.parametrize("name", TRUE_CROSSED)
 def test_spheres_across_interfaces_against_an_independent_code(name, accuracy):
     """Interfaces near a pole, several at once, contrasts of a thousand, a sphere wider than the probe: no bound is broken."""
-    expected, found = TRUE_CROSSED[name], Axisymmetric().evaluate(read_scene(CROSSED / f"{name}.toml"), accuracy)
-    assert found.error_estimate <= accuracy
+    expected, result = TRUE_CROSSED[name], Axisymmetric().evaluate(read_scene(CROSSED / f"{name}.toml"), accuracy)
+    assert result.error_estimate <= accuracy
     uncertain = expected["relative_uncertainty"]
-    assert abs(found.ratio / expected["ratio"] - 1) <= found.error_estimate + uncertain
+    assert abs(result.ratio / expected["ratio"] - 1) <= result.error_estimate + uncertain
     promised = max(5 * accuracy * abs(expected["log_sensitivity"]), 1e-5)
-    assert abs(found.log_sensitivity - expected["log_sensitivity"]) <= promised + uncertain
+    assert abs(result.log_sensitivity - expected["log_sensitivity"]) <= promised + uncertain
 
 
 @pytest.mark.parametrize("pole", [5.0, 13.0])
 def test_an_interface_that_touches_the_sphere_lies_between_those_beside_it(pole):
     """A thousandth of the radius more or less changes little, and either way alike."""
-    beside, touching, inside = (Axisymmetric().evaluate(on((pole + off, 6e4)), 1e-4).ratio for off in (-0.004, 0.0, 0.004))
-    assert touching == pytest.approx((beside + inside) / 2, rel=2e-4)
-    assert min(beside, inside) - 1e-4 * touching < touching < max(beside, inside) + 1e-4 * touching
+    outside, touching, inside = (
+        Axisymmetric().evaluate(add_layers((pole + offset, 6e4)), 1e-4).ratio for offset in (-0.004, 0.0, 0.004)
+    )
+    assert touching == pytest.approx((outside + inside) / 2, rel=2e-4)
+    assert min(outside, inside) - 1e-4 * touching < touching < max(outside, inside) + 1e-4 * touching
 
 
 @pytest.mark.parametrize(
@@ -188,21 +194,21 @@ def test_an_interface_that_touches_the_sphere_lies_between_those_beside_it(pole)
 )
 def test_the_level_that_does_not_know_layers_names_one_that_does(change, level):
     with pytest.raises(Refusal, match=level):
-        evaluate(on((1.5, 56e3), **change), "published")
+        evaluate(add_layers((1.5, 56e3), **change), "published")
 
 
 def test_a_load_that_leaves_too_little_to_solid_is_refused_by_the_accuracy_that_was_asked():
     breast = read_scene(EXAMPLES / "skin.toml")
-    aside = breast.inclusion[0].model_copy(update={"x": 3e-3, "depth": 5e-3})  # across the skin's lower face
+    off_axis = breast.inclusion[0].model_copy(update={"x": 3e-3, "depth": 5e-3})  # across the skin's lower face
     with pytest.raises(
         Refusal, match=r"^accuracy = 0\.01: allowed: 0\.0\d+ or more for this scene(, or a smaller load)? \(solid reaches"
     ):
-        evaluate(breast.model_copy(update={"inclusion": (aside,), "load": Load(force=1e-3)}))
+        evaluate(breast.model_copy(update={"inclusion": (off_axis,), "load": Load(force=1e-3)}))
 
 
 def test_the_plan_says_what_layers_change_and_what_a_skin_would():
-    skin = plan(on((1.5, 56e3)))
-    (layer,) = (one for one in skin.decisions if one.feature == "tissue.layer[0]")
+    skin = plan(add_layers((1.5, 56e3)))
+    (layer,) = (decision for decision in skin.decisions if decision.feature == "tissue.layer[0]")
     assert (skin.evaluator, layer.modelled) == ("contact", True)  # by the cautious rule its load is no small one under a skin
     assert layer.effect == pytest.approx(0.32, rel=0.15)
     assert not [note for note in skin.warnings if note.kind == "skin"]
@@ -215,13 +221,13 @@ def test_the_plan_says_what_layers_change_and_what_a_skin_would():
 @pytest.mark.parametrize("contrast", [1e-6, 1e-3, 1e3, 1e6])
 def test_extremes_are_answered_within_their_error_or_refused(thickness, contrast):
     """A finer answer is within the coarser one's stated error, whatever the layer."""
-    scene = on((thickness, contrast * OWN[0]))
+    scene = add_layers((thickness, contrast * OWN[0]))
     try:
         coarse, fine = (Axisymmetric().evaluate(scene, accuracy) for accuracy in (1e-2, 1e-5))
     except Refusal:  # so soft that the load drives the probe through the tissue
         assert contrast < 1
         return
     for key in ("ratio", "stress_inner", "stress_outer", "stiffness"):
-        one, other = getattr(coarse, key), getattr(fine, key)
+        coarse_value, fine_value = getattr(coarse, key), getattr(fine, key)
         if coarse.error_estimate is not None and fine.error_estimate is not None:
-            assert abs(one / other - 1) <= coarse.error_estimate + fine.error_estimate, key
+            assert abs(coarse_value / fine_value - 1) <= coarse.error_estimate + fine.error_estimate, key

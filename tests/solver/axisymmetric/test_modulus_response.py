@@ -8,12 +8,12 @@ import pytest
 from geometry import InputError, Load, Material, Refusal, Scene, SolveError
 from geometry.meridian.frame import MeridianFineness
 from geometry.meridian.section import Body
-from geometry.scenes.variables import changed
+from geometry.scenes.variables import replace_values
 from solver import curve, evaluate
-from solver.axisymmetric.base_states import BaseStates, base_states, model
+from solver.axisymmetric.base_states import BaseStates, build_model, solve_base_states
 from solver.axisymmetric.level import Axisymmetric
-from solver.axisymmetric.modulus_response import response
-from solver.axisymmetric.sections import sections
+from solver.axisymmetric.modulus_response import compute_response
+from solver.axisymmetric.sections import build_sections
 from tests.support.references import named
 from tests.support.slow import slow_unless
 
@@ -22,12 +22,12 @@ LEVEL = MeridianFineness(1, 2, 4)
 
 def states(scene: Scene, body: Body, factor: float) -> BaseStates:
     """Base states with one body's modulus multiplied."""
-    of = sections(scene)
-    material = of.materials[body]
+    scene_sections = build_sections(scene)
+    material = scene_sections.materials[body]
     stiffer = Material(youngs_modulus=material.youngs_modulus * factor, poisson_ratio=material.poisson_ratio)
     interface = scene.contact.interface
     assert interface != "unilateral"
-    return base_states(model(of.section, {**of.materials, body: stiffer}, interface, LEVEL))
+    return solve_base_states(build_model(scene_sections.section, {**scene_sections.materials, body: stiffer}, interface, LEVEL))
 
 
 @pytest.mark.parametrize(
@@ -43,47 +43,54 @@ def states(scene: Scene, body: Body, factor: float) -> BaseStates:
 )
 def test_every_modulus_from_one_factorisation(folder: str, name: str, body: Body, tolerance: float) -> None:
     scene = named(folder, name).scene
-    found = response(states(scene, body, 1.0), 1e-3, 1e3, body)
+    modulus_response = compute_response(states(scene, body, 1.0), 1e-3, 1e3, body)
     times = np.array([1e-3, 0.03, 1.0, 7.0, 1e3])
-    forces, slopes = found.forces(times)
+    forces, slopes = modulus_response.compute_forces(times)
     for t, F, dF in zip(times, forces, slopes, strict=True):
         alone = states(scene, body, t)
         assert pytest.approx(alone.forces, rel=tolerance) == F
-        assert dF == pytest.approx(alone.slope(body), abs=max(1e-5, 1e3 * tolerance) * np.abs(alone.slope(body)).max())
+        assert dF == pytest.approx(
+            alone.compute_modulus_derivative(body),
+            abs=max(1e-5, 1e3 * tolerance) * np.abs(alone.compute_modulus_derivative(body)).max(),
+        )
 
 
 def test_slope_is_the_derivative_of_the_forces() -> None:
-    found = response(states(named("axisymmetric", "shallow").scene, Body.INCLUSION, 1.0), 0.1, 10.0)
+    modulus_response = compute_response(states(named("axisymmetric", "shallow").scene, Body.INCLUSION, 1.0), 0.1, 10.0)
     step = 1e-4
     for t in (0.2, 1.0, 5.0):
-        up, down = found.forces(np.array([t * np.exp(step), t * np.exp(-step)]))[0]
-        assert found.forces(np.array([t]))[1][0] == pytest.approx((up - down) / (2 * step), rel=1e-6)
+        upper, lower = modulus_response.compute_forces(np.array([t * np.exp(step), t * np.exp(-step)]))[0]
+        assert modulus_response.compute_forces(np.array([t]))[1][0] == pytest.approx((upper - lower) / (2 * step), rel=1e-6)
 
 
 def test_a_body_that_is_not_there_is_refused() -> None:
     with pytest.raises(SolveError, match="inclusion"):
-        response(states(named("axisymmetric", "homogeneous").scene, Body.TISSUE, 1.0), 0.5, 2.0)
+        compute_response(states(named("axisymmetric", "homogeneous").scene, Body.TISSUE, 1.0), 0.5, 2.0)
 
 
 @pytest.mark.parametrize("name", slow_unless("soft-cyst".__eq__, ["soft-cyst", "published-materials-frictionless"]))
 def test_curve_agrees_with_evaluate(name: str) -> None:
     scene = named("axisymmetric", name).scene.model_copy(update={"load": Load(force=0.0)})  # at which all is linear
-    found = curve(scene, np.array([1e2, 3e3, 1e6]), accuracy=1e-3)
-    for modulus, ratio, told, error in zip(
-        found.youngs_modulus, found.ratio, found.log_sensitivity, found.error_estimate, strict=True
+    modulus_curve = curve(scene, np.array([1e2, 3e3, 1e6]), accuracy=1e-3)
+    for modulus, ratio, log_sensitivity, error in zip(
+        modulus_curve.youngs_modulus,
+        modulus_curve.ratio,
+        modulus_curve.log_sensitivity,
+        modulus_curve.error_estimate,
+        strict=True,
     ):
-        alone = evaluate(changed(scene, {"inclusion.youngs_modulus": modulus}), accuracy=1e-4)
+        alone = evaluate(replace_values(scene, {"inclusion.youngs_modulus": modulus}), accuracy=1e-4)
         assert ratio == pytest.approx(alone.ratio, rel=error + alone.error_estimate)
-        assert told == pytest.approx(alone.log_sensitivity, rel=5e-3, abs=1e-5)
+        assert log_sensitivity == pytest.approx(alone.log_sensitivity, rel=5e-3, abs=1e-5)
         assert error <= 1e-3
 
 
 def test_curve_reaches_an_independent_codes_value_at_its_own_modulus() -> None:
-    one = named("extra", "deep-large-cover")
-    modulus = one.scene.inclusion[0].youngs_modulus
-    found = curve(one.scene, np.array([0.01 * modulus, modulus, 100 * modulus]), accuracy=1e-3)
-    assert found.ratio[1] == pytest.approx(one.ratio, rel=found.error_estimate[1])
-    assert found.log_sensitivity[1] == pytest.approx(one.log_sensitivity, rel=5e-3)
+    reference = named("extra", "deep-large-cover")
+    modulus = reference.scene.inclusion[0].youngs_modulus
+    modulus_curve = curve(reference.scene, np.array([0.01 * modulus, modulus, 100 * modulus]), accuracy=1e-3)
+    assert modulus_curve.ratio[1] == pytest.approx(reference.ratio, rel=modulus_curve.error_estimate[1])
+    assert modulus_curve.log_sensitivity[1] == pytest.approx(reference.log_sensitivity, rel=5e-3)
 
 
 def test_curve_needs_an_inclusion_and_moduli() -> None:

@@ -23,16 +23,16 @@ def totals(A: np.ndarray, u: np.ndarray, w: np.ndarray) -> np.ndarray:
     return np.einsum("kai,ab,kb->ki", w, A, u.sum(axis=2))
 
 
-def assert_sums_are_the_forms(u: np.ndarray, w: np.ndarray, most: int, tolerance: float) -> None:
+def assert_sums_are_the_forms(u: np.ndarray, w: np.ndarray, max_order: int, tolerance: float) -> None:
     rng = np.random.default_rng(6)
     A = rng.standard_normal((3, SIZE, SIZE))
     A = A + A.swapaxes(1, 2)
-    forms = StateForms.of(u, w, np.ones(SIZE))
-    assert forms.states.shape[2] <= most
-    few = forms.states.transpose(2, 0, 1)
-    found = forms.sums(np.array([totals(one, few, few).T for one in A]))
-    for k, one in enumerate(A):
-        for got, true in zip(found, (totals(one, u, u), totals(one, u, w) + totals(one, w, u)), strict=True):
+    forms = StateForms.choose_pairs(u, w, np.ones(SIZE))
+    assert forms.states.shape[2] <= max_order
+    chosen = forms.states.transpose(2, 0, 1)
+    sums = forms.sum_forms(np.array([totals(matrix, chosen, chosen).T for matrix in A]))
+    for k, matrix in enumerate(A):
+        for got, true in zip(sums, (totals(matrix, u, u), totals(matrix, u, w) + totals(matrix, w, u)), strict=True):
             np.testing.assert_allclose(got[:, k], true, atol=tolerance * np.abs(true).max())
 
 
@@ -51,4 +51,4 @@ def test_one_modulus_is_exact() -> None:
 
 def test_states_that_do_not_change_need_themselves_alone() -> None:
     u, w = curve(np.ones(1))
-    assert StateForms.of(u, 0 * w, np.ones(SIZE)).states.shape[2] == 1
+    assert StateForms.choose_pairs(u, 0 * w, np.ones(SIZE)).states.shape[2] == 1

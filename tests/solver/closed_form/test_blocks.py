@@ -6,43 +6,43 @@ import numpy as np
 import pytest
 
 from geometry.common.arrays import Floats
-from solver.closed_form.block_compliance import ElasticBlocks, _softened, end_compliance
+from solver.closed_form.block_compliance import ElasticBlocks, _correct_modulus, compute_end_compliance
 from solver.closed_form.block_functions import (
-    FINE_POINTS,
-    HEIGHTS,
-    POINTS,
-    TABLE_HEIGHTS,
-    _functions,
-    _gauss,
-    _loaded,
-    along_height,
-    made_along,
+    FINE_WALL_NODES,
+    HEIGHT_NODES,
+    TABLE_HEIGHT_NODES,
+    WALL_NODES,
+    _build_gauss_rule,
+    _evaluate_functions,
+    _integrate_loads,
+    build_axial_functions,
+    compute_axial_integrals,
 )
-from solver.closed_form.tractions import COARSE, FINE
+from solver.closed_form.tractions import COARSE_LOADS, FINE_LOADS
 from solver.linalg.piecewise import PiecewisePolynomials
 
 
-def whole(block: ElasticBlocks, bonded: bool, nodes: int = TABLE_HEIGHTS) -> Floats:
+def whole(block: ElasticBlocks, bonded: bool, nodes: int = TABLE_HEIGHT_NODES) -> Floats:
     """B K^-1 B^T of one block, K of all products P_i f_j and U_i g_j of eq. CF.8, lambda in every term that it is in."""
     axial, slender = 3 if block.fine else 2, float(block.height[0] / block.width[0])
     wall, solid = block.width / block.radius, block.hole is None
-    radial, points, loads = (5, FINE_POINTS, FINE.loads) if block.fine else (3, POINTS, COARSE.loads)
-    y, weight = _gauss((0.0, 1.0), points)
-    P, slope, r, u = (part[0] for part in _functions(y, 1 / wall - 1, radial, solid))
+    radial, points, loads = (5, FINE_WALL_NODES, FINE_LOADS.loads) if block.fine else (3, WALL_NODES, COARSE_LOADS.loads)
+    y, weight = _build_gauss_rule((0.0, 1.0), points)
+    P, slope, r, u = (part[0] for part in _evaluate_functions(y, 1 / wall - 1, radial, solid))
     ring = 2 * np.pi * wall * r * weight
     spreading, hoop = np.concatenate([P[:0] if solid else 0 * P[:1], P]), u / r
     lift, tilt, spread, mixed = (
-        (ring * one) @ other.T for one, other in ((P, P), (slope, slope), (spreading, spreading), (spreading, P))
+        (ring * left) @ right.T for left, right in ((P, P), (slope, slope), (spreading, spreading), (spreading, P))
     )
     turn, slide = (ring * u) @ slope.T, (ring * u) @ u.T
     pure = 2 * (ring * (spreading - hoop)) @ (spreading - hoop).T + 2 * (ring * hoop) @ hoop.T
-    pressed, sheared = (part[0] for part in _loaded(1 / wall - 1, wall, loads[0 if solid else 1], radial))
-    along = along_height(np.ones(1), block.steepness, axial, nodes)
-    g, dg, f, df = (part[:, :, 0] for part in (along.g, along.dg, along.f, along.df))
-    weight = along.weight[:, 0]
+    pressed, sheared = (part[0] for part in _integrate_loads(1 / wall - 1, wall, loads[0 if solid else 1], radial))
+    axial_values = build_axial_functions(np.ones(1), block.steepness, axial, nodes)
+    g, dg, f, df = (part[:, :, 0] for part in (axial_values.g, axial_values.dg, axial_values.f, axial_values.df))
+    weight = axial_values.weight[:, 0]
 
-    def products(across: Floats, one: Floats, other: Floats, power: int) -> Floats:
-        return np.kron(across, slender**power * (one * weight) @ other.T)
+    def products(across: Floats, left: Floats, right: Floats, power: int) -> Floats:
+        return np.kron(across, slender**power * (left * weight) @ right.T)
 
     nu = float(block.nu[0])
     k = 2 * nu / (1 - 2 * nu)
@@ -54,7 +54,7 @@ def whole(block: ElasticBlocks, bonded: bool, nodes: int = TABLE_HEIGHTS) -> Flo
     B = np.zeros((len(pressed) + len(sheared), len(K)))
     B[: len(pressed), : len(ww)] = np.kron(pressed, end)
     B[len(pressed) :, len(ww) :] = np.kron(sheared, np.ones(axial))
-    size = block.width[0] ** 2 * block.radius[0] * 2 * (1 + nu) / _softened(block, bonded)[0]
+    size = block.width[0] ** 2 * block.radius[0] * 2 * (1 + nu) / _correct_modulus(block, bonded)[0]
     return np.asarray(size * B @ np.linalg.solve(K, B.T))
 
 
@@ -66,46 +66,48 @@ def whole(block: ElasticBlocks, bonded: bool, nodes: int = TABLE_HEIGHTS) -> Flo
 )
 def test_few_unknowns_are_all_of_them(hole: float | None, height: float, nu: float, bonded: bool, fine: bool) -> None:
     """To a billionth of what each load gives way under itself, whatever the shape."""
-    one = np.ones(1)
-    block = ElasticBlocks(None if hole is None else hole * one, one, height * one, 2 * one, nu * one, fine)
+    ones = np.ones(1)
+    block = ElasticBlocks(None if hole is None else hole * ones, ones, height * ones, 2 * ones, nu * ones, fine)
     expected = whole(block, bonded)
-    own = np.sqrt(np.diag(expected))
-    assert end_compliance(block, bonded)[0] / np.outer(own, own) == pytest.approx(expected / np.outer(own, own), abs=1e-9)
+    scale = np.sqrt(np.diag(expected))
+    assert compute_end_compliance(block, bonded)[0] / np.outer(scale, scale) == pytest.approx(
+        expected / np.outer(scale, scale), abs=1e-9
+    )
 
 
 @pytest.mark.parametrize(("steepness", "places"), [(2.0, 8), (200.0, 6), (2e4, 5)])
 def test_integrals_along_tall_blocks_need_the_nodes_that_they_have(steepness: float, places: int) -> None:
     """Against what the functions' exponentials integrate to in closed form."""
-    along = along_height(np.ones(1), np.array([steepness]), 2, TABLE_HEIGHTS)
-    g, weight, b = along.g[:, :, 0], along.weight[:, 0], steepness
+    axial_values = build_axial_functions(np.ones(1), np.array([steepness]), 2, TABLE_HEIGHT_NODES)
+    g, weight, b = axial_values.g[:, :, 0], axial_values.weight[:, 0], steepness
     loss = -np.expm1(-b)
     column = 1 / loss - 1 / b  # Int g_0
     square = (1 - 2 * loss / b + (1 - np.exp(-2 * b)) / (2 * b)) / loss**2
     assert weight @ g[0] == pytest.approx(column, rel=10.0**-places)
     assert weight @ g[0] ** 2 == pytest.approx(square, rel=10.0**-places)
     inner = ((1 - np.exp(-b)) / b - np.exp(-b)) / loss  # Int of the fading part
-    both = (np.exp(-b) - np.exp(-b) * (1 - np.exp(-b)) / b) / loss  # and of the base's times it
-    assert weight @ g[1] == pytest.approx((inner - both) / loss, rel=10.0**-places)
+    both_ends = (np.exp(-b) - np.exp(-b) * (1 - np.exp(-b)) / b) / loss  # and of the base's times it
+    assert weight @ g[1] == pytest.approx((inner - both_ends) / loss, rel=10.0**-places)
 
 
 def test_ten_heights_would_not_do_in_a_tube_ninety_times_as_tall_as_its_wall() -> None:
-    one = np.ones(1)
-    tube = ElasticBlocks(0.99 * one, one, 0.9 * one, 2 * one, 0.49 * one)
-    few, many = (np.diag(whole(tube, True, nodes)) for nodes in (HEIGHTS, TABLE_HEIGHTS))
-    assert np.abs(few / many - 1).max() > 5e-3
+    ones = np.ones(1)
+    tube = ElasticBlocks(0.99 * ones, ones, 0.9 * ones, 2 * ones, 0.49 * ones)
+    coarse, fine = (np.diag(whole(tube, True, nodes)) for nodes in (HEIGHT_NODES, TABLE_HEIGHT_NODES))
+    assert np.abs(coarse / fine - 1).max() > 5e-3
 
 
 def test_beyond_the_tables_it_says_so() -> None:
-    one = np.ones(1)
-    assert np.all(np.isnan(end_compliance(ElasticBlocks(None, one, 1e8 * one, one, 0.3 * one), True)))
+    ones = np.ones(1)
+    assert np.all(np.isnan(compute_end_compliance(ElasticBlocks(None, ones, 1e8 * ones, ones, 0.3 * ones), True)))
 
 
 def test_modes_are_normal() -> None:
     """The integrals of their squares are one, those of two of them none: along a block and across it."""
-    *_, slope, end, modes = (part[0] for part in made_along(np.array([3.0]), 2))
-    along = along_height(np.ones(1), np.array([3.0]), 2, TABLE_HEIGHTS)
-    f, df = (modes.T @ part[:, :, 0] for part in (along.f, along.df))
-    weight = along.weight[:, 0]
+    *_, slope, end, modes = (part[0] for part in compute_axial_integrals(np.array([3.0]), 2))
+    axial_values = build_axial_functions(np.ones(1), np.array([3.0]), 2, TABLE_HEIGHT_NODES)
+    f, df = (modes.T @ part[:, :, 0] for part in (axial_values.f, axial_values.df))
+    weight = axial_values.weight[:, 0]
     assert -(df @ weight) == pytest.approx(end, rel=1e-12)
     assert (f * weight) @ f.T == pytest.approx(np.eye(3), abs=1e-12)
     assert (df * weight) @ df.T == pytest.approx(np.diag(slope), abs=1e-11)
@@ -114,8 +116,8 @@ def test_modes_are_normal() -> None:
 def test_polynomials_between_steps_meet_a_function_and_its_slope() -> None:
     table = PiecewisePolynomials(lambda x: [np.sin(x), np.stack([np.cos(x), np.exp(x)], axis=1)], 1.0, 0.25, 8, 10)
     x = np.linspace(1.0, 3.0, 200)
-    sine, others = table(x + 1e-30j)
+    sine, derivatives = table(x + 1e-30j)
     assert sine.real == pytest.approx(np.sin(x), abs=1e-13)
-    assert others.real == pytest.approx(np.array([np.cos(x), np.exp(x)]), rel=1e-12, abs=1e-12)
+    assert derivatives.real == pytest.approx(np.array([np.cos(x), np.exp(x)]), rel=1e-12, abs=1e-12)
     assert sine.imag / 1e-30 == pytest.approx(np.cos(x), abs=1e-11)
     assert np.isnan(table(np.array([0.99, 3.01]))[0]).all()

@@ -11,43 +11,54 @@ from scipy.integrate import quad
 from scipy.special import jv, spherical_jn
 
 from geometry import CylinderTissue, HalfSpaceTissue, Inclusion, InputError, Refusal, Scene
-from geometry.scenes.units import SI
+from geometry.scenes.units import SI_CONTEXT
 from solver import evaluate
 from solver.casadi_functions.closed_form import ClosedFormFunction
-from solver.closed_form.bessel import bessel, spherical
+from solver.closed_form.bessel import bessel, spherical_bessel
 from solver.closed_form.block_compliance import ElasticBlocks
 from solver.closed_form.contact import Tissue, solve_contact
-from solver.closed_form.designs import PROBE, TISSUE, forces, gradients, parameters
-from solver.closed_form.half_space import ring_work
-from solver.closed_form.layer import Waves, floor_compliance, waves
+from solver.closed_form.designs import PROBE_PARAMETERS, TISSUE_PARAMETERS, build_parameters, compute_forces, compute_gradients
+from solver.closed_form.half_space import compute_disc_works
+from solver.closed_form.layer import Waves, compute_floor_compliance, solve_waves
 from solver.closed_form.level import ClosedForm
-from solver.closed_form.off_axis import Disc, off_axis_response
-from solver.closed_form.surface_images import ALL, MOMENTS, Nearby, SphereArray, image, nearby
-from solver.results.film_forces import outputs
+from solver.closed_form.off_axis import Disc, compute_off_axis_response
+from solver.closed_form.surface_images import (
+    ALL_MOMENTS,
+    AXIAL_MOMENTS,
+    SphereArray,
+    SphereWaves,
+    compute_sphere_waves,
+    compute_surface_image,
+)
+from solver.results.film_forces import compute_result_fields
 from tests.support.references import Expected, expected, named
 
 FOLDERS = ("axisymmetric", "extra", "extreme", "half-space", "off-axis", "solid", "layers")
 REFUSED = ("narrow-tissue", "inclusion-near-floor", "incompressible-six-nines-frictionless")
-SCENES = [one for folder in FOLDERS for one in expected(folder)]
+SCENES = [reference for folder in FOLDERS for reference in expected(folder)]
 
 
 def cover(scene: Scene) -> float:
     return min((body.depth / body.diameter - 0.5 for body in scene.inclusion if body.diameter), default=np.inf)
 
 
-@pytest.mark.parametrize("one", SCENES, ids=lambda one: one.name)
-def test_stated_errors_are_not_below_the_true_ones(one: Expected) -> None:
-    found = ClosedForm().films([one.scene])[0]
-    if isinstance(found, InputError):
-        assert cover(one.scene) < 0.1 or one.name in REFUSED or any(body.diameter is None for body in one.scene.inclusion)
+@pytest.mark.parametrize("reference", SCENES, ids=lambda reference: reference.name)
+def test_stated_errors_are_not_below_the_true_ones(reference: Expected) -> None:
+    answer = ClosedForm().compute_films([reference.scene])[0]
+    if isinstance(answer, InputError):
+        assert (
+            cover(reference.scene) < 0.1
+            or reference.name in REFUSED
+            or any(body.diameter is None for body in reference.scene.inclusion)
+        )
         return
-    films, error = found.films, found.errors
-    result = outputs(one.scene, films)
-    assert abs(result["ratio"] / one.ratio - 1) <= films.ratio_error + one.uncertainty
-    assert abs(result["stiffness"] / one.stiffness - 1) <= error.largest + one.uncertainty
-    if one.log_sensitivity:
-        slack = max(0.05 * abs(one.log_sensitivity), 1e-5)  # what no warning tells of
-        assert abs(result["log_sensitivity"] - one.log_sensitivity) <= error.sensitivity + slack
+    films, error = answer.films, answer.errors
+    result = compute_result_fields(reference.scene, films)
+    assert abs(result["ratio"] / reference.ratio - 1) <= films.ratio_error + reference.uncertainty
+    assert abs(result["stiffness"] / reference.stiffness - 1) <= error.largest + reference.uncertainty
+    if reference.log_sensitivity:
+        slack = max(0.05 * abs(reference.log_sensitivity), 1e-5)  # what no warning tells of
+        assert abs(result["log_sensitivity"] - reference.log_sensitivity) <= error.sensitivity + slack
 
 
 def test_warnings_tell_the_errors_of_stiffness_and_sensitivity() -> None:
@@ -56,21 +67,23 @@ def test_warnings_tell_the_errors_of_stiffness_and_sensitivity() -> None:
     assert any("log_sensitivity is" in text for text in result.warnings)
 
 
-@pytest.mark.parametrize("one", expected("axisymmetric") + expected("half-space") + expected("solid"), ids=lambda one: one.name)
-def test_ratio_is_within_5_percent_and_sensitivity_within_15(one: Expected) -> None:
-    if cover(one.scene) < 0.25 or one.scene.probe.groove is not None:
+@pytest.mark.parametrize(
+    "reference", expected("axisymmetric") + expected("half-space") + expected("solid"), ids=lambda reference: reference.name
+)
+def test_ratio_is_within_5_percent_and_sensitivity_within_15(reference: Expected) -> None:
+    if cover(reference.scene) < 0.25 or reference.scene.probe.groove is not None:
         pytest.skip("an inclusion nearer to the surface, or a groove, has no such goal")
-    result = evaluate(one.scene, "closed-form")
-    assert result.ratio == pytest.approx(one.ratio, rel=0.05)
-    if one.log_sensitivity:
-        assert result.log_sensitivity == pytest.approx(one.log_sensitivity, rel=0.15)
+    result = evaluate(reference.scene, "closed-form")
+    assert result.ratio == pytest.approx(reference.ratio, rel=0.05)
+    if reference.log_sensitivity:
+        assert result.log_sensitivity == pytest.approx(reference.log_sensitivity, rel=0.15)
 
 
 def test_bessel_functions() -> None:
     x = np.concatenate([np.linspace(0, 20, 500), np.geomspace(20, 1023, 500)])
     for order in range(9):
         assert bessel(x, 9)[order] == pytest.approx(jv(order, x), abs=5e-7)
-        assert spherical(x, 9)[order] == pytest.approx(spherical_jn(order, x), abs=5e-7)
+        assert spherical_bessel(x, 9)[order] == pytest.approx(spherical_jn(order, x), abs=5e-7)
     slopes = bessel(x + 1e-30j, 2).imag / 1e-30
     assert slopes[0] == pytest.approx(-jv(1, x), abs=1e-4)
     assert np.all(np.isnan(bessel(np.array([-1.0, 1024.0, np.nan]))))
@@ -85,7 +98,7 @@ def test_work_of_discs(a: float, b: float) -> None:
         return quad(lambda k: jv(m, k * x) * jv(n, k * y) / k**2, 0, 400, limit=4000)[0]
 
     circles = np.array([[a, b]]) if a < b else np.array([[a * (1 - 1e-9), b]])
-    pressure, shear, cross = (part[0] for part in ring_work(circles, np.ones((1, 2)), np.array([mu]), np.array([nu])))
+    pressure, shear, cross = (part[0] for part in compute_disc_works(circles, np.ones((1, 2)), np.array([mu]), np.array([nu])))
     assert pressure[0, 1] == pytest.approx(2 * np.pi * (1 - nu) / mu * a * b * integral(1, 1, a, b), rel=2e-5)
     assert shear[0, 1] == pytest.approx(2 * np.pi * (1 - nu) / mu * a**2 * b**2 * integral(2, 2, a, b), rel=1e-3)
     assert cross[0, 1] == pytest.approx(-np.pi * (1 - 2 * nu) / mu * a * b**2 * integral(1, 2, a, b), rel=1e-3)
@@ -97,15 +110,18 @@ def test_surface_of_a_bonded_layer(nu: float) -> None:
     # PHYSICS section 3: L(x), the pressure's own compliance over the half-space's 2 (1 - nu) / k
     x, m = np.array([[0.05, 0.3, 1.0, 3.0, 8.0]]), 3 - 4 * nu
     kernel = (2 * m * np.sinh(2 * x) - 4 * x) / (2 * m * np.cosh(2 * x) + 1 + m**2 + 4 * x**2)
-    found = floor_compliance(waves(x, np.ones(1), np.array([nu])))[0]
-    assert found == pytest.approx(2 * (1 - nu) / x * (kernel - 1), rel=1e-7, abs=1e-12)
+    compliance = compute_floor_compliance(solve_waves(x, np.ones(1), np.array([nu])))[0]
+    assert compliance == pytest.approx(2 * (1 - nu) / x * (kernel - 1), rel=1e-7, abs=1e-12)
 
 
 def punch(nu: float, depth: float | None, bonded: bool) -> float:
     """Force per indentation of two rigid blocks with a hairline gap, outer radius and shear modulus 1."""
-    one = np.ones(1)
-    blocks = ElasticBlocks(None, 0.5 * one, one, 1e9 * one, 0 * one), ElasticBlocks(0.5001 * one, one, one, 1e9 * one, 0 * one)
-    tissue = Tissue(None if depth is None else depth * one, 2 * (1 + nu) * one, nu * one)
+    ones = np.ones(1)
+    blocks = (
+        ElasticBlocks(None, 0.5 * ones, ones, 1e9 * ones, 0 * ones),
+        ElasticBlocks(0.5001 * ones, ones, ones, 1e9 * ones, 0 * ones),
+    )
+    tissue = Tissue(None if depth is None else depth * ones, 2 * (1 + nu) * ones, nu * ones)
     return float(solve_contact(blocks, tissue, [], target=None, bonded=bonded, nodes=40).forces.sum())
 
 
@@ -130,11 +146,14 @@ def test_bonded_punch_on_a_half_space(nu: float) -> None:
 
 def on_cylinder(radius: float, depth: float, nu: float, nodes: int) -> float:
     """Force per indentation of two stiff blocks, outer radius 1, on a free cylinder with E = 1."""
-    one = np.ones(1)
-    blocks = ElasticBlocks(None, 0.5 * one, one, 1e6 * one, 0 * one), ElasticBlocks(0.501 * one, one, one, 1e6 * one, 0 * one)
+    ones = np.ones(1)
+    blocks = (
+        ElasticBlocks(None, 0.5 * ones, ones, 1e6 * ones, 0 * ones),
+        ElasticBlocks(0.501 * ones, ones, ones, 1e6 * ones, 0 * ones),
+    )
     return float(
         solve_contact(
-            blocks, Tissue(depth * one, one, nu * one, radius * one), [], target=None, bonded=True, nodes=40, side_nodes=nodes
+            blocks, Tissue(depth * ones, ones, nu * ones, radius * ones), [], target=None, bonded=True, nodes=40, side_nodes=nodes
         ).forces.sum()
     )
 
@@ -164,58 +183,58 @@ def test_far_sides_change_nothing() -> None:
     ],
 )
 def test_block_on_rigid_ground(radius_per_height: float, nu: float, apparent: float) -> None:
-    one = np.ones(1)
-    inner = ElasticBlocks(None, one, one / radius_per_height, one, nu * one)
-    outer = ElasticBlocks(1.1 * one, 2 * one, one, one, 0.3 * one)
-    stiff = solve_contact((inner, outer), Tissue(None, 1e9 * one, 0 * one), [], target=None, bonded=True, nodes=16).forces[
+    ones = np.ones(1)
+    inner = ElasticBlocks(None, ones, ones / radius_per_height, ones, nu * ones)
+    outer = ElasticBlocks(1.1 * ones, 2 * ones, ones, ones, 0.3 * ones)
+    stiff = solve_contact((inner, outer), Tissue(None, 1e9 * ones, 0 * ones), [], target=None, bonded=True, nodes=16).forces[
         0, 0, 0
     ]
     assert stiff * float(inner.height[0]) / np.pi == pytest.approx(apparent, rel=0.02)
 
 
-def near_surface(k: np.ndarray, nu: float) -> tuple[SphereArray, Nearby, Waves]:
-    one = np.ones(1)
-    sphere, field = SphereArray(0.5 * one, one, 0 * one, one, 0.3 * one, on_axis=False), waves(k, None, nu * one)
-    return sphere, nearby(sphere, field), field
+def near_surface(k: np.ndarray, nu: float) -> tuple[SphereArray, SphereWaves, Waves]:
+    ones = np.ones(1)
+    sphere, field = SphereArray(0.5 * ones, ones, 0 * ones, ones, 0.3 * ones, on_axis=False), solve_waves(k, None, nu * ones)
+    return sphere, compute_sphere_waves(sphere, field), field
 
 
 def test_image_is_mindlins() -> None:
     # Mindlin's point force, differentiated twice and averaged over source and answer by quadrature, for nu = 0.3 and R = d/2
     x, weight = np.polynomial.legendre.leggauss(60)
-    one, k = np.ones(1), 20 * (x[None] + 1)
-    sphere, near, field = near_surface(k, 0.3)
-    found = image(sphere, field, near, 20 * weight * k, mu=one, nu=0.3 * one)[0]
-    assert found.shape == (ALL, ALL)
+    ones, k = np.ones(1), 20 * (x[None] + 1)
+    sphere, near_field, field = near_surface(k, 0.3)
+    image_values = compute_surface_image(sphere, field, near_field, 20 * weight * k, mu=ones, nu=0.3 * ones)[0]
+    assert image_values.shape == (ALL_MOMENTS, ALL_MOMENTS)
     exact = {(0, 0): 0.0069661, (0, 1): -0.0096447, (1, 1): 0.0170852, (5, 5): 0.0067197}
-    assert [found[at] for at in exact] == pytest.approx(list(exact.values()), rel=3e-3)
+    assert [image_values[position] for position in exact] == pytest.approx(list(exact.values()), rel=3e-3)
 
 
 def test_moments_are_means_of_a_harmonic_field_and_its_slopes() -> None:
     # half-space, pressure: rr + hoop is (k z - 1 + 2 nu) e^-kz J0; means and vertical moments by quadrature over the ball
     nu, R, d, k = 0.3, 0.5, 1.0, np.array([[0.5, 2.0]])
     sphere = SphereArray(np.array([R]), np.array([d]), np.zeros(1), np.ones(1), np.array([0.3]))
-    found = nearby(sphere, waves(k, None, np.array([nu]))).moments[0][0]
+    moments = compute_sphere_waves(sphere, solve_waves(k, None, np.array([nu]))).moments[0][0]
     x, weight = np.polynomial.legendre.leggauss(40)
     rho, c = np.meshgrid((x + 1) / 2, x, indexing="ij")
     w = np.outer(weight / 2 * 3 * ((x + 1) / 2) ** 2, weight / 2)
-    for i, one in enumerate(k[0]):
-        t = one * (d - R * rho * c)
-        strain = (2 * nu - 1 + t) * np.exp(-t) * jv(0, one * R * rho * np.sqrt(1 - c**2))
-        assert (w * strain).sum() == pytest.approx(found[0, i], abs=2e-4)
-        assert (w * strain * 5 * rho * c).sum() == pytest.approx(found[2, i], abs=2e-3)
+    for i, wave_number in enumerate(k[0]):
+        t = wave_number * (d - R * rho * c)
+        strain = (2 * nu - 1 + t) * np.exp(-t) * jv(0, wave_number * R * rho * np.sqrt(1 - c**2))
+        assert (w * strain).sum() == pytest.approx(moments[0, i], abs=2e-4)
+        assert (w * strain * 5 * rho * c).sum() == pytest.approx(moments[2, i], abs=2e-3)
 
 
 def test_a_wide_disc_turns_the_image_round() -> None:
     # where the whole surface is held, at nu = 0, the image is that of the free surface with the other sign: V S = 2 G
     x, weight = np.polynomial.legendre.leggauss(160)
-    one, k = np.ones(1), 7 * (x[None] + 1)
-    sphere, near, field = near_surface(k, 0.0)
-    free = image(sphere, field, near, 7 * weight * k, mu=one, nu=0 * one)[0]
-    answer = off_axis_response(
-        sphere, near, k, 7 * weight * k, disc=Disc(6 * one, one, one), mu=one, bonded=True, orders=3, degree=96
+    ones, k = np.ones(1), 7 * (x[None] + 1)
+    sphere, near_field, field = near_surface(k, 0.0)
+    free = compute_surface_image(sphere, field, near_field, 7 * weight * k, mu=ones, nu=0 * ones)[0]
+    answer = compute_off_axis_response(
+        sphere, near_field, k, 7 * weight * k, disc=Disc(6 * ones, ones, ones), mu=ones, bonded=True, orders=3, degree=96
     )[0]
-    aside = slice(MOMENTS, ALL)
-    assert (np.pi / 6 * answer)[aside, aside] == pytest.approx(2 * free[aside, aside], rel=5e-3, abs=1e-9)
+    higher = slice(AXIAL_MOMENTS, ALL_MOMENTS)
+    assert (np.pi / 6 * answer)[higher, higher] == pytest.approx(2 * free[higher, higher], rel=5e-3, abs=1e-9)
 
 
 CASES = [
@@ -228,65 +247,67 @@ CASES = [
 
 @pytest.mark.parametrize(("folder", "name"), CASES)
 def test_slope_and_gradient_are_exact(folder: str, name: str) -> None:
-    shape, values = parameters(named(folder, name).scene)
-    some = [k for k, value in enumerate(values) if value]
-    found, slopes = gradients(shape, values, some)
-    assert found[0] == pytest.approx(forces(shape, values[:, None])[0][0], rel=1e-12)
+    shape, values = build_parameters(named(folder, name).scene)
+    chosen = [k for k, value in enumerate(values) if value]
+    values_found, slopes = compute_gradients(shape, values, chosen)
+    assert values_found[0] == pytest.approx(compute_forces(shape, values[:, None])[0][0], rel=1e-12)
     assert shape.target is not None
     target = len(values) - 5 * (len(shape.on_axis) - shape.target) + 3
-    assert values[target] * slopes[some.index(target), 0] == pytest.approx(found[1], rel=1e-9, abs=1e-12 * np.abs(found[1]).max())
-    size = np.abs(found).max()
-    for k, exact in zip(some, slopes, strict=True):
+    assert values[target] * slopes[chosen.index(target), 0] == pytest.approx(
+        values_found[1], rel=1e-9, abs=1e-12 * np.abs(values_found[1]).max()
+    )
+    size = np.abs(values_found).max()
+    for k, exact in zip(chosen, slopes, strict=True):
         moved = np.stack(
             [np.where(np.arange(len(values)) == k, values * factor, values) for factor in (1 + 1e-5, 1 - 1e-5)], axis=1
         )
-        more, less = np.stack(forces(shape, moved), axis=1)
-        by_parts = (more - less) / (2e-5 * values[k])
+        ahead, behind = np.stack(compute_forces(shape, moved), axis=1)
+        by_parts = (ahead - behind) / (2e-5 * values[k])
         assert exact == pytest.approx(by_parts, rel=1e-3, abs=1e-4 * np.abs(by_parts).max() + 1e-6 * size / values[k])
 
 
 def test_many_designs_at_once_are_what_each_is() -> None:
-    shape, values = parameters(named("off-axis", "pair-off-axis").scene)
+    shape, values = build_parameters(named("off-axis", "pair-off-axis").scene)
     rng = np.random.default_rng(5)
     designs = values[:, None] * np.exp(rng.uniform(-0.02, 0.02, (len(values), 600)))
-    whole = forces(shape, designs)
+    whole = compute_forces(shape, designs)
     for k in (0, 511, 512, 599):
-        for all_, one in zip(whole, forces(shape, designs[:, k : k + 1]), strict=True):
-            assert all_[k] == pytest.approx(one[0], rel=1e-10)
+        for all_, alone in zip(whole, compute_forces(shape, designs[:, k : k + 1]), strict=True):
+            assert all_[k] == pytest.approx(alone[0], rel=1e-10)
 
 
 def test_casadi_differentiates_it() -> None:
-    shape, values = parameters(named("axisymmetric", "shallow").scene)
-    which = [PROBE.index("inner_radius"), PROBE.index("outer_modulus")]
+    shape, values = build_parameters(named("axisymmetric", "shallow").scene)
+    which = [PROBE_PARAMETERS.index("inner_radius"), PROBE_PARAMETERS.index("outer_modulus")]
     formula = ClosedFormFunction(shape, values, which)
     x = ca.MX.sym("x", 2)
     slope = ca.Function("slope", [x], [ca.gradient(ca.log(formula(x)[0]), x)])
-    found, derivatives = gradients(shape, values, which)
-    assert np.array(slope(values[which])).ravel() == pytest.approx(derivatives[:, 0, 0, 0] / found[0, 0, 0], rel=1e-12)
+    values_found, derivatives = compute_gradients(shape, values, which)
+    assert np.array(slope(values[which])).ravel() == pytest.approx(derivatives[:, 0, 0, 0] / values_found[0, 0, 0], rel=1e-12)
 
 
 def test_deep_layer_is_a_half_space() -> None:
     scene = expected("axisymmetric")[0].scene
     sizes = {"radius": 20.0 / 3, "depth": 9.9, "youngs_modulus": 1e3, "poisson_ratio": 0.4}
-    deep = CylinderTissue.model_validate({"shape": "cylinder", **sizes}, context=SI)
+    deep = CylinderTissue.model_validate({"shape": "cylinder", **sizes}, context=SI_CONTEXT)
     endless = HalfSpaceTissue(shape="half-space", youngs_modulus=1e3, poisson_ratio=0.4)
-    one, other = (evaluate(scene.model_copy(update={"tissue": tissue}), "closed-form") for tissue in (deep, endless))
-    assert one.stiffness == pytest.approx(other.stiffness, rel=2e-3)
+    layered, half_space = (evaluate(scene.model_copy(update={"tissue": tissue}), "closed-form") for tissue in (deep, endless))
+    assert layered.stiffness == pytest.approx(half_space.stiffness, rel=2e-3)
 
 
 def test_two_halves_of_the_effect_add() -> None:
     # inclusions far off the axis and from each other: the first order is additive, and symmetric under mirroring
     scene = expected("solid")[0].scene
     base = {"diameter": 4e-3, "depth": 9e-3, "youngs_modulus": 6e4, "poisson_ratio": 0.45}
-    same = {"youngs_modulus": scene.tissue.youngs_modulus, "poisson_ratio": scene.tissue.poisson_ratio}
+    tissue_values = {"youngs_modulus": scene.tissue.youngs_modulus, "poisson_ratio": scene.tissue.poisson_ratio}
     right, left = Inclusion(x=8e-3, target=True, **base), Inclusion(x=-8e-3, **base)
-    no_right, no_left = (body.model_copy(update=same) for body in (right, left))
-    none, one, other, both = (
+    no_right, no_left = (body.model_copy(update=tissue_values) for body in (right, left))
+    without_layers, first_only, second_only, both_layers = (
         evaluate(scene.model_copy(update={"inclusion": bodies}), "closed-form").stiffness
         for bodies in ((no_right, no_left), (right, no_left), (no_right, left), (right, left))
     )
-    assert one == pytest.approx(other, rel=1e-12)
-    assert both - none == pytest.approx(2 * (one - none), rel=0.01)
+    assert first_only == pytest.approx(second_only, rel=1e-12)
+    assert both_layers - without_layers == pytest.approx(2 * (first_only - without_layers), rel=0.01)
 
 
 def test_refuses_shallow_inclusions() -> None:
@@ -306,19 +327,19 @@ def test_refuses_tilt() -> None:
 @pytest.mark.parametrize("folder", FOLDERS)
 def test_more_nodes_change_little_of_what_is_stated(folder: str) -> None:
     """A twentieth of each stated error at most."""
-    for one in expected(folder):
-        found = ClosedForm().films([one.scene])[0]
-        if isinstance(found, InputError):
+    for reference in expected(folder):
+        answer = ClosedForm().compute_films([reference.scene])[0]
+        if isinstance(answer, InputError):
             continue
-        shape, values = parameters(one.scene)
+        shape, values = build_parameters(reference.scene)
         finer = replace(shape, nodes=4 * shape.nodes, side_nodes=2 * shape.side_nodes)
         changed = []
-        for each in (shape, finer):
-            totals, slopes = (part[0].sum(axis=1) for part in forces(each, values[:, None]))
+        for shape_used in (shape, finer):
+            totals, slopes = (part[0].sum(axis=1) for part in compute_forces(shape_used, values[:, None]))
             inner, outer = np.log(totals)
             changed.append(np.array([inner - outer, inner, outer, *(slopes / totals) @ [[1], [-1]]]))
-        stated = np.array([found.errors.log_ratio, *found.errors.log_totals, found.errors.sensitivity])
-        assert np.all(np.abs(changed[1] - changed[0]) < 0.05 * stated), one.name
+        stated = np.array([answer.errors.log_ratio, *answer.errors.log_totals, answer.errors.sensitivity])
+        assert np.all(np.abs(changed[1] - changed[0]) < 0.05 * stated), reference.name
 
 
 def test_target_of_none() -> None:
@@ -332,13 +353,13 @@ def test_target_of_none() -> None:
 def test_designs_of_one_probe_on_one_tissue_are_what_each_is_alone(folder: str, name: str) -> None:
     """Between near sides; of such designs what does without spheres is found once."""
     scene = named(folder, name).scene
-    shape, values = parameters(scene)
+    shape, values = build_parameters(scene)
     shape = replace(shape, side_nodes=20)
     designs = np.repeat(values[:, None], 12, axis=1)
-    designs[PROBE.index("gap"), 6:] *= 1.1
-    designs[len(PROBE) + len(TISSUE)] *= np.linspace(0.8, 1.0, 12)
-    alone = [forces(shape, one[:, None]) for one in designs.T]
-    for found, each in zip(forces(shape, designs), zip(*alone, strict=True), strict=True):
-        assert found == pytest.approx(np.concatenate(each), rel=1e-11, abs=1e-11 * np.abs(found).max())
+    designs[PROBE_PARAMETERS.index("gap"), 6:] *= 1.1
+    designs[len(PROBE_PARAMETERS) + len(TISSUE_PARAMETERS)] *= np.linspace(0.8, 1.0, 12)
+    alone = [compute_forces(shape, design[:, None]) for design in designs.T]
+    for computed, alone_values in zip(compute_forces(shape, designs), zip(*alone, strict=True), strict=True):
+        assert computed == pytest.approx(np.concatenate(alone_values), rel=1e-11, abs=1e-11 * np.abs(computed).max())
     steps = designs + 1e-30j * np.abs(values)[:, None] * np.eye(len(values))[:, :12]
-    assert np.unique(forces(shape, steps)[0].imag[:, 0, 0]).size == 12
+    assert np.unique(compute_forces(shape, steps)[0].imag[:, 0, 0]).size == 12

@@ -15,9 +15,9 @@ from geometry import InputError, Scene, read_scene
 from solver import evaluate
 from solver.closed_form.block_compliance import ElasticBlocks
 from solver.closed_form.contact import Tissue, solve_contact
-from solver.closed_form.error_bound import QUANTITIES, weights
-from solver.closed_form.error_features import EFFECTS, FEATURES, features
-from solver.closed_form.level import LARGEST_ERROR, ClosedForm
+from solver.closed_form.error_bound import BOUNDED_QUANTITIES, read_weights
+from solver.closed_form.error_features import ALL_VARIANTS, FEATURE_NAMES, compute_features
+from solver.closed_form.level import MAX_LOG_RATIO_ERROR, ClosedForm
 from tests.support.named import runs
 from tests.support.paths import ROOT, SCENE
 from tests.support.slow import slow_unless
@@ -26,14 +26,14 @@ FILE = json.loads((ROOT / "solver" / "closed_form" / "error_weights.json").read_
 
 
 def test_ten_features_at_most_and_weights_of_these() -> None:
-    forces = np.ones((len(EFFECTS), 2, 2))
-    found = features(read_scene(SCENE), forces, forces)
-    assert tuple(found) == FEATURES
-    assert len(FEATURES) <= 10
-    assert tuple(weights()) == QUANTITIES
-    for kind in QUANTITIES:
-        assert weights()[kind].keys() <= set(FEATURES)
-        assert all(0 < weight < math.inf for weight in weights()[kind].values())
+    forces = np.ones((len(ALL_VARIANTS), 2, 2))
+    feature_values = compute_features(read_scene(SCENE), forces, forces)
+    assert tuple(feature_values) == FEATURE_NAMES
+    assert len(FEATURE_NAMES) <= 10
+    assert tuple(read_weights()) == BOUNDED_QUANTITIES
+    for kind in BOUNDED_QUANTITIES:
+        assert read_weights()[kind].keys() <= set(FEATURE_NAMES)
+        assert all(0 < weight < math.inf for weight in read_weights()[kind].values())
 
 
 def test_weights_tell_where_they_come_from() -> None:
@@ -49,22 +49,22 @@ def test_audit_is_of_other_scenes_and_found_none_above() -> None:
     assert not audit["seeds"].keys() & FILE["origin"]["seeds"].keys()
     assert sum(audit["seeds"].values()) >= audit["answered"] + audit["refused"]
     assert audit["shares"] == list(SHARES)
-    for kind in QUANTITIES:
-        told = audit["all"][kind]
-        assert told["scenes"] <= audit["answered"]
-        assert told["above"] == 0
-        assert told["true over stated"][-1] < 1
+    for kind in BOUNDED_QUANTITIES:
+        bound = audit["all"][kind]
+        assert bound["scenes"] <= audit["answered"]
+        assert bound["above"] == 0
+        assert bound["true over stated"][-1] < 1
 
 
-def below(row: JudgedScene) -> bool:
-    return row.stated["ratio"] > LARGEST_ERROR or all(true <= row.stated[kind] for kind, true in row.true.items())
+def is_below_bound(row: JudgedScene) -> bool:
+    return row.stated["ratio"] > MAX_LOG_RATIO_ERROR or all(true <= row.stated[kind] for kind, true in row.true.items())
 
 
 @pytest.mark.slow
 def test_no_reference_is_above_its_bound() -> None:
-    found = list(rows(list(references())))
-    assert len(found) > 100
-    assert all(below(row) for row in found)
+    judged_rows = list(rows(list(references())))
+    assert len(judged_rows) > 100
+    assert all(is_below_bound(row) for row in judged_rows)
 
 
 def fresh(seed: int) -> tuple[Scene, dict[str, Any]]:
@@ -84,18 +84,18 @@ def fresh(seed: int) -> tuple[Scene, dict[str, Any]]:
 
 @pytest.mark.parametrize("seed", slow_unless((3, 7).__contains__, range(12)))
 def test_fresh_scenes_are_below_their_bounds(seed: int) -> None:
-    assert all(below(row) for row in rows([fresh(seed)]))
+    assert all(is_below_bound(row) for row in rows([fresh(seed)]))
 
 
 @pytest.mark.parametrize("share", [0.5, 0.9])
 def test_finer_functions_are_nearer_to_the_punch_of_boussinesq(share: float) -> None:
     """Stiff blocks without friction and next to no gap: 4 G a / (1 - nu), here 4 / 0.7."""
-    one = np.ones(1)
+    ones = np.ones(1)
 
-    def off(fine: bool) -> float:
-        inner = ElasticBlocks(None, share * one, one, 1e9 * one, 0 * one, fine)
-        outer = ElasticBlocks((share + 1e-6) * one, one, one, 1e9 * one, 0 * one, fine)
-        found = solve_contact((inner, outer), Tissue(None, 2.6 * one, 0.3 * one), [], target=None, bonded=False, nodes=16)
-        return abs(float(found.forces.sum()) * 0.7 / 4 - 1)
+    def find_error(fine: bool) -> float:
+        inner = ElasticBlocks(None, share * ones, ones, 1e9 * ones, 0 * ones, fine)
+        outer = ElasticBlocks((share + 1e-6) * ones, ones, ones, 1e9 * ones, 0 * ones, fine)
+        solution = solve_contact((inner, outer), Tissue(None, 2.6 * ones, 0.3 * ones), [], target=None, bonded=False, nodes=16)
+        return abs(float(solution.forces.sum()) * 0.7 / 4 - 1)
 
-    assert off(True) < 0.5 * off(False) < 2e-3
+    assert find_error(True) < 0.5 * find_error(False) < 2e-3

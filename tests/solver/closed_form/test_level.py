@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from geometry import InputError, Scene, read_scene
 from geometry.common.arrays import Floats
 from solver import Result
-from solver.closed_form.designs import forces, parameters
-from solver.closed_form.level import ClosedForm, ClosedFormForces, _variants
+from solver.closed_form.designs import build_parameters, compute_forces
+from solver.closed_form.level import ClosedForm, ClosedFormForces, _build_variants
 from tests.support.paths import SCENE
 from tests.support.random_scenes import in_a_block, scenes
 
@@ -29,16 +29,18 @@ def alone(scene: Scene) -> Result | str:
         return str(refusal)
 
 
-def told(found: Result | InputError) -> Result | str:
-    return replace(found, seconds=0.0) if isinstance(found, Result) else str(found)
+def result_or_message(answer: Result | InputError) -> Result | str:
+    return replace(answer, seconds=0.0) if isinstance(answer, Result) else str(answer)
 
 
 @settings(max_examples=15)
 @given(st.lists(scenes(**KINDS), min_size=2, max_size=9), st.integers(0, 99))
 def test_each_is_answered_as_on_its_own(drawn: list[Scene], seed: int) -> None:
-    every = [*drawn, *map(in_a_block, drawn), *drawn[:2]]
-    random.Random(seed).shuffle(every)
-    assert [told(one) for one in ClosedForm().evaluate_many(every)] == [alone(scene) for scene in every]
+    all_scenes = [*drawn, *map(in_a_block, drawn), *drawn[:2]]
+    random.Random(seed).shuffle(all_scenes)
+    assert [result_or_message(answer) for answer in ClosedForm().evaluate_many(all_scenes)] == [
+        alone(scene) for scene in all_scenes
+    ]
 
 
 @pytest.mark.slow
@@ -46,13 +48,13 @@ def test_each_is_answered_as_on_its_own(drawn: list[Scene], seed: int) -> None:
 @given(scenes(**KINDS), st.integers(2, 140))
 def test_bits_do_not_depend_on_the_columns_beside(scene: Scene, count: int) -> None:
     """Neither on their number, nor on the place among them; also where one is singular."""
-    shape, values = parameters(scene)
-    columns = [_variants(shape, values * (1 + 1e-3 * k)) for k in range(count)]
+    shape, values = build_parameters(scene)
+    columns = [_build_variants(shape, values * (1 + 1e-3 * k)) for k in range(count)]
     with np.errstate(all="ignore"):
-        together = forces(shape, np.concatenate(columns, axis=1))
+        together = compute_forces(shape, np.concatenate(columns, axis=1))
         for k in (0, 1, count // 2, count - 1):
-            for one, every in zip(forces(shape, columns[k]), together, strict=True):
-                assert np.array_equal(one, every[4 * k : 4 * k + 4], equal_nan=True)
+            for alone, together_values in zip(compute_forces(shape, columns[k]), together, strict=True):
+                assert np.array_equal(alone, together_values[4 * k : 4 * k + 4], equal_nan=True)
 
 
 def test_there_are_groups_and_refusals() -> None:
@@ -65,9 +67,9 @@ def test_there_are_groups_and_refusals() -> None:
         drawn.append(scene)
 
     draw()
-    shapes = Counter(parameters(scene)[0] for scene in drawn)
+    shapes = Counter(build_parameters(scene)[0] for scene in drawn)
     assert max(shapes.values()) > 1
-    assert 0 < sum(isinstance(one, InputError) for one in ClosedForm().evaluate_many(drawn)) < len(drawn)
+    assert 0 < sum(isinstance(answer, InputError) for answer in ClosedForm().evaluate_many(drawn)) < len(drawn)
 
 
 NEAR = (1e-4, 1e-5)  # of 0.5: where rounding does not matter, and two points tell how answers go on
@@ -95,16 +97,16 @@ def test_up_to_the_largest_poisson_ratio_rounding_stays_below_the_stated_errors(
     if len(scene.inclusion) > 1:
         first = scene.inclusion[0].model_copy(update={"target": True})
         scene = scene.model_copy(update={"inclusion": (first, *scene.inclusion[1:])})
-    asked = [with_ratio(scene, body, 0.5 - step) for step in (*NEAR, BODIES[body])]
-    one, other, last = ClosedForm().films(asked)
-    if isinstance(one, InputError):
+    scenes_near = [with_ratio(scene, body, 0.5 - step) for step in (*NEAR, BODIES[body])]
+    farthest, nearer, last = ClosedForm().compute_films(scenes_near)
+    if isinstance(farthest, InputError):
         return
-    assert not isinstance(other, InputError)
+    assert not isinstance(nearer, InputError)
     assert not isinstance(last, InputError)
-    slope = (quantities(one) - quantities(other)) / (NEAR[0] - NEAR[1])
-    off = quantities(last) - quantities(other) - slope * (BODIES[body] - NEAR[1])
-    stated = other.errors
-    assert np.all(np.abs(off) < 0.1 * np.array([*stated.log_totals, stated.log_ratio, stated.sensitivity]))
+    slope = (quantities(farthest) - quantities(nearer)) / (NEAR[0] - NEAR[1])
+    deviation = quantities(last) - quantities(nearer) - slope * (BODIES[body] - NEAR[1])
+    stated = nearer.errors
+    assert np.all(np.abs(deviation) < 0.1 * np.array([*stated.log_totals, stated.log_ratio, stated.sensitivity]))
 
 
 @pytest.mark.parametrize("body", BODIES)

@@ -9,7 +9,7 @@ from geometry import Scene
 from geometry.meridian.frame import MeridianFineness
 from geometry.scenes.probe import Interface, Material, Probe
 from geometry.scenes.scene import CylinderTissue, Load
-from solver.axisymmetric.sections import sections
+from solver.axisymmetric.sections import build_sections
 from solver.contact.model import ContactModel
 from solver.contact.path import Path
 from tests.support.load_paths import scene_of
@@ -33,9 +33,11 @@ def rigid_probe(size: float, poisson_ratio: float, youngs_modulus: float = 6e3) 
 def stiffness(size: float, interface: Interface, friction: float = 0.0) -> float:
     """Of a flat punch on tissue of Poisson's ratio 0, over that without friction on a half-space, 2 E a."""
     scene = rigid_probe(size, 0.0)
-    of = sections(scene)
-    path = Path(ContactModel.of(of.section, of.materials, interface, PUNCH, friction), sensitive=False)
-    point = path.at_indentation(1e-5)
+    scene_sections = build_sections(scene)
+    path = Path(
+        ContactModel.from_section(scene_sections.section, scene_sections.materials, interface, PUNCH, friction), sensitive=False
+    )
+    point = path.press_to_indentation(1e-5)
     return point.force / point.indentation / (2 * 6e3 * scene.probe.tube_radius)
 
 
@@ -51,8 +53,8 @@ def test_stuck_punch(interface: Interface, friction: float, share: float) -> Non
 
     Friction's springs give way to a tenth of what sticking adds.
     """
-    found = on_half_space(*(stiffness(size, interface, friction) for size in SIZES))
-    assert found == pytest.approx(np.log(3), rel=share)
+    stiffnesses = on_half_space(*(stiffness(size, interface, friction) for size in SIZES))
+    assert stiffnesses == pytest.approx(np.log(3), rel=share)
 
 
 @pytest.mark.slow
@@ -77,7 +79,7 @@ def test_bonded_cylinder_at_small_strain(radius_per_height: float, nu: float, ap
     block = Material(youngs_modulus=1e3, poisson_ratio=nu)
     probe = Probe(inner_radius=0.01, outer_radius=0.02, gap=1e-3, height=0.01 / radius_per_height, inner=block, outer=block)
     tissue = CylinderTissue(shape="cylinder", radius=0.1, depth=0.05, youngs_modulus=STIFF * 1e3, poisson_ratio=0.3)
-    of = sections(Scene(probe=probe, tissue=tissue, load=Load(indentation=1e-6)))
-    model = ContactModel.of(of.section, of.materials, "bonded", MeridianFineness(1, 2, 4))
+    scene_sections = build_sections(Scene(probe=probe, tissue=tissue, load=Load(indentation=1e-6)))
+    model = ContactModel.from_section(scene_sections.section, scene_sections.materials, "bonded", MeridianFineness(1, 2, 4))
     stiffness = Path(model, sensitive=False).points[0].tangent[0]  # of the inner film's force
     assert stiffness * probe.core_height / (1e3 * probe.inner_area) == pytest.approx(apparent, rel=1e-3)

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from geometry import Refusal, Scene, scene_to_toml
-from geometry.meridian.mesh import SQUARE, nodes
+from geometry.meridian.mesh import UNIT_SQUARE, compute_nodes
 from geometry.meridian.section import Body
 from geometry.scenes.scene import Contact, Load
 from solver.answers import evaluate, plan
-from solver.axisymmetric.sections import sections
+from solver.axisymmetric.sections import build_sections
 from solver.contact.hyperelasticity import Hyperelastic
-from solver.contact.level import ContactLevel
+from solver.contact.level import ContactEvaluator
 from solver.contact.model import ContactModel
 from solver.contact.path import Path
 from tests.support.load_paths import COARSE, pressed, ratio, scene_of, work
@@ -29,37 +29,37 @@ def round_scene(radius: float) -> Scene:
 def test_stiffness_falls_with_the_radius_at_rest_to_that_of_sharp_edges() -> None:
     """Less of the faces is bonded: energy needs less, and next to nothing is as good as nothing."""
     radii = (0.0, 1e-5, 1e-4, 3e-4)
-    rest = [float(pressed(round_scene(radius), COARSE).points[0].tangent.sum()) for radius in radii]
-    assert np.all(np.diff(rest[1:]) < 0)
-    assert rest[1] == pytest.approx(rest[0], rel=1e-2)
+    stiffnesses = [float(pressed(round_scene(radius), COARSE).points[0].tangent.sum()) for radius in radii]
+    assert np.all(np.diff(stiffnesses[1:]) < 0)
+    assert stiffnesses[1] == pytest.approx(stiffnesses[0], rel=1e-2)
 
 
 def test_edges_close_under_load_and_store_the_work_that_is_done() -> None:
     path = pressed(round_scene(2e-4), COARSE)
     for x in np.linspace(0.005, 0.03, 6):
-        path.at_indentation(x * path.radius)
+        path.press_to_indentation(x * path.radius)
     points = path.points
     growing = [point.force / point.indentation for point in points[1:]]
     assert growing[-1] > float(points[0].tangent.sum())
-    assert path.model.elements.energy(points[-1].equilibrium.state.elements) == pytest.approx(work(path), rel=1e-4)
+    assert path.model.elements.compute_energy(points[-1].equilibrium.state.elements) == pytest.approx(work(path), rel=1e-4)
     for point in points[1:]:
-        lengths = path.model.contact_lengths(point.indentation)
-        for length, touch in zip(lengths, point.equilibrium.at.touches, strict=True):
+        lengths = path.model.compute_contact_lengths(point.indentation)
+        for length, touch in zip(lengths, point.equilibrium.equations.touches, strict=True):
             assert np.all(touch.pressure >= 0)
             assert np.all(touch.gap >= -1e-3 * length)
-    reached = points[-1].equilibrium.at.touches[-1]
-    at = path.model.pairs[-1].along[reached.pressure > 0]
-    assert 0 < float(at.max()) < 1e-3  # tissue lies on a part of the arc, not on the wall above it
+    reached = points[-1].equilibrium.equations.touches[-1]
+    contact_places = path.model.pairs[-1].slave_places[reached.pressure > 0]
+    assert 0 < float(contact_places.max()) < 1e-3  # tissue lies on a part of the arc, not on the wall above it
 
 
 def test_frictionless_faces_end_where_round_edges_begin() -> None:
     """Less of the faces is held: the probe is softer than with sharp edges, and stiffens as the edges close."""
     sharp, rounded = (SHARP.model_copy(update={"contact": Contact(interface="frictionless", edge_radius=r)}) for r in (0.0, 2e-4))
-    rest, lying, deeper = (
-        float(ContactLevel().pressed(scene).at_indentation(depth).films.totals.sum())
+    at_rest, lying, deeper = (
+        float(ContactEvaluator().prepare_scene(scene).press_to_indentation(depth).films.totals.sum())
         for scene, depth in ((sharp, 0.0), (rounded, 0.0), (rounded, 1e-4))
     )
-    assert 0.9 * rest < lying < deeper < 1.05 * rest
+    assert 0.9 * at_rest < lying < deeper < 1.05 * at_rest
 
 
 def test_only_contact_takes_them() -> None:
@@ -83,18 +83,25 @@ def test_a_file_keeps_the_radius() -> None:
 def test_the_material_beyond_the_arc_changes_less_than_is_stated() -> None:
     """The blocks' corners, a third softer, stand for those that are cut off."""
     radius = 3e-4
-    of = sections(round_scene(radius))
-    model = ContactModel.of(of.section, of.materials, "bonded", COARSE)
-    r, z = nodes(of.section, model.mesh, SQUARE).mean(axis=1).T
-    walls = (of.section.inner_radius - radius / 2, of.section.hole_radius + radius / 2, of.section.tube_radius - radius / 2)
+    scene_sections = build_sections(round_scene(radius))
+    model = ContactModel.from_section(scene_sections.section, scene_sections.materials, "bonded", COARSE)
+    r, z = compute_nodes(scene_sections.section, model.mesh, UNIT_SQUARE).mean(axis=1).T
+    walls = (
+        scene_sections.section.inner_radius - radius / 2,
+        scene_sections.section.hole_radius + radius / 2,
+        scene_sections.section.tube_radius - radius / 2,
+    )
     corner = (z > 0) & (z < radius) & np.any([np.abs(r - wall) < radius / 2 for wall in walls], axis=0)
     laws = np.array(
-        [[of.materials[Body(body)].youngs_modulus, of.materials[Body(body)].poisson_ratio] for body in model.mesh.body]
+        [
+            [scene_sections.materials[Body(body)].youngs_modulus, scene_sections.materials[Body(body)].poisson_ratio]
+            for body in model.mesh.body
+        ]
     )
     laws[corner, 0] *= 2 / 3
-    softer = replace(model, elements=replace(model.elements, material=Hyperelastic.of(*laws.T)))
-    whole, cut = (Path(one, sensitive=True).at_indentation(0.1 * 5.5e-3) for one in (model, softer))
-    stated = ContactLevel().pressed(round_scene(radius)).unseen[0]
+    softer = replace(model, elements=replace(model.elements, material=Hyperelastic.from_moduli(*laws.T)))
+    whole, cut = (Path(source_model, sensitive=True).press_to_indentation(0.1 * 5.5e-3) for source_model in (model, softer))
+    stated = ContactEvaluator().prepare_scene(round_scene(radius)).min_errors[0]
     assert corner.sum() >= 3
     assert ratio(SHARP, cut) == pytest.approx(ratio(SHARP, whole), rel=stated)
     assert cut.log_sensitivity == pytest.approx(whole.log_sensitivity, rel=stated)

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from solver.contact.hyperelasticity import Hyperelastic, Stress, change_of_volume
+from solver.contact.hyperelasticity import Hyperelastic, Stress, compute_volume_change
 
 RNG = np.random.default_rng(5)
 
 
 def material(poisson_ratio: float, yeoh: tuple[float, float] = (0.0, 0.0)) -> Hyperelastic:
-    return Hyperelastic.of(np.array([1.0]), np.array([poisson_ratio]), np.array(yeoh)[:, None])
+    return Hyperelastic.from_moduli(np.array([1.0]), np.array([poisson_ratio]), np.array(yeoh)[:, None])
 
 
 def pressure(law: Hyperelastic, change: float) -> float:
@@ -18,21 +18,23 @@ def pressure(law: Hyperelastic, change: float) -> float:
     return float(law.lam[0] / 2 * (1 + change - 1 / (1 + change)))
 
 
-def stresses(law: Hyperelastic, across: float, along: float) -> np.ndarray:
+def stresses(law: Hyperelastic, across: float, stretch: float) -> np.ndarray:
     """Nominal stresses of a cylinder stretched so much."""
-    found = law.stress(np.array([across - 1, 0.0, 0.0, along - 1, across - 1])[:, None, None])
-    return np.asarray(found.first_piola + pressure(law, float(found.change[0, 0])) * found.cofactor)[:, 0, 0]
+    stress = law.compute_stress(np.array([across - 1, 0.0, 0.0, stretch - 1, across - 1])[:, None, None])
+    return np.asarray(stress.first_piola + pressure(law, float(stress.change[0, 0])) * stress.cofactor)[:, 0, 0]
 
 
-def tangent(law: Hyperelastic, found: Stress, held: float) -> np.ndarray:
+def tangent(law: Hyperelastic, stress: Stress, held: float) -> np.ndarray:
     """Of the stress at a pressure that is held, as ``Stress`` says; d2J/dh2 by differences, which are exact."""
-    cof, half, x = (part[:, 0, 0] for part in (found.cofactor, found.half, found.distortion))
-    h = found.F - np.array([1.0, 0.0, 0.0, 1.0, 1.0])[:, None, None]
+    cof, half, x = (part[:, 0, 0] for part in (stress.cofactor, stress.cofactor_coefficient, stress.distortion))
+    h = stress.F - np.array([1.0, 0.0, 0.0, 1.0, 1.0])[:, None, None]
     steps = np.eye(5)[..., None, None]
-    twice = [(law.stress(h + step).cofactor - law.stress(h - step).cofactor)[:, 0, 0] / 2 for step in 1e-2 * steps]
-    A = float(found.unit[0, 0]) * np.eye(5) + np.outer(cof, half) + np.outer(half, cof)
-    bend = 0.0 if found.bend is None else float(found.bend[0, 0])
-    return A + (float(found.volume[0, 0]) + held) * 1e2 * np.array(twice) + bend * np.outer(x, x)
+    twice = [
+        (law.compute_stress(h + step).cofactor - law.compute_stress(h - step).cofactor)[:, 0, 0] / 2 for step in 1e-2 * steps
+    ]
+    A = float(stress.identity_coefficient[0, 0]) * np.eye(5) + np.outer(cof, half) + np.outer(half, cof)
+    bend = 0.0 if stress.bend is None else float(stress.bend[0, 0])
+    return A + (float(stress.hessian_coefficient[0, 0]) + held) * 1e2 * np.array(twice) + bend * np.outer(x, x)
 
 
 @pytest.mark.parametrize(("poisson_ratio", "force"), [(0.45, 3.679574008), (0.4999, 3.665232132)])
@@ -48,24 +50,29 @@ def test_lubricated_cylinder_at_half_its_height(poisson_ratio: float, force: flo
 def test_stress_is_the_energy_s_derivative_and_the_tangent_the_stress_s(poisson_ratio: float, yeoh: tuple[float, float]) -> None:
     law, step = material(poisson_ratio, yeoh), 1e-6
     h = 0.3 * RNG.standard_normal(5)[:, None, None]
-    found = law.stress(h)
-    assert change_of_volume(h)[0, 0] > -0.9
-    p = pressure(law, float(found.change[0, 0]))
-    A, held = tangent(law, found, p), np.array([[p]])
+    stress_state = law.compute_stress(h)
+    assert compute_volume_change(h)[0, 0] > -0.9
+    p = pressure(law, float(stress_state.change[0, 0]))
+    A, held = tangent(law, stress_state, p), np.array([[p]])
     for k in range(5):
         ahead, behind = (h + sign * step * np.eye(5)[k][:, None, None] for sign in (1, -1))
-        slope = float(law.stored(ahead, held)[0, 0] - law.stored(behind, held)[0, 0]) / (2 * step)
-        assert slope == pytest.approx(float(found.first_piola[k, 0, 0] + p * found.cofactor[k, 0, 0]), rel=1e-6, abs=1e-8)
-        ends = [one.first_piola + p * one.cofactor for one in (law.stress(ahead), law.stress(behind))]
+        slope = float(law.compute_energy_density(ahead, held)[0, 0] - law.compute_energy_density(behind, held)[0, 0]) / (2 * step)
+        assert slope == pytest.approx(
+            float(stress_state.first_piola[k, 0, 0] + p * stress_state.cofactor[k, 0, 0]), rel=1e-6, abs=1e-8
+        )
+        ends = [
+            end_stress.first_piola + p * end_stress.cofactor
+            for end_stress in (law.compute_stress(ahead), law.compute_stress(behind))
+        ]
         np.testing.assert_allclose((ends[0] - ends[1])[:, 0, 0] / (2 * step), A[k], rtol=1e-6, atol=1e-8)
 
 
 def test_the_pressure_s_conjugate_inverts_the_volume_s_energy() -> None:
     law, change = material(0.49), 0.37
     p = np.array([[pressure(law, change)]])
-    value, slope = law.dilation(p)
+    value, slope = law.compute_dilation(p)
     assert float(value[0, 0]) == pytest.approx(change, rel=1e-12)
-    ahead, behind = (law.dilation(p + sign * 1e-5)[0] for sign in (1, -1))
+    ahead, behind = (law.compute_dilation(p + sign * 1e-5)[0] for sign in (1, -1))
     assert float((ahead - behind)[0, 0]) / 2e-5 == pytest.approx(float(slope[0, 0]), rel=1e-7)
 
 
@@ -73,9 +80,9 @@ def test_the_pressure_s_conjugate_inverts_the_volume_s_energy() -> None:
 def test_small_strains_obey_hooke(poisson_ratio: float) -> None:
     law, E = material(poisson_ratio), 1.0
     strain = 1e-7 * np.array([1.0, 0.4, 0.4, -0.7, 0.2])
-    rest = law.stress(np.zeros((5, 1, 1)))
-    cof = rest.cofactor[:, 0, 0]
-    whole = tangent(law, rest, 0.0) + law.lam[0] * np.outer(cof, cof)
+    at_rest = law.compute_stress(np.zeros((5, 1, 1)))
+    cof = at_rest.cofactor[:, 0, 0]
+    whole = tangent(law, at_rest, 0.0) + law.lam[0] * np.outer(cof, cof)
     lam = E * poisson_ratio / ((1 + poisson_ratio) * (1 - 2 * poisson_ratio))
     hooke = lam * strain[[0, 3, 4]].sum() * np.array([1, 0, 0, 1, 1]) + E / (1 + poisson_ratio) * strain
     np.testing.assert_allclose(whole @ strain, hooke, rtol=1e-9, atol=1e-18)

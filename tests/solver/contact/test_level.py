@@ -15,7 +15,7 @@ from geometry.scenes.scene import Contact, HalfSpaceTissue, Load
 from solver.answers import curve, evaluate, plan
 from solver.axisymmetric.level import Axisymmetric
 from solver.contact import path
-from solver.contact.level import ContactLevel
+from solver.contact.level import ContactEvaluator
 from solver.contact.loaded import LoadedScene
 from solver.contact.model import ContactModel
 from solver.contact.newton import Equilibrium, solve
@@ -28,14 +28,14 @@ EXAMPLE = read_scene(FOLDER / "example.toml")
 HALF_SPACE = HalfSpaceTissue(shape="half-space", youngs_modulus=6e3, poisson_ratio=0.45)
 
 
-def at(scene: Scene, **load: float) -> Scene:
+def with_load(scene: Scene, **load: float) -> Scene:
     return scene.model_copy(update={"load": Load(**load)})
 
 
 def check(name: str, rows: slice) -> None:
     scene = read_scene(FOLDER / f"{name}.toml")
     for row in EXPECTED[name]["rows"][rows]:
-        result = ContactLevel().evaluate(at(scene, indentation=row["indentation"]))
+        result = ContactEvaluator().evaluate(with_load(scene, indentation=row["indentation"]))
         assert result.ratio is not None
         assert result.stiffness is not None
         assert result.error_estimate is not None
@@ -66,12 +66,12 @@ def test_small_loads_are_answered_as_linear_elements_do(interface: Literal["bond
     assert linear.error_estimate is not None
     for depth in (1e-9, 3.1e-8, 5e-7, 1e-6):
         for load in (Load(indentation=depth), Load(force=depth * linear.stiffness)):
-            found = ContactLevel().evaluate(scene.model_copy(update={"load": load}))
-            assert found.error_estimate is not None
-            assert found.error_estimate < 2e-3
-            assert found.ratio == pytest.approx(linear.ratio, rel=found.error_estimate + linear.error_estimate)
-            assert found.stiffness == pytest.approx(linear.stiffness, rel=1e-3)
-            assert found.log_sensitivity == pytest.approx(linear.log_sensitivity, rel=5e-3)
+            result = ContactEvaluator().evaluate(scene.model_copy(update={"load": load}))
+            assert result.error_estimate is not None
+            assert result.error_estimate < 2e-3
+            assert result.ratio == pytest.approx(linear.ratio, rel=result.error_estimate + linear.error_estimate)
+            assert result.stiffness == pytest.approx(linear.stiffness, rel=1e-3)
+            assert result.log_sensitivity == pytest.approx(linear.log_sensitivity, rel=5e-3)
 
 
 def test_a_finer_mesh_that_fails_leaves_what_rougher_ones_found(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -81,43 +81,43 @@ def test_a_finer_mesh_that_fails_leaves_what_rougher_ones_found(monkeypatch: pyt
         raise SolveError("contact does not settle")
 
     monkeypatch.setattr(LoadedScene, "finer", fail)
-    result = ContactLevel().evaluate(at(EXAMPLE, indentation=1e-6), 1e-4)
+    result = ContactEvaluator().evaluate(with_load(EXAMPLE, indentation=1e-6), 1e-4)
     assert result.error_estimate is not None
     assert 1e-4 < result.error_estimate < 1e-3
     assert any("accuracy 0.0001 asked for" in note for note in result.warnings)
 
 
 def test_a_path_goes_on_from_points_that_lie_close_together() -> None:
-    alone, on = (ContactLevel().pressed(EXAMPLE) for _ in range(2))
+    alone, continued = (ContactEvaluator().prepare_scene(EXAMPLE) for _ in range(2))
     for depth in (1e-7, 1.1e-7, 1.2e-7):
-        on.at_indentation(depth)
-    expected, found = (one.at_indentation(8e-4).films for one in (alone, on))
-    np.testing.assert_allclose(found.totals, expected.totals, rtol=1e-5)
+        continued.press_to_indentation(depth)
+    expected, result = (path.press_to_indentation(8e-4).films for path in (alone, continued))
+    np.testing.assert_allclose(result.totals, expected.totals, rtol=1e-5)
 
 
 @pytest.mark.slow
 def test_open_faces_are_pressed_to_the_force_that_is_asked_for_however_small() -> None:
     """Friction makes them stiffer than frictionless ones, whose linear answer gives the scale."""
     rubbing = EXAMPLE.model_copy(update={"contact": Contact(interface="unilateral", friction=0.3)})
-    assert ContactLevel().pressed(rubbing).at_force(1e-4).point.force == pytest.approx(1e-4, rel=1e-3)
+    assert ContactEvaluator().prepare_scene(rubbing).press_to_force(1e-4).point.force == pytest.approx(1e-4, rel=1e-3)
 
 
 def test_auto_asks_it_beyond_linear_elasticity_and_not_before() -> None:
-    light, heavy = at(EXAMPLE, force=0.02), at(EXAMPLE, force=0.08)
+    light, heavy = with_load(EXAMPLE, force=0.02), with_load(EXAMPLE, force=0.08)
     assert (plan(light).evaluator, plan(heavy).evaluator) == ("axisymmetric", "contact")
     result, linear = evaluate(heavy), evaluate(heavy, linear=True)
     assert (result.evaluator, linear.evaluator) == ("contact", "axisymmetric")
     assert result.log_sensitivity > 1.08 * linear.log_sensitivity
     assert result.error_estimate <= 0.01
     assert not any("linear" in note for note in result.warnings)
-    modelled = {one.feature: one.modelled for one in result.plan}
+    modelled = {decision.feature: decision.modelled for decision in result.plan}
     assert modelled["finite strain"]
     assert modelled["gap contact"]
 
 
 def test_a_load_is_a_force_or_the_indentation_that_it_takes() -> None:
-    by_force = evaluate(at(EXAMPLE, force=0.05), "contact")
-    by_depth = evaluate(at(EXAMPLE, indentation=0.05 / by_force.stiffness), "contact")
+    by_force = evaluate(with_load(EXAMPLE, force=0.05), "contact")
+    by_depth = evaluate(with_load(EXAMPLE, indentation=0.05 / by_force.stiffness), "contact")
     for key in ("ratio", "log_sensitivity", "stiffness", "stress_inner", "stress_outer"):
         assert getattr(by_depth, key) == pytest.approx(getattr(by_force, key), rel=1e-5)
     areas = EXAMPLE.probe.inner_area, EXAMPLE.probe.outer_area
@@ -126,7 +126,7 @@ def test_a_load_is_a_force_or_the_indentation_that_it_takes() -> None:
 
 def test_no_load_is_the_linear_answer() -> None:
     for load in (0.0, 1e-7):
-        still, linear = (evaluate(at(EXAMPLE, force=load), name) for name in ("contact", "axisymmetric"))
+        still, linear = (evaluate(with_load(EXAMPLE, force=load), name) for name in ("contact", "axisymmetric"))
         assert still.ratio == pytest.approx(linear.ratio, rel=linear.error_estimate + still.error_estimate)
         assert still.log_sensitivity == pytest.approx(linear.log_sensitivity, rel=0.01)
 
@@ -135,7 +135,7 @@ def test_layers_and_no_tumour() -> None:
     """At next to no load NGSolve's ratio on a skin; beyond it a bound that the change by the load does not reach."""
     scene = read_scene(REFERENCE / "tissue-layers" / "without-a-tumour.toml")
     expected = json.loads((REFERENCE / "tissue-layers" / "expected.json").read_text())["without-a-tumour"]
-    light, heavy = (evaluate(at(scene, force=force), "contact", 0.005) for force in (1e-4, 0.02))
+    light, heavy = (evaluate(with_load(scene, force=force), "contact", 0.005) for force in (1e-4, 0.02))
     assert heavy.log_sensitivity is None
     assert light.ratio == pytest.approx(expected["ratio"], rel=light.error_estimate)
     assert abs(heavy.ratio / light.ratio - 1) > heavy.error_estimate + light.error_estimate
@@ -144,7 +144,7 @@ def test_layers_and_no_tumour() -> None:
 @pytest.mark.slow
 def test_a_curve_under_load_goes_through_the_answers() -> None:
     moduli = np.geomspace(1e3, 1e6, 6)
-    scene = at(EXAMPLE, force=0.15)
+    scene = with_load(EXAMPLE, force=0.15)
     answered = curve(scene, moduli)
     assert answered.evaluator == "contact"
     for k in (0, 3, 5):
@@ -172,25 +172,25 @@ def test_a_load_far_beyond_all_is_refused_at_once() -> None:
     refused = r"load.force = 10 N: allowed: for contact less than some 0.07\d N, which drives it as deep as it is wide"
     for name, remedy in (("contact", "$"), ("auto", r", or --linear \(linear=True\)$")):
         with pytest.raises(Refusal, match=refused + remedy):
-            evaluate(at(soft, force=10.0), name)
+            evaluate(with_load(soft, force=10.0), name)
 
 
 def test_a_load_that_no_step_reaches_is_refused_with_the_one_reached(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where Newton's method fails depends on rounding deep down, so here it fails at a depth of our choice."""
-    most = 0.3e-3
+    max_indentation = 0.3e-3
 
     def stops(model: ContactModel, guess: State, *, known: bool = False) -> Equilibrium:
-        if guess.indentation > most:
+        if guess.indentation > max_indentation:
             raise SolveError("the elements fold")
         return solve(model, guess, known=known)
 
     monkeypatch.setattr(path, "solve", stops)
-    reached = ContactLevel().pressed(EXAMPLE).at_indentation(most).point.force
+    reached = ContactEvaluator().prepare_scene(EXAMPLE).press_to_indentation(max_indentation).point.force
     with pytest.raises(
         Refusal, match=r"load.force = 0.1 N: .* for contact: no further step converges: the elements fold"
-    ) as told:
-        evaluate(at(EXAMPLE, force=0.1), "contact")
-    said = re.search(r"up to ([\d.]+) N", str(told.value))
+    ) as refusal:
+        evaluate(with_load(EXAMPLE, force=0.1), "contact")
+    said = re.search(r"up to ([\d.]+) N", str(refusal.value))
     assert said is not None
     assert 0.9 * reached < float(said[1]) <= reached * 1.001
 
@@ -200,14 +200,14 @@ def test_a_load_beyond_all_that_is_reached_is_refused_with_the_one_reached() -> 
     """What stands in the way, Newton's method or the depth that has been compared, hangs on rounding."""
     ends = "(no further step converges|it is as deep as the probe is wide)"
     with pytest.raises(Refusal, match=rf"load.force = 0.9 N: allowed: up to 0.[2-6]\d* N for contact: {ends}"):
-        evaluate(at(EXAMPLE, force=0.9), "contact")
+        evaluate(with_load(EXAMPLE, force=0.9), "contact")
 
 
 @pytest.mark.slow
 def test_faces_that_open_are_as_a_trial_found_them() -> None:
     """Frictionless, opening at sharp edges, by one other code: ratio 0.566 at 0.037 N (CONTACT.md)."""
-    open_ = at(EXAMPLE.model_copy(update={"contact": Contact(interface="unilateral")}), force=0.037)
-    result = ContactLevel().evaluate(open_, accuracy=0.1)
+    open_ = with_load(EXAMPLE.model_copy(update={"contact": Contact(interface="unilateral")}), force=0.037)
+    result = ContactEvaluator().evaluate(open_, accuracy=0.1)
     assert result.error_estimate is not None
     assert result.ratio == pytest.approx(0.566, rel=result.error_estimate)
     assert result.error_estimate < 0.05
@@ -218,7 +218,8 @@ def test_friction_brings_faces_nearer_to_the_bond() -> None:
     """Ratios at one small load: free, held by friction, bonded."""
     kinds = (Contact(interface="unilateral"), Contact(interface="unilateral", friction=10.0), Contact())
     free, held, bonded = (
-        ContactLevel().evaluate(at(EXAMPLE.model_copy(update={"contact": kind}), force=0.01), accuracy=0.1) for kind in kinds
+        ContactEvaluator().evaluate(with_load(EXAMPLE.model_copy(update={"contact": kind}), force=0.01), accuracy=0.1)
+        for kind in kinds
     )
     ratios = np.array([free.ratio, held.ratio, bonded.ratio], dtype=float)
     assert abs(ratios[1] - ratios[2]) < 0.5 * abs(ratios[0] - ratios[2])
@@ -229,9 +230,9 @@ def test_friction_brings_faces_nearer_to_the_bond() -> None:
 @pytest.mark.slow
 def test_a_curve_keeps_what_meshes_differ_by_on_the_way() -> None:
     """Other moduli begin at the loaded state: their bounds are no smaller than those of a way of their own, by much."""
-    scene, moduli = at(EXAMPLE, force=0.15), np.array([3e4, 6e4])
-    answered = ContactLevel().curve(scene, moduli)
+    scene, moduli = with_load(EXAMPLE, force=0.15), np.array([3e4, 6e4])
+    answered = ContactEvaluator().curve(scene, moduli)
     for k, modulus in enumerate(moduli):
         body = scene.inclusion[0].model_copy(update={"youngs_modulus": float(modulus)})
-        alone = ContactLevel().evaluate(scene.model_copy(update={"inclusion": (body,)}))
+        alone = ContactEvaluator().evaluate(scene.model_copy(update={"inclusion": (body,)}))
         assert answered.error_estimate[k] > 0.7 * alone.error_estimate

@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from solver.contact.level import ContactLevel
+from solver.contact.level import ContactEvaluator
 from tests.support.load_paths import FOLDER, scene_of
 
 EXPECTED = json.loads((FOLDER / "ngsolve.json").read_text())
@@ -16,14 +16,16 @@ EXPECTED = json.loads((FOLDER / "ngsolve.json").read_text())
 @pytest.mark.parametrize("name", EXPECTED)
 def test_the_path_of_another_code(name: str) -> None:
     scene = scene_of(name)
-    on, areas = ContactLevel().pressed(scene), scene.probe.outer_area / scene.probe.inner_area
+    path, areas = ContactEvaluator().prepare_scene(scene), scene.probe.outer_area / scene.probe.inner_area
     for row in EXPECTED[name]["rows"]:
-        found = on.at_indentation(row["indentation"])
-        inner, outer = found.films.totals * row["indentation"]
+        point = path.press_to_indentation(row["indentation"])
+        inner, outer = point.films.totals * row["indentation"]
         slack = {key.removesuffix("_unc"): value for key, value in row.items() if key.endswith("_unc")}
-        assert inner / outer * areas == pytest.approx(row["ratio"], abs=found.films.ratio_error * row["ratio"] + slack["ratio"])
+        assert inner / outer * areas == pytest.approx(row["ratio"], abs=point.films.ratio_error * row["ratio"] + slack["ratio"])
         assert inner / outer * areas == pytest.approx(row["ratio"], abs=2e-3 * row["ratio"] + slack["ratio"])
         assert inner + outer == pytest.approx(row["force"], abs=1e-3 * row["force"] + slack["force"])
-        told = row["log_sensitivity"]
-        assert found.films.log_sensitivity == pytest.approx(told, abs=found.films.sensitivity_error + slack["log_sensitivity"])
-        assert found.point.walls == pytest.approx(row["closest_walls"], abs=1e-2 * row["closest_walls"] + slack["closest_walls"])
+        log_sensitivity = row["log_sensitivity"]
+        assert point.films.log_sensitivity == pytest.approx(
+            log_sensitivity, abs=point.films.sensitivity_error + slack["log_sensitivity"]
+        )
+        assert point.point.walls == pytest.approx(row["closest_walls"], abs=1e-2 * row["closest_walls"] + slack["closest_walls"])

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from geometry import Scene
-from solver.axisymmetric.sample import sample
-from solver.axisymmetric.sections import sections
+from solver.axisymmetric.sample import solve_on_mesh
+from solver.axisymmetric.sections import build_sections
 from solver.contact.model import ContactModel
 from solver.contact.pressed import StoppedError
-from solver.contact.touch import touch
+from solver.contact.touch import compute_touch
 from tests.support.load_paths import COARSE, FINE, FOLDER, pressed, ratio, scene_of, work
 
 EXPECTED = json.loads((FOLDER / "expected.json").read_text())
@@ -26,16 +26,16 @@ def check_rows(name: str, rows: list[dict[str, Any]]) -> None:
 
     What the mesh is off at rest is taken off, as the level does.
     """
-    scene, rest = scene_of(name), EXPECTED[name]["small_load"]
+    scene, small_load = scene_of(name), EXPECTED[name]["small_load"]
     path = pressed(scene, FINE)
     start = path.points[0]
     for row in rows:
-        point = path.at_indentation(row["indentation"])
-        found = ratio(scene, point) / ratio(scene, start) * rest["ratio"]
-        assert found == pytest.approx(row["ratio"], abs=2e-3 * row["ratio"] + row["ratio_unc"])
-        force = point.force / start.tangent.sum() * rest["stiffness"]
+        point = path.press_to_indentation(row["indentation"])
+        ratio_found = ratio(scene, point) / ratio(scene, start) * small_load["ratio"]
+        assert ratio_found == pytest.approx(row["ratio"], abs=2e-3 * row["ratio"] + row["ratio_unc"])
+        force = point.force / start.tangent.sum() * small_load["stiffness"]
         assert force == pytest.approx(row["force"], abs=1e-3 * row["force"] + row["force_unc"])
-        sensitivity = point.log_sensitivity / start.log_sensitivity * rest["log_sensitivity"]
+        sensitivity = point.log_sensitivity / start.log_sensitivity * small_load["log_sensitivity"]
         assert sensitivity == pytest.approx(
             row["log_sensitivity"], abs=0.01 * row["log_sensitivity"] + row["log_sensitivity_unc"]
         )
@@ -54,14 +54,14 @@ def test_other_codes_agree(name: str) -> None:
 
 def test_the_limit_of_no_load_is_that_of_linear_elements() -> None:
     scene = scene_of("example")
-    of = sections(scene)
-    linear = sample(of.section, of, scene, COARSE)
-    rest = pressed(scene, COARSE).points[0]
-    np.testing.assert_allclose(rest.tangent, linear.totals[0], rtol=2e-6)
-    assert rest.log_sensitivity == pytest.approx(float(linear.log_sensitivity[0]), rel=2e-5)
-    model = ContactModel.of(of.section, of.materials, "bonded", COARSE)
-    state = model.at_rest()
-    _, slopes = model.responses(state, model.linearised(state))
+    scene_sections = build_sections(scene)
+    linear = solve_on_mesh(scene_sections.section, scene_sections, scene, COARSE)
+    at_rest = pressed(scene, COARSE).points[0]
+    np.testing.assert_allclose(at_rest.tangent, linear.totals[0], rtol=2e-6)
+    assert at_rest.log_sensitivity == pytest.approx(float(linear.log_sensitivity[0]), rel=2e-5)
+    model = ContactModel.from_section(scene_sections.section, scene_sections.materials, "bonded", COARSE)
+    state = model.build_rest_state()
+    _, slopes = model.compute_responses(state, model.linearise(state))
     np.testing.assert_allclose(slopes[:, 0], linear.totals[0], rtol=1e-8)
 
 
@@ -70,21 +70,21 @@ def test_work_is_stored_and_slopes_are_the_path_s() -> None:
     scene = scene_of("equal-blocks-6kpa")
     path = pressed(scene, COARSE)
     for x in np.linspace(0.02, 0.4, 20):
-        path.at_indentation(x * path.radius)
+        path.press_to_indentation(x * path.radius)
     last = path.last.equilibrium
-    assert any(np.any(one.pressure > 0) for one in last.at.touches)
-    assert path.model.elements.energy(last.state.elements) == pytest.approx(work(path), rel=1e-4)
+    assert any(np.any(touch_state.pressure > 0) for touch_state in last.equations.touches)
+    assert path.model.elements.compute_energy(last.state.elements) == pytest.approx(work(path), rel=1e-4)
 
 
 def test_log_sensitivity_is_the_derivative_at_one_force() -> None:
     scene, step = scene_of("paper"), 0.02
-    point = pressed(scene, COARSE).at_indentation(8e-4)  # the gap has closed
+    point = pressed(scene, COARSE).press_to_indentation(8e-4)  # the gap has closed
     logs = []
     for factor in (1 - step, 1 + step):
         data = scene.model_dump(exclude_unset=True)
         data["inclusion"][0]["youngs_modulus"] *= factor
         changed = Scene.model_validate(data)
-        logs.append(np.log(ratio(changed, pressed(changed, COARSE).at_force(point.force))))
+        logs.append(np.log(ratio(changed, pressed(changed, COARSE).press_to_force(point.force))))
     slope = (logs[1] - logs[0]) / (np.log(1 + step) - np.log(1 - step))
     assert point.log_sensitivity == pytest.approx(slope, rel=0.02)
 
@@ -92,30 +92,35 @@ def test_log_sensitivity_is_the_derivative_at_one_force() -> None:
 def test_contact_s_forces_and_tangent_are_derivatives() -> None:
     scene = scene_of("paper")
     path = pressed(scene, COARSE)
-    found = path.at_indentation(1e-3).equilibrium
-    model, state = path.model, found.state
-    own = model.displaced(state.v, state.indentation)
+    equilibrium = path.press_to_indentation(1e-3).equilibrium
+    model, state = path.model, equilibrium.state
+    displaced = model.compute_displacements(state.v, state.indentation)
     rng, step = np.random.default_rng(3), 1e-10
-    direction = rng.standard_normal(own.shape)
+    direction = rng.standard_normal(displaced.shape)
     checked = 0
     for pair, multiplier in zip(model.pairs, state.multipliers, strict=True):
-        here, ahead, behind = (touch(pair, own + k * step * direction, multiplier, blur=1e-6) for k in (0, 1, -1))
-        if not np.any(here.pressure > 0):
+        touch_now, ahead, behind = (
+            compute_touch(pair, displaced + k * step * direction, multiplier, blur=1e-6) for k in (0, 1, -1)
+        )
+        if not np.any(touch_now.pressure > 0):
             continue
         checked += 1
-        expected = here.stiffness @ direction.ravel()
+        expected = touch_now.stiffness @ direction.ravel()
         np.testing.assert_allclose(
             (ahead.forces - behind.forces) / (2 * step), expected, rtol=1e-3, atol=1e-4 * np.abs(expected).max()
         )
-        assert abs(here.stiffness - here.stiffness.T).max() <= 1e-12 * abs(here.stiffness).max()
-        assert abs(here.forces.reshape(own.shape)[:, model.numbering.vertical > 0].sum()) <= 1e-9 * np.abs(here.forces).sum()
+        assert abs(touch_now.stiffness - touch_now.stiffness.T).max() <= 1e-12 * abs(touch_now.stiffness).max()
+        assert (
+            abs(touch_now.forces.reshape(displaced.shape)[:, model.numbering.vertical > 0].sum())
+            <= 1e-9 * np.abs(touch_now.forces).sum()
+        )
     assert checked >= 2
 
 
 @pytest.mark.parametrize("poisson_ratio", [0.45, 0.4999])
 def test_newton_s_method_ends_quadratically(poisson_ratio: float) -> None:
     path = pressed(scene_of("example", poisson_ratio=poisson_ratio), COARSE)
-    for point in path.steps(0.15 * path.radius):
+    for point in path.iterate_steps(0.15 * path.radius):
         residuals = [r for r in point.equilibrium.residuals if r > 1e-12]
         for a, b in pairwise(residuals):
             if a < 1e-3 and b > 1e-11:
@@ -126,7 +131,7 @@ def test_incompressible_bodies_take_few_more_steps() -> None:
     counts = []
     for poisson_ratio in (0.45, 0.4999):
         path = pressed(scene_of("example", poisson_ratio=poisson_ratio), COARSE)
-        path.at_indentation(0.3 * path.radius)
+        path.press_to_indentation(0.3 * path.radius)
         counts.append(sum(len(point.equilibrium.residuals) for point in path.points))
     assert counts[1] <= 1.5 * counts[0]
 
@@ -145,7 +150,7 @@ REACHED = {
 @pytest.mark.parametrize("name", REACHED)
 def test_half_an_outer_radius_is_reached(name: str) -> None:
     path = pressed(REACHED[name], FINE)
-    point = path.at_indentation(0.5 * path.radius)
+    point = path.press_to_indentation(0.5 * path.radius)
     assert point.residual < 1e-8
     assert all(a.force < b.force for a, b in pairwise(path.points))
 
@@ -157,5 +162,5 @@ def test_tissue_that_reaches_the_base_ends_the_path() -> None:
     flat = scene.probe.model_copy(update={"height": 0.1e-3})
     path = pressed(scene.model_copy(update={"probe": flat}), COARSE)
     with pytest.raises(StoppedError, match="the tissue reaches the base"):
-        path.at_indentation(0.4 * path.radius)
+        path.press_to_indentation(0.4 * path.radius)
     assert path.last.indentation > 0.05e-3

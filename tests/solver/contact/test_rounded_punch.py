@@ -13,7 +13,7 @@ from geometry import Scene
 from geometry.meridian.frame import MeridianFineness
 from geometry.scenes.probe import Material, Probe
 from geometry.scenes.scene import CylinderTissue, Load
-from solver.axisymmetric.sections import sections
+from solver.axisymmetric.sections import build_sections
 from solver.contact.model import ContactModel
 from solver.contact.path import Path
 
@@ -28,9 +28,9 @@ def punch() -> Path:
     radius = FLAT + EDGE
     probe = Probe(inner_radius=radius, outer_radius=4 * radius + 1e-3, gap=1e-3, height=2 * radius, inner=stiff, outer=nothing)
     tissue = CylinderTissue(shape="cylinder", radius=SIZE, depth=SIZE, youngs_modulus=E, poisson_ratio=NU)
-    of = sections(Scene(probe=probe, tissue=tissue, load=Load(indentation=1e-6)))
-    section = replace(of.section, edge_radius=EDGE)
-    return Path(ContactModel.of(section, of.materials, "unilateral", FINE), sensitive=False)
+    scene_sections = build_sections(Scene(probe=probe, tissue=tissue, load=Load(indentation=1e-6)))
+    section = replace(scene_sections.section, edge_radius=EDGE)
+    return Path(ContactModel.from_section(section, scene_sections.materials, "unilateral", FINE), sensitive=False)
 
 
 def sneddon(depth: float, flat: float) -> tuple[float, float]:
@@ -63,11 +63,11 @@ def test_force_and_contact_radius_are_sneddon_s() -> None:
     """A sphere without the small flat would take 0.6 of the first force; the radius is told to the next watched point."""
     path = punch()
     for share in (0.003, 0.01):
-        point = path.at_indentation(share * EDGE)
+        point = path.press_to_indentation(share * EDGE)
         a, force = sneddon(point.indentation, FLAT)
         assert point.films[0] == pytest.approx(force, rel=0.025)
         model, state = path.model, point.equilibrium.state
-        places = model.pairs[1].places(model.displaced(state.v, state.indentation))[:, 0]
-        touching = point.equilibrium.at.touches[1].pressure > 0
+        places = model.pairs[1].compute_positions(model.compute_displacements(state.v, state.indentation))[:, 0]
+        touching = point.equilibrium.equations.touches[1].pressure > 0
         last = float(places[touching].max())
         assert 0.98 * last < a < 1.02 * float(places[places > last].min())

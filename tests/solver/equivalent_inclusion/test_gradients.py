@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from geometry import InputError, Scene
-from geometry.scenes.variables import changed, values
-from solver.axisymmetric.gradients import OUTPUTS
-from solver.axisymmetric.sections import sections
+from geometry.scenes.variables import list_values, replace_values
+from solver.axisymmetric.gradients import OUTPUT_NAMES
+from solver.axisymmetric.sections import build_sections
 from solver.casadi_functions.finite_elements import TumourCallback
-from solver.equivalent_inclusion.gradients import FirstOrder, first_order, tumour_gradients
-from solver.equivalent_inclusion.probe_on_tissue import undisturbed
-from solver.equivalent_inclusion.readings import readings
+from solver.equivalent_inclusion.gradients import FirstOrder, compute_tumour_gradients, solve_first_order
+from solver.equivalent_inclusion.probe_on_tissue import solve_undisturbed
+from solver.equivalent_inclusion.readings import compute_readings
 from solver.inclusions.tumours import Tumours
 from tests.support.references import named
 from tests.support.slow import slow_unless
@@ -22,7 +22,7 @@ from tests.support.slow import slow_unless
 FLANK = named("solid", "flank").scene
 PAIR = named("off-axis", "pair-off-axis").scene
 CYST = named("off-axis", "frictionless-cover-0.25-offset-0.5").scene
-SINGLE = tuple(name for name in values(FLANK) if name not in ("tissue.length", "tissue.breadth"))
+SINGLE = tuple(name for name in list_values(FLANK) if name not in ("tissue.length", "tissue.breadth"))
 CASES = [(FLANK, name) for name in SINGLE] + [
     (scene, name)
     for scene in (PAIR, CYST)
@@ -33,7 +33,7 @@ CASES = [(FLANK, name) for name in SINGLE] + [
 @cache
 def start(scene: Scene) -> FirstOrder:
     """What all derivatives of a scene begin with."""
-    return first_order(scene, sections(scene))
+    return solve_first_order(scene, build_sections(scene))
 
 
 def outputs(scene: Scene, name: str, step: float) -> np.ndarray:
@@ -42,9 +42,9 @@ def outputs(scene: Scene, name: str, step: float) -> np.ndarray:
     Steps are small: where a point of a tumour's quadrature passes from one element to the next, strains jump by their error.
     """
     kind = start(scene).states.model.mesh.layout.kind
-    moved = changed(scene, {name: values(scene)[name] * (1 + step)})
-    found = tumour_gradients(moved, first_order(moved, sections(moved), kind=kind), ())
-    return np.array([found.values[key][0] for key in OUTPUTS])
+    moved = replace_values(scene, {name: list_values(scene)[name] * (1 + step)})
+    slopes = compute_tumour_gradients(moved, solve_first_order(moved, build_sections(moved), kind=kind), ())
+    return np.array([slopes.values[key][0] for key in OUTPUT_NAMES])
 
 
 QUICK = [(FLANK, "inclusion.depth"), (CYST, "probe.inner_radius")]
@@ -54,26 +54,26 @@ QUICK = [(FLANK, "inclusion.depth"), (CYST, "probe.inner_radius")]
     ("scene", "name"), slow_unless(QUICK.__contains__, CASES), ids=lambda part: part if isinstance(part, str) else ""
 )
 def test_central_differences_converge_to_the_derivative_at_second_order(scene: Scene, name: str) -> None:
-    found = tumour_gradients(scene, start(scene), (name,))
-    mine = np.array([found.derivatives[key][0, 0] for key in OUTPUTS]) * values(scene)[name]
+    computed = compute_tumour_gradients(scene, start(scene), (name,))
+    mine = np.array([computed.derivatives[key][0, 0] for key in OUTPUT_NAMES]) * list_values(scene)[name]
     errors = [np.abs((outputs(scene, name, h) - outputs(scene, name, -h)) / (2 * h) - mine) for h in (6e-4, 1.5e-4)]
-    size = np.array([abs(found.values[key][0]) for key in OUTPUTS])
+    size = np.array([abs(computed.values[key][0]) for key in OUTPUT_NAMES])
     assert np.all((errors[1] < errors[0] / 14) | (errors[1] < 1e-8 * size))  # 16 at second order
     assert np.all(errors[1] < 1e-4 * size)
 
 
 def test_values_are_those_of_the_level_to_first_order() -> None:
-    found = tumour_gradients(FLANK, start(FLANK), ())
-    level = readings(undisturbed(FLANK, 0.01), Tumours.of(FLANK), reflect=False)
-    assert found.values["ratio"][0] == pytest.approx(level.ratio[0], rel=5e-5)
-    assert found.values["stiffness"][0] == pytest.approx(level.stiffness[0], rel=5e-5)
-    assert found.values["log_sensitivity"][0] == pytest.approx(level.log_sensitivity[0], rel=1e-4)
+    computed = compute_tumour_gradients(FLANK, start(FLANK), ())
+    level = compute_readings(solve_undisturbed(FLANK, 0.01), Tumours.from_scene(FLANK), reflect=False)
+    assert computed.values["ratio"][0] == pytest.approx(level.ratio[0], rel=5e-5)
+    assert computed.values["stiffness"][0] == pytest.approx(level.stiffness[0], rel=5e-5)
+    assert computed.values["log_sensitivity"][0] == pytest.approx(level.log_sensitivity[0], rel=1e-4)
 
 
 def test_callback() -> None:
     names = ("probe.gap", "probe.height")
     films = TumourCallback(FLANK, names, accuracy=0.05)
-    x = np.array([values(FLANK)[name] for name in names])
+    x = np.array([list_values(FLANK)[name] for name in names])
     jacobian = np.array(films.jacobian()(x, films(x)))
     step = 1e-3 * x[0]
     moved = [np.array(films(x + np.array([sign * step, 0.0]))).ravel() for sign in (1, -1)]

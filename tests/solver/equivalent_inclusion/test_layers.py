@@ -6,26 +6,26 @@ import numpy as np
 import pytest
 
 from geometry import Refusal, Scene, read_scene
-from geometry.scenes.variables import changed, values
+from geometry.scenes.variables import list_values, replace_values
 from probe_design.maps.detectability import detectability
 from probe_design.maps.scan import scan
 from solver.answers import plan
-from solver.axisymmetric.gradients import OUTPUTS, gradients
+from solver.axisymmetric.gradients import OUTPUT_NAMES, compute_gradients
 from solver.axisymmetric.level import Axisymmetric
-from solver.axisymmetric.sections import sections
+from solver.axisymmetric.sections import build_sections
 from solver.casadi_functions.finite_elements import TumourCallback
-from solver.equivalent_inclusion.gradients import first_order, tumour_gradients
+from solver.equivalent_inclusion.gradients import compute_tumour_gradients, solve_first_order
 from solver.equivalent_inclusion.level import EquivalentInclusion
-from solver.equivalent_inclusion.readings import Readings, readings
+from solver.equivalent_inclusion.readings import Readings, compute_readings
 from solver.inclusions.tumours import Tumours
 from solver.multiple_scattering.exchange import Reflector
 from solver.multiple_scattering.solve import solve_scattering
-from solver.results.kinds import crossed
-from tests.solver.axisymmetric.test_layers import EXAMPLE, FOLDER, OWN, forces, on
+from solver.results.kinds import find_crossing_refusal
+from tests.solver.axisymmetric.test_layers import EXAMPLE, FOLDER, OWN, add_layers, forces
 
 EXPECTED = json.loads((FOLDER / "expected.json").read_text())
 SCENES = {name: read_scene(FOLDER / f"{name}.toml") for name in EXPECTED}
-INSIDE = [name for name, scene in SCENES.items() if scene.inclusion and crossed(scene) is None]
+INSIDE = [name for name, scene in SCENES.items() if scene.inclusion and find_crossing_refusal(scene) is None]
 LEVEL = EquivalentInclusion()
 
 
@@ -37,22 +37,22 @@ def sphere(depth: float, diameter: float = 8.0, *, x: float = 0.0, y: float = 0.
     }  # fmt: skip
 
 
-def within(scene: Scene, accuracy: float = 1e-2, uncertain: float = 1e-4) -> None:
+def assert_within_accuracy(scene: Scene, accuracy: float = 1e-2, uncertain: float = 1e-4) -> None:
     """The level's answer is as close to that of the meridian's elements as it says."""
-    found, expected = LEVEL.evaluate(scene, accuracy), Axisymmetric().evaluate(scene, uncertain)
-    assert found.error_estimate is not None
+    result, expected = LEVEL.evaluate(scene, accuracy), Axisymmetric().evaluate(scene, uncertain)
+    assert result.error_estimate is not None
     for key in ("ratio", "stress_inner", "stress_outer"):
-        assert abs(getattr(found, key) / getattr(expected, key) - 1) <= found.error_estimate + uncertain, key
+        assert abs(getattr(result, key) / getattr(expected, key) - 1) <= result.error_estimate + uncertain, key
 
 
 @pytest.mark.slow
 def test_a_sphere_in_one_of_three_layers_is_as_good_as_stated():
-    within(on((1.0, 2e4), (14.0, 4e3), (10.0, 2e4), inclusion=[sphere(8.0, 6.0)]))
+    assert_within_accuracy(add_layers((1.0, 2e4), (14.0, 4e3), (10.0, 2e4), inclusion=[sphere(8.0, 6.0)]))
 
 
 def test_the_material_at_a_depth():
-    tissue = on((1.0, 2e4), (2.0, 4e3)).tissue
-    assert [tissue.material_at(1e-3 * depth).youngs_modulus for depth in (0.0, 0.5, 1.0, 2.9, 3.1, 40.0)] == [
+    tissue = add_layers((1.0, 2e4), (2.0, 4e3)).tissue
+    assert [tissue.find_material(1e-3 * depth).youngs_modulus for depth in (0.0, 0.5, 1.0, 2.9, 3.1, 40.0)] == [
         2e4, 2e4, 4e3, 4e3, 6e3, 6e3,
     ]  # fmt: skip
 
@@ -67,23 +67,23 @@ def test_the_material_at_a_depth():
 )
 def test_a_sphere_across_an_interface_is_refused(bodies, words):
     with pytest.raises(Refusal, match=words):
-        LEVEL.evaluate(on((6.0, 2e4), inclusion=bodies))
+        LEVEL.evaluate(add_layers((6.0, 2e4), inclusion=bodies))
 
 
-def read(scene: Scene, accuracy: float = 1e-2, **asked) -> Readings:
+def read(scene: Scene, accuracy: float = 1e-2, **options) -> Readings:
     """What the level reads with reflections."""
-    return readings(LEVEL.prepared(scene, accuracy), Tumours.of(scene), scene.target or 0, reflect=True, **asked)
+    return compute_readings(LEVEL.prepare(scene, accuracy), Tumours.from_scene(scene), scene.target or 0, reflect=True, **options)
 
 
 def changes(scene: Scene) -> np.ndarray:
     """What spheres change of the film forces, and its derivative by the target's modulus, with reflections, (2, 2, 2)."""
-    found = read(scene)
-    return np.array([found.forces[0] - LEVEL.prepared(scene, 1e-2).films.forces, found.by["youngs_modulus"][0]])
+    solution = read(scene)
+    return np.array([solution.forces[0] - LEVEL.prepare(scene, 1e-2).films.forces, solution.derivatives["youngs_modulus"][0]])
 
 
-def agree(one: np.ndarray, other: np.ndarray) -> None:
+def agree(first: np.ndarray, second: np.ndarray) -> None:
     """Both are as close as meshes that differ allow."""
-    assert np.all(np.abs(one - other) <= 3e-3 * np.abs(other).max(axis=(1, 2), keepdims=True))
+    assert np.all(np.abs(first - second) <= 3e-3 * np.abs(second).max(axis=(1, 2), keepdims=True))
 
 
 ASIDE = [sphere(9.0, x=4.0)]
@@ -101,7 +101,10 @@ PAIR = [sphere(7.0, 6.0, x=3.0) | {"target": True}, sphere(15.0, 8.0, x=1.0, y=2
 )
 def test_a_layer_of_the_tissues_own_material_changes_nothing(thicknesses, bodies):
     """Below the sphere, above it, both, and between two spheres, whose fields then meet through the interface alone."""
-    agree(changes(on(*((one, *OWN) for one in thicknesses), inclusion=bodies)), changes(on(inclusion=bodies)))
+    agree(
+        changes(add_layers(*((thickness, *OWN) for thickness in thicknesses), inclusion=bodies)),
+        changes(add_layers(inclusion=bodies)),
+    )
 
 
 NARROW = EXAMPLE.model_copy(update={"tissue": EXAMPLE.tissue.model_copy(update={"radius": 8e-3})})
@@ -109,21 +112,22 @@ NARROW = EXAMPLE.model_copy(update={"tissue": EXAMPLE.tissue.model_copy(update={
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "scene", [on((10.5, 2e4), inclusion=PAIR), on((5.0, 3e4), scene=NARROW, inclusion=[sphere(13.0, modulus=6e5)])]
+    "scene",
+    [add_layers((10.5, 2e4), inclusion=PAIR), add_layers((5.0, 3e4), scene=NARROW, inclusion=[sphere(13.0, modulus=6e5)])],
 )
 def test_both_ways_of_reflection_agree(scene):
     """By spheres' work on the faces and sides of their layers, and at their own points: in two layers, close to the side."""
-    base, spheres = LEVEL.prepared(scene, 1e-2), Tumours.of(scene).flat()
+    base, spheres = LEVEL.prepare(scene, 1e-2), Tumours.from_scene(scene).flatten()
     ways = [Reflector(base.field.states, "bonded", close) for close in (False, True)]
-    one, other = (solve_scattering(base.field, way, base.strata, spheres, 1e-5) for way in ways)
-    agree(np.array([one.forces, *one.by_log_modulus]), np.array([other.forces, *other.by_log_modulus]))
+    iterated, eliminated = (solve_scattering(base.field, way, base.strata, spheres, 1e-5) for way in ways)
+    agree(np.array([iterated.forces, *iterated.by_log_modulus]), np.array([eliminated.forces, *eliminated.by_log_modulus]))
 
 
 @pytest.mark.slow
 def test_two_half_layers_are_one_and_turning_the_tissue_changes_nothing():
-    whole = changes(on((3.0, 2e4), inclusion=ASIDE))
-    agree(changes(on((1.5, 2e4), (1.5, 2e4), inclusion=ASIDE)), whole)
-    np.testing.assert_allclose(changes(on((3.0, 2e4), inclusion=[sphere(9.0, y=4.0)])), whole, rtol=1e-9)
+    whole = changes(add_layers((3.0, 2e4), inclusion=ASIDE))
+    agree(changes(add_layers((1.5, 2e4), (1.5, 2e4), inclusion=ASIDE)), whole)
+    np.testing.assert_allclose(changes(add_layers((3.0, 2e4), inclusion=[sphere(9.0, y=4.0)])), whole, rtol=1e-9)
 
 
 @pytest.mark.slow
@@ -132,9 +136,9 @@ def test_a_thick_layer_around_a_sphere_is_all_that_matters():
     endless = EXAMPLE.tissue.model_dump(exclude_unset=True, exclude={"radius", "depth"}) | {"shape": "half-space"}
     alone = Scene.model_validate(EXAMPLE.model_dump(exclude_unset=True) | {"tissue": endless, "inclusion": ASIDE})
     rock = Scene.model_validate(EXAMPLE.model_dump(exclude_unset=True) | {"tissue": endless | {"youngs_modulus": 1e8}})
-    found, expected = read(on((3000.0, *OWN), scene=rock, inclusion=ASIDE)), read(alone)
-    assert found.ratio == pytest.approx(expected.ratio, rel=5e-4)
-    assert found.log_sensitivity == pytest.approx(expected.log_sensitivity, rel=5e-3)
+    solution, expected = read(add_layers((3000.0, *OWN), scene=rock, inclusion=ASIDE)), read(alone)
+    assert solution.ratio == pytest.approx(expected.ratio, rel=5e-4)
+    assert solution.log_sensitivity == pytest.approx(expected.log_sensitivity, rel=5e-3)
 
 
 TWO = ((1.4, 2e4, 0.49), (14.0, 4e3))
@@ -144,17 +148,17 @@ NAMES = tuple(f"tissue.layer[{key}" for key in ("0].thickness", "1].thickness", 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_central_differences_by_layers_converge_at_second_order(name):
-    scene = on(*TWO, inclusion=[sphere(8.0, 6.0, x=4.0) | {"target": True}, sphere(25.0, 4.0, x=-3.0, y=2.0)])
-    solution = first_order(scene, sections(scene))
-    kind, value = solution.states.model.mesh.layout.kind, values(scene)[name]
-    exact = tumour_gradients(scene, solution, (name,))
+    scene = add_layers(*TWO, inclusion=[sphere(8.0, 6.0, x=4.0) | {"target": True}, sphere(25.0, 4.0, x=-3.0, y=2.0)])
+    solution = solve_first_order(scene, build_sections(scene))
+    kind, value = solution.states.model.mesh.layout.kind, list_values(scene)[name]
+    exact = compute_tumour_gradients(scene, solution, (name,))
 
     def outputs(step: float) -> np.ndarray:
-        moved = changed(scene, {name: value * (1 + step)})
-        found = tumour_gradients(moved, first_order(moved, sections(moved), kind=kind), ())
-        return np.array([found.values[key][0] for key in OUTPUTS])
+        moved = replace_values(scene, {name: value * (1 + step)})
+        computed = compute_tumour_gradients(moved, solve_first_order(moved, build_sections(moved), kind=kind), ())
+        return np.array([computed.values[key][0] for key in OUTPUT_NAMES])
 
-    mine, size = (np.array([part[key].flat[0] for key in OUTPUTS]) for part in (exact.derivatives, exact.values))
+    mine, size = (np.array([part[key].flat[0] for key in OUTPUT_NAMES]) for part in (exact.derivatives, exact.values))
     errors = [np.abs((outputs(h) - outputs(-h)) / (2 * h) - mine * value) for h in (6e-4, 1.5e-4)]
     assert np.all((errors[1] < errors[0] / 12) | (errors[1] < 1e-8 * np.abs(size)))  # 16 at second order
 
@@ -162,49 +166,54 @@ def test_central_differences_by_layers_converge_at_second_order(name):
 @pytest.mark.slow
 def test_derivatives_are_those_of_the_meridians_elements():
     """By the sphere with reflections, by the layers to first order, of which a weak sphere far from all needs no more."""
-    near, weak = on(*TWO, inclusion=[sphere(7.0, 6.0)]), on(*TWO, inclusion=[sphere(9.0, 2.0, modulus=8e3)])
-    found, exact = read(near, places=True), gradients(near, forces(near), ("inclusion.depth", "inclusion.diameter"))
+    close, weak = add_layers(*TWO, inclusion=[sphere(7.0, 6.0)]), add_layers(*TWO, inclusion=[sphere(9.0, 2.0, modulus=8e3)])
+    solution, exact = read(close, places=True), compute_gradients(close, forces(close), ("inclusion.depth", "inclusion.diameter"))
     for k, key in enumerate(("depth", "diameter")):
-        mine = exact.derivatives["stiffness"][0, k] * getattr(near.inclusion[0], key)
-        assert found.log_stiffness_by(key)[0] * found.stiffness[0] == pytest.approx(mine, rel=0.02), key
-    mine, whole = tumour_gradients(weak, first_order(weak, sections(weak)), NAMES), gradients(weak, forces(weak), NAMES)
+        mine = exact.derivatives["stiffness"][0, k] * getattr(close.inclusion[0], key)
+        assert solution.compute_log_stiffness_derivative(key)[0] * solution.stiffness[0] == pytest.approx(mine, rel=0.02), key
+    mine, whole = (
+        compute_tumour_gradients(weak, solve_first_order(weak, build_sections(weak)), NAMES),
+        compute_gradients(weak, forces(weak), NAMES),
+    )
     for key in ("ratio", "stiffness"):
         np.testing.assert_allclose(mine.derivatives[key], whole.derivatives[key], rtol=5e-3)
 
 
 def test_a_design_whose_layer_reaches_into_a_sphere_gives_no_number():
     """IPOPT steps back from it."""
-    films = TumourCallback(on((3.0, 2e4), inclusion=[sphere(9.0, x=4.0) | {"target": True}]), ("tissue.layer[0].thickness",), 0.1)
+    films = TumourCallback(
+        add_layers((3.0, 2e4), inclusion=[sphere(9.0, x=4.0) | {"target": True}]), ("tissue.layer[0].thickness",), 0.1
+    )
     inside, across = (np.array(films(np.array([thickness]))).ravel() for thickness in (3e-3, 7e-3))
     assert np.all(np.isfinite(inside))
     assert np.all(np.isnan(across))
 
 
 def test_auto_takes_this_level_off_the_axis_and_maps_leave_out_what_crosses():
-    scene = on((1.4, 2e4), inclusion=ASIDE)
+    scene = add_layers((1.4, 2e4), inclusion=ASIDE)
     planned = plan(scene, 0.02)
-    assert (planned.evaluator, plan(on((1.4, 2e4))).evaluator) == ("equivalent-inclusion", "axisymmetric")
+    assert (planned.evaluator, plan(add_layers((1.4, 2e4))).evaluator) == ("equivalent-inclusion", "axisymmetric")
     change = detectability(scene, np.array([1e-3, 2e-3, 9e-3]), np.array([1e-3, 6e-3]), accuracy=0.02).change
-    assert [[one is None for one in row] for row in change] == [[True, True], [False, True], [False, False]]
+    assert [[value is None for value in row] for row in change] == [[True, True], [False, True], [False, False]]
 
 
 def test_arrays_of_spheres_are_refused_where_one_is_crossed():
-    base = LEVEL.prepared(on((1.4, 2e4), inclusion=ASIDE), 0.02)
+    base = LEVEL.prepare(add_layers((1.4, 2e4), inclusion=ASIDE), 0.02)
     with pytest.raises(Refusal, match=r"inclusion.depth = 3 mm: allowed: spheres of 4 mm that no interface"):
-        readings(base, Tumours(0.0, 0.0, [[9e-3], [3e-3]], 4e-3, 3e4, 0.45))
+        compute_readings(base, Tumours(0.0, 0.0, [[9e-3], [3e-3]], 4e-3, 3e4, 0.45))
 
 
 @pytest.mark.slow
 def test_a_scan_over_a_sphere_under_a_skin():
     """Even about the sphere; above it what the meridian's elements say; one position alone says what it says among many."""
-    scene = on((1.4, 2e4), inclusion=[sphere(9.0) | {"target": True}])
-    found = scan(scene, "x", np.linspace(-7e-3, 7e-3, 15), accuracy=3e-3, linear=True)
-    np.testing.assert_allclose(found.ratio, found.ratio[::-1], rtol=1e-6)
+    scene = add_layers((1.4, 2e4), inclusion=[sphere(9.0) | {"target": True}])
+    line = scan(scene, "x", np.linspace(-7e-3, 7e-3, 15), accuracy=3e-3, linear=True)
+    np.testing.assert_allclose(line.ratio, line.ratio[::-1], rtol=1e-6)
     expected = Axisymmetric().evaluate(scene, 1e-4)
-    assert abs(found.ratio[7] / expected.ratio - 1) <= found.error_estimate[7] + 1e-4
-    assert found.log_sensitivity[7] == pytest.approx(expected.log_sensitivity, rel=0.015)
+    assert abs(line.ratio[7] / expected.ratio - 1) <= line.error_estimate[7] + 1e-4
+    assert line.log_sensitivity[7] == pytest.approx(expected.log_sensitivity, rel=0.015)
     alone = scan(scene, "x", np.array([4e-3]), accuracy=3e-3, linear=True)
-    assert alone.ratio[0] == pytest.approx(found.ratio[11], rel=found.error_estimate[11])
+    assert alone.ratio[0] == pytest.approx(line.ratio[11], rel=line.error_estimate[11])
 
 
 @pytest.mark.slow

@@ -7,18 +7,18 @@ from benchmarks.levels.inclusion_draws import draw_near
 from geometry import Inclusion, read_scene
 from geometry.scenes.scene import CylinderTissue, Layer
 from solver.axisymmetric.level import Axisymmetric
-from solver.equivalent_inclusion.probe_on_tissue import undisturbed
-from solver.equivalent_inclusion.readings import readings
+from solver.equivalent_inclusion.probe_on_tissue import solve_undisturbed
+from solver.equivalent_inclusion.readings import compute_readings
 from solver.inclusions.tumours import Tumours
 from tests.support.paths import SCENE
 
 
-def both(scene, accuracy=0.01):
+def evaluate_both(scene, accuracy=0.01):
     """What both levels find, compared."""
-    true = Axisymmetric().converged(scene, accuracy / 10).films[0]
-    found = judge(readings(undisturbed(scene, accuracy), Tumours.of(scene), reflect=True), true)
-    assert found
-    return found
+    true = Axisymmetric().compute_converged(scene, accuracy / 10).films[0]
+    judgement = judge(compute_readings(solve_undisturbed(scene, accuracy), Tumours.from_scene(scene), reflect=True), true)
+    assert judgement
+    return judgement
 
 
 @pytest.mark.parametrize("gap", [1e-5, 1e-4])
@@ -28,12 +28,12 @@ def test_next_to_an_interface_the_bound_is_of_use(gap, contrast):
     skin = Layer(thickness=1.5e-3, youngs_modulus=contrast * 3e3, poisson_ratio=0.45)
     tissue = CylinderTissue(shape="cylinder", radius=45e-3, depth=40e-3, youngs_modulus=3e3, poisson_ratio=0.45, layer=(skin,))
     body = Inclusion(diameter=6e-3, depth=4.5e-3 + gap, youngs_modulus=20e3, poisson_ratio=0.45)
-    found = both(read_scene(SCENE).model_copy(update={"tissue": tissue, "inclusion": (body,)}))
-    assert found.wrong == ""
-    assert found.stated < max(0.01, 20 * found.true)
+    judgement = evaluate_both(read_scene(SCENE).model_copy(update={"tissue": tissue, "inclusion": (body,)}))
+    assert judgement.wrong == ""
+    assert judgement.stated < max(0.01, 20 * judgement.true)
 
 
 @pytest.mark.parametrize("number", [38, 2, 3])  # a hard sphere at the floor of nearly incompressible tissue; one; one at the side
 def test_bounds_hold_where_tissue_is_all_but_pinched_off(number):
-    found = both(draw_near(7, number).scene())
-    assert found.wrong == ""
+    judgement = evaluate_both(draw_near(7, number).scene())
+    assert judgement.wrong == ""

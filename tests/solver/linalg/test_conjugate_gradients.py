@@ -3,9 +3,9 @@ import pytest
 import scipy.sparse as sp
 
 from geometry.common.errors import SolveError
-from geometry.common.resources import LimitReached, Limits, limited, timed
+from geometry.common.resources import LimitReached, Limits, start_clock, use_limits
 from solver.linalg import conjugate_gradients as module
-from solver.linalg.conjugate_gradients import Stiffness, held_bytes, pattern_of, residual, solve
+from solver.linalg.conjugate_gradients import Stiffness, compute_residual, estimate_held_bytes, get_analysis, solve
 
 
 @pytest.fixture
@@ -38,52 +38,57 @@ def solves(factor, matrix):
 
 
 def test_where_rslab_panics_another_library_factorises(matrix, monkeypatch):
-    monkeypatch.setattr(module, "_rslab", lambda: Library(Panic("index out of bounds")))
+    monkeypatch.setattr(module, "_load_rslab", lambda: Library(Panic("index out of bounds")))
     assert solves(matrix.factor(), matrix)
 
 
 def test_an_interruption_is_no_panic(matrix, monkeypatch):
-    monkeypatch.setattr(module, "_rslab", lambda: Library(KeyboardInterrupt()))
+    monkeypatch.setattr(module, "_load_rslab", lambda: Library(KeyboardInterrupt()))
     with pytest.raises(KeyboardInterrupt):
         matrix.factor()
 
 
 def test_factors_beyond_the_memory_are_refused_before_they_are_made(matrix):
-    least = held_bytes(matrix.lower.shape[0], 0.0)
-    with limited(Limits(memory=0.25e9 + least)), pytest.raises(LimitReached, match=r"memory = .*factors of 1728 unknowns"):
+    min_bytes = estimate_held_bytes(matrix.lower.shape[0], 0.0)
+    with use_limits(Limits(memory=0.25e9 + min_bytes)), pytest.raises(LimitReached, match=r"memory = .*factors of 1728 unknowns"):
         matrix.factor()
-    with limited(Limits(memory=0.3e9)):
+    with use_limits(Limits(memory=0.3e9)):
         assert solves(matrix.factor(), matrix)
 
 
 def test_the_second_library_is_held_to_the_same_memory(matrix, monkeypatch):
-    monkeypatch.setattr(module, "_rslab", lambda: None)
-    with limited(Limits(memory=0.2e9)), pytest.raises(LimitReached):
+    monkeypatch.setattr(module, "_load_rslab", lambda: None)
+    with use_limits(Limits(memory=0.2e9)), pytest.raises(LimitReached):
         matrix.factor()
 
 
 def test_iterations_end_with_the_time(matrix):
     factor, forces = matrix.factor(), np.ones((matrix.lower.shape[0], 1))
-    with limited(Limits(seconds=-1.0)), timed(), pytest.raises(LimitReached, match="time"):
+    with use_limits(Limits(seconds=-1.0)), start_clock(), pytest.raises(LimitReached, match="time"):
         solve(matrix, forces, factor)
 
 
 def test_an_analysis_serves_other_matrices_that_have_its_entries_alone(matrix):
     pytest.importorskip("rslab")
-    first = pattern_of(matrix.factor())
+    first = get_analysis(matrix.factor())
     stiffer = Stiffness(matrix.lower * 2.0)
-    again = stiffer.factor(like=first)
-    assert pattern_of(again) is first
-    assert solves(again, stiffer)
+    repeated = stiffer.factor(like=first)
+    assert get_analysis(repeated) is first
+    assert solves(repeated, stiffer)
     smaller = Stiffness(sp.csc_array(matrix.lower[:-1, :-1]))
-    other = smaller.factor(like=first)
-    assert pattern_of(other) is not first
-    assert solves(other, smaller)
+    smaller_factor = smaller.factor(like=first)
+    assert get_analysis(smaller_factor) is not first
+    assert solves(smaller_factor, smaller)
 
 
 def test_iterations_end_at_the_residual_that_is_asked_for(matrix):
-    near, forces = Stiffness(matrix.lower + 0.5 * sp.eye_array(matrix.lower.shape[0], format="csc")).factor(), np.ones((1728, 1))
-    coarse, fine = (residual(matrix, forces, solve(matrix, forces, near, target=target)) for target in (1e-3, 1e-9))
+    near_factor, forces = (
+        Stiffness(matrix.lower + 0.5 * sp.eye_array(matrix.lower.shape[0], format="csc")).factor(),
+        np.ones((1728, 1)),
+    )
+    coarse, fine = (
+        compute_residual(matrix, forces, solve(matrix, forces, near_factor, target=target)) for target in (1e-3, 1e-9)
+    )
     assert 1e-9 < coarse <= 1e-3
     assert fine <= 1e-9
 
@@ -107,7 +112,7 @@ def test_under_a_limit_of_the_system_room_is_left_beside_stacks(monkeypatch, lim
         budget[0] -= size
 
     monkeypatch.setattr(module.np, "empty", empty)
-    monkeypatch.setattr(module, "_limited", lambda: limited)
+    monkeypatch.setattr(module, "_is_memory_limited", lambda: limited)
     monkeypatch.setattr(module.os, "cpu_count", lambda: 1)
     if enough:
         module._reserve(0.5e9)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from solver.linalg.memory import give_back
-from solver.linalg.workspace import LIMIT
+from solver.linalg.workspace import LIMIT_VARIABLE
 from tests.support.paths import EXAMPLES, ROOT
 
 UNLIKE = "import json; from benchmarks.levels.memory import measured; print(json.dumps(measured(120, each=20).rows))"
@@ -40,7 +40,7 @@ def said(code: str, *arguments: str, **environment: str) -> str:
 @pytest.mark.slow
 def test_unlike_scenes_do_not_add_up() -> None:
     """A workspace of 0.2 GB is full after a dozen of 120 scenes; beside it are Python, libraries and what was freed last."""
-    for row in json.loads(said(UNLIKE, **{LIMIT: "0.2"})):
+    for row in json.loads(said(UNLIKE, **{LIMIT_VARIABLE: "0.2"})):
         now, held = row[2], row[4]
         assert held <= 300  # MB: the limit, or what the last evaluation needed
         assert now - held <= 260
@@ -49,8 +49,8 @@ def test_unlike_scenes_do_not_add_up() -> None:
 @linux
 @pytest.mark.slow
 def test_readme_s_scan_takes_less_than_800_megabytes() -> None:
-    (most,) = re.findall(r"VmHWM:\s*(\d+) kB", said(SCAN, *LINE))
-    assert 1024 * int(most) < 0.8e9
+    (peak,) = re.findall(r"VmHWM:\s*(\d+) kB", said(SCAN, *LINE))
+    assert 1024 * int(peak) < 0.8e9
 
 
 @linux
@@ -78,6 +78,6 @@ def resident() -> int:
 def test_the_environment_is_as_it_was_once_the_factorisation_is_loaded() -> None:
     code = (
         "import os; before = dict(os.environ); "
-        "from solver.linalg.conjugate_gradients import _rslab; _rslab(); print(dict(os.environ) == before)"
+        "from solver.linalg.conjugate_gradients import _load_rslab; _load_rslab(); print(dict(os.environ) == before)"
     )
     assert said(code).strip() == "True"

@@ -31,37 +31,39 @@ def pardiso() -> None:
 
 
 def test_products_of_matrices_one_after_the_other() -> None:
-    one = SchurComplements()
+    complements = SchurComplements()
     pairs = [pair(0), pair(1), pair(2, unknowns=80, columns=12), pair(0)]
-    found = [one.product(*each) for each in pairs]
-    for product, each in zip(found, pairs, strict=True):
+    products = [complements.compute_product(*operands) for operands in pairs]
+    for product, operands in zip(products, pairs, strict=True):
         assert product is not None
-        np.testing.assert_allclose(product, exact(*each), rtol=1e-12, atol=1e-14)
-    np.testing.assert_array_equal(found[0], found[3])
-    np.testing.assert_array_equal(found[1], SchurComplements().product(*pairs[1]))  # whatever was asked before, to the last bit
+        np.testing.assert_allclose(product, exact(*operands), rtol=1e-12, atol=1e-14)
+    np.testing.assert_array_equal(products[0], products[3])
+    np.testing.assert_array_equal(
+        products[1], SchurComplements().compute_product(*pairs[1])
+    )  # whatever was asked before, to the last bit
 
 
 def test_matrices_of_one_structure_are_analysed_once(monkeypatch: pytest.MonkeyPatch) -> None:
     seen = []
-    analysed = schur_complements._analysed
-    monkeypatch.setattr(schur_complements, "_analysed", lambda *given: seen.append(1) or analysed(*given))
-    one = SchurComplements()
+    analysed = schur_complements._analyse
+    monkeypatch.setattr(schur_complements, "_analyse", lambda *given: seen.append(1) or analysed(*given))
+    complements = SchurComplements()
     for seed in range(4):
-        one.product(*pair(seed))
+        complements.compute_product(*pair(seed))
     assert len(seen) == 1
 
 
 def test_what_is_not_positive_definite_has_none() -> None:
     A, B = pair(0)
-    assert SchurComplements().product(sp.csc_array(A - 10 * sp.eye_array(A.shape[0])), B) is None
+    assert SchurComplements().compute_product(sp.csc_array(A - 10 * sp.eye_array(A.shape[0])), B) is None
 
 
 def test_a_product_that_is_off_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    found = SchurComplements._found
-    monkeypatch.setattr(SchurComplements, "_found", lambda *given: found(*given) * (1 + 1e-6))
-    assert SchurComplements().product(*pair(0)) is None
+    find_product = SchurComplements._eliminate
+    monkeypatch.setattr(SchurComplements, "_eliminate", lambda *given: find_product(*given) * (1 + 1e-6))
+    assert SchurComplements().compute_product(*pair(0)) is None
 
 
 def test_without_pardiso_there_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cholesky, "pardiso", lambda: None)
-    assert SchurComplements().product(*pair(0)) is None
+    monkeypatch.setattr(cholesky, "load_pardiso", lambda: None)
+    assert SchurComplements().compute_product(*pair(0)) is None

@@ -15,7 +15,7 @@ from solver.axisymmetric.level import Axisymmetric
 from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.linalg import workspace
 from solver.linalg.cholesky import Pattern, factorise
-from solver.linalg.workspace import Workspace, current, kept, of_process, size, using
+from solver.linalg.workspace import Workspace, get_process_workspace, get_workspace, keep_result, measure_bytes, use_workspace
 from tests.support.paths import REFERENCE
 from tests.support.random_scenes import scaled
 
@@ -85,7 +85,7 @@ def test_clear() -> None:
 
 def test_shared_arrays_and_views_count_once() -> None:
     array = np.zeros((10, 10))
-    assert size([array, array[2:], array.T.reshape(-1)[:3], {"a": (array,)}]) == 800 + 800  # the reshaped is a copy
+    assert measure_bytes([array, array[2:], array.T.reshape(-1)[:3], {"a": (array,)}]) == 800 + 800  # the reshaped is a copy
     held = Workspace()
     for key in range(3):
         held.keep(key, lambda: Thing(array))
@@ -94,56 +94,56 @@ def test_shared_arrays_and_views_count_once() -> None:
 
 def test_sparse_matrices_and_what_libraries_hold_count() -> None:
     matrix = sp.csc_array(sp.diags_array([-np.ones(99), 3 * np.ones(100), -np.ones(99)], offsets=[-1, 0, 1]))
-    assert size(matrix) == matrix.data.nbytes + matrix.indices.nbytes + matrix.indptr.nbytes
-    assert size(Thing(np.zeros(1), 1000)) == 1008
-    assert size(factorise(matrix, Pattern())) > 8 * 199
+    assert measure_bytes(matrix) == matrix.data.nbytes + matrix.indices.nbytes + matrix.indptr.nbytes
+    assert measure_bytes(Thing(np.zeros(1), 1000)) == 1008
+    assert measure_bytes(factorise(matrix, Pattern())) > 8 * 199
 
 
 def test_functions_keep_where_one_works() -> None:
     calls = []
 
-    @kept
+    @keep_result
     def double(x: int) -> int:
         calls.append(x)
         return 2 * x
 
-    with using(Workspace()) as mine:
+    with use_workspace(Workspace()) as mine:
         assert (double(1), double(1), double(2)) == (2, 2, 4)
-        assert current() is mine
-    with using(Workspace()):
+        assert get_workspace() is mine
+    with use_workspace(Workspace()):
         double(1)
     assert calls == [1, 2, 1]
-    assert current() is of_process()
+    assert get_workspace() is get_process_workspace()
 
 
 @pytest.mark.parametrize(("given", "limit"), [(None, 1e9), ("0.25", 2.5e8), ("0", 0.0)])
 def test_the_limit_comes_from_the_environment(given: str | None, limit: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(workspace.LIMIT, raising=False)
+    monkeypatch.delenv(workspace.LIMIT_VARIABLE, raising=False)
     if given is not None:
-        monkeypatch.setenv(workspace.LIMIT, given)
-    assert of_process.__wrapped__().limit == limit
+        monkeypatch.setenv(workspace.LIMIT_VARIABLE, given)
+    assert get_process_workspace.__wrapped__().limit == limit
 
 
 @pytest.mark.parametrize("given", ["", "much", "-1", "nan", "inf", "1 GB"])
 def test_a_limit_that_is_none_is_refused(given: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(workspace.LIMIT, given)
-    with pytest.raises(InputError, match=f"{workspace.LIMIT} = .*: allowed: a number of GB"):
-        of_process.__wrapped__()
+    monkeypatch.setenv(workspace.LIMIT_VARIABLE, given)
+    with pytest.raises(InputError, match=f"{workspace.LIMIT_VARIABLE} = .*: allowed: a number of GB"):
+        get_process_workspace.__wrapped__()
 
 
 @pytest.mark.slow
 def test_answers_do_not_depend_on_what_is_kept() -> None:
     scene = read_scene(SCENE)
-    with using(Workspace(limit=0)) as nothing:
+    with use_workspace(Workspace(limit=0)) as nothing:
         poor = evaluate(scene, "equivalent-inclusion", 0.01).as_dict()
         nothing.begin()
         nothing.make_room()
         assert nothing.bytes_held == 0
-    with using(Workspace()) as much:
+    with use_workspace(Workspace()) as ample:
         rich = [evaluate(scene, "equivalent-inclusion", 0.01).as_dict() for _ in range(2)]
-        assert 1e7 < much.bytes_held < 1e9
-    for one in (poor, *rich):
-        del one["seconds"]
+        assert 1e7 < ample.bytes_held < 1e9
+    for answer in (poor, *rich):
+        del answer["seconds"]
     assert poor == rich[0] == rich[1]
 
 
@@ -151,30 +151,30 @@ def test_answers_do_not_depend_on_what_is_kept() -> None:
 def test_evaluators_with_workspaces_of_their_own_do_not_share(level: type[Axisymmetric | EquivalentInclusion]) -> None:
     unused = Workspace()
     first, second = (level(workspace=Workspace()) for _ in range(2))
-    with using(unused):
+    with use_workspace(unused):
         first.evaluate(read_scene(SHALLOW), 0.05)
     assert unused.bytes_held == second.workspace.bytes_held == 0 < first.workspace.bytes_held
     second.evaluate(read_scene(SHALLOW), 0.05)
     assert second.workspace.bytes_held == first.workspace.bytes_held
-    one, other = ({id(entry.value) for entry in held.workspace._entries.values()} for held in (first, second))
-    assert not one & other
+    first_ids, second_ids = ({id(entry.value) for entry in held.workspace._entries.values()} for held in (first, second))
+    assert not first_ids & second_ids
 
 
 def test_an_evaluator_takes_the_workspace_that_it_is_given_or_made_in() -> None:
     mine = Workspace()
     assert evaluator("axisymmetric", workspace=mine) == evaluator("axisymmetric")
-    assert Axisymmetric().workspace is of_process()
-    with using(mine):
+    assert Axisymmetric().workspace is get_process_workspace()
+    with use_workspace(mine):
         assert Axisymmetric().workspace is mine
 
 
 def test_a_limit_is_held_from_scene_to_scene() -> None:
     level = EquivalentInclusion(workspace=Workspace(limit=3e7))
-    most = 0
+    max_bytes = 0
     for times in (1.0, 1.2, 1.4):
         level.evaluate(scaled(read_scene(SHALLOW), lengths=times, moduli=times**2), 0.05)
-        most = max(most, level.workspace.bytes_held)
+        max_bytes = max(max_bytes, level.workspace.bytes_held)
         level.workspace.begin()
         level.workspace.make_room()
         assert 0 < level.workspace.bytes_held <= 3e7
-    assert most > 3e7  # something had to go
+    assert max_bytes > 3e7  # something had to go

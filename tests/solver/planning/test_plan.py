@@ -16,14 +16,14 @@ from geometry.scenes.probe import Base, Film, Groove
 from geometry.scenes.scene import Contact
 from probe_design.cli.main import cli
 from solver import Decision, evaluate, evaluator, plan
-from solver.axisymmetric.converged_forces import converged_forces
+from solver.axisymmetric.converged_forces import compute_converged_forces
 from solver.planning.coarse_model import CoarseModel
 from solver.planning.plan import Plan
-from solver.planning.plan import plan as estimate
-from solver.planning.strains import cover_factor
+from solver.planning.plan import build_plan as estimate
+from solver.planning.strains import compute_cover_factor
 from solver.results.film_forces import FilmForces
-from solver.results.result import LARGEST
-from solver.solid.domain import plain
+from solver.results.result import MAX_EFFECT
+from solver.solid.domain import remove_asymmetry
 from tests.support.load_paths import added_by_blocks
 from tests.support.paths import REFERENCE
 from tests.support.references import expected, named
@@ -32,8 +32,8 @@ from tests.support.slow import slow_unless
 SCENE = read_scene(REFERENCE / "solid" / "flank.toml")
 
 
-def decision(of: Plan, feature: str) -> Decision:
-    return next(one for one in of.decisions if one.feature == feature)
+def decision(scene_plan: Plan, feature: str) -> Decision:
+    return next(candidate for candidate in scene_plan.decisions if candidate.feature == feature)
 
 
 def with_probe(scene: Scene, **changes: object) -> Scene:
@@ -46,15 +46,17 @@ FOLDERS = ["axisymmetric", "extra", "extreme", "half-space", "layers", "off-axis
 @pytest.mark.parametrize("folder", slow_unless(lambda folder: not folder.startswith("extr"), FOLDERS))
 def test_every_reference_scene_has_a_plan(folder: str) -> None:
     """Under no load: some sliding faces over thin or nearly cancelling films allow less than their scene's load."""
-    for one in expected(folder):
-        found = plan(one.scene.model_copy(update={"load": Load(force=0.0)}))
-        round_ = one.scene.probe.groove is None
-        if found.evaluator == "solid" and round_:  # no cheaper one reaches the accuracy
-            assert (evaluator("equivalent-inclusion").evaluate(one.scene).error_estimate or 1) > found.allowed, one.name
+    for reference in expected(folder):
+        scene_plan = plan(reference.scene.model_copy(update={"load": Load(force=0.0)}))
+        round_ = reference.scene.probe.groove is None
+        if scene_plan.evaluator == "solid" and round_:  # no cheaper one reaches the accuracy
+            assert (evaluator("equivalent-inclusion").evaluate(reference.scene).error_estimate or 1) > scene_plan.allowed, (
+                reference.name
+            )
         else:
-            assert (found.evaluator in ("axisymmetric", "equivalent-inclusion", "contact")) == round_, one.name
-        numbers = [(d.effect, d.effect_on_stresses, d.effect_on_stiffness) for d in found.decisions]
-        assert np.all(np.isfinite(np.array(numbers, dtype=float))), one.name
+            assert (scene_plan.evaluator in ("axisymmetric", "equivalent-inclusion", "contact")) == round_, reference.name
+        numbers = [(d.effect, d.effect_on_stresses, d.effect_on_stiffness) for d in scene_plan.decisions]
+        assert np.all(np.isfinite(np.array(numbers, dtype=float))), reference.name
 
 
 class TestInclusions:
@@ -77,13 +79,13 @@ class TestInclusions:
     @pytest.mark.parametrize("seed", slow_unless((3).__gt__, range(8)))
     def test_the_ratio_moves_by_less_than_promised(self, seed: int) -> None:
         scene = self.scene(seed)
-        found = plan(scene, 0.03)
+        scene_plan = plan(scene, 0.03)
         level = evaluator("equivalent-inclusion")
-        whole, part = level.evaluate(scene, 0.002), level.evaluate(found.scene, 0.002)
+        whole, part = level.evaluate(scene, 0.002), level.evaluate(scene_plan.scene, 0.002)
         moved = [abs(math.log(getattr(whole, key) / getattr(part, key))) for key in ("ratio", "stiffness", "stress_outer")]
-        assert max(moved) <= found.left_out <= 0.1 * 0.03
+        assert max(moved) <= scene_plan.left_out <= 0.1 * 0.03
         assert part.log_sensitivity == pytest.approx(whole.log_sensitivity, rel=0.1 * 5 * 0.03)
-        assert len(found.scene.inclusion) < 6 or max(moved) == 0
+        assert len(scene_plan.scene.inclusion) < 6 or max(moved) == 0
 
     def test_some_are_left_out_and_some_are_not(self) -> None:
         kept = [len(plan(self.scene(seed), 0.03).scene.inclusion) for seed in range(8)]
@@ -92,9 +94,9 @@ class TestInclusions:
 
     def test_the_target_stays_the_target(self) -> None:
         scene = self.scene(0)
-        found = plan(scene, 0.5)
-        assert [body.target for body in found.scene.inclusion].count(True) == 1
-        assert found.scene.inclusion[found.scene.target or 0].diameter == SCENE.inclusion[0].diameter
+        scene_plan = plan(scene, 0.5)
+        assert [body.target for body in scene_plan.scene.inclusion].count(True) == 1
+        assert scene_plan.scene.inclusion[scene_plan.scene.target or 0].diameter == SCENE.inclusion[0].diameter
         result = evaluate(scene, accuracy=0.5)
         assert result.log_sensitivity is not None
 
@@ -107,20 +109,20 @@ class TestInclusions:
         assert sum("log_sensitivity is null: several inclusions" in line for line in result.warnings) == 1
 
     def test_what_is_left_out_is_in_the_error(self) -> None:
-        one = named("solid", "two-tumours-on-large-tumour")
-        found = plan(one.scene)
-        assert not decision(found, "inclusion[1]").modelled
-        result = evaluate(one.scene)
-        alone = evaluate(found.scene, "axisymmetric", found.accuracy)
+        reference = named("solid", "two-tumours-on-large-tumour")
+        scene_plan = plan(reference.scene)
+        assert not decision(scene_plan, "inclusion[1]").modelled
+        result = evaluate(reference.scene)
+        alone = evaluate(scene_plan.scene, "axisymmetric", scene_plan.accuracy)
         assert result.error_estimate is not None
         assert alone.error_estimate is not None
-        indentation = one.scene.load.indentation
+        indentation = reference.scene.load.indentation
         assert indentation is not None
-        x = indentation * (1 / one.scene.probe.tube_radius + added_by_blocks(one.scene.probe, result, indentation))
+        x = indentation * (1 / reference.scene.probe.tube_radius + added_by_blocks(reference.scene.probe, result, indentation))
         assert result.error_estimate - alone.error_estimate == pytest.approx(
-            found.left_out + 0.1 * cover_factor(one.scene.inclusion) * x, rel=0.02
+            scene_plan.left_out + 0.1 * compute_cover_factor(reference.scene.inclusion) * x, rel=0.02
         )
-        assert result.ratio == pytest.approx(one.ratio, rel=result.error_estimate + one.uncertainty)
+        assert result.ratio == pytest.approx(reference.ratio, rel=result.error_estimate + reference.uncertainty)
 
 
 class TestDetails:
@@ -130,29 +132,29 @@ class TestDetails:
     @cache
     def bare() -> FilmForces:
         """Of the probe without films, under a rigid base."""
-        return converged_forces(plain(SCENE), 1e-5).films[0]
+        return compute_converged_forces(remove_asymmetry(SCENE), 1e-5).films[0]
 
     @pytest.mark.slow
     @pytest.mark.parametrize("stiff", [3e8, 3e9])
     def test_layers(self, stiff: float) -> None:
         layered = with_probe(SCENE, film=Film(youngs_modulus=stiff), base=Base(youngs_modulus=stiff, poisson_ratio=0.3))
-        scene = plain(layered)
-        found = plan(scene, 0.05)
-        changes = converged_forces(scene, 1e-5).films[0], self.bare()
+        scene = remove_asymmetry(layered)
+        scene_plan = plan(scene, 0.05)
+        changes = compute_converged_forces(scene, 1e-5).films[0], self.bare()
         logs = [math.log(films.totals[0] / films.totals[1]) for films in changes]
-        promised = decision(found, "film compliance"), decision(found, "elastic base")
-        assert not any(one.modelled for one in promised)
-        assert 0 < abs(logs[0] - logs[1]) <= sum(one.effect for one in promised)
+        promised = decision(scene_plan, "film compliance"), decision(scene_plan, "elastic base")
+        assert not any(layer_decision.modelled for layer_decision in promised)
+        assert 0 < abs(logs[0] - logs[1]) <= sum(layer_decision.effect for layer_decision in promised)
         totals = [films.totals.sum() for films in changes]
-        assert abs(totals[0] / totals[1] - 1) <= sum(one.effect_on_stiffness or 0 for one in promised)
+        assert abs(totals[0] / totals[1] - 1) <= sum(layer_decision.effect_on_stiffness or 0 for layer_decision in promised)
 
     @pytest.mark.parametrize("name", ["groove-on-axis", "groove-over-tumour"])
     def test_groove(self, name: str) -> None:
-        one = named("solid", name)
-        without = evaluate(with_probe(one.scene, groove=None), accuracy=0.003)
-        assert without.ratio
-        moved = abs(math.log(one.ratio / without.ratio))
-        assert 0.003 < moved <= decision(plan(one.scene), "groove").effect
+        reference = named("solid", name)
+        ratio_without = evaluate(with_probe(reference.scene, groove=None), accuracy=0.003)
+        assert ratio_without.ratio
+        moved = abs(math.log(reference.ratio / ratio_without.ratio))
+        assert 0.003 < moved <= decision(plan(reference.scene), "groove").effect
 
     def test_a_groove_that_does_not_matter_is_left_out(self) -> None:
         small = with_probe(SCENE, groove=Groove(width=2e-4, depth=5e-5))
@@ -162,20 +164,20 @@ class TestDetails:
 
     @pytest.mark.slow
     def test_sides(self) -> None:
-        one = named("solid", "two-tumours-between")
-        bare = one.scene.model_copy(update={"inclusion": ()})
+        reference = named("solid", "two-tumours-between")
+        bare = reference.scene.model_copy(update={"inclusion": ()})
         result = evaluate(bare, "axisymmetric", 1e-4)
-        without = json.loads((REFERENCE / "solid" / "expected.json").read_text())["flank"]["ratio_without"]
+        ratio_without = json.loads((REFERENCE / "solid" / "expected.json").read_text())["flank"]["ratio_without"]
         assert result.ratio
         promised = decision(plan(bare), "sides that are not round").effect
-        assert abs(math.log(result.ratio / without)) <= promised + decision(plan(bare), "far edges").effect + 8e-4
+        assert abs(math.log(result.ratio / ratio_without)) <= promised + decision(plan(bare), "far edges").effect + 8e-4
 
-    @pytest.mark.parametrize("one", expected("half-space"), ids=lambda one: one.name)
-    def test_the_half_space_ends_far_enough_away(self, one: object) -> None:
-        scene = one.scene  # type: ignore[attr-defined]
-        found = next(d for d in plan(scene).decisions if d.feature.startswith("the tissue beyond"))
-        assert not found.modelled
-        assert found.effect < 1e-5
+    @pytest.mark.parametrize("reference", expected("half-space"), ids=lambda reference: reference.name)
+    def test_the_half_space_ends_far_enough_away(self, reference: object) -> None:
+        scene = reference.scene  # type: ignore[attr-defined]
+        far_decision = next(d for d in plan(scene).decisions if d.feature.startswith("the tissue beyond"))
+        assert not far_decision.modelled
+        assert far_decision.effect < 1e-5
 
 
 class TestBeyondLinearElasticity:
@@ -183,9 +185,9 @@ class TestBeyondLinearElasticity:
         for force in (1e-6, 1e3):
             scene = SCENE.model_copy(update={"load": Load(force=force)})
             for feature in ("gap contact", "lift-off", "finite strain"):
-                found = decision(plan(scene), feature)
-                assert not found.modelled
-                assert found.reason.startswith("no evaluator" if feature == "lift-off" else "no linear evaluator")
+                decision_found = decision(plan(scene), feature)
+                assert not decision_found.modelled
+                assert decision_found.reason.startswith("no evaluator" if feature == "lift-off" else "no linear evaluator")
 
     def test_the_gap_closes_where_tall_columns_widen(self) -> None:
         """Far from its ends a column of strain e widens by nu e r, and so does the hole of a tube."""
@@ -193,34 +195,34 @@ class TestBeyondLinearElasticity:
         outer = SCENE.probe.outer.model_copy(update={"youngs_modulus": 1e5, "poisson_ratio": 0.3})
         sizes = {"inner_radius": 2e-3, "gap": 1e-4, "area_ratio": 0.5, "height": 60e-3}
         scene = with_probe(SCENE, inner=inner, outer=outer, **sizes)
-        rough, probe = CoarseModel.of(scene), scene.probe
+        rough, probe = CoarseModel.from_scene(scene), scene.probe
         strains = rough.forces.sum(axis=1) / [probe.inner_area * 1e4, probe.outer_area * 1e5]
-        z, closing = rough.gap.heights.ravel(), rough.gap.nearing.ravel()
+        z, closing = rough.gap_profile.heights.ravel(), rough.gap_profile.nearing.ravel()
         widened = 0.4 * strains[0] * probe.inner_radius - 0.3 * strains[1] * probe.hole_radius
         assert np.interp(30e-3, z, closing) == pytest.approx(widened, rel=0.03)
-        assert rough.approach >= closing.max()
+        assert rough.wall_approach >= closing.max()
 
     def test_walls_that_may_meet_are_told(self) -> None:
         soft = with_probe(SCENE, inner=SCENE.probe.inner.model_copy(update={"youngs_modulus": 1e4}))
-        closing = CoarseModel.of(soft).closure
-        below, above = (
+        closing = CoarseModel.from_scene(soft).closure_force
+        lower, upper = (
             decision(plan(soft.model_copy(update={"load": Load(force=times * closing)})), "gap contact") for times in (0.04, 0.06)
         )
-        assert below.effect == 0
-        assert above.effect == LARGEST  # nothing is known
+        assert lower.effect == 0
+        assert upper.effect == MAX_EFFECT  # nothing is known
 
     def test_a_rigid_punch_pulls_nowhere_and_a_bulging_one_does(self) -> None:
         """Under a frictionless rigid punch pressure is positive everywhere (Boussinesq); soft blocks' rims lose it."""
         rigid = SCENE.probe.inner.model_copy(update={"youngs_modulus": 1e9})
         scene = with_probe(SCENE, inner=rigid, outer=rigid).model_copy(update={"contact": Contact(interface="frictionless")})
-        assert CoarseModel.of(scene).pulled == 0
-        assert CoarseModel.of(named("axisymmetric", "shallow").scene).pulled > 0.005
+        assert CoarseModel.from_scene(scene).pulled_share == 0
+        assert CoarseModel.from_scene(named("axisymmetric", "shallow").scene).pulled_share > 0.005
 
     def test_a_scene_that_no_evaluator_takes_still_has_a_plan(self) -> None:
         scene = SCENE.model_copy(update={"contact": Contact(interface="unilateral", friction=0.2)})
-        found = plan(scene)
-        assert found.evaluator is None
-        assert decision(found, "lift-off").reason.startswith("no evaluator")
+        scene_plan = plan(scene)
+        assert scene_plan.evaluator is None
+        assert decision(scene_plan, "lift-off").reason.startswith("no evaluator")
         with pytest.raises(Refusal, match="unilateral"):
             evaluate(scene)
 
@@ -229,24 +231,24 @@ class TestAuto:
     @pytest.mark.parametrize("name", ["published-materials", "shallow"])
     def test_follows_the_plan(self, name: str) -> None:
         scene = named("axisymmetric", name).scene
-        result, found = evaluate(scene), plan(scene)
-        assert result.evaluator == found.evaluator
-        assert [one.feature for one in result.plan] == [one.feature for one in found.decisions]
+        result, scene_plan = evaluate(scene), plan(scene)
+        assert result.evaluator == scene_plan.evaluator
+        assert [decision.feature for decision in result.plan] == [decision.feature for decision in scene_plan.decisions]
 
     def test_tilt_and_grooves_that_matter_ask_for_three_dimensions(self) -> None:
         assert plan(named("solid", "groove-on-axis").scene).evaluator == "solid"
-        at = SCENE.placement.model_copy(update={"tilt": 0.02})
-        found = estimate(SCENE.model_copy(update={"placement": at}), 0.01)  # of which solid may not reach a hundredth
-        assert found.evaluator == "solid"
-        assert decision(found, "third dimension").modelled
+        placement = SCENE.placement.model_copy(update={"tilt": 0.02})
+        estimated = estimate(SCENE.model_copy(update={"placement": placement}), 0.01)  # of which solid may not reach a hundredth
+        assert estimated.evaluator == "solid"
+        assert decision(estimated, "third dimension").modelled
 
 
 def test_command() -> None:
     path = str(REFERENCE / "solid" / "groove-on-axis.toml")
     run = CliRunner().invoke(cli, ["plan", path, "--json"])
-    told = json.loads(run.stdout)
-    assert told["evaluator"] == "solid"
-    assert {"feature", "modelled", "effect", "tolerance", "reason"} <= set(told["plan"][0])
+    output = json.loads(run.stdout)
+    assert output["evaluator"] == "solid"
+    assert {"feature", "modelled", "effect", "tolerance", "reason"} <= set(output["plan"][0])
     table = CliRunner().invoke(cli, ["plan", path])
     assert "groove: modelled" in table.stdout
     assert CliRunner().invoke(cli, ["plan", path, "--accuracy", "2"], standalone_mode=False).exception is not None

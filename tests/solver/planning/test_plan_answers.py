@@ -12,8 +12,8 @@ from geometry import Load, Refusal, read_scene, scene_to_toml
 from geometry.scenes.scene import Placement
 from solver import automatic, evaluate, plan
 from solver.equivalent_inclusion.level import EquivalentInclusion
-from solver.planning.load_check import load_rule
-from solver.planning.plan import plan as run_plan
+from solver.planning.load_check import build_load_rule
+from solver.planning.plan import build_plan as run_plan
 from solver.results.evaluator import OutOfReach
 from tests.support.paths import EXAMPLES, SCENE
 from tests.support.program import run
@@ -26,8 +26,8 @@ ANSWERED, REFUSED, NOT_ASKED = OUTCOMES[:3]
 @pytest.mark.parametrize("kind", slow_unless(lambda kind: kind not in ("several in layers", "ellipsoid"), list(KINDS)))
 def test_scenes_of_every_kind_are_answered_as_planned_or_refused_by_both(kind):
     for scene in islice(scenes(kind, 1), 2):
-        found, said = outcome(scene, 0.01, solid=False)
-        assert found in (ANSWERED, REFUSED, NOT_ASKED), said
+        error, said = outcome(scene, 0.01, solid=False)
+        assert error in (ANSWERED, REFUSED, NOT_ASKED), said
 
 
 def ellipsoid(force):
@@ -38,8 +38,8 @@ def ellipsoid(force):
 
 def off_the_axis(load):
     """A shallow tumour, of which ``equivalent-inclusion`` is not quite sure, and one that does not matter; none is the target."""
-    first, other = (EXAMPLE.inclusion[0].model_copy(update=body) for body in (SHALLOW, FAR))
-    return EXAMPLE.model_copy(update={"inclusion": (first, other), "load": load})
+    first, far_body = (EXAMPLE.inclusion[0].model_copy(update=body) for body in (SHALLOW, FAR))
+    return EXAMPLE.model_copy(update={"inclusion": (first, far_body), "load": load})
 
 
 SHALLOW = {"x": 4e-3, "depth": 6e-3}
@@ -49,24 +49,24 @@ FAR = {"x": 3e-2, "depth": 3e-2, "diameter": 1e-3}
 def test_what_the_load_leaves_is_what_the_level_may_be_off():
     """Its bound and what the load may change are together within the accuracy, however little the load leaves."""
     at_rest = off_the_axis(Load(force=0.0))
-    own = EquivalentInclusion().evaluate(at_rest, 0.002).error_estimate
-    assert own
-    accuracy, rule = 4 * own, load_rule(at_rest)
-    slope = rule.ratio_change(1e-6) / 1e-6
-    scene = off_the_axis(Load(force=(accuracy - 1.2 * own) / slope))  # with the doubt on loads this leaves 0.8 of its bound
+    error = EquivalentInclusion().evaluate(at_rest, 0.002).error_estimate
+    assert error
+    accuracy, rule = 4 * error, build_load_rule(at_rest)
+    slope = rule.bound_ratio_change(1e-6) / 1e-6
+    scene = off_the_axis(Load(force=(accuracy - 1.2 * error) / slope))  # with the doubt on loads this leaves 0.8 of its bound
     result = evaluate(scene, accuracy=accuracy)
     assert result.evaluator == plan(scene, accuracy).evaluator == "equivalent-inclusion"
     assert result.error_estimate
-    assert 2 * own < result.error_estimate <= accuracy
+    assert 2 * error < result.error_estimate <= accuracy
     assert not [line for line in result.warnings if "accuracy" in line]
 
 
 def test_refusals_quote_what_was_asked_and_what_is_reached():
     with pytest.raises(OutOfReach, match=r"^accuracy = 0\.001: allowed: 0\.00\d+ or more for this scene \(solid reaches 0\.003"):
         evaluate(ellipsoid(1e-6), accuracy=0.001)
-    found = plan(ellipsoid(1e-6), 0.001)
-    assert found.evaluator is None
-    assert str(found.refusal).startswith("accuracy = 0.001: allowed: 0.003")
+    scene_plan = plan(ellipsoid(1e-6), 0.001)
+    assert scene_plan.evaluator is None
+    assert str(scene_plan.refusal).startswith("accuracy = 0.001: allowed: 0.003")
 
 
 def test_solid_is_named_unasked_only_where_its_meshes_surely_suffice():
@@ -76,15 +76,17 @@ def test_solid_is_named_unasked_only_where_its_meshes_surely_suffice():
     whole = scene.model_copy(update={"inclusion": (first, second.model_copy(update={"y": 5e-3}))})
     half, other = (run_plan(one, 0.01) for one in (scene, whole))
     assert (half.evaluator, other.evaluator) == ("solid", "solid")
-    assert half.sure()
-    assert not other.sure()
+    assert half.is_sure()
+    assert not other.is_sure()
 
 
 def test_a_refusal_names_what_stopped_the_evaluator_once(monkeypatch):
     stopped = "memory = 2 GB: allowed: 3.1 GB or more for this scene"
 
     def refuse(scene, accuracy, linear, tell, **_):
-        return [automatic.Missed(run_plan(scene, accuracy), OutOfReach("axisymmetric", scene, accuracy, 0.02, stopped=stopped))]
+        return [
+            automatic.FailedAttempt(run_plan(scene, accuracy), OutOfReach("axisymmetric", scene, accuracy, 0.02, stopped=stopped))
+        ]
 
     monkeypatch.setattr(automatic, "_first_to_answer", refuse)
     with pytest.raises(OutOfReach) as fault:
@@ -95,17 +97,17 @@ def test_a_refusal_names_what_stopped_the_evaluator_once(monkeypatch):
 def test_a_load_beyond_linear_elasticity_off_the_axis_has_no_evaluator():
     body = EXAMPLE.inclusion[0].model_copy(update={"x": 3e-3})
     scene = EXAMPLE.model_copy(update={"inclusion": (body,), "load": Load(force=0.5)})
-    found = plan(scene)
-    with pytest.raises(Refusal, match=re.escape(str(found.refusal))):
+    scene_plan = plan(scene)
+    with pytest.raises(Refusal, match=re.escape(str(scene_plan.refusal))):
         evaluate(scene)
-    assert found.evaluator is None
-    assert found.decisions
+    assert scene_plan.evaluator is None
+    assert scene_plan.decisions
 
 
 def test_the_command_refuses_with_the_plan_printed(tmp_path):
     path = tmp_path / "scene.toml"
     path.write_text(scene_to_toml(ellipsoid(1e-6)), encoding="utf-8")
-    told = run("plan", path, "--accuracy", "0.001", "--json")
-    assert (told.returncode, json.loads(told.stdout)["evaluator"]) == (2, None)
-    assert json.loads(told.stdout)["refusal"] in told.stderr
-    assert "accuracy = 0.001: allowed: 0.003" in told.stderr
+    message = run("plan", path, "--accuracy", "0.001", "--json")
+    assert (message.returncode, json.loads(message.stdout)["evaluator"]) == (2, None)
+    assert json.loads(message.stdout)["refusal"] in message.stderr
+    assert "accuracy = 0.001: allowed: 0.003" in message.stderr

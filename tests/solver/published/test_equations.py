@@ -74,12 +74,12 @@ def test_every_equation_has_its_number() -> None:
         assert f"eq. ({number})" in inspect.getdoc(equation).lower()
 
 
-def between(low: float, high: float) -> st.SearchStrategy[float]:
+def draw_between(low: float, high: float) -> st.SearchStrategy[float]:
     return st.floats(math.log(low), math.log(high)).map(math.exp)
 
 
-LENGTHS = st.tuples(between(1e-4, 1e-1), between(1e-4, 1e-1), between(1e-4, 1e-1))
-MODULI = st.tuples(between(1e-2, 1e9), between(1e-2, 1e9))
+LENGTHS = st.tuples(draw_between(1e-4, 1e-1), draw_between(1e-4, 1e-1), draw_between(1e-4, 1e-1))
+MODULI = st.tuples(draw_between(1e-2, 1e9), draw_between(1e-2, 1e9))
 POISSON = st.floats(0.0, 0.5)
 
 
@@ -179,7 +179,7 @@ def test_corrected_formula_is_equation_7_with_its_two_defects_mended() -> None:
     assert printed.displacement_equivalent(1.0, a, nu, E_eq) == pytest.approx(shortening, rel=1e-12)
 
 
-@given(between(1e-3, 0.9), LENGTHS, between(1e-3, 1e3), between(1e-2, 1e6))
+@given(draw_between(1e-3, 0.9), LENGTHS, draw_between(1e-3, 1e3), draw_between(1e-2, 1e6))
 def test_corrected_formula_inverted(share: float, sizes: tuple[float, ...], contrast: float, E_matrix: float) -> None:
     if abs(contrast - 1) < 1e-3:  # nothing of the object is left in E_eq
         return
@@ -208,10 +208,10 @@ def test_evaluator_returns_the_printed_modulus_and_names_the_defects() -> None:
     by_hand = 4 * 1e3 * 1e5 * 0.84 * 1e-4 / (1e5 * 0.36 * (4e-4 + 3 * a * 8e-3) + 3 * a * 8e-3 * 1e3)
     assert result.equivalent_modulus == pytest.approx(by_hand, rel=1e-12)
     assert result.stress_inner is result.ratio is result.error_estimate is None
-    told = "\n".join(result.warnings)
+    text = "\n".join(result.warnings)
     for row in ("eq. (1)", "(4), (6), (7)", "eq. (8)", "(9) to (11)", "2.4", "2.1, 2.2", "no radii", "psi_1", "Table 3"):
-        assert row in told  # PHYSICS section 1, row by row
-    assert "1725 Pa by eq. (8), 742.1 Pa by eq. (7), 1515 Pa without" in told
+        assert row in text  # PHYSICS section 1, row by row
+    assert "1725 Pa by eq. (8), 742.1 Pa by eq. (7), 1515 Pa without" in text
 
 
 def test_evaluator_answers_where_the_corrected_formula_cannot() -> None:

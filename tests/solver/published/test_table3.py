@@ -26,14 +26,14 @@ PRINTED = """
 
 
 def printed() -> dict[int, tuple[published_table.PublishedRow, ...]]:
-    found: dict[int, list[published_table.PublishedRow]] = {}
+    rows_by_page: dict[int, list[published_table.PublishedRow]] = {}
     for line in PRINTED.strip().splitlines():
         first, *cells = (cell.strip() for cell in line.strip("|").split("|"))
         if first.startswith("Position"):
-            rows = found.setdefault(int(first.split()[1]), [])
+            rows = rows_by_page.setdefault(int(first.split()[1]), [])
         else:
             rows.append(published_table.PublishedRow(float(first.removesuffix(" N")), *map(float, cells)))
-    return {k: tuple(rows) for k, rows in found.items()}
+    return {k: tuple(rows) for k, rows in rows_by_page.items()}
 
 
 def test_the_table_is_the_paper_s() -> None:
@@ -41,13 +41,13 @@ def test_the_table_is_the_paper_s() -> None:
 
 
 def test_what_the_printed_numbers_say_of_themselves() -> None:
-    checks = {k: published_table.check(rows) for k, rows in published_table.TABLE_3.items()}
-    for k, one in checks.items():
-        assert one.arithmetic < 1e-6
-        assert one.spread < 3e-4
-        assert (one.signed < 0) == (k == 4)
+    checks = {k: published_table.check_position(rows) for k, rows in published_table.TABLE_3.items()}
+    for k, check in checks.items():
+        assert check.arithmetic < 1e-6
+        assert check.spread < 3e-4
+        assert (check.signed < 0) == (k == 4)
     # PHYSICS.md section 1: A1 of 97, 84, 152 and 258 units of a thousandth
-    assert [round(1e3 * one.area) for one in checks.values()] == [97, 84, 152, 258]
-    between, large = published_table.TABLE_3[1][0], published_table.TABLE_3[3][0]
-    assert abs(large.stress_1) < abs(between.stress_1)
-    assert abs(large.stress_2) < abs(between.stress_2)
+    assert [round(1e3 * check.area) for check in checks.values()] == [97, 84, 152, 258]
+    middle, large = published_table.TABLE_3[1][0], published_table.TABLE_3[3][0]
+    assert abs(large.stress_1) < abs(middle.stress_1)
+    assert abs(large.stress_2) < abs(middle.stress_2)

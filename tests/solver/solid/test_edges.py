@@ -4,17 +4,17 @@ import pytest
 
 from geometry import Placement, read_scene
 from geometry.scenes.scene import CylinderTissue
-from geometry.tetra.sizing import COARSE, ROUGH
+from geometry.tetra.sizing import COARSE_FINENESS, ROUGH_FINENESS
 from solver import evaluate, evaluator
 from solver.solid.difference import difference
 from solver.solid.domain_mesh import mesh_domain
-from solver.solid.symmetric_part import symmetric_part
+from solver.solid.symmetric_part import compute_symmetric_part
 from tests.support.paths import ROOT
 
 TUMOURS = read_scene(ROOT / "examples" / "two-tumours.toml")
 
 
-def at(x, **tissue):
+def place_scene(x, **tissue):
     """The probe beside its tumours, at a place along the block."""
     block = TUMOURS.tissue.model_copy(update=tissue)
     return TUMOURS.model_copy(update={"placement": Placement(x=x), "tissue": block})
@@ -29,11 +29,13 @@ def in_round_tissue(radius):
 
 def test_what_coarse_meshes_get_wrong_at_the_rims_cancels():
     """A coarse mesh's stiffness near an edge is within 0.3 % of a finer one's; a difference of forces leaves 0.5 %."""
-    scene = at(35e-3)
-    symmetric = symmetric_part(scene, 0.01)
+    scene = place_scene(35e-3)
+    symmetric = compute_symmetric_part(scene, 0.01)
     assert symmetric.domain.radius is not None
-    found = [difference(symmetric.domain, mesh_domain(symmetric.domain, fine))[0] for fine in (ROUGH, COARSE)]
-    by_compliance = [symmetric.corrected(one).sum() for one in found]
+    differences = [
+        difference(symmetric.domain, mesh_domain(symmetric.domain, fine))[0] for fine in (ROUGH_FINENESS, COARSE_FINENESS)
+    ]
+    by_compliance = [symmetric.correct_forces(difference_found).sum() for difference_found in differences]
     assert abs(by_compliance[0] / by_compliance[1] - 1) < 0.003
     narrow, wide = in_round_tissue(15e-3), in_round_tissue(50e-3)  # inside the block's nearest side, and as wide as its half
     assert narrow.stiffness < by_compliance[1] < wide.stiffness
@@ -42,7 +44,7 @@ def test_what_coarse_meshes_get_wrong_at_the_rims_cancels():
 @pytest.mark.slow
 @pytest.mark.parametrize("x", [35e-3, 38e-3])
 def test_a_probe_near_an_edge_is_answered(x):
-    result = evaluate(at(x))
+    result = evaluate(place_scene(x))
     assert result.error_estimate
     assert result.error_estimate <= 0.01
     assert result.ratio

@@ -16,17 +16,17 @@ import pytest
 from geometry.common.errors import SolveError
 from geometry.scenes.probe import Material
 from geometry.scenes.scene_file import scene_from_dict
-from geometry.tetra.tet_mesh import BEYOND, GROOVE, INCLUSION, INNER, OUTER, TISSUE, TetMesh
-from solver.axisymmetric.converged_forces import converged_forces
+from geometry.tetra.tet_mesh import BEYOND_BODY, FIRST_INCLUSION_BODY, GROOVE_BODY, INNER_BODY, OUTER_BODY, TISSUE_BODY, TetMesh
+from solver.axisymmetric.converged_forces import compute_converged_forces
 from solver.linalg import conjugate_gradients as solid_factor
 from solver.linalg.conjugate_gradients import Stiffness, solve
 from solver.solid import base_states as solid_states_module
-from solver.solid.base_states import SolidStates, at_nodes, fields, solid_states
-from solver.solid.body_stiffness import assembled, part
-from solver.solid.modulus_response import solid_response
+from solver.solid.base_states import SolidStates, average_at_nodes, compute_fields, solid_states
+from solver.solid.body_stiffness import assemble, integrate_part
+from solver.solid.modulus_response import compute_solid_response
 from solver.solid.problem import Problem, Solid
 from solver.solid.regions import Region
-from solver.solid.tetrahedron import curved, functions, integrated
+from solver.solid.tetrahedron import evaluate_functions, find_curved, iterate_quadrature
 from tests.support.meshes import stored_mesh
 from tests.support.slow import slow_unless
 
@@ -37,42 +37,42 @@ def material(modulus: float, ratio: float = 0.45) -> Material:
 
 def materials(sphere: float, ratio: float = 0.45) -> dict[int, Material]:
     """The reference where the sphere's modulus is the tissue's."""
-    blocks = {INNER: material(1e6, 0.48), OUTER: material(8e4, 0.48), GROOVE: material(8e4, 0.48)}
-    return {**blocks, TISSUE: material(6e3, ratio), INCLUSION: material(sphere, ratio)}
+    blocks = {INNER_BODY: material(1e6, 0.48), OUTER_BODY: material(8e4, 0.48), GROOVE_BODY: material(8e4, 0.48)}
+    return {**blocks, TISSUE_BODY: material(6e3, ratio), FIRST_INCLUSION_BODY: material(sphere, ratio)}
 
 
 @cache
 def solid(frictionless: bool = False) -> Solid:
-    return Solid.of(stored_mesh("probe"), frictionless)
+    return Solid.from_mesh(stored_mesh("probe"), frictionless)
 
 
 @cache
 def states(sphere: float = 6e4, frictionless: bool = False, ratio: float = 0.45) -> SolidStates:
-    return solid_states(Problem.of(solid(frictionless), materials(sphere, ratio)))
+    return solid_states(Problem.assemble(solid(frictionless), materials(sphere, ratio)))
 
 
 class TestElements:
     def test_functions_add_up_to_one_and_are_one_at_their_node(self) -> None:
         places = np.random.default_rng(1).dirichlet(np.ones(4), 20)[:, 1:]
-        values, slopes = functions(places)
+        values, slopes = evaluate_functions(places)
         assert values.sum(axis=1) == pytest.approx(np.ones(20))
         assert slopes.sum(axis=1) == pytest.approx(np.zeros((20, 3)), abs=1e-12)
 
     def test_volume_of_curved_elements(self) -> None:
         """Quadratic sides: 418 elements have the cylinder's volume to 1e-5, where straight ones have it to 1 %."""
         m = stored_mesh(CYLINDERS[0])
-        assert curved(m.nodes[m.elements]).any()
-        assert sum(w.sum() for _, _, _, w in integrated(m.nodes[m.elements])) == pytest.approx(np.pi, rel=1e-5)
+        assert find_curved(m.nodes[m.elements]).any()
+        assert sum(w.sum() for _, _, _, w in iterate_quadrature(m.nodes[m.elements])) == pytest.approx(np.pi, rel=1e-5)
 
     @pytest.mark.parametrize("averaged", [False, True])
     def test_patch(self, averaged: bool) -> None:
         """A linear field leaves no force on any node inside, curved elements included; a rigid motion none anywhere."""
         m = stored_mesh(CYLINDERS[0])
-        piece, random = part(m.nodes, m.elements, averaged), np.random.default_rng(2)
+        piece, random = integrate_part(m.nodes, m.elements, averaged), np.random.default_rng(2)
         linear = m.nodes @ random.normal(size=(3, 3)) + random.normal(size=3)
         turn = np.cross(m.nodes, random.normal(size=3)) + random.normal(size=3)
-        forces = piece.forces(material(1.0, 0.3), np.stack([linear.ravel(), turn.ravel()], axis=1)).reshape(-1, 3, 2)
-        inside = np.setdiff1d(np.arange(len(m.nodes)), m.boundary(TISSUE))
+        forces = piece.compute_forces(material(1.0, 0.3), np.stack([linear.ravel(), turn.ravel()], axis=1)).reshape(-1, 3, 2)
+        inside = np.setdiff1d(np.arange(len(m.nodes)), m.boundary(TISSUE_BODY))
         assert np.abs(forces[..., 0]).max() > 1e-3
         assert forces[inside, :, 0] == pytest.approx(np.zeros((len(inside), 3)), abs=1e-13)
         assert forces[..., 1] == pytest.approx(np.zeros((len(forces), 3)), abs=1e-13)
@@ -80,7 +80,7 @@ class TestElements:
     def test_an_element_inside_out_is_refused(self) -> None:
         m = stored_mesh(CYLINDERS[0])
         with pytest.raises(SolveError, match="1 elements of the mesh are turned inside out"):
-            part(m.nodes, np.vstack([m.elements[:5], m.elements[5, [1, 0, 2, 3, 4, 6, 5, 8, 7, 9]]]))
+            integrate_part(m.nodes, np.vstack([m.elements[:5], m.elements[5, [1, 0, 2, 3, 4, 6, 5, 8, 7, 9]]]))
 
 
 CYLINDERS = ("bonded-coarse", "bonded-fine")
@@ -93,13 +93,13 @@ def apparent_modulus(m: TetMesh, ratio: float, averaged: bool) -> float:
     held = (np.abs(z) < 1e-9) | (np.abs(z - 1) < 1e-9)
     number = np.full(m.nodes.shape, -1)
     number[~held] = np.arange(3 * np.sum(~held)).reshape(-1, 3)
-    piece = part(m.nodes, m.elements, averaged)
-    matrix = Stiffness(assembled({0: piece}, {0: stuff}, number))
+    piece = integrate_part(m.nodes, m.elements, averaged)
+    matrix = Stiffness(assemble({0: piece}, {0: stuff}, number))
     u = np.zeros((m.nodes.size, 1))
     u[2::3, 0] = np.where(z > 0.5, -1.0 * held, 0.0)
     free = number.ravel() >= 0
-    u[free] = solve(matrix, -piece.forces(stuff, u)[free], matrix.factor())
-    return float((u.T @ piece.forces(stuff, u)).item() / np.pi)
+    u[free] = solve(matrix, -piece.compute_forces(stuff, u)[free], matrix.factor())
+    return float((u.T @ piece.compute_forces(stuff, u)).item() / np.pi)
 
 
 @pytest.mark.parametrize(("ratio", "worst"), [(0.3, 0.005), (0.49, 0.011), (0.4999, 0.012)])
@@ -118,15 +118,15 @@ def test_plain_elements_lock() -> None:
 class TestStates:
     def test_reactions_are_symmetric_and_shared_by_the_floor(self) -> None:
         """The nodal forces of the field itself: on the tops what the energies say, on the floor the opposite, elsewhere none."""
-        found, s = states(), solid()
-        problem, total = found.problem, np.zeros((s.nodes.size, 3))
+        solution, s = states(), solid()
+        problem, total = solution.problem, np.zeros((s.nodes.size, 3))
         for body, stuff in problem.materials.items():
-            total += s.parts[body].forces(stuff, problem.own(found.v, body))
+            total += s.parts[body].compute_forces(stuff, problem.compute_displacements(solution.v, body))
         vertical, z = 2 * total.reshape(-1, 3, 3)[:, 2], s.nodes[:, 2]
-        for film, block in enumerate(([INNER], [OUTER, GROOVE])):
-            top = s.on(block) & (z > 0.003 - 1e-9)
-            assert -vertical[top].sum(axis=0) == pytest.approx(found.reactions[film], rel=1e-7)
-        assert vertical[z < -0.016 + 1e-9].sum(axis=0) == pytest.approx(found.reactions[:2].sum(axis=0), rel=1e-7)
+        for film, block in enumerate(([INNER_BODY], [OUTER_BODY, GROOVE_BODY])):
+            top = s.find_nodes(block) & (z > 0.003 - 1e-9)
+            assert -vertical[top].sum(axis=0) == pytest.approx(solution.reactions[film], rel=1e-7)
+        assert vertical[z < -0.016 + 1e-9].sum(axis=0) == pytest.approx(solution.reactions[:2].sum(axis=0), rel=1e-7)
         inside = problem.supports.number >= 0
         assert np.abs(total.reshape(-1, 3, 3)[inside]).max() < 1e-9 * np.abs(vertical).max()
 
@@ -145,57 +145,70 @@ class TestStates:
     def test_against_the_axisymmetric_level(self) -> None:
         """The reference, bonded and frictionless: within 2.5 %; what friction changes within 1.5 %."""
         exact = {kind: axisymmetric(kind) for kind in ("bonded", "frictionless")}
-        found = {kind: states(6e3, kind == "frictionless").forces.sum(axis=1) for kind in exact}
+        film_sums = {kind: states(6e3, kind == "frictionless").forces.sum(axis=1) for kind in exact}
         for kind, forces in exact.items():
-            assert found[kind] == pytest.approx(forces, rel=0.025)
-        change = found["frictionless"] / found["bonded"]
+            assert film_sums[kind] == pytest.approx(forces, rel=0.025)
+        change = film_sums["frictionless"] / film_sums["bonded"]
         assert change == pytest.approx(exact["frictionless"] / exact["bonded"], rel=0.015)
 
     def test_slope(self) -> None:
         """Taylor: F(e^h) - F - h F' is of second order."""
-        found, rests = states(), []
+        solution, rests = states(), []
         for h in (0.1, 0.05):
-            moved = solid_states(Problem.of(solid(), materials(6e4 * np.exp(h)), found.problem.supports), found)
-            rests.append(np.abs(moved.reactions - found.reactions - h * found.slope([INCLUSION])).max())
+            moved = solid_states(Problem.assemble(solid(), materials(6e4 * np.exp(h)), solution.problem.supports), solution)
+            rests.append(
+                np.abs(
+                    moved.reactions - solution.reactions - h * solution.compute_modulus_derivative([FIRST_INCLUSION_BODY])
+                ).max()
+            )
         assert np.log2(rests[0] / rests[1]) == pytest.approx(2, abs=0.1)
 
     @pytest.mark.parametrize("sphere", [6e9, 6e-3])
     def test_states_from_the_factor_of_another_material(self, sphere: float) -> None:
-        near = solid_states(Problem.of(solid(), materials(sphere), states().problem.supports), states())
-        assert near.factor is states().factor
-        assert near.forces == pytest.approx(states(sphere).forces, rel=1e-8)
-        assert near.tilt == pytest.approx(states(sphere).tilt, rel=1e-6)
+        close = solid_states(Problem.assemble(solid(), materials(sphere), states().problem.supports), states())
+        assert close.factor is states().factor
+        assert close.forces == pytest.approx(states(sphere).forces, rel=1e-8)
+        assert close.tilt == pytest.approx(states(sphere).tilt, rel=1e-6)
 
     @pytest.mark.parametrize("sphere", [6e6, 6.0])
     def test_a_change_added_is_the_sum_anew(self, sphere: float) -> None:
         added, anew = (
             problem.matrix.lower
             for problem in (
-                states().problem.like(materials(sphere)),
-                Problem.of(solid(), materials(sphere), states().problem.supports),
+                states().problem.change_materials(materials(sphere)),
+                Problem.assemble(solid(), materials(sphere), states().problem.supports),
             )
         )
         assert abs(added - anew).max() <= 1e-12 * abs(anew).max()
 
     def test_forces_are_exact_long_before_states(self) -> None:
         """They are off by about the square of the residual; their slopes by about itself."""
-        early = solid_states(Problem.of(solid(), materials(6e6), states().problem.supports), states(), target=1e-6)
+        early = solid_states(Problem.assemble(solid(), materials(6e6), states().problem.supports), states(), target=1e-6)
         late = solid_states(early.problem, states(), target=1e-11)
         assert early.residual > 1e-8
         assert early.forces == pytest.approx(late.forces, rel=1e-9)
-        assert early.slope([INCLUSION]) == pytest.approx(late.slope([INCLUSION]), rel=1e-4, abs=1e-5 * late.forces.max())
+        assert early.compute_modulus_derivative([FIRST_INCLUSION_BODY]) == pytest.approx(
+            late.compute_modulus_derivative([FIRST_INCLUSION_BODY]), rel=1e-4, abs=1e-5 * late.forces.max()
+        )
 
     def test_absent_bodies(self) -> None:
         """A groove takes stiffness away, tissue beyond adds some; another choice of bodies is another system."""
-        cut = solid_states(Problem.of(solid(), {k: v for k, v in materials(6e4).items() if k != GROOVE}), states())
-        wide = solid_states(Problem.of(solid(), {**materials(6e4), BEYOND: material(6e3)}))
+        cut = solid_states(Problem.assemble(solid(), {k: v for k, v in materials(6e4).items() if k != GROOVE_BODY}), states())
+        wide = solid_states(Problem.assemble(solid(), {**materials(6e4), BEYOND_BODY: material(6e3)}))
         assert cut.factor is not states().factor
         assert cut.forces.sum() < states().forces.sum() < wide.forces.sum()
 
     def test_an_inclusion_beyond_the_reference_is_a_body_of_its_own(self) -> None:
         m = stored_mesh("probe")
-        across = replace(m, body=np.where(m.body == BEYOND, INCLUSION, m.body))
-        assert set(Solid.of(across).parts) == {INNER, OUTER, GROOVE, TISSUE, INCLUSION, Region(INCLUSION, outside=True).number}
+        across = replace(m, body=np.where(m.body == BEYOND_BODY, FIRST_INCLUSION_BODY, m.body))
+        assert set(Solid.from_mesh(across).parts) == {
+            INNER_BODY,
+            OUTER_BODY,
+            GROOVE_BODY,
+            TISSUE_BODY,
+            FIRST_INCLUSION_BODY,
+            Region(FIRST_INCLUSION_BODY, outside=True).number,
+        }
 
 
 @cache
@@ -205,35 +218,37 @@ def axisymmetric(interface: str) -> np.ndarray:
     sizes = {"inner_radius": "4 mm", "outer_radius": "6 mm", "gap": "0.1 mm", "height": "3 mm", "base": {"rigid": True}}
     tissue = {"shape": "cylinder", "radius": "16 mm", "depth": "16 mm", "youngs_modulus": "6 kPa", "poisson_ratio": 0.45}
     data = {"probe": {**sizes, **probe}, "tissue": tissue, "contact": {"interface": interface}, "load": {"force": "0.1 N"}}
-    return converged_forces(scene_from_dict(data), 1e-3).films[0].totals
+    return compute_converged_forces(scene_from_dict(data), 1e-3).films[0].totals
 
 
 class TestCurve:
     @pytest.mark.parametrize("ratio", slow_unless((0.45).__eq__, [0.45, 0.4999]))
     def test_twelve_decades_from_one_factor(self, ratio: float) -> None:
-        found = solid_response(states(6e4, ratio=ratio), (INCLUSION,), 1e-7, 1e5)
+        curve = compute_solid_response(states(6e4, ratio=ratio), (FIRST_INCLUSION_BODY,), 1e-7, 1e5)
         for t in (1e-7, 1.0, 30.0, 1e5):
             alone = states(6e4 * t, ratio=ratio)
-            reactions, slopes = found.reactions(np.array([t]))
+            reactions, slopes = curve.compute_reactions(np.array([t]))
             assert np.abs(reactions[0] / alone.reactions - 1)[:2, :2].max() < 1e-7
             assert reactions[0] == pytest.approx(alone.reactions, abs=1e-7 * alone.forces.max())
-            assert slopes[0] == pytest.approx(alone.slope([INCLUSION]), abs=1e-6 * np.abs(alone.forces).max())
+            assert slopes[0] == pytest.approx(
+                alone.compute_modulus_derivative([FIRST_INCLUSION_BODY]), abs=1e-6 * np.abs(alone.forces).max()
+            )
 
 
 class TestFields:
     def test_equilibrium_of_stresses(self) -> None:
         """Mean stress zz of a block's upper layer is about its film's stress; nothing strains a rigidly held part."""
-        found, motion = states(), np.array([1e-6, 1e-6, 0.0])
-        out, centre = fields(found, motion), solid().nodes[solid().elements].mean(axis=1)
-        inner = (solid().body == INNER) & (centre[:, 2] > 0.002)
-        pressure = found.forces.sum(axis=1)[0] * 1e-6 / (np.pi * 16e-6)
-        assert np.mean(out.vertical[inner]) == pytest.approx(pressure, rel=0.3)
-        assert out.von_mises.min() >= 0
-        assert at_nodes(solid().elements, np.ones(len(centre)), len(solid().nodes)).max() == 1.0
+        solution, motion = states(), np.array([1e-6, 1e-6, 0.0])
+        field_values, centre = compute_fields(solution, motion), solid().nodes[solid().elements].mean(axis=1)
+        inner = (solid().body == INNER_BODY) & (centre[:, 2] > 0.002)
+        pressure = solution.forces.sum(axis=1)[0] * 1e-6 / (np.pi * 16e-6)
+        assert np.mean(field_values.vertical_stress[inner]) == pytest.approx(pressure, rel=0.3)
+        assert field_values.von_mises.min() >= 0
+        assert average_at_nodes(solid().elements, np.ones(len(centre)), len(solid().nodes)).max() == 1.0
 
     def test_the_base_goes_down(self) -> None:
-        out, top = fields(states(), np.array([1e-6, 1e-6, 0.0])), solid().nodes[:, 2] > 0.003 - 1e-9
-        assert out.displacement[top, 2] == pytest.approx(-1e-6 * np.ones(top.sum()))
+        field_values, top = compute_fields(states(), np.array([1e-6, 1e-6, 0.0])), solid().nodes[:, 2] > 0.003 - 1e-9
+        assert field_values.displacement[top, 2] == pytest.approx(-1e-6 * np.ones(top.sum()))
 
 
 class TestSolver:
@@ -243,20 +258,20 @@ class TestSolver:
         assert v == pytest.approx(states(6e6, ratio=0.49).v, abs=1e-7)
 
     def test_where_single_precision_fails_double_serves(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(solid_factor, "MOST_STEPS", 10)
+        monkeypatch.setattr(solid_factor, "MAX_STEPS", 10)
         monkeypatch.setattr(solid_states_module, "DOUBLE", 0)
-        found = solid_states(states(6e9, ratio=0.4999).problem)
-        assert found.forces == pytest.approx(states(6e9, ratio=0.4999).forces, rel=1e-9)
+        solution = solid_states(states(6e9, ratio=0.4999).problem)
+        assert solution.forces == pytest.approx(states(6e9, ratio=0.4999).forces, rel=1e-9)
 
     def test_large_systems(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(solid_states_module, "DOUBLE", 0)
         for sphere in (6e-3, 6e9):
-            found = solid_states(states(sphere).problem)
-            assert found.forces == pytest.approx(states(sphere).forces, rel=1e-8)
+            solution = solid_states(states(sphere).problem)
+            assert solution.forces == pytest.approx(states(sphere).forces, rel=1e-8)
 
     def test_without_rslab(self, monkeypatch: pytest.MonkeyPatch) -> None:
         pytest.importorskip("pymklpardiso", reason="SuperLU would take a minute")
-        monkeypatch.setattr(solid_factor, "_rslab", lambda: None)
+        monkeypatch.setattr(solid_factor, "_load_rslab", lambda: None)
         assert solid_states(states().problem).reactions == pytest.approx(states().reactions, rel=1e-9)
 
     def test_a_bad_factor_is_noticed(self) -> None:

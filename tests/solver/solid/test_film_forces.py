@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from geometry import read_scene
-from geometry.tetra.sizing import COARSE, FINE, ROUGH, ROUGHEST
+from geometry.tetra.sizing import COARSE_FINENESS, FINE_FINENESS, ROUGH_FINENESS, ROUGHEST_FINENESS
 from solver.results.film_forces import Bound, FilmForces
 from solver.solid import film_forces
 from solver.solid.difference import SceneDifference
-from solver.solid.film_forces import _agreed, _may_improve
-from solver.solid.symmetric_part import symmetric_part
+from solver.solid.film_forces import _may_improve, _refine_until_agreed
+from solver.solid.symmetric_part import compute_symmetric_part
 from tests.support.paths import SCENE
 
 
@@ -36,29 +36,38 @@ def test_a_third_mesh_is_made_where_it_may_reach_what_is_promised(slope, error, 
 
 
 @pytest.mark.parametrize(
-    ("off", "made"),
+    ("error", "made"),
     [
-        ({ROUGH: 0.003, COARSE: 0.0}, [ROUGH, COARSE]),  # within half the accuracy
-        ({ROUGHEST: 0.017, ROUGH: 0.008, COARSE: 0.0}, [ROUGH, COARSE, ROUGHEST]),  # the last step alone would do, and does
-        ({ROUGHEST: 0.009, ROUGH: 0.008, COARSE: 0.0, FINE: 0.0}, [ROUGH, COARSE, ROUGHEST, FINE]),  # it would, but steps grow
-        ({ROUGH: 0.012, COARSE: 0.0, FINE: 0.0}, [ROUGH, COARSE, FINE]),  # it would not
+        ({ROUGH_FINENESS: 0.003, COARSE_FINENESS: 0.0}, [ROUGH_FINENESS, COARSE_FINENESS]),  # within half the accuracy
+        (
+            {ROUGHEST_FINENESS: 0.017, ROUGH_FINENESS: 0.008, COARSE_FINENESS: 0.0},
+            [ROUGH_FINENESS, COARSE_FINENESS, ROUGHEST_FINENESS],
+        ),  # the last step alone would do, and does
+        (
+            {ROUGHEST_FINENESS: 0.009, ROUGH_FINENESS: 0.008, COARSE_FINENESS: 0.0, FINE_FINENESS: 0.0},
+            [ROUGH_FINENESS, COARSE_FINENESS, ROUGHEST_FINENESS, FINE_FINENESS],
+        ),  # it would, but steps grow
+        (
+            {ROUGH_FINENESS: 0.012, COARSE_FINENESS: 0.0, FINE_FINENESS: 0.0},
+            [ROUGH_FINENESS, COARSE_FINENESS, FINE_FINENESS],
+        ),  # it would not
     ],
 )
-def test_a_rougher_mesh_is_made_where_its_word_may_do_and_else_a_finer_one(off, made, monkeypatch):
+def test_a_rougher_mesh_is_made_where_its_word_may_do_and_else_a_finer_one(error, made, monkeypatch):
     """Meshes whose film forces are off by known shares, at 1 %; DESIGN asks no price that the answer does not need."""
     scene = read_scene(SCENE)
-    symmetric, asked = symmetric_part(scene, 0.01), []
-    monkeypatch.setattr(film_forces, "_meshes", lambda domain, stage, tell: [_Mesh(one) for one in stage])
+    symmetric, requests = compute_symmetric_part(scene, 0.01), []
+    monkeypatch.setattr(film_forces, "_meshes", lambda domain, stage, tell: [_Mesh(made_mesh) for made_mesh in stage])
 
     def difference(domain, mesh, moduli):
-        asked.append(mesh.fineness)
+        requests.append(mesh.fineness)
         zero = np.zeros((1, 2))
-        forces = off[mesh.fineness] * symmetric.exact[None]
+        forces = error[mesh.fineness] * symmetric.exact[None]
         return SceneDifference(forces, np.zeros((1, 2, 2)), zero, zero, symmetric.exact, None, 1, 0.0, 0.0), None
 
     monkeypatch.setattr(film_forces, "difference", difference)
-    _agreed(scene, symmetric, 0.01, None, lambda text: None)
-    assert asked == made
+    _refine_until_agreed(scene, symmetric, 0.01, None, lambda text: None)
+    assert requests == made
 
 
 class _Mesh:

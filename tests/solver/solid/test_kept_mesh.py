@@ -9,35 +9,42 @@ import numpy as np
 import pytest
 
 from geometry.scenes.probe import Material
-from geometry.tetra.tet_mesh import BEYOND, GROOVE, INCLUSION, INNER, OUTER, TISSUE, TetMesh
+from geometry.tetra.tet_mesh import BEYOND_BODY, FIRST_INCLUSION_BODY, GROOVE_BODY, INNER_BODY, OUTER_BODY, TISSUE_BODY, TetMesh
 from solver.linalg.conjugate_gradients import TARGET_RESIDUAL
-from solver.linalg.workspace import Workspace, using
+from solver.linalg.workspace import Workspace, use_workspace
 from solver.solid import kept_mesh as kept_mesh_module
 from solver.solid.base_states import solid_states
-from solver.solid.kept_mesh import KeptMesh, kept_mesh, spread, steps
-from solver.solid.moved_mesh import stretches
+from solver.solid.kept_mesh import CachedMesh, compute_modulus_spread, estimate_steps, find_cached_mesh
+from solver.solid.moved_mesh import compute_stretches
 from solver.solid.problem import Problem, Solid
 from tests.support.meshes import stored_mesh
 
-WHOLE = (INNER, OUTER, GROOVE, TISSUE, BEYOND, INCLUSION)
-SCENE = (INNER, OUTER, TISSUE, BEYOND, INCLUSION)  # the groove is air
-REFERENCE = (INNER, OUTER, GROOVE, TISSUE, INCLUSION)  # nothing beyond the cylinder
+WHOLE = (INNER_BODY, OUTER_BODY, GROOVE_BODY, TISSUE_BODY, BEYOND_BODY, FIRST_INCLUSION_BODY)
+SCENE = (INNER_BODY, OUTER_BODY, TISSUE_BODY, BEYOND_BODY, FIRST_INCLUSION_BODY)  # the groove is air
+REFERENCE = (INNER_BODY, OUTER_BODY, GROOVE_BODY, TISSUE_BODY, FIRST_INCLUSION_BODY)  # nothing beyond the cylinder
 
 
 def materials(bodies: tuple[int, ...], sphere: float = 6e3, tissue: float = 6e3, ratio: float = 0.45) -> dict[int, Material]:
-    moduli = {INNER: 1e6, OUTER: 8e4, GROOVE: 8e4, TISSUE: tissue, BEYOND: tissue, INCLUSION: sphere}
+    moduli = {
+        INNER_BODY: 1e6,
+        OUTER_BODY: 8e4,
+        GROOVE_BODY: 8e4,
+        TISSUE_BODY: tissue,
+        BEYOND_BODY: tissue,
+        FIRST_INCLUSION_BODY: sphere,
+    }
     return {body: Material(youngs_modulus=moduli[body], poisson_ratio=ratio) for body in bodies}
 
 
 @pytest.fixture
 def workspace() -> Iterator[Workspace]:
-    with using(Workspace()) as own:
-        yield own
+    with use_workspace(Workspace()) as kept_workspace:
+        yield kept_workspace
 
 
 @pytest.fixture
-def kept(workspace: Workspace) -> KeptMesh:
-    return kept_mesh(stored_mesh("probe"), frictionless=False)
+def kept(workspace: Workspace) -> CachedMesh:
+    return find_cached_mesh(stored_mesh("probe"), frictionless=False)
 
 
 @pytest.fixture
@@ -53,31 +60,31 @@ def factors(monkeypatch: pytest.MonkeyPatch) -> list[Problem]:
     ("bodies", "sphere"), [(WHOLE, 6.0), (SCENE, 6e6), (REFERENCE, 6e4)], ids=["whole", "scene", "reference"]
 )
 def test_what_is_left_out_needs_no_factor_of_its_own(
-    kept: KeptMesh, factors: list[Problem], bodies: tuple[int, ...], sphere: float
+    kept: CachedMesh, factors: list[Problem], bodies: tuple[int, ...], sphere: float
 ) -> None:
-    kept.states("before", materials(WHOLE), materials(WHOLE))
-    found = kept.states("scene", materials(bodies, sphere), materials(WHOLE))
-    own = solid_states(Problem.of(kept.solid, materials(bodies, sphere)))
-    assert found.reactions == pytest.approx(own.reactions, rel=1e-7, abs=1e-7 * abs(own.reactions[0, 0]) * 1e-3)
-    assert found.residual <= 1e-8
+    kept.find_states("before", materials(WHOLE), materials(WHOLE))
+    solution = kept.find_states("scene", materials(bodies, sphere), materials(WHOLE))
+    expected = solid_states(Problem.assemble(kept.solid, materials(bodies, sphere)))
+    assert solution.reactions == pytest.approx(expected.reactions, rel=1e-7, abs=1e-7 * abs(expected.reactions[0, 0]) * 1e-3)
+    assert solution.residual <= 1e-8
     assert len(factors) == 1
 
 
-def test_the_same_materials_are_not_solved_again(kept: KeptMesh, monkeypatch: pytest.MonkeyPatch) -> None:
-    first = kept.states("scene", materials(SCENE, 6e4), materials(WHOLE))
+def test_the_same_materials_are_not_solved_again(kept: CachedMesh, monkeypatch: pytest.MonkeyPatch) -> None:
+    first = kept.find_states("scene", materials(SCENE, 6e4), materials(WHOLE))
     monkeypatch.setattr(kept_mesh_module, "solid_states", lambda *_, **__: pytest.fail("solved again"))
-    again = kept.states("scene", materials(SCENE, 6e4), materials(WHOLE))
-    assert again.v is first.v
-    assert again.factor is not None
+    repeated = kept.find_states("scene", materials(SCENE, 6e4), materials(WHOLE))
+    assert repeated.v is first.v
+    assert repeated.factor is not None
 
 
 @pytest.mark.slow
-def test_other_tissue_uses_the_factor_while_moduli_are_near(kept: KeptMesh, factors: list[Problem]) -> None:
+def test_other_tissue_uses_the_factor_while_moduli_are_near(kept: CachedMesh, factors: list[Problem]) -> None:
     for tissue, ratio, expected in ((6e3, 0.45, 1), (6.3e3, 0.45, 1), (6e5, 0.45, 2), (6e5, 0.4999, 3)):
         base = materials(WHOLE, tissue, tissue, ratio)
-        found = kept.states("scene", materials(SCENE, 6e4, tissue, ratio), base)
-        own = solid_states(Problem.of(kept.solid, materials(SCENE, 6e4, tissue, ratio)))
-        assert found.forces == pytest.approx(own.forces, rel=1e-7)
+        solution = kept.find_states("scene", materials(SCENE, 6e4, tissue, ratio), base)
+        solved_anew = solid_states(Problem.assemble(kept.solid, materials(SCENE, 6e4, tissue, ratio)))
+        assert solution.forces == pytest.approx(solved_anew.forces, rel=1e-7)
         assert len(factors) == expected
 
 
@@ -85,22 +92,22 @@ def test_other_tissue_uses_the_factor_while_moduli_are_near(kept: KeptMesh, fact
 def test_moved_nodes_share_the_factor_but_not_the_states(workspace: Workspace, factors: list[Problem]) -> None:
     mesh = stored_mesh("probe")
     thicker = replace(mesh, nodes=np.where(mesh.nodes[:, 2:] < 0, mesh.nodes * [1.0, 1.0, 1.02], mesh.nodes))
-    found = [states_on(one) for one in (mesh, thicker)]
+    solutions = [states_on(tetrahedra) for tetrahedra in (mesh, thicker)]
     assert len(factors) == 1
-    assert found[1] == pytest.approx(own_states_on(thicker), rel=1e-7)
-    assert abs(found[1][0, 0] / found[0][0, 0] - 1) > 1e-5
+    assert solutions[1] == pytest.approx(own_states_on(thicker), rel=1e-7)
+    assert abs(solutions[1][0, 0] / solutions[0][0, 0] - 1) > 1e-5
 
 
 def states_on(mesh: TetMesh) -> np.ndarray:
-    return kept_mesh(mesh, frictionless=False).states("scene", materials(SCENE, 6e4), materials(WHOLE)).forces
+    return find_cached_mesh(mesh, frictionless=False).find_states("scene", materials(SCENE, 6e4), materials(WHOLE)).forces
 
 
 def own_states_on(mesh: TetMesh) -> np.ndarray:
-    return solid_states(Problem.of(Solid.of(mesh), materials(SCENE, 6e4))).forces
+    return solid_states(Problem.assemble(Solid.from_mesh(mesh), materials(SCENE, 6e4))).forces
 
 
-def test_what_is_kept_is_counted_and_may_go(workspace: Workspace, kept: KeptMesh) -> None:
-    kept.states("scene", materials(SCENE, 6e4), materials(WHOLE))
+def test_what_is_kept_is_counted_and_may_go(workspace: Workspace, kept: CachedMesh) -> None:
+    kept.find_states("scene", materials(SCENE, 6e4), materials(WHOLE))
     factor = kept.shared.regions.factor  # type: ignore[union-attr]
     assert workspace.bytes_held > getattr(factor, "foreign_bytes", 0) > 0
     workspace.limit = 0.0
@@ -110,10 +117,10 @@ def test_what_is_kept_is_counted_and_may_go(workspace: Workspace, kept: KeptMesh
 
 
 def test_spread_is_blind_to_a_common_factor() -> None:
-    one, other = materials(WHOLE), materials(WHOLE, tissue=6e4)
-    twice = {body: Material(youngs_modulus=2 * m.youngs_modulus, poisson_ratio=m.poisson_ratio) for body, m in one.items()}
-    assert spread(one, twice) == pytest.approx(1.0)
-    assert spread(one, other) == pytest.approx(10.0)
+    first, second = materials(WHOLE), materials(WHOLE, tissue=6e4)
+    twice = {body: Material(youngs_modulus=2 * m.youngs_modulus, poisson_ratio=m.poisson_ratio) for body, m in first.items()}
+    assert compute_modulus_spread(first, twice) == pytest.approx(1.0)
+    assert compute_modulus_spread(first, second) == pytest.approx(10.0)
 
 
 def test_expected_steps_are_those_that_conjugate_gradients_take() -> None:
@@ -126,13 +133,13 @@ def test_expected_steps_are_those_that_conjugate_gradients_take() -> None:
             gain = (r @ r) / (p @ (diagonal * p))
             x, new = x + gain * p, r - gain * diagonal * p
             p, r, count = new + (new @ new) / (r @ r) * p, new, count + 1
-        assert count <= np.ceil(steps(condition)) + 1
-        assert count >= steps(condition) / 2
+        assert count <= np.ceil(estimate_steps(condition)) + 1
+        assert count >= estimate_steps(condition) / 2
 
 
 def test_stretches_of_a_shear() -> None:
     """Of x -> x + g z the principal stretches are those of the right Cauchy-Green tensor: sqrt(1 + g^2/4) +- g/2, and 1."""
     nodes, g = np.vstack([np.zeros(3), np.eye(3)]), 0.7
-    found = np.sort(stretches(np.arange(4)[None], nodes, nodes + g * nodes[:, [2]] * [1.0, 0.0, 0.0])[0])
+    computed = np.sort(compute_stretches(np.arange(4)[None], nodes, nodes + g * nodes[:, [2]] * [1.0, 0.0, 0.0])[0])
     root = np.sqrt(1 + g**2 / 4)
-    assert found == pytest.approx([root - g / 2, 1.0, root + g / 2])
+    assert computed == pytest.approx([root - g / 2, 1.0, root + g / 2])

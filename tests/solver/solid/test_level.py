@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from geometry import Groove, Placement, Refusal, Scene
-from geometry.common.resources import Limits, limited
-from geometry.scenes.fit import semi_axes
+from geometry.common.resources import Limits, use_limits
+from geometry.scenes.fit import compute_semi_axes
 from geometry.scenes.scene import Load
 from solver import evaluate
 from solver.results.result import Result
-from solver.solid.domain import domain, reach
-from solver.solid.film_forces import solid_forces
-from solver.solid.level import SolidLevel
+from solver.solid.domain import choose_domain, compute_reach
+from solver.solid.film_forces import compute_solid_forces
+from solver.solid.level import SolidEvaluator
 from tests.support.meshes import SCENE, scene_mesh
 from tests.support.references import Expected, expected, named
 
@@ -25,29 +25,29 @@ SOLID = expected("solid")
 
 
 def solved(scene: Scene, accuracy: float = 0.01) -> Result:
-    return SolidLevel().evaluate(scene, accuracy)
+    return SolidEvaluator().evaluate(scene, accuracy)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("one", SOLID, ids=lambda one: one.name)
-def test_against_an_independent_code(one: Expected) -> None:
-    assert_as_expected(solved(one.scene), one)
+@pytest.mark.parametrize("reference", SOLID, ids=lambda reference: reference.name)
+def test_against_an_independent_code(reference: Expected) -> None:
+    assert_as_expected(solved(reference.scene), reference)
 
 
 def test_against_an_independent_code_on_stored_meshes(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("solver.solid.film_forces.mesh_domain", scene_mesh)
-    one = named("solid", SCENE)
-    assert_as_expected(solved(one.scene, 0.05), one)  # two meshes reach 0.01 too, but for the sensitivity
+    reference = named("solid", SCENE)
+    assert_as_expected(solved(reference.scene, 0.05), reference)  # two meshes reach 0.01 too, but for the sensitivity
 
 
-def assert_as_expected(result: Result, one: Expected) -> None:
+def assert_as_expected(result: Result, reference: Expected) -> None:
     assert result.ratio is not None
     assert result.error_estimate is not None
-    off = abs(result.ratio / one.ratio - 1)
-    assert off <= 0.01
-    assert off <= result.error_estimate + one.uncertainty
+    deviation = abs(result.ratio / reference.ratio - 1)
+    assert deviation <= 0.01
+    assert deviation <= result.error_estimate + reference.uncertainty
     assert result.error_estimate <= 0.01
-    assert result.stiffness == pytest.approx(one.stiffness, rel=0.005 + one.uncertainty)
+    assert result.stiffness == pytest.approx(reference.stiffness, rel=0.005 + reference.uncertainty)
 
 
 @pytest.mark.slow
@@ -57,47 +57,47 @@ def test_on_the_axis(name: str) -> None:
 
     DESIGN: log_sensitivity is promised within 5 times the accuracy.
     """
-    one, accuracy = named("axisymmetric", name), 0.02
-    result = solved(one.scene, accuracy)
+    reference, accuracy = named("axisymmetric", name), 0.02
+    result = solved(reference.scene, accuracy)
     assert result.ratio is not None
     assert result.error_estimate is not None
-    assert abs(result.ratio / one.ratio - 1) <= min(0.007, result.error_estimate)
-    assert result.log_sensitivity == pytest.approx(one.log_sensitivity, rel=5 * accuracy, abs=1e-5)
+    assert abs(result.ratio / reference.ratio - 1) <= min(0.007, result.error_estimate)
+    assert result.log_sensitivity == pytest.approx(reference.log_sensitivity, rel=5 * accuracy, abs=1e-5)
 
 
 @pytest.mark.slow
 def test_the_frictionless_interface() -> None:
-    one = named("off-axis", "frictionless-cover-0.25-offset-0.5")
-    result = solved(one.scene, 0.02)
+    reference = named("off-axis", "frictionless-cover-0.25-offset-0.5")
+    result = solved(reference.scene, 0.02)
     assert result.ratio is not None
-    assert abs(result.ratio / one.ratio - 1) <= min(0.01, result.error_estimate or 0.0)
+    assert abs(result.ratio / reference.ratio - 1) <= min(0.01, result.error_estimate or 0.0)
     assert result.residual is not None
     assert 0 < result.residual < 1e-5  # of the loads: conjugate gradients stop there
 
 
 @pytest.mark.slow
 def test_an_ellipsoid_turned_off_the_axis() -> None:
-    one = next(one for one in expected("off-axis") if one.scene.inclusion[0].diameters is not None)
-    result = solved(one.scene, 0.02)
+    reference = next(reference for reference in expected("off-axis") if reference.scene.inclusion[0].diameters is not None)
+    result = solved(reference.scene, 0.02)
     assert result.ratio is not None
-    assert abs(result.ratio / one.ratio - 1) <= min(0.01, result.error_estimate or 0.0)
+    assert abs(result.ratio / reference.ratio - 1) <= min(0.01, result.error_estimate or 0.0)
 
 
 @pytest.mark.slow
 def test_a_scanned_surface_of_80_000_triangles_is_the_ellipsoid_that_it_follows(tmp_path: Path) -> None:
     import pyvista
 
-    one, ball = named("off-axis", "ellipsoid-off-axis"), pyvista.Icosphere(radius=1.0, nsub=6)
-    (body,) = one.scene.inclusion
-    points = 1e3 * np.asarray(ball.points, dtype=float) @ np.array(semi_axes(body)).T
+    reference, ball = named("off-axis", "ellipsoid-off-axis"), pyvista.Icosphere(radius=1.0, nsub=6)
+    (body,) = reference.scene.inclusion
+    points = 1e3 * np.asarray(ball.points, dtype=float) @ np.array(compute_semi_axes(body)).T
     pyvista.PolyData.from_regular_faces(points, ball.regular_faces).save(tmp_path / "scan.stl")
     scan = body.model_copy(update={"diameters": None, "orientation": (0.0, 0.0, 0.0), "surface": str(tmp_path / "scan.stl")})
-    with limited(Limits(seconds=600.0)):
-        result = solved(one.scene.model_copy(update={"inclusion": (scan,)}), 0.02)
+    with use_limits(Limits(seconds=600.0)):
+        result = solved(reference.scene.model_copy(update={"inclusion": (scan,)}), 0.02)
     assert result.ratio is not None
     assert result.error_estimate is not None
-    assert abs(result.ratio / one.ratio - 1) <= min(0.01, result.error_estimate) + one.uncertainty
-    assert result.stiffness == pytest.approx(one.stiffness, rel=0.005)
+    assert abs(result.ratio / reference.ratio - 1) <= min(0.01, result.error_estimate) + reference.uncertainty
+    assert result.stiffness == pytest.approx(reference.stiffness, rel=0.005)
 
 
 @pytest.mark.slow
@@ -109,7 +109,7 @@ def test_what_the_volume_of_a_body_from_a_file_is_off_counts_as_much_of_its_effe
         monkeypatch.setattr("solver.solid.difference._lost", lambda domain, mesh, lost=lost: lost)
         result = solved(named("solid", SCENE).scene, 0.05)
         stated.append(result.error_estimate or 0.0)
-    effect = next(one.effect for one in result.plan if one.feature.startswith("inclusions"))
+    effect = next(decision.effect for decision in result.plan if decision.feature.startswith("inclusions"))
     assert stated[1] - stated[0] == pytest.approx(0.04 * effect, rel=0.05)
 
 
@@ -117,25 +117,27 @@ def test_what_the_volume_of_a_body_from_a_file_is_off_counts_as_much_of_its_effe
 def test_a_tilt_moves_no_mean_stress_of_a_symmetric_scene_and_does_beside_a_tumour() -> None:
     """PHYSICS section 2: a small tilt is an m = 1 field. Mirrored, it acts the other way."""
     scene = named("solid", "flank").scene
-    beside = solid_forces(scene.model_copy(update={"placement": Placement(tilt=0.01)}), 0.05)
+    tilted_films = compute_solid_forces(scene.model_copy(update={"placement": Placement(tilt=0.01)}), 0.05)
     body = scene.inclusion[0]
-    other = body.model_copy(update={"x": -body.x, "y": -body.y})
-    mirrored = solid_forces(scene.model_copy(update={"inclusion": (other,), "placement": Placement(tilt=0.01)}), 0.05)
-    size = np.abs(beside.tilt[0]).max()
-    assert size > 3 * beside.tilt_error.max()
-    assert mirrored.tilt[0] == pytest.approx(-beside.tilt[0], abs=0.05 * size)
+    mirror_body = body.model_copy(update={"x": -body.x, "y": -body.y})
+    mirrored = compute_solid_forces(
+        scene.model_copy(update={"inclusion": (mirror_body,), "placement": Placement(tilt=0.01)}), 0.05
+    )
+    size = np.abs(tilted_films.tilt[0]).max()
+    assert size > 3 * tilted_films.tilt_error.max()
+    assert mirrored.tilt[0] == pytest.approx(-tilted_films.tilt[0], abs=0.05 * size)
 
 
 @pytest.mark.slow
 def test_a_curve_is_what_evaluations_are() -> None:
     scene = named("solid", "flank").scene
     moduli = np.array([1e3, 1e6])
-    found = SolidLevel().curve(scene, moduli, 0.05)
+    modulus_curve = SolidEvaluator().curve(scene, moduli, 0.05)
     for k, modulus in enumerate(moduli):
         body = scene.inclusion[0].model_copy(update={"youngs_modulus": float(modulus)})
-        one = solved(scene.model_copy(update={"inclusion": (body,)}), 0.05)
-        assert found.ratio[k] == pytest.approx(one.ratio, rel=1e-5)
-        assert found.log_sensitivity[k] == pytest.approx(one.log_sensitivity, rel=1e-3, abs=1e-7)
+        single = solved(scene.model_copy(update={"inclusion": (body,)}), 0.05)
+        assert modulus_curve.ratio[k] == pytest.approx(single.ratio, rel=1e-5)
+        assert modulus_curve.log_sensitivity[k] == pytest.approx(single.log_sensitivity, rel=1e-3, abs=1e-7)
 
 
 @pytest.mark.slow
@@ -143,12 +145,12 @@ def test_far_tissue_may_be_cut_off() -> None:
     """On a half-space little is meshed; the equivalent-inclusion level, which ends 300 radii away, agrees."""
     whole = named("solid", "flank").scene
     scene = whole.model_copy(update={"tissue": half_space(whole)})
-    result, other = solved(scene, 0.02), evaluate(scene, "equivalent-inclusion", 0.003)
+    result, second_result = solved(scene, 0.02), evaluate(scene, "equivalent-inclusion", 0.003)
     assert any(decision.feature.startswith("far tissue") for decision in result.plan)
     assert result.ratio is not None
-    assert other.ratio is not None
-    assert abs(result.ratio / other.ratio - 1) <= (result.error_estimate or 0.0) + (other.error_estimate or 0.0)
-    assert result.stiffness == pytest.approx(other.stiffness, rel=0.01)
+    assert second_result.ratio is not None
+    assert abs(result.ratio / second_result.ratio - 1) <= (result.error_estimate or 0.0) + (second_result.error_estimate or 0.0)
+    assert result.stiffness == pytest.approx(second_result.stiffness, rel=0.01)
 
 
 def half_space(scene: Scene) -> object:
@@ -160,14 +162,14 @@ def half_space(scene: Scene) -> object:
 
 def test_what_is_meshed() -> None:
     scene = named("solid", "flank").scene
-    chosen = domain(scene, math.inf, None)
+    chosen = choose_domain(scene, math.inf, None)
     assert chosen.half
     assert not chosen.shortened
     assert chosen.scene.inclusion[0].y == 0.0
     assert math.hypot(chosen.scene.inclusion[0].x) == pytest.approx(math.hypot(scene.inclusion[0].x, scene.inclusion[0].y))
     grooved = scene.model_copy(update={"probe": scene.probe.model_copy(update={"groove": Groove(width=1e-3, depth=1e-3)})})
-    assert not domain(grooved, math.inf, None).half
-    short = domain(scene.model_copy(update={"tissue": half_space(scene)}), reach(scene), None)
+    assert not choose_domain(grooved, math.inf, None).half
+    short = choose_domain(scene.model_copy(update={"tissue": half_space(scene)}), compute_reach(scene), None)
     assert short.shortened
     assert short.reference.inclusion == ()
 
@@ -175,21 +177,23 @@ def test_what_is_meshed() -> None:
 def test_a_probe_that_stands_a_little_aside_has_tissue_round_its_axis() -> None:
     """So its mesh is that of a probe in the middle, carried along with the tumour; far aside the tissue's own side is meshed."""
     scene = named("solid", "flank").scene
-    aside, far = (scene.model_copy(update={"placement": Placement(x=x)}) for x in (1e-3, 3e-2))
-    here, there = (domain(one, reach(one), 0.02) for one in (scene, aside))
-    assert there.scene.tissue == here.scene.tissue
-    assert there.radius is None
-    assert there.shortened
-    assert domain(far, reach(far), 0.02).radius == 0.02
+    shifted, far = (scene.model_copy(update={"placement": Placement(x=x)}) for x in (1e-3, 3e-2))
+    domain_here, domain_shifted = (
+        choose_domain(scene_placed, compute_reach(scene_placed), 0.02) for scene_placed in (scene, shifted)
+    )
+    assert domain_shifted.scene.tissue == domain_here.scene.tissue
+    assert domain_shifted.radius is None
+    assert domain_shifted.shortened
+    assert choose_domain(far, compute_reach(far), 0.02).radius == 0.02
 
 
 def test_mirror_images_share_a_mesh() -> None:
     scene = named("solid", "two-tumours-on-large-tumour").scene
     bodies = tuple(body.model_copy(update={"x": -body.x}) for body in scene.inclusion)
     placed = scene.placement.model_copy(update={"x": -scene.placement.x})
-    other = scene.model_copy(update={"inclusion": bodies, "placement": placed})
+    mirrored_scene = scene.model_copy(update={"inclusion": bodies, "placement": placed})
     assert scene.placement.x != 0
-    assert domain(scene, math.inf, 0.02) == domain(other, math.inf, 0.02)
+    assert choose_domain(scene, math.inf, 0.02) == choose_domain(mirrored_scene, math.inf, 0.02)
 
 
 @pytest.mark.slow

@@ -15,10 +15,10 @@ SOLID = (
 """The rows that ``solid`` answers too: it takes half a minute each, and many minutes for thin walls, gaps and covers."""
 
 
-def cells(found: list[Row]) -> Iterator[tuple[Row, str]]:
+def cells(rows: list[Row]) -> Iterator[tuple[Row, str]]:
     """Yield every row with every evaluator."""
-    for row in found:
+    for row in rows:
         yield from ((row, level) for level in (UNDER_LOAD if row.group == "loads" else LEVELS))
-    for row in found:
+    for row in rows:
         if row.key in SOLID or row.group == "zero":
             yield row, "solid"

@@ -75,10 +75,10 @@ class Cell:
 
 def answer(row: Row, evaluator: str) -> Answer:
     """Evaluate a scene, with every warning an error."""
-    row = _asked(row, evaluator)
+    row = _route_evaluator(row, evaluator)
     start = time.process_time()
 
-    def found(**outcome: Any) -> Answer:
+    def make_answer(**outcome: Any) -> Answer:
         return Answer(row.key, evaluator, round(time.process_time() - start, 3), **outcome)
 
     try:
@@ -87,24 +87,24 @@ def answer(row: Row, evaluator: str) -> Answer:
             values = evaluate(row.scene, evaluator, ACCURACY).as_dict()
         json.dumps(values, allow_nan=False)  # ValueError for NaN and infinity anywhere in it
     except InputError as refused:
-        return found(refusal=str(refused))
+        return make_answer(refusal=str(refused))
     except Exception as fault:  # whatever else leaves an evaluator
-        return found(fault=f"{type(fault).__name__}: {fault}")
-    return found(values=values)
+        return make_answer(fault=f"{type(fault).__name__}: {fault}")
+    return make_answer(values=values)
 
 
-def _asked(row: Row, evaluator: str) -> Row:
+def _route_evaluator(row: Row, evaluator: str) -> Row:
     """What an evaluator is asked: ``auto``, which goes to ``contact`` under loads, lightly where linear values are true."""
     return lightened(row) if evaluator == "auto" and row.group != "loads" else row
 
 
-def judged(row: Row, told: Answer) -> Cell:
+def judged(row: Row, answer: Answer) -> Cell:
     """Compare an answer with the true values."""
-    row = _asked(row, told.evaluator)
-    name = (told.row, told.evaluator, told.seconds)
-    if told.values is None:
-        return Cell(*name, "refused", told.refusal) if told.refusal else Cell(*name, "wrong", told.fault or "no answer")
-    values = told.values
+    row = _route_evaluator(row, answer.evaluator)
+    name = (answer.row, answer.evaluator, answer.seconds)
+    if answer.values is None:
+        return Cell(*name, "refused", answer.refusal) if answer.refusal else Cell(*name, "wrong", answer.fault or "no answer")
+    values = answer.values
     errors = (relative(values["ratio"], row.truth.ratio), values["error_estimate"], row.truth.uncertainty)
     faults = list(flaws(values, row.truth))
     if faults:
@@ -121,13 +121,13 @@ def patience(seconds: int) -> Iterator[None]:
     def late(*_: Any) -> None:
         raise TimeoutError(f"no answer in {seconds} s")
 
-    before = signal.signal(signal.SIGPROF, late)
+    previous = signal.signal(signal.SIGPROF, late)
     signal.setitimer(signal.ITIMER_PROF, seconds)
     try:
         yield
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0)
-        signal.signal(signal.SIGPROF, before)
+        signal.signal(signal.SIGPROF, previous)
 
 
 def flaws(values: dict[str, Any], truth: Truth) -> Iterator[str]:
@@ -137,14 +137,14 @@ def flaws(values: dict[str, Any], truth: Truth) -> Iterator[str]:
         if not any(text.startswith("ratio") and " null: " in text for text in notes):
             yield "ratio is null without a reason"
         return
-    off = relative(ratio, truth.ratio)
-    if off is not None and not off <= stated + truth.uncertainty:
-        yield f"ratio off by {off:.2g}, stated {stated:.2g}"
+    deviation = relative(ratio, truth.ratio)
+    if deviation is not None and not deviation <= stated + truth.uncertainty:
+        yield f"ratio off by {deviation:.2g}, stated {stated:.2g}"
     bound = max(ACCURACY, stated, reached(notes))
     for key in ("stress_inner", "stress_outer", "stiffness"):
-        off = relative(values[key], getattr(truth, key))
-        if off is not None and not off <= bound + truth.uncertainty:
-            yield f"{key} off by {off:.2g}, stated {bound:.2g}"
+        deviation = relative(values[key], getattr(truth, key))
+        if deviation is not None and not deviation <= bound + truth.uncertainty:
+            yield f"{key} off by {deviation:.2g}, stated {bound:.2g}"
     yield from sensitivity_flaws(values["log_sensitivity"], truth, notes)
 
 
@@ -152,21 +152,21 @@ def reached(notes: Sequence[str]) -> float:
     """The largest bound that a warning tells."""
     if any("no smaller than the values themselves" in text for text in notes):
         return math.inf
-    return max((ROUNDED * float(found[1]) for text in notes if (found := REACHED.search(text))), default=0.0)
+    return max((ROUNDED * float(match[1]) for text in notes if (match := REACHED.search(text))), default=0.0)
 
 
-def sensitivity_flaws(told: float | None, truth: Truth, notes: Sequence[str]) -> Iterator[str]:
+def sensitivity_flaws(log_sensitivity: float | None, truth: Truth, notes: Sequence[str]) -> Iterator[str]:
     """Yield what is wrong with a log-sensitivity: off by more than 5 times the accuracy, 1e-5, or what a warning says."""
     if any(start in text for text in notes for start in NOTHING):
         return
-    if told is None:
+    if log_sensitivity is None:
         yield "log_sensitivity is null without a reason"
     elif truth.log_sensitivity is not None:
-        words = [float(found[1]) for text in notes if (found := TOLD.search(text))]
-        floor = max(abs(told), 2e-6 / ACCURACY)  # small ones are judged by this size
+        words = [float(match[1]) for text in notes if (match := TOLD.search(text))]
+        floor = max(abs(log_sensitivity), 2e-6 / ACCURACY)  # small ones are judged by this size
         bound = max(5 * ACCURACY * abs(truth.log_sensitivity), 1e-5, ROUGHLY * max(words, default=0.0) * floor)
-        if not abs(told - truth.log_sensitivity) <= bound + truth.doubt:
-            yield f"log_sensitivity {told:.3g}, true {truth.log_sensitivity:.3g} +- {bound:.1g} stated"
+        if not abs(log_sensitivity - truth.log_sensitivity) <= bound + truth.doubt:
+            yield f"log_sensitivity {log_sensitivity:.3g}, true {truth.log_sensitivity:.3g} +- {bound:.1g} stated"
 
 
 def relative(value: float | None, true: float | None) -> float | None:

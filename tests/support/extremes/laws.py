@@ -92,23 +92,23 @@ def scales() -> Iterator[Row]:
             yield Row("laws", f"{name}, outer radius {what}", grown, values, SCALE)
     for times in (1e-4, 1e6):
         grown = Scene.model_validate(_times(scene.model_dump(), {"youngs_modulus"}, times))
-        told: dict[str, Any] = {
+        scaled_values: dict[str, Any] = {
             key: _product(getattr(truth, key), times) for key in ("stiffness", "stress_inner", "stress_outer")
         }
-        yield Row("laws", f"{name}, moduli times {times:g}", grown, replace(truth, **told), SCALE)
+        yield Row("laws", f"{name}, moduli times {times:g}", grown, replace(truth, **scaled_values), SCALE)
 
 
 def _product(value: float | None, times: float) -> float | None:
     return None if value is None else value * times
 
 
-def _times(values: Any, keys: set[str], times: float, own: bool = False) -> Any:
+def _times(values: Any, keys: set[str], times: float, own_modulus: bool = False) -> Any:
     """Multiply all numbers that stand under one of the keys."""
     if isinstance(values, dict):
         return {key: _times(value, keys, times, key in keys) for key, value in values.items()}
     if isinstance(values, list | tuple):
-        return tuple(_times(value, keys, times, own) for value in values)
-    return values * times if own and isinstance(values, float) else values
+        return tuple(_times(value, keys, times, own_modulus) for value in values)
+    return values * times if own_modulus and isinstance(values, float) else values
 
 
 def turned() -> Iterator[Row]:
@@ -131,40 +131,42 @@ def crossing() -> Iterator[Row]:
         pressed, upright = with_load(scene, truth, Load(indentation=1e-6 * micrometres))
         inner = (upright.stress_inner or 0.0) + tilt * PER_DEGREE[0]
         outer = (upright.stress_outer or 0.0) + tilt * PER_DEGREE[1]
-        off = TILT_SHARE * abs(tilt) * (abs(PER_DEGREE[0] / inner) + abs(PER_DEGREE[1] / outer))
-        told = Truth(inner / outer, inner, outer, truth.stiffness, None, off)
+        uncertainty = TILT_SHARE * abs(tilt) * (abs(PER_DEGREE[0] / inner) + abs(PER_DEGREE[1] / outer))
+        tilted_truth = Truth(inner / outer, inner, outer, truth.stiffness, None, uncertainty)
         tilted = changed(pressed, placement={"tilt": math.radians(tilt)})
-        yield Row("zero", f"{tilt:g} degrees of tilt, {micrometres:g} um", tilted, told, TILTED)
+        yield Row("zero", f"{tilt:g} degrees of tilt, {micrometres:g} um", tilted, tilted_truth, TILTED)
 
 
 def homogeneous() -> Iterator[Row]:
     """Inclusions of the tissue's own material are not there; nor, within ``GRAIN``, are those of 0.1 mm."""
     scene, truth = known("extremes", "no-inclusion")
-    tissue, none = scene.tissue.youngs_modulus, replace(truth, log_sensitivity=None)
+    tissue, without_sensitivity = scene.tissue.youngs_modulus, replace(truth, log_sensitivity=None)
     nothing = "as without an inclusion, from NGSolve"
     for name, bodies in TISSUE_ITSELF.items():
-        yield Row("laws", f"{name} of tissue", changed(scene, inclusion=spheres(scene, bodies, tissue)), none, nothing)
+        yield Row(
+            "laws", f"{name} of tissue", changed(scene, inclusion=spheres(scene, bodies, tissue)), without_sensitivity, nothing
+        )
     for contrast in (1e-6, 1e6):
         grain, name = spheres(scene, GRAINS, contrast * tissue), f"two of 0.1 mm beside the axis, contrast {contrast:g}"
-        yield Row("laws", name, changed(scene, inclusion=grain), replace(none, uncertainty=GRAIN), nothing)
+        yield Row("laws", name, changed(scene, inclusion=grain), replace(without_sensitivity, uncertainty=GRAIN), nothing)
 
 
 def layered() -> Iterator[Row]:
     """Layers of the tissue's own material are not there; tissue on rock is tissue on its rigid floor; scales do not matter."""
     scene, truth = known("extremes", "middle")
     tissue = scene.tissue.model_dump()
-    own = {"youngs_modulus": scene.tissue.youngs_modulus, "poisson_ratio": scene.tissue.poisson_ratio}
+    tissue_values = {"youngs_modulus": scene.tissue.youngs_modulus, "poisson_ratio": scene.tissue.poisson_ratio}
     for name, thickness in (("1 um", 1e-6), ("0.1 mm", 1e-4), ("30 mm", 30e-3)):
-        cut = tissue | {"layer": [own | {"thickness": thickness}]}
+        cut = tissue | {"layer": [tissue_values | {"thickness": thickness}]}
         yield Row("laws", f"a layer of tissue, {name}", changed(scene, tissue=cut), truth, "as without it, from NGSolve")
     for times in (1e4, 1e6):  # of the rock some 10 mm: it gives way by less than its softness
-        rock = tissue | {"depth": tissue["depth"] + 10e-3, "youngs_modulus": times * own["youngs_modulus"]}
-        told, deep = (
+        rock = tissue | {"depth": tissue["depth"] + 10e-3, "youngs_modulus": times * tissue_values["youngs_modulus"]}
+        layers, deep = (
             replace(truth, uncertainty=truth.uncertainty + 2 / times),
-            rock | {"layer": [own | {"thickness": tissue["depth"]}]},
+            rock | {"layer": [tissue_values | {"thickness": tissue["depth"]}]},
         )
         yield Row(
-            "laws", f"tissue on rock, contrast {times:g}", changed(scene, tissue=deep), told, "on a rigid floor, by NGSolve"
+            "laws", f"tissue on rock, contrast {times:g}", changed(scene, tissue=deep), layers, "on a rigid floor, by NGSolve"
         )
     for name, size in (("film-of-a-tenth-millimetre", 0.1e-3), ("plate-on-gel", 50e-3)):
         scene, truth = known("tissue-layers", name)
@@ -177,25 +179,25 @@ def layered() -> Iterator[Row]:
 def _pressed_alike(scene: Scene, truth: Truth, times: float) -> Truth:
     """The stresses under the same force on a probe that is larger by so much; those under an indentation grow with it."""
     area = 1 if scene.load.indentation is not None else times**-2
-    inner, outer = (_product(one, area) for one in (truth.stress_inner, truth.stress_outer))
+    inner, outer = (_product(stress, area) for stress in (truth.stress_inner, truth.stress_outer))
     return replace(truth, stress_inner=inner, stress_outer=outer)
 
 
 def hairline() -> Iterator[Row]:
     """No mesher takes a gap of 1 um round 50 mm: from 2 um on, every value changes by less than from 5 to 2 um in ln(gap)."""
     scene, truth = known("extremes", "gap-2-um-large-probe")
-    wider, less = truths("extremes")["gap-5-um-large-probe"], math.log(2) / math.log(5 / 2) / 2
-    values, off = {}, 0.0
+    wider, exponent = truths("extremes")["gap-5-um-large-probe"], math.log(2) / math.log(5 / 2) / 2
+    values, uncertainty = {}, 0.0
     for key in ("ratio", *PROPORTIONAL):
-        value, before = getattr(truth, key), getattr(wider, key)
-        values[key] = value + (value - before) * less  # the middle of what it may be
-        off = max(off, abs(value / before - 1) * less)
-    probe, told = scene.probe.model_dump() | {"gap": 1e-6}, Truth(**values, uncertainty=off)
-    yield Row("laws", "gap-1-um-large-probe", changed(scene, probe=probe), told, "from NGSolve's at 2 and 5 um")
+        value, reference_value = getattr(truth, key), getattr(wider, key)
+        values[key] = value + (value - reference_value) * exponent  # the middle of what it may be
+        uncertainty = max(uncertainty, abs(value / reference_value - 1) * exponent)
+    probe, scaled_truth = scene.probe.model_dump() | {"gap": 1e-6}, Truth(**values, uncertainty=uncertainty)
+    yield Row("laws", "gap-1-um-large-probe", changed(scene, probe=probe), scaled_truth, "from NGSolve's at 2 and 5 um")
 
 
 def spheres(scene: Scene, bodies: tuple[tuple[float, float, float], ...], modulus: float) -> tuple[dict[str, Any], ...]:
     """Return spheres (x, diameter, cover, all in mm), the first of them the target."""
     material: dict[str, Any] = {"youngs_modulus": modulus, "poisson_ratio": scene.tissue.poisson_ratio}
-    found = [Inclusion(x=1e-3 * x, diameter=1e-3 * d, depth=1e-3 * (d / 2 + cover), **material) for x, d, cover in bodies]
-    return tuple(body.model_dump() | {"target": k == 0} for k, body in enumerate(found))
+    inclusions = [Inclusion(x=1e-3 * x, diameter=1e-3 * d, depth=1e-3 * (d / 2 + cover), **material) for x, d, cover in bodies]
+    return tuple(body.model_dump() | {"target": k == 0} for k, body in enumerate(inclusions))

@@ -73,15 +73,15 @@ def lightened(row: Row) -> Row:
 
 def truths(folder: str) -> dict[str, Truth]:
     """Return the stored values of a folder of ``tests/reference``."""
-    found = json.loads((REFERENCE / folder / "expected.json").read_text(encoding="utf-8"))
-    return {name: _truth(values) for name, values in found.items()}
+    expected = json.loads((REFERENCE / folder / "expected.json").read_text(encoding="utf-8"))
+    return {name: _truth(values) for name, values in expected.items()}
 
 
 def _truth(values: dict[str, float]) -> Truth:
-    uncertainty, told = values["relative_uncertainty"], values.get("log_sensitivity")
-    doubt = values.get("log_sensitivity_uncertainty", uncertainty * max(abs(told or 0.0), SENSITIVITY_FLOOR))
+    uncertainty, log_sensitivity = values["relative_uncertainty"], values.get("log_sensitivity")
+    doubt = values.get("log_sensitivity_uncertainty", uncertainty * max(abs(log_sensitivity or 0.0), SENSITIVITY_FLOOR))
     inner, outer = values["stress_inner_pa"], values["stress_outer_pa"]
-    return Truth(values["ratio"], inner, outer, values["stiffness_n_per_m"], told, uncertainty, doubt)
+    return Truth(values["ratio"], inner, outer, values["stiffness_n_per_m"], log_sensitivity, uncertainty, doubt)
 
 
 def referenced() -> Iterator[Row]:

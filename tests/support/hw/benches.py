@@ -11,30 +11,30 @@ import numpy as np
 from geometry import Scene, read_scene
 from geometry.common.arrays import Floats
 from hw.common.samples import Samples
-from probe_design.built_probe.bench import Bench, builtin_bench
-from probe_design.built_probe.block_predictions import Shares, by_outer_radius, predicted
+from probe_design.built_probe.bench import Bench, read_builtin_bench
+from probe_design.built_probe.block_predictions import BlockPredictions, express_by_outer_radius, predict_blocks
 from tests.support.paths import SCENE
 
-BENCH = builtin_bench()
+BENCH = read_builtin_bench()
 LOAD = 0.1  # N, whose finite strain these simulated films do not have
 ROWS, RATE = 2500, 500.0  # 25 cycles of 5 Hz
 
 
 @lru_cache
 def scene() -> Scene:
-    return by_outer_radius(read_scene(SCENE))
+    return express_by_outer_radius(read_scene(SCENE))
 
 
 @lru_cache
-def shares() -> Shares:
-    found = predicted(scene(), BENCH.reference)
-    return replace(found, blocks=tuple(replace(one, rule=None) for one in found.blocks))
+def shares() -> BlockPredictions:
+    shares = predict_blocks(scene(), BENCH.reference)
+    return replace(shares, blocks=tuple(replace(block, rule=None) for block in shares.blocks))
 
 
 def films(log_ratios: Floats, bench: Bench = BENCH) -> list[Floats]:
     """Film forces on each reference under LOAD, N, from ln(F_inner / F_outer) on the blocks."""
     logs = iter(log_ratios)
-    inner = [{"inner": 1.0, "outer": 0.0}.get(one.on) for one in bench.reference]
+    inner = [{"inner": 1.0, "outer": 0.0}.get(reference.on) for reference in bench.reference]
     parts = [1 / (1 + np.exp(-next(logs))) if share is None else share for share in inner]
     return [LOAD * np.array([part, 1 - part]) for part in parts]
 

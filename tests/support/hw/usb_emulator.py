@@ -36,10 +36,10 @@ SCALE, RATE = 2.0**-12, 100_000.0
 class Probe:
     """The firmware: vendor requests, frames, and the faults that it was told to have."""
 
-    def __init__(self, told: dict) -> None:
-        self.told, self.packet = told, told.get("packet", 512)
+    def __init__(self, settings: dict) -> None:
+        self.settings, self.packet = settings, settings.get("packet", 512)
         self.rows = (self.packet - 24) // 4
-        self.faults = [tuple(fault) for fault in told.get("faults", [])]  # (frame, kind, how often)
+        self.faults = [tuple(fault) for fault in settings.get("faults", [])]  # (frame, kind, how often)
         self.stream = self.index = self.sequence = self.made = 0
         self.halted = False
         self.begun = time.monotonic()
@@ -53,7 +53,7 @@ class Probe:
     def control(self, kind: int, request: int, value: int) -> bytes | None:
         """The answer to a request; None refuses it."""
         if (kind, request, value) == (0x80, 6, 0x0303):
-            text = self.told["serial"].encode("utf-16-le")
+            text = self.settings["serial"].encode("utf-16-le")
             return bytes([2 + len(text), 3]) + text
         if (kind, request) == (0xC0, 1):
             return struct.pack("<BBHII4f16s", 1, 2, 0, 100_000_000, 100_000_000, SCALE, SCALE, 0, 0, b"emulated 1")
@@ -61,7 +61,7 @@ class Probe:
             return struct.pack("<HHIQ", self.stream, 0, self.sequence % 2**32, self.index)
         if (kind, request) == (0x40, 3):
             self.stream, self.index, self.begun = value, 0, time.monotonic()
-            self.sequence = self.told.get("sequence", 0)
+            self.sequence = self.settings.get("sequence", 0)
             return b""
         if (kind, request) == (0x40, 4):
             self.stream = 0
@@ -69,9 +69,9 @@ class Probe:
         return None
 
     def frame(self) -> bytes:
-        at = 4 * (self.index % PERIOD)
+        offset = 4 * (self.index % PERIOD)
         head = struct.pack("<2sBBIQHBB", b"PD", 1, 2, self.sequence % 2**32, self.index, self.stream, self.rows, 0)
-        body = (head + TABLE[at : at + 4 * self.rows]).ljust(self.packet - 4, b"\0")
+        body = (head + TABLE[offset : offset + 4 * self.rows]).ljust(self.packet - 4, b"\0")
         self.lose(1)
         return body + struct.pack("<I", zlib.crc32(body))
 
@@ -101,7 +101,7 @@ class Probe:
                 return data, kind
             self.made += 1
             data += self.frame()
-        if self.told.get("pace"):  # samples no sooner than they would have been taken
+        if self.settings.get("pace"):  # samples no sooner than they would have been taken
             time.sleep(max(0.0, self.begun + self.index / RATE - time.monotonic()))
         return data, "" if data else "stall" if self.halted else "timeout"
 
@@ -121,7 +121,7 @@ class Port(UMockdev.IoctlBase):
         bed.attach_ioctl(f"/dev/{node}", self)  # before the node is there to be opened
         bed.add_from_string("\n".join([*facts, f"H: descriptors={probe.descriptors().hex().upper()}", ""]))
         self.node = os.path.join(bed.get_root_dir(), "dev", node)
-        if probe.told.get("denied"):
+        if probe.settings.get("denied"):
             os.chmod(self.node, 0)
 
     def do_handle_ioctl(self, client: UMockdev.IoctlClient) -> bool:
@@ -140,7 +140,7 @@ class Port(UMockdev.IoctlBase):
             return -1, errno.ENODEV
         if request == CAPABILITIES:
             argument.resolve(0, 4).update(0, struct.pack("<I", 0x15))  # zero packets, no size limit, reap after disconnect
-        elif request == CLAIM and self.probe.told.get("busy"):
+        elif request == CLAIM and self.probe.settings.get("busy"):
             return -1, errno.EBUSY
         elif request == SUBMIT:
             self.submit(argument.resolve(0, URB.size))
@@ -211,7 +211,7 @@ class Port(UMockdev.IoctlBase):
         self.bed.remove_device("/sys" + self.path)
         if how == "power":
             self.probe.stream = 0
-        if self.probe.told.get("returns", True):
+        if self.probe.settings.get("returns", True):
             time.sleep(0.1)
             self.probe.lose(5)
             PORTS.append(Port(self.bed, self.probe, self.number + 10))
@@ -228,8 +228,8 @@ def without_root() -> None:
 
 def main() -> int:
     bed = UMockdev.Testbed.new()
-    for number, told in enumerate(json.loads(sys.argv[1]), 1):
-        PORTS.append(Port(bed, Oscilloscope(told) if "acquisitions" in told else Probe(told), number))
+    for number, settings in enumerate(json.loads(sys.argv[1]), 1):
+        PORTS.append(Port(bed, Oscilloscope(settings) if "acquisitions" in settings else Probe(settings), number))
     return subprocess.run(sys.argv[2:], preexec_fn=without_root, check=False).returncode
 
 

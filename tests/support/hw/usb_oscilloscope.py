@@ -10,8 +10,8 @@ POINTS, INTERVAL = 1200, 2e-5
 class Oscilloscope:
     """Takes messages from its bulk OUT endpoint and answers them on its bulk IN endpoint."""
 
-    def __init__(self, told: dict) -> None:
-        self.told, self.packet, self.halted = told, 512, False
+    def __init__(self, settings: dict) -> None:
+        self.settings, self.packet, self.halted = settings, 512, False
         self.words: list[bytes] = []
         self.answer = b""
         self.channel, self.acquired = 1, 0
@@ -27,7 +27,7 @@ class Oscilloscope:
         if (kind, request, value) == (0x80, 6, 0x0300):
             return b"\x04\x03\x09\x04"
         if (kind, request, value) == (0x80, 6, 0x0303):
-            text = self.told["serial"].encode("utf-16-le")
+            text = self.settings["serial"].encode("utf-16-le")
             return bytes([2 + len(text), 3]) + text
         if (kind, request) == (0xA1, 7):  # GET_CAPABILITIES: none beyond the standard's
             return b"\x01\x00\x00\x01".ljust(24, b"\0")
@@ -56,10 +56,10 @@ class Oscilloscope:
 
     def bulk(self, size: int) -> tuple[bytes, str]:
         """What a read brings, and how it ends."""
-        if self.acquired > self.told.get("acquisitions", 1_000_000):
+        if self.acquired > self.settings.get("acquisitions", 1_000_000):
             return b"", "unplug"
         if not self.words:
             return b"", "timeout"
-        word, rest = self.words[0][:size], self.words[0][size:]
-        self.words[:1] = [rest] if rest else []
+        word, remainder = self.words[0][:size], self.words[0][size:]
+        self.words[:1] = [remainder] if remainder else []
         return word, ""

@@ -53,10 +53,10 @@ def look(resource: str) -> dict[str, Any]:
 
 def main() -> None:
     try:
-        told = look(sys.argv[1]) if sys.argv[1].endswith("INSTR") else read(sys.argv[1] or None, float(sys.argv[2]))
+        report = look(sys.argv[1]) if sys.argv[1].endswith("INSTR") else read(sys.argv[1] or None, float(sys.argv[2]))
     except HardwareError as error:
-        told = {"error": type(error).__name__, "message": str(error), "cause": type(error.__cause__).__name__}
-    print(json.dumps(told))
+        report = {"error": type(error).__name__, "message": str(error), "cause": type(error.__cause__).__name__}
+    print(json.dumps(report))
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ import numpy as np
 from hw.common.samples import Floats, Samples
 from hw.reader import Reader
 from hw.simulation.firmware import Fault
-from hw.simulation.virtual import Virtual, virtual
+from hw.simulation.virtual import VirtualProbe, make_virtual_probe
 from hw.usb.transport import Patience, UsbTransport
 
 RATE, SCALE = 1e5, 2.0**-12
@@ -21,11 +21,11 @@ def signals(t: Floats) -> Floats:
     return np.asarray(np.column_stack([7919 * index % 65533 - 32766, 104729 * index % 65533 - 32766]) * SCALE, dtype=np.float64)
 
 
-def probe(*faults: Fault, packet: int = 64) -> Virtual:
-    return virtual(signals, RATE, serial="V1", faults=faults, scale=SCALE, packet=packet)
+def probe(*faults: Fault, packet: int = 64) -> VirtualProbe:
+    return make_virtual_probe(signals, RATE, serial="V1", faults=faults, scale=SCALE, packet=packet)
 
 
-def read(source: Virtual, seconds: float = 0.02, patience: Patience = HURRIED) -> Samples:
+def read(source: VirtualProbe, seconds: float = 0.02, patience: Patience = HURRIED) -> Samples:
     with Reader(UsbTransport("V1", backend=source, patience=patience)) as reader:
         return reader.collect(seconds)
 
