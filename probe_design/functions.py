@@ -76,7 +76,8 @@ def scan(
 
 def detectability(
     scene: Scene | Path | str, *, depths: ArrayLike | None = None, diameters: ArrayLike | None = None, points: int = 50,
-    noise: float = DEFAULT_NOISE, seen: float = 3.0, resolved: float = MAX_RESOLVED_LOG_SD, accuracy: float | None = None, linear: bool = False,
+    noise: float = DEFAULT_NOISE, seen: float = 3.0, resolved: float = MAX_RESOLVED_LOG_SD, accuracy: float | None = None,
+    linear: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> Detectability:  # fmt: skip
     """Map which tumours the probe detects, and which it resolves in stiffness, over depth and diameter.
@@ -118,7 +119,8 @@ def detectability(
 def estimate(
     scene: Scene | Path | str, *, ratio: float | None = None, noise: float = DEFAULT_NOISE, stiffness: float | None = None,
     stiffness_noise: float | None = None, readings: tuple[Reading, ...] | Path | str | None = None,
-    unknown: str = "youngs_modulus", accuracy: float | None = None, linear: bool = False, nuisances: Mapping[str, Any] = NO_NUISANCES,
+    unknown: str = "youngs_modulus", accuracy: float | None = None, linear: bool = False,
+    nuisances: Mapping[str, Any] = NO_NUISANCES,
 ) -> Estimate:  # fmt: skip
     """Estimate one unknown of the target or the tissue from readings, with its 95 % interval.
 

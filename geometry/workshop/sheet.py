@@ -177,7 +177,8 @@ class View:
     def draw_radius(self, centre: Point, radius: float, angle: float, text: str, place: Point) -> None:
         """Dimension an arc's radius from outside, at an angle in degrees; ``place`` is where the text's middle lies."""
         made = self.sheet.model.add_radius_dim(
-            center=self.to_model(centre), radius=radius, angle=angle, text=text, dimstyle=DIMENSION_STYLE, dxfattribs={"layer": "DIMENSION"},
+            center=self.to_model(centre), radius=radius, angle=angle, text=text, dimstyle=DIMENSION_STYLE,
+            dxfattribs={"layer": "DIMENSION"},
             override={"dimtoh": 1, "dimtih": 1},
         )  # fmt: skip
         made.set_location(self.to_model(place))

@@ -24,7 +24,7 @@ def estimate_spike_error(residuals: Floats, period: float) -> Floats:
     """Return the error of each amplitude that outliers may cause, V, (channels,); bursts of outliers count as independent.
 
     Args:
-        left: (n, channels) residuals of a fit, V.
+        residuals: (n, channels) of a fit, V.
         period: of the load, rows; outliers closer than half of it are one burst.
     """
     size = np.abs(residuals)
@@ -44,7 +44,7 @@ def estimate_bending_error(lines: Lines, t: Floats, fitted: Floats, residuals: F
         lines: of the fit.
         t: (n,) times from the middle of the record, s.
         fitted: (n, channels) the fitted signal, V.
-        left: (n, channels) residuals, V.
+        residuals: (n, channels), V.
     """
     scaled: Floats = np.asarray(fitted / np.maximum(np.abs(fitted).max(axis=0), np.finfo(float).tiny), dtype=float)
     errors = np.zeros(residuals.shape[1])

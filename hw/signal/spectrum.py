@@ -110,7 +110,7 @@ def estimate_density(samples: Samples, residual: Floats, frequency: float, fitte
     Args:
         samples: of the record.
         residual: (n, channels), V.
-        near: f, Hz.
+        frequency: f, Hz.
         fitted: frequencies that were fitted and removed from the residual, Hz.
         white: covariance of the residual's samples, V^2.
     """

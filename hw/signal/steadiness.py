@@ -82,7 +82,7 @@ def assess_steadiness(amplitudes: Complexes, block_amplitudes: Complexes, varian
 
     Args:
         amplitudes: of the whole record, (c,), V.
-        each: of its blocks, (k, c), V.
+        block_amplitudes: of its blocks, (k, c), V.
         variances: of their re and im, relative to a sample's noise, (k,).
         noise: variance of a sample of each channel, V^2, (c,).
     """

@@ -146,7 +146,8 @@ def build_record(calibration: Calibration, raw: Sequence[Raw], device: str, seri
     gains = calibration.gains
     readings = tuple(
         ReadingRecord(
-            on=observation.reference.name, films=tuple(observation.films.tolist()), films_sd=tuple(np.sqrt(np.diag(observation.covariance)).tolist()),
+            on=observation.reference.name, films=tuple(observation.films.tolist()),
+            films_sd=tuple(np.sqrt(np.diag(observation.covariance)).tolist()),
             force=observation.force, sha256=data.sha256, file=data.file,
         )
         for observation, data in zip(calibration.readings, raw, strict=True)

@@ -117,7 +117,7 @@ def parse_field_reading(contents: dict[str, Any], name: str, scene: Scene) -> Fi
     """Build a reading from the JSON object of `read`.
 
     Args:
-        told: the object.
+        contents: the object.
         name: of its file, for messages.
         scene: for the probe, which must be the same.
 

@@ -111,7 +111,7 @@ def _loosen_leaks(observed: Sequence[Observation], bench: Bench) -> tuple[list[O
         observations.append(item)
     guessed = [item.reference for item, given in zip(observations, observed, strict=True) if _has_guessed_leak(given.reference)]
     if guessed:
-        names, max_leak = " and ".join(item.name for item in guessed), 100 * max(item.strays for item in guessed)
+        names, max_leak = " and ".join(item.name for item in guessed), 100 * max(item.leak_sd for item in guessed)
         notes.append(
             f"the bench does not state what fraction of their load {names} put on the other block: up to {max_leak:.1g} % (1 sd) "
             "counts in ratio and gains; if it was inspected, write leak = 0.002, say, in the bench: check then detects more"

@@ -45,7 +45,7 @@ frequency_option = click.option(
     help='Frequency of the load, "5 Hz": compute the phase of the ratio by loss factors.',
 )
 """For evaluate: a frequency in Hz, or None."""
-CommandT = TypeVar("F", bound=Callable[..., Any])
+CommandT = TypeVar("CommandT", bound=Callable[..., Any])
 
 
 class NamedCommands(click.Group):

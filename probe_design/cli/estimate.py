@@ -59,7 +59,8 @@ if TYPE_CHECKING:
 def estimate(
     scene: Path, ratio: str | None, noise: str | None, stiffness: str | None, stiffness_noise: str | None, file: Path | None,
     unknown: str, nuisance: tuple[str, ...], accuracy: str | None, linear: bool, as_json: bool, reading: tuple[str, ...],
-    other_files: tuple[str, ...], calibration: Path | None, bench: Path | None, column: tuple[str, ...], rate: str | None, advise: bool,
+    other_files: tuple[str, ...], calibration: Path | None, bench: Path | None, column: tuple[str, ...], rate: str | None,
+    advise: bool,
     any_probe: bool,
 ) -> None:  # fmt: skip
     """Estimate E_object, diameter or depth of SCENE's target, or a layer of its tissue, from readings, with its 95 % interval.

@@ -22,7 +22,7 @@ from probe_design.cli.arguments import (
 from probe_design.cli.output import check_picture, present
 from probe_design.data.noise import MAX_RESOLVED_LOG_SD
 
-CommandT = TypeVar("F", bound=Callable[..., Any])
+CommandT = TypeVar("CommandT", bound=Callable[..., Any])
 SCENE_ARGUMENT = click.argument("scene", type=FILE_NAME)
 JSON_OPTION = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 

@@ -35,7 +35,7 @@ class Presentable(Protocol):
         ...
 
 
-ResultT = TypeVar("R", bound=Presentable)
+ResultT = TypeVar("ResultT", bound=Presentable)
 
 
 def present(

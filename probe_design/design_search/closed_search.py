@@ -66,7 +66,8 @@ class ObjectiveFunction(DifferentiableFunction):
 
 
 def search(
-    steered: DesignObjective, space: Space, poisson: tuple[float, float], *, starts: int = IPOPT_STARTS, screened: int = SCREENED_PER_SHELL,
+    steered: DesignObjective, space: Space, poisson: tuple[float, float], *, starts: int = IPOPT_STARTS,
+    screened: int = SCREENED_PER_SHELL,
     steps: int = MAX_IPOPT_STEPS,
 ) -> FoundDesigns:  # fmt: skip
     """Search designs within bounds and return local optima and screened designs together, best first.

@@ -49,7 +49,8 @@ def list_versions() -> dict[str, str | None]:
 def check_installation() -> list[Finding]:
     """Run all checks of what reading needs, devices included."""
     checks: tuple[tuple[str, Callable[[], list[Finding]]], ...] = (
-        ("libusb", _check_libusb), ("permissions", _check_permissions), ("probes on USB", _check_probes), ("serial ports", _check_serial_ports),
+        ("libusb", _check_libusb), ("permissions", _check_permissions), ("probes on USB", _check_probes),
+        ("serial ports", _check_serial_ports),
         ("VISA", _check_visa), ("HDF5", _check_hdf5),
     )  # fmt: skip
     return [finding for name, check in checks for finding in _run_safely(name, check)]

@@ -255,7 +255,8 @@ class _Draws:
             ends, width = (float(np.median(low)), float(np.median(high))), float(np.median(high / low))
         reading = candidate.reading
         return ExpectedInterval(
-            candidate.kind, candidate.kind if together else candidate.description, None if reading is None else reading.x, None if reading is None else reading.y,
+            candidate.kind, candidate.kind if together else candidate.description, None if reading is None else reading.x,
+            None if reading is None else reading.y,
             interval=(ends[0] or None, ends[1] if np.isfinite(ends[1]) else None), width=width if np.isfinite(width) else None,
             identifiable=float(np.mean([is_identifiable(interval, unknown) for interval in intervals])),
             score=float(np.mean(np.maximum(length, 0.0))),

@@ -151,7 +151,7 @@ def add_load(track: Track, loaded_model: LoadedModel) -> Track:
     ends = {loaded_track.find_farthest(middle, int(end)) for end in usable[[0, -1]]} & loaded_track.changes.keys()
     if len(ends) < 2:
         unresolved = replace(track.predicted, resolved=np.zeros(len(track.x), dtype=bool))
-        return replace(track, predicted=unresolved, level=loaded_model.name)
+        return replace(track, predicted=unresolved, evaluator=loaded_model.name)
     spans, is_unsolved = loaded_track.refine_spans()
     return _combine(loaded_track, spans, is_unsolved)
 
@@ -173,4 +173,6 @@ def _combine(loaded_track: LoadedTrack, spans: list[Span], is_unsolved: Bools) -
         predictions_at_rest, value=value, bound=bound + miss, resolved=predictions_at_rest.resolved & ~is_unsolved
     )
     plan = (loaded_track.loaded.build_decision(float(np.expm1(change))),)
-    return replace(track, predicted=predicted, slope=track.slope + spline(track.x, 1), level=loaded_track.loaded.name, plan=plan)
+    return replace(
+        track, predicted=predicted, slope=track.slope + spline(track.x, 1), evaluator=loaded_track.loaded.name, plan=plan
+    )

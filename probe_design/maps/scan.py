@@ -210,7 +210,8 @@ def _iterate_warnings(scene: Scene, farthest: ProbeAlone, film_readings: Reading
         exceeding = int((bounds > farthest.accuracy).sum())
         if exceeding:
             bound = f"{bounds.max():.2g}" if bounds.max() < 1 else "1 and more"
-            yield f"the error of {quantity} is up to {bound} at {exceeding} of {n} positions, more than the accuracy {farthest.accuracy:g}"
+            where = f"at {exceeding} of {n} positions, more than the accuracy {farthest.accuracy:g}"
+            yield f"the error of {quantity} is up to {bound} {where}"
     if film_readings.derivatives and scene.target is not None:
         sensitivity = np.abs(film_readings.log_sensitivity)
         is_worse = film_readings.resolved & (

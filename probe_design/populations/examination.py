@@ -144,8 +144,10 @@ class Examination:
         }
         return Judgement(
             observable=observable,
-            means={"detection": mean, "resolved": float(resolved_values.mean()), "information": objective.compute_statistic(gain)},
-            errors={kind: MeanError(math.hypot(sampling[kind], correction_errors[kind]), models[kind], correction_errors[kind]) for kind in models},
+            means={"detection": mean, "resolved": float(resolved_values.mean()),
+                    "information": objective.compute_statistic(gain)},
+            errors={kind: MeanError(math.hypot(sampling[kind], correction_errors[kind]), models[kind], correction_errors[kind])
+                    for kind in models},
             values=values, contrast_sd=contrast, modulus_sd=modulus, deflection=compute_deflections(readings.signal, whole),
             depth=draw.depth, diameter=draw.diameter, x=draw.x, youngs_modulus=draw.youngs_modulus, tissue=draw.tissue,
             causes=causes, statistic=objective.statistic, false_alarm=protocol.false_alarm, evaluator=self.evaluator,

@@ -174,8 +174,10 @@ def tolerances(
             else "no samples: the closed form has no result for some built probes"
         )
     return ToleranceBudget(
-        evaluator_name, perf_counter() - start, ratio, {key: getattr(result, key) for key in ("ratio", "stiffness", "log_sensitivity")},
-        _build_scatter(contributions, statistics, result), _build_lines(variables, derivatives, statistics, ratio), 0 if statistics is None else statistics.designs, tuple(notes),
+        evaluator_name, perf_counter() - start, ratio,
+        {key: getattr(result, key) for key in ("ratio", "stiffness", "log_sensitivity")},
+        _build_scatter(contributions, statistics, result), _build_lines(variables, derivatives, statistics, ratio),
+        0 if statistics is None else statistics.designs, tuple(notes),
     )  # fmt: skip
 
 

@@ -73,7 +73,8 @@ def _draw_panel(axes: Any, name: str, rows: Sequence[Row]) -> None:
     unanswered = {row.evaluator for row in rows} - {row.evaluator for row in answers}
     if unanswered:
         axes.text(
-            0.98, 0.97, f"no result: {', '.join(sorted(unanswered))}", transform=axes.transAxes, ha="right", va="top", fontsize=7.5,
+            0.98, 0.97, f"no result: {', '.join(sorted(unanswered))}", transform=axes.transAxes, ha="right", va="top",
+            fontsize=7.5,
             color="0.35",
         )  # fmt: skip
 

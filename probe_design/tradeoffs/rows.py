@@ -106,7 +106,8 @@ def _compare_row(row: Row, reference: Row) -> Row:
     error, slack = abs(difference), reference_error * abs(1 + difference)
     sensitivity = _compute_sensitivity_error(row.log_sensitivity, reference.log_sensitivity)
     return replace(
-        row, same_level=is_same_evaluator, true_error=error, true_error_least=max(0.0, error - slack), true_error_most=error + slack,
+        row, same_level=is_same_evaluator, true_error=error, true_error_least=max(0.0, error - slack),
+        true_error_most=error + slack,
         log_sensitivity_error=sensitivity,
     )  # fmt: skip
 

@@ -18,9 +18,10 @@ from tests.support.hw.benches import BENCH, sampled, scene
 FORCES = np.array([0.03, 0.07])  # N
 
 
-def volts(
-    built: BuiltProperties = BuiltProperties(), forces: Floats = FORCES, rate: float = 1000.0, seconds: float = 5.0
-) -> Samples:  # noqa: B008
+AS_DRAWN = BuiltProperties()
+
+
+def volts(built: BuiltProperties = AS_DRAWN, forces: Floats = FORCES, rate: float = 1000.0, seconds: float = 5.0) -> Samples:
     made = sampled(build_signals(built, BENCH, scene(), forces, 1), round(seconds * rate), rate)
     return replace(made, volts=np.rint(made.volts / 2e-6) * 2e-6)
 
@@ -66,7 +67,7 @@ FAULTS: dict[str, tuple[Callable[[], Samples], str, str]] = {
     "clipped": (lambda: changed(lambda v: np.minimum(v, 0.6 * v.max(axis=0))), "clipping, inner", "fault"),
     "clipped below": (lambda: changed(lambda v: np.maximum(v, [-9, 0.8 * v[:, 1].min(), -9])), "clipping, outer", "fault"),
     "no load": (lambda: volts(forces=np.zeros(2)), "load, inner", "fault"),
-    "film torn off": (lambda: volts(forces=FORCES * [1, 0], built=BuiltProperties(gains=((1, 0), (0, 1)))), "load, outer", "fault"),
+    "film torn off": (lambda: volts(BuiltProperties(gains=((1, 0), (0, 1))), FORCES * [1, 0]), "load, outer", "fault"),
     "dead channel": (lambda: changed(lambda v: v * [1, 0, 1]), "outer channel", "fault"),
     "noisy": (lambda: volts(BuiltProperties(noise=1e-4)), "noise, inner", "doubtful"),
     "hum": (lambda: volts(BuiltProperties(hum=0.05)), "mains", "doubtful"),

@@ -142,7 +142,8 @@ def _quick(logs: Floats, seed: int) -> Check:
     """The loop with as few samples as a calibration takes."""
     bench = TIGHT.model_copy(update={"load": BENCH.load.model_copy(update={"least_cycles": 10.0})})
     forces = films(logs)
-    runs = ([sampled(build_signals(BUILT, bench, scene(), film, [seed, run, k]), rows=450, rate=200.0) for k, film in enumerate(forces)]
+    runs = ([sampled(build_signals(BUILT, bench, scene(), film, [seed, run, k]), rows=450, rate=200.0)
+             for k, film in enumerate(forces)]
             for run in (0, 1))  # fmt: skip
     read, repeated = runs
     calibration = calibrate(scene(), bench, read, shares())

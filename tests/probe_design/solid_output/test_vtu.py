@@ -167,7 +167,8 @@ class TestCut:
         assert np.abs(normals.sum(axis=0)).max() < 1e-12 * np.abs(normals).sum()
 
     def test_names(self) -> None:
-        assert [name_region(body) for body in (GROOVE_BODY, BEYOND_BODY, FIRST_INCLUSION_BODY + 1, -1 - FIRST_INCLUSION_BODY)] == [
+        bodies = (GROOVE_BODY, BEYOND_BODY, FIRST_INCLUSION_BODY + 1, -1 - FIRST_INCLUSION_BODY)
+        assert [name_region(body) for body in bodies] == [
             "groove", "tissue beyond", "inclusion[1]", "inclusion[0] beyond",
         ]  # fmt: skip
         layered = [
