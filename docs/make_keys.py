@@ -12,9 +12,9 @@ from typing import Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from geometry.scenes.messages import TISSUE_MODELS
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import Quantity
+from geometry.scenes.validation_messages import TISSUE_MODELS
 
 PAGE = Path(__file__).parent / "reference" / "scene-file.md"
 HEAD = """\

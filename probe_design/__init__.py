@@ -28,8 +28,8 @@ TYPE_CHECKING = False  # typing's, which takes longer to import than all that th
 if TYPE_CHECKING:
     from probe_design.functions import detectability, estimate, export, optimize, scan
     from probe_design.sweeps.run import sweep
-    from solver.answers import curve, evaluate, load, plan
-    from solver.many import evaluate_many
+    from solver.batch import evaluate_many
+    from solver.evaluation import curve, evaluate, load, plan
 
 __all__ = [
     "curve",

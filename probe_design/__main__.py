@@ -16,7 +16,7 @@ def main() -> None:
 
 def _run() -> int:
     _open_streams()
-    from probe_design.process.limits import explain_refusal
+    from probe_design.process.system_limits import explain_refusal
 
     if reason := explain_refusal():
         print(f"probe-design: {reason}", file=sys.stderr)

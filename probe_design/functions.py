@@ -17,10 +17,10 @@ from geometry.scenes.scene_file import read_scene
 from probe_design.data.noise import DEFAULT_NOISE, MAX_RESOLVED_LOG_SD
 
 if TYPE_CHECKING:
+    from probe_design.design_search.design_source import DesignSource
     from probe_design.design_search.outcome import PopulationOptimum
-    from probe_design.design_search.question import DesignSource
-    from probe_design.estimation.answer import Estimate
-    from probe_design.estimation.readings import Reading
+    from probe_design.estimation.estimate_result import Estimate
+    from probe_design.estimation.measurements import Reading
     from probe_design.maps.detectability import Detectability
     from probe_design.maps.scan import Scan
     from probe_design.optimisation.optimum import Optimum
@@ -141,7 +141,7 @@ def estimate(
         Refusal: nothing can be estimated for this kind of scene, or its load is beyond the range of the models.
     """
     from probe_design.estimation.estimate import estimate as run
-    from probe_design.estimation.readings import build_single_reading, read_readings
+    from probe_design.estimation.measurements import build_single_reading, read_readings
 
     known_scene = resolve_scene(scene)
     if (ratio is None) == (readings is None):
@@ -181,7 +181,7 @@ def optimize(
         Refusal: the closed form or the verifying evaluator cannot model the scene.
     """
     from geometry.common.files import check_writable
-    from probe_design.design_search.question import read_design_source
+    from probe_design.design_search.design_source import read_design_source
     from probe_design.optimisation.optimize import optimize as run
     from probe_design.optimisation.report import write_all
 

@@ -14,10 +14,10 @@ The public functions take a ``geometry.Scene`` or the name of a scene file:
     Workspace      keeps meshes and factors from one evaluation to the next
 """
 
-from solver.answers import curve, evaluate, load, plan
-from solver.levels import evaluator
+from solver.batch import evaluate_many
+from solver.evaluation import curve, evaluate, load, plan
+from solver.evaluators import evaluator
 from solver.linalg.workspace import Workspace
-from solver.many import evaluate_many
 from solver.results.evaluator import Evaluator
 from solver.results.result import Curve, Decision, Result
 

@@ -11,9 +11,9 @@ from geometry.common.limits import format_minimum
 from geometry.common.resources import LimitReached
 from geometry.scenes.scene import Scene
 from geometry.scenes.surface_names import check_surface_names
-from solver.levels import AUTO, CONTACT, evaluator
+from solver.evaluators import AUTO, CONTACT, evaluator
 from solver.results.evaluator import Evaluator, OutOfReach, ProgressCallback
-from solver.results.kinds import find_linear_refusal
+from solver.results.refusals import find_linear_refusal
 from solver.results.result import Result
 
 if TYPE_CHECKING:

@@ -1,9 +1,9 @@
 """Families of scenes that differ in one number: a few are solved, and the others are interpolated.
 
 Within a kind of meridian section the finite elements' results are smooth functions of every length and material
-(``geometry/meridian/frame.py``), so that a polynomial through few of them in the number's logarithm meets the others; for 40 gaps
-over a factor of 1.6 five solved scenes give the film forces to 2e-8, seven to 6e-12. Two more solved scenes, where the
-polynomial's error is largest, give the error bound:
+(``geometry/meridian/mesh_lines.py``), so that a polynomial through few of them in the number's logarithm meets the others;
+for 40 gaps over a factor of 1.6 five solved scenes give the film forces to 2e-8, seven to 6e-12. Two more solved scenes,
+where the polynomial's error is largest, give the error bound:
 
     10 max over both of |p - f| + |p_all(x) - p(x)|
 

@@ -19,7 +19,7 @@ from benchmarks.contact.ngsolve_pressing import ContactSetting, PressedProbe
 from benchmarks.contact.peers import scene
 from geometry import Scene
 from geometry.common.arrays import Floats
-from geometry.meridian.frame import MeridianFineness
+from geometry.meridian.mesh_lines import MeridianFineness
 from solver.axisymmetric.sections import build_sections
 from solver.contact.model import ContactModel
 from solver.contact.path import Path

@@ -16,13 +16,13 @@ import numpy as np
 
 from geometry import ProbeError, Scene, read_scene
 from geometry.common.resources import Limits, use_limits
-from geometry.meridian.frame import MeridianFineness
+from geometry.meridian.mesh_lines import MeridianFineness
 from geometry.scenes.scene import Contact, Load
-from solver.answers import load
 from solver.axisymmetric.sections import build_sections
 from solver.contact.level import ContactEvaluator
 from solver.contact.model import ContactModel
 from solver.contact.path import Path as LoadPath
+from solver.evaluation import load
 
 FOLDER = Path(__file__).parents[2] / "tests" / "reference" / "contact"
 GAPS = (0.05e-3, 0.1e-3, 0.2e-3, 0.5e-3)

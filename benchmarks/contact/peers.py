@@ -36,7 +36,7 @@ from benchmarks.peers.calculix_mesh import Fineness
 from benchmarks.tables import MeasuredTable
 from geometry import Scene, read_scene
 from geometry.common.arrays import Floats
-from geometry.meridian.frame import MeridianFineness
+from geometry.meridian.mesh_lines import MeridianFineness
 from solver.axisymmetric.sections import build_sections
 from solver.contact.level import ContactEvaluator
 from solver.contact.model import ContactModel

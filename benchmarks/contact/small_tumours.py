@@ -27,13 +27,13 @@ from benchmarks.contact.peers import scene
 from benchmarks.tables import MeasuredTable
 from geometry import Scene
 from geometry.common.arrays import Floats
-from geometry.meridian.frame import MeridianFineness
 from geometry.meridian.mesh import compute_nodes
+from geometry.meridian.mesh_lines import MeridianFineness
 from solver import evaluate
 from solver.axisymmetric.sections import build_sections
 from solver.contact.model import ContactModel
 from solver.contact.path import Path
-from solver.contact.pressed import PathPoint
+from solver.contact.path_points import PathPoint
 
 COVERS = (0.25, 0.5, 1.0, 1.5)  # diameters
 DIAMETERS, CONTRASTS = (4e-3, 8e-3), (5.0, 0.2)

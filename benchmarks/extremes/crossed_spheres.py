@@ -29,8 +29,8 @@ from benchmarks.tables import MeasuredTable
 from geometry import Contact, CylinderTissue, Inclusion, InputError, Load, Material, Probe, Scene
 from geometry.common.errors import Refusal, SolveError
 from geometry.common.resources import Limits, use_limits
-from geometry.meridian.frame import MeridianFineness, find_kind
 from geometry.meridian.mesh import build_topology, compute_nodes
+from geometry.meridian.mesh_lines import MeridianFineness, find_kind
 from geometry.scenes.scene import Layer
 from solver.axisymmetric.level import Axisymmetric
 from solver.axisymmetric.refinement import MESH_LEVELS

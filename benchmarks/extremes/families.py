@@ -24,10 +24,10 @@ from benchmarks.tables import MeasuredTable
 from geometry import InputError, Scene
 from geometry.common.errors import ProbeError
 from solver.axisymmetric.level import Axisymmetric
+from solver.batch import find_smooth_kinds
 from solver.families import EXCLUDED_NUMBERS, find_families, iterate_leaves
 from solver.interpolation import interpolate_family
 from solver.linalg.workspace import get_workspace
-from solver.many import find_smooth_kinds
 from solver.planning.load_limits import build_load_rule
 from solver.planning.loads import LoadRule
 from solver.results.evaluator import FilmSolution

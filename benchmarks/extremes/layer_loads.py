@@ -27,7 +27,7 @@ from geometry.scenes.scene import Contact
 from geometry.scenes.scene_file import scene_from_dict
 from solver.contact.level import ContactEvaluator
 from solver.contact.limits import is_gap_closed
-from solver.contact.loaded import LoadedScene
+from solver.contact.loaded_scene import LoadedScene
 from solver.contact.path import Path
 from solver.planning.load_limits import build_load_rule, find_largest_load
 from solver.planning.loads import LoadRule, compute_sensitivity_size

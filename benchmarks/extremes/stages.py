@@ -17,8 +17,8 @@ from rich.console import Console
 
 from benchmarks.peers.measured import NAMES, cases
 from benchmarks.tables import MeasuredTable
-from geometry.meridian.frame import MeridianFineness
 from geometry.meridian.mesh import compute_nodes
+from geometry.meridian.mesh_lines import MeridianFineness
 from solver.axisymmetric.base_states import MeridianModel, build_model, integrate_elements, solve_base_states
 from solver.axisymmetric.lower_order import (
     OWN_DEGREE_FACTOR_OF_ORDER,

@@ -23,8 +23,8 @@ from solver import Result, evaluate
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed, solve_undisturbed
 from solver.equivalent_inclusion.readings import REFLECTION_TOLERANCE_RELATIVE, Readings, compute_readings
 from solver.inclusions.tumours import Tumours
+from solver.multiple_scattering.close_exchange import CloseExchange
 from solver.multiple_scattering.exchange import Exchange, Reflector
-from solver.multiple_scattering.near_exchange import CloseExchange
 from solver.multiple_scattering.solve import arrange_spheres, solve_scattering
 
 SCENE = Path(__file__).parents[2] / "tests" / "reference" / "off-axis" / "stiff-cover-0.25-offset-1.toml"

@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.peers.measured import PeerAnswer, PeerClock, RatioCurve, Stopwatch, timed
 from geometry import Scene
 from geometry.common.arrays import Floats
-from geometry.meridian.frame import MeridianFineness
+from geometry.meridian.mesh_lines import MeridianFineness
 from solver import evaluate as solver_evaluate
 from solver.axisymmetric.base_states import build_model, solve_base_states
 from solver.axisymmetric.energy_derivatives import list_variables

@@ -42,7 +42,7 @@ LIBRARIES = "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA
 OURS = """
 import json, resource, sys, time
 from geometry import read_scene
-from solver.levels import evaluator
+from solver.evaluators import evaluator
 def processor():
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return sum(one.ru_utime + one.ru_stime for one in used)

@@ -16,7 +16,7 @@ from scipy.special import logsumexp
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Load, Scene
 from geometry.scenes.variables import replace_values
-from probe_design.design_search.question import read_builtin_design
+from probe_design.design_search.design_source import read_builtin_design
 from probe_design.populations.design_file import Design
 from probe_design.populations.judge import verify
 from solver.equivalent_inclusion.level import EquivalentInclusion

@@ -22,9 +22,9 @@ from benchmarks.readings.truths import ReadingCase, ReadingTruth
 from geometry.common.arrays import Floats
 from probe_design.estimation.estimate import choose_accuracy, estimate
 from probe_design.estimation.intervals import Likelihood, compute_hulls
+from probe_design.estimation.measurements import Measurements, Reading
 from probe_design.estimation.model import TargetModel
 from probe_design.estimation.profile import Track
-from probe_design.estimation.readings import Measurements, Reading
 from probe_design.estimation.strength import Interval
 
 CHECKED = 4  # points at which the truth is computed anew

@@ -21,7 +21,7 @@ from hw.common.samples import Floats
 from hw.reader import Reader
 from hw.recordings.recording import Recording
 from hw.signal.measure import build_measurement
-from hw.signal.running import RunningFit
+from hw.signal.running_fit import RunningFit
 from hw.simulation.virtual import make_virtual_probe
 
 EVERY = 300.0  # s between two lines

@@ -19,7 +19,7 @@ from scipy.spatial import KDTree
 
 from benchmarks.references.outline import Refinement
 from geometry import Inclusion, Material, Scene
-from geometry.scenes.fit import compute_semi_axes
+from geometry.scenes.fit_check import compute_semi_axes
 
 LAYER = 0.125  # thickness of the layer of elements at the rims, over that of the elements it is cut from
 FLAT = 1e-4  # more than the margins of the shapes' bounding boxes, less than their sizes

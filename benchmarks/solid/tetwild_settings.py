@@ -23,8 +23,8 @@ from geometry import Scene
 from geometry.common.child_process import Failure
 from geometry.common.errors import SolveError
 from geometry.tetra import mesher
-from geometry.tetra.check import check_mesh, find_max_error
 from geometry.tetra.layout import build_layout, find_extent
+from geometry.tetra.mesh_check import check_mesh, find_max_error
 from geometry.tetra.sizing import COARSE_FINENESS, ROUGH_FINENESS, TetraFineness
 from solver.axisymmetric.converged_forces import compute_converged_forces
 from solver.solid.difference import difference

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 
-from geometry.cad import record, solids, step_check, step_writer
+from geometry.cad import parts_record, solids, step_check, step_writer
 from geometry.cad.stamp import build_stamp
 from geometry.common.files import write_together
 from geometry.scenes.probe import Probe
@@ -29,7 +29,7 @@ def export_parts(
 
     Every draft is read back and compared with the probe's parameters through formulas that know nothing of the CAD
     model; the files take their names together, only after all have passed. ``parts.json`` beside them tells which design they
-    are of and what in them the scene leaves open; see ``geometry.cad.record``. Its path follows those of the parts.
+    are of and what in them the scene leaves open; see ``geometry.cad.parts_record``. Its path follows those of the parts.
 
     Args:
         probe: what is to be built.
@@ -46,17 +46,19 @@ def export_parts(
         MissingLibrary: see ``solids.load_cadquery``.
         OSError: the folder cannot be written.
     """
-    old_record = record.read_record(folder) if force else record.check_same_design(folder, probe, edge_radius)
+    old_record = parts_record.read_record(folder) if force else parts_record.check_same_design(folder, probe, edge_radius)
     same_design_record = (
-        old_record if old_record is not None and old_record.design == record.compute_design_digest(probe, edge_radius) else None
+        old_record
+        if old_record is not None and old_record.design == parts_record.compute_design_digest(probe, edge_radius)
+        else None
     )
     stamp = build_stamp(probe, edge_radius)
     with step_writer.silence_messages():
         shapes = solids.build_parts(probe, edge_radius)
         contents = {name: {name: shape} for name, shape in shapes.items()} | {"assembly": shapes}
-        parts = dict(zip(contents, record.list_part_files(probe), strict=True))
+        parts = dict(zip(contents, parts_record.list_part_files(probe), strict=True))
         # the record first: a kill between the moves leaves parts that it does not fit
-        with write_together(folder, names := [record.RECORD_NAME, *parts.values(), *other_files]) as draft_folder:
+        with write_together(folder, names := [parts_record.RECORD_NAME, *parts.values(), *other_files]) as draft_folder:
             for name, content in contents.items():
                 solids.call_modeller(parts[name], partial(step_writer.write_step, content, draft_folder / parts[name], stamp))
             read = {name: draft_folder / file for name, file in parts.items()}
@@ -64,7 +66,7 @@ def export_parts(
             for name, write in other_files.items():
                 write(draft_folder / name)
             drafts = {name: draft_folder / name for name in names[1:]}
-            new_record = record.build_record(probe, drafts, same_design_record, question_digest, edge_radius)
-            (draft_folder / record.RECORD_NAME).write_text(new_record.text(), encoding="utf-8")
-    record.remove_replaced(folder, old_record if same_design_record is None else None, names[1:])
-    return tuple(folder / name for name in (*parts.values(), record.RECORD_NAME, *other_files))
+            new_record = parts_record.build_record(probe, drafts, same_design_record, question_digest, edge_radius)
+            (draft_folder / parts_record.RECORD_NAME).write_text(new_record.text(), encoding="utf-8")
+    parts_record.remove_replaced(folder, old_record if same_design_record is None else None, names[1:])
+    return tuple(folder / name for name in (*parts.values(), parts_record.RECORD_NAME, *other_files))

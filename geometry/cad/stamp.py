@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from importlib.metadata import version
 
 from geometry.cad.materials import PartMaterial, find_part_materials
-from geometry.cad.record import compute_design_digest
+from geometry.cad.parts_record import compute_design_digest
 from geometry.provenance.block import Provenance, build_provenance
 from geometry.scenes.probe import Probe
 
@@ -18,7 +18,7 @@ class Stamp:
     """Origin of a file.
 
     Attributes:
-        design: digest of the probe's numbers, see ``geometry.cad.record.compute_design_digest``.
+        design: digest of the probe's numbers, see ``geometry.cad.parts_record.compute_design_digest``.
         program: name and version.
         materials: of the parts, by their names; a part that is missing has none to be told.
         provenance: what made the file, see ``geometry.provenance.block``.

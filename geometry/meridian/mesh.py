@@ -25,7 +25,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats, Ints
 from geometry.meridian.crossed_sphere import BoxLines, Cap, CrossedBox, place_box_lines
-from geometry.meridian.frame import Kind, MeridianFineness, MeshLines, MeshTopology, place_lines
+from geometry.meridian.mesh_lines import Kind, MeridianFineness, MeshLines, MeshTopology, place_lines
 from geometry.meridian.section import LAYERS, Body, Section
 
 TENSOR, OUTSIDE, INSIDE, CORE, ARCH, STRIP = range(6)

@@ -10,7 +10,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from geometry.common.errors import InputError, Words
-from geometry.scenes import fit as placement
+from geometry.scenes import fit_check as placement
 from geometry.scenes.probe import Frozen, Interface, Length, Material, Position, Probe, Thickness
 from geometry.scenes.units import Quantity
 

@@ -11,8 +11,8 @@ from pydantic import ValidationError
 from geometry.common.errors import InputError, Words
 from geometry.common.text_files import parse_tables, read_text
 from geometry.scenes.file_kinds import check_kind
-from geometry.scenes.messages import convert_error
 from geometry.scenes.scene import Scene
+from geometry.scenes.validation_messages import convert_error
 
 
 def read_scene(path: Path | str) -> Scene:

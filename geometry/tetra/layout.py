@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from geometry.common.arrays import Points
 from geometry.common.errors import Refusal
-from geometry.scenes.fit import compute_semi_axes
+from geometry.scenes.fit_check import compute_semi_axes
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
 from geometry.tetra.layout_fit import check_extent, check_fit

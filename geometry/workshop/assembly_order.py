@@ -11,8 +11,8 @@ from geometry.provenance.texts import format_markdown_comment
 from geometry.scenes.base_sizes import assumed_sizes
 from geometry.scenes.probe import Probe, format_mm
 from geometry.workshop.casting_notes import compute_gap_deviation
+from geometry.workshop.csv_lists import combine_scatter
 from geometry.workshop.film_pattern import FilmPattern
-from geometry.workshop.lists import combine_scatter
 from geometry.workshop.mould_sizes import DEFAULT_DRAFT_RAD, MouldSizes, compute_cavity_volume
 from geometry.workshop.tolerance import Budget, find_tolerance, format_deviation
 
@@ -33,7 +33,7 @@ def write_assembly_order(
         patterns: of the films.
         moulds: of the blocks that are cast.
         budget: see ``geometry.workshop.tolerance.Budget``.
-        scatter: what scatters the ratio, see ``geometry.workshop.lists.compute_scatter_of_ratio``.
+        scatter: what scatters the ratio, see ``geometry.workshop.csv_lists.compute_scatter_of_ratio``.
     """
     steps = [
         *_list_casting_steps(probe, moulds),

@@ -11,7 +11,7 @@ from geometry.cad import solids
 from geometry.cad.export import Writer
 from geometry.cad.stamp import Stamp, build_stamp
 from geometry.scenes.probe import Probe
-from geometry.workshop import assembly_order, drawings, film_pattern, lists, mould_sizes, moulds, pdf
+from geometry.workshop import assembly_order, csv_lists, drawings, film_pattern, mould_sizes, moulds, pdf
 from geometry.workshop.casting_notes import describe_gap, list_casting_notes
 from geometry.workshop.dxf_properties import add_properties
 from geometry.workshop.parts import DRAWING_TITLES, PartView, build_assembly_view, build_part_views, list_parts
@@ -63,11 +63,11 @@ def build_writers(
     for mould in sizes:
         for half in moulds.MOULD_HALVES:
             files[moulds.format_file_name(mould, half)] = partial(moulds.write_half, mould, half, stamp)
-    dimensions = lists.list_held_dimensions(views.values(), stamp.materials, budget)
-    scatter = lists.compute_scatter_of_ratio(dimensions, budget)
+    dimensions = csv_lists.list_held_dimensions(views.values(), stamp.materials, budget)
+    scatter = csv_lists.compute_scatter_of_ratio(dimensions, budget)
     texts = {
-        "bill-of-materials.csv": lists.write_bill_of_materials(probe, stamp, sizes, edge_radius),
-        "tolerances.csv": lists.write_tolerances(dimensions, budget),
+        "bill-of-materials.csv": csv_lists.write_bill_of_materials(probe, stamp, sizes, edge_radius),
+        "tolerances.csv": csv_lists.write_tolerances(dimensions, budget),
         "assembly.md": assembly_order.write_assembly_order(probe, stamp, patterns, sizes, budget=budget, scatter=scatter),
     }
     return files | {name: partial(_write_text, text) for name, text in texts.items()}

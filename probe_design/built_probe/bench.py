@@ -15,9 +15,9 @@ from pydantic import BaseModel, Field, ValidationError, model_validator
 from geometry.common.errors import InputError, Words, describe_choices
 from geometry.common.text_files import parse_tables, read_tables
 from geometry.scenes.file_kinds import check_kind
-from geometry.scenes.messages import find_model
 from geometry.scenes.probe import Frozen, Length, Modulus
 from geometry.scenes.units import PERCENTAGE, Quantity
+from geometry.scenes.validation_messages import find_model
 from hw.signal.amplifier import ChargeAmplifier
 
 Frequency = Annotated[float, Quantity("frequency", "Hz", "Hz", 1e-3, 1e5)]

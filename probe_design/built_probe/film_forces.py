@@ -10,7 +10,7 @@ from geometry.scenes.probe import Probe
 from geometry.scenes.scene import Scene
 from hw.common.samples import Samples
 from hw.signal.measure import FILM_NAMES, Measurement, build_measurement, check_measurement, measure
-from hw.signal.running import RunningFit
+from hw.signal.running_fit import RunningFit
 from hw.signal.waveform import Flawed
 from probe_design.built_probe.amplifier_responses import add_rate_doubt, divide_own_amplifiers
 from probe_design.built_probe.bench import Bench, Reference

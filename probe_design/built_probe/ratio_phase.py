@@ -24,7 +24,7 @@ from hw.signal.amplifier import compute_parts_covariance
 from hw.signal.measure import Measurement, propagate_covariance
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.gain_matrix import Gains
-from solver.answers import add_phase
+from solver.evaluation import add_phase
 from solver.phase.inertia import add_inertia_error
 from solver.results.result import Result
 from solver.results.warnings import Note

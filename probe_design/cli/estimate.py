@@ -20,7 +20,7 @@ from probe_design.data.noise import DEFAULT_NOISE
 
 if TYPE_CHECKING:
     from geometry.scenes.scene import Scene
-    from probe_design.estimation.readings import Reading
+    from probe_design.estimation.measurements import Reading
 
 
 @click.command()
@@ -144,7 +144,7 @@ def _read_readings(
 ) -> tuple[Reading, ...]:
     """Return the readings of --ratio or --readings."""
     from geometry.common.errors import InputError, Words
-    from probe_design.estimation.readings import build_single_reading, read_readings
+    from probe_design.estimation.measurements import build_single_reading, read_readings
 
     if (ratio is None) == (file is None):
         problem = Words("missing") if ratio is None else Words(f"{ratio} beside --readings")

@@ -29,7 +29,7 @@ from probe_design.built_probe.probe_identity import check_serials, clean_serial,
 from probe_design.cli.arguments import read_position
 from probe_design.cli.hardware_sources import HardwareSetup, get_reading_limits
 from probe_design.data.noise import MIN_NOISE
-from probe_design.estimation.readings import Reading, build_single_reading
+from probe_design.estimation.measurements import Reading, build_single_reading
 
 PLACE_KEYS = ("x", "y", "blank")
 READING_FORM = "a file and, behind commas, its place: 'run.probe, x=-8 mm, y=0 mm, blank=true'"

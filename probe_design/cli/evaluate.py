@@ -67,7 +67,7 @@ def evaluate(
     with show_steps(f"evaluating {scene}") as tell:
         if vtu is not None or picture is not None:
             from probe_design.solid_output.evaluate_with_files import evaluate_with_files
-            from solver.answers import add_phase
+            from solver.evaluation import add_phase
 
             parsed_scene = read_scene(scene)
             result = evaluate_with_files(parsed_scene, evaluator, relative_accuracy, vtu=vtu, picture=picture, tell=tell)

@@ -86,7 +86,7 @@ def read(
     probe-design read scene.toml --replay scope.csv --column "inner=CH1 mV" --column "outer=CH2 mV" --rate "1 kHz"
     probe-design read scene.toml --replay run.probe --record run.h5
     """  # noqa: D301
-    from hw.signal.running import RunningFit
+    from hw.signal.running_fit import RunningFit
     from hw.signal.sine_fit import check_rate
     from probe_design.built_probe.field_readings import build_reading_json, compute_ratio_noise, read_placement
     from probe_design.built_probe.film_forces import measure_reading, measure_running_reading

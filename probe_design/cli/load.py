@@ -30,7 +30,7 @@ def load(scene: Path, max_load: str, points: int, accuracy: str, picture: Path |
     from probe_design.maps.load_plot import plot
     from probe_design.terminal.console import show_steps
     from probe_design.terminal.load_table import build_load_table, list_load_lines
-    from solver.answers import load as run
+    from solver.evaluation import load as run
 
     force, indentation = _read_load(max_load)
     parsed_scene = read_scene(scene)

@@ -80,7 +80,7 @@ def optimize(
     gap and up to half an outer radius deep. The table lists the active limits, the limit of the force, and the effect of more
     load.
     """  # noqa: D301
-    from probe_design.design_search.question import read_design_source
+    from probe_design.design_search.design_source import read_design_source
     from probe_design.populations.design_file import Design
 
     if template:
@@ -122,7 +122,7 @@ def _refuse_options(options: Mapping[str, object], allowed: str) -> None:
 
 def _check_output(output: Path, question_digest: str, force: bool) -> None:
     """Check the output folder and CAD before the search rather than after it."""
-    from geometry.cad.record import check_same_question
+    from geometry.cad.parts_record import check_same_question
     from geometry.cad.solids import load_cadquery
     from geometry.common.files import check_writable
 
@@ -196,7 +196,7 @@ def _optimize_scene(
 
 def _report_files(output: Path, files: Sequence[Path]) -> None:
     """Report the files written, and the command that exports them for the workshop."""
-    from probe_design.reports.workshop import build_export_command
+    from probe_design.reports.workshop_command import build_export_command
     from probe_design.terminal.console import write_message
 
     write_message(f"wrote {len(files)} files to {output}; begin with {output / 'report.html'}")

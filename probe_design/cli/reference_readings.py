@@ -134,10 +134,10 @@ def simulate_on_scene(setup: HardwareSetup, source: SampleSource, accuracy: str)
 def choose_prediction(length: float | None) -> Callable[..., Any]:
     """Return the function that predicts a scene: for a long reading one that runs in a child process, to free its memory."""
     from probe_design.built_probe import reading
-    from probe_design.measuring import prediction_apart
+    from probe_design.measuring import prediction_process
 
-    needs_child_process = length is not None and length >= prediction_apart.MIN_READING_S
-    return prediction_apart.predict_in_process if needs_child_process else reading.predict_scene
+    needs_child_process = length is not None and length >= prediction_process.MIN_READING_S
+    return prediction_process.predict_in_process if needs_child_process else reading.predict_scene
 
 
 def simulate_on_references(setup: HardwareSetup, source: SampleSource, references: Sequence[Reference], run: int) -> Any:

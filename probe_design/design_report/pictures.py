@@ -12,8 +12,8 @@ from probe_design.design_report.depth_map import DETECTION_THRESHOLD, DepthMap
 from probe_design.pictures.formats import save_figure
 
 if TYPE_CHECKING:
-    from probe_design.design_search.judging import VerifiedDesign
     from probe_design.design_search.pareto import Front
+    from probe_design.design_search.verification import VerifiedDesign
 
 MM_PER_M = 1e3
 VERIFIED_COLOUR, CLOSED_FORM_COLOUR = "#2a6f97", "#9aa5b1"

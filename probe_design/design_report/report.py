@@ -23,7 +23,7 @@ from probe_design.populations.design_file import Design
 from probe_design.reports.page import Chapter, Code, Items, PageTable, Picture, Text
 from probe_design.reports.page import build_page as html
 from probe_design.reports.scene_sections import build_scene_section, iterate_scene_sections
-from probe_design.reports.workshop import WORKSHOP_PARTS
+from probe_design.reports.workshop_command import WORKSHOP_PARTS
 
 WRITING_STAGE = "writing STEP files, pictures and report"
 FRONT_FILE = "pareto.png"
@@ -68,7 +68,7 @@ def write_all(
     progress(WRITING_STAGE, 0, 4)
     from geometry.cad.drawing import draw_probe
     from geometry.cad.export import export_parts
-    from geometry.cad.record import RECORD_NAME, list_part_files
+    from geometry.cad.parts_record import RECORD_NAME, list_part_files
 
     scene = optimum.scene
     probe, edge = scene.probe, scene.contact.edge_radius

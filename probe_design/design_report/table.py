@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from probe_design.design_report.depth_map import DepthMap
-from probe_design.design_search.judging import VerifiedDesign
 from probe_design.design_search.outcome import PopulationOptimum
+from probe_design.design_search.verification import VerifiedDesign
 from probe_design.populations.tables import Observable
 
 OBSERVABLE_LABELS: dict[Observable, str] = {"ratio": "ratio alone", "stiffness": "stiffness alone", "both": "both"}

@@ -10,7 +10,7 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Words
 from probe_design.design_search.closed_search import IPOPT_STARTS, FoundDesigns, search
-from probe_design.design_search.room import Combination, SearchSpace
+from probe_design.design_search.search_space import Combination, SearchSpace
 from probe_design.design_search.steered_population import DesignObjective
 
 MAX_ENUMERATED = 200

@@ -17,7 +17,7 @@ from solver.equivalent_inclusion.readings import compute_readings
 from solver.inclusions.tumours import Tumours
 from solver.planning.coarse_model import CoarseModel
 from solver.tumour_waves.population import TumourDraws
-from solver.tumour_waves.readings import Films, ManyTumours
+from solver.tumour_waves.population_films import Films, ManyTumours
 
 
 @dataclass(frozen=True)

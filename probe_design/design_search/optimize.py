@@ -14,11 +14,11 @@ from geometry.common.errors import InputError, Refusal
 from geometry.scenes.scene import Inclusion, Load, Scene
 from probe_design.design_search.choices import Choice, ChoiceSearch, search_combinations
 from probe_design.design_search.heights import drop_outer_height, get_outer_height
-from probe_design.design_search.judging import VerifiedDesign, verify_design
 from probe_design.design_search.outcome import PopulationOptimum
-from probe_design.design_search.polish import refine_design
-from probe_design.design_search.room import Combination, SearchSpace, build_search_space, is_admissible
+from probe_design.design_search.refinement import refine_design
+from probe_design.design_search.search_space import Combination, SearchSpace, build_search_space, is_admissible
 from probe_design.design_search.steered_population import DesignObjective
+from probe_design.design_search.verification import VerifiedDesign, verify_design
 from probe_design.design_search.workshop import Robustness, compute_robustness
 from probe_design.optimisation.design_space import SAME_DESIGN_TOLERANCE_RELATIVE, Space, is_same_design
 from probe_design.optimisation.global_search import search_designs as search_single

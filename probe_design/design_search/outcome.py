@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from geometry.scenes.scene import Scene
-from probe_design.design_search.judging import VerifiedDesign
-from probe_design.design_search.room import SearchSpace
+from probe_design.design_search.search_space import SearchSpace
+from probe_design.design_search.verification import VerifiedDesign
 from probe_design.design_search.workshop import Robustness
 from probe_design.optimisation.design_space import SAME_DESIGN_TOLERANCE_RELATIVE, Limit
 from probe_design.optimisation.optimum import NO_GAIN

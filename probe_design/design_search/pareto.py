@@ -10,9 +10,9 @@ import numpy as np
 from geometry.common.errors import InputError, Refusal, describe_choices
 from geometry.scenes.scene import Load
 from probe_design.design_search.choices import Progress, search_combinations
-from probe_design.design_search.judging import verify_design
-from probe_design.design_search.room import build_search_space
+from probe_design.design_search.search_space import build_search_space
 from probe_design.design_search.steered_population import DesignObjective
+from probe_design.design_search.verification import verify_design
 from probe_design.populations.design_file import Design
 
 COST_KINDS = ("outer_radius", "force", "positions")

@@ -18,7 +18,7 @@ from probe_design.populations.resolved import DEFAULT_PRIOR_LOG_SD
 from solver.closed_form.bessel import Array
 from solver.closed_form.designs import build_parameters
 from solver.tumour_waves.population import TumourDraws
-from solver.tumour_waves.readings import ManyTumours
+from solver.tumour_waves.population_films import ManyTumours
 
 MAX_SEARCH_TUMOURS = 64  # tumours that steer
 LOG_DIFFERENCE_STEP = (

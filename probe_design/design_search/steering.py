@@ -28,7 +28,7 @@ from scipy.special import ndtr, ndtri
 
 from probe_design.data.noise import MAX_RESOLVED_LOG_SD
 from solver.closed_form.bessel import Array
-from solver.tumour_waves.readings import Films, ManyTumours
+from solver.tumour_waves.population_films import Films, ManyTumours
 
 RESOLVED_STEP_LOG_SD = 0.25  # of ln sd over which a tumour passes from not resolved to resolved
 MIN_PRIOR_VARIANCE = 1e-12  # least prior variance

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.common.errors import InputError
-from geometry.scenes import fit
+from geometry.scenes import fit_check
 from geometry.scenes.scene import Placement, Scene
+from probe_design.estimation.measurements import Measurements, Reading
 from probe_design.estimation.model import TARGET_UNKNOWNS, TargetModel
-from probe_design.estimation.readings import Measurements, Reading
 
 RELATIVE_OFFSETS = (0.0, 0.4, 0.8, 1.2, 1.8)  # of the probe's axis from the target's, over the sum of depth and outer radius
 ULTRASOUND_RELATIVE_SD = 0.05  # of a diameter or depth by ultrasound, 1 sd: assumed
@@ -101,7 +101,7 @@ def _compute_separation(
 def _is_on_tissue(scene: Scene, place: tuple[float, float]) -> bool:
     """Return whether the whole probe stands on the tissue at a place."""
     try:
-        fit.check_bodies_fit(scene.model_copy(update={"placement": Placement(x=place[0], y=place[1])}))
+        fit_check.check_bodies_fit(scene.model_copy(update={"placement": Placement(x=place[0], y=place[1])}))
     except InputError:
         return False
     return True

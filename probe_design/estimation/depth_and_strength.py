@@ -21,7 +21,7 @@ from scipy.ndimage import map_coordinates
 from geometry.common.arrays import Bools, Floats
 from probe_design.estimation.intervals import CHI2_QUANTILE, compute_threshold
 from probe_design.estimation.model import TargetModel
-from probe_design.estimation.predicted import Predictions
+from probe_design.estimation.predictions import Predictions
 from probe_design.estimation.shared_errors import SharedErrors
 from probe_design.estimation.strength import DepthAndStrength, compute_strength
 

@@ -28,7 +28,8 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal, Words, describe_choices
 from geometry.scenes.scene import Scene
 from geometry.scenes.variables import list_values
-from probe_design.estimation.answer import (
+from probe_design.estimation.depth_and_strength import Plane
+from probe_design.estimation.estimate_result import (
     OPEN_INTERVAL,
     Estimate,
     compute_hull,
@@ -36,17 +37,16 @@ from probe_design.estimation.answer import (
     is_identifiable,
     list_separate_pieces,
 )
-from probe_design.estimation.depth_and_strength import Plane
 from probe_design.estimation.intervals import Likelihood, compute_p_value
 from probe_design.estimation.loaded_model import LoadedModel, explain_refusal
+from probe_design.estimation.loaded_track import add_load
+from probe_design.estimation.measurements import Measurements, Reading
 from probe_design.estimation.model import TARGET_UNKNOWNS, TargetModel, check_kind
 from probe_design.estimation.nuisances import check_nuisances
 from probe_design.estimation.phases import select_usable
 from probe_design.estimation.profile import Track
-from probe_design.estimation.readings import Measurements, Reading
 from probe_design.estimation.reasons import Findings, explain_unidentifiable, list_warnings
 from probe_design.estimation.strength import DepthAndStrength, Interval, compute_strength
-from probe_design.estimation.under_load import add_load
 from solver.planning.load_check import check_load
 
 TISSUE_KEY = re.compile(r"tissue\.(layer\[\d\]\.(thickness|youngs_modulus)|youngs_modulus)")

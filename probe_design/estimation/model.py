@@ -14,9 +14,9 @@ from geometry.scenes.probe import Material, format_mm
 from geometry.scenes.scene import Inclusion, Placement, Scene
 from geometry.scenes.units import MODULUS_QUANTITY
 from geometry.scenes.variables import list_values, replace_values
+from probe_design.estimation.measurements import Measurements
 from probe_design.estimation.phases import build_turned_bodies, build_turned_scenes, insert_phases
-from probe_design.estimation.predicted import Predictions
-from probe_design.estimation.readings import Measurements
+from probe_design.estimation.predictions import Predictions
 from probe_design.maps.target_grid import check_spheres
 from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed

@@ -23,14 +23,14 @@ import numpy as np
 from scipy.stats import norm, qmc
 
 from geometry.common.arrays import Floats, Ints
-from probe_design.estimation.answer import get_max_end_ratio, is_identifiable
 from probe_design.estimation.candidates import ULTRASOUND_RELATIVE_SD, NextCandidate, join_measurements, list_candidates
+from probe_design.estimation.estimate_result import get_max_end_ratio, is_identifiable
 from probe_design.estimation.intervals import Likelihood, compute_hulls
+from probe_design.estimation.measurements import Measurements
 from probe_design.estimation.model import TargetModel
 from probe_design.estimation.nuisances import NuisanceErrors
-from probe_design.estimation.predicted import Predictions
+from probe_design.estimation.predictions import Predictions
 from probe_design.estimation.profile import POINTS_PER_NODE, Track
-from probe_design.estimation.readings import Measurements
 from probe_design.estimation.shared_errors import SharedErrors
 from probe_design.estimation.strength import Interval
 

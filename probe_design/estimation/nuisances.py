@@ -31,7 +31,7 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.units import read_fraction
 from geometry.scenes.variables import list_loss_factors, list_values
 from probe_design.estimation.model import TARGET_UNKNOWNS, TargetModel
-from probe_design.estimation.predicted import Predictions
+from probe_design.estimation.predictions import Predictions
 from probe_design.estimation.shared_errors import SharedErrors
 
 MAX_LOG_SD = 1.0  # standard deviation of a logarithm; the polynomial is not valid beyond

@@ -21,8 +21,8 @@ import numpy as np
 from geometry.common.arrays import Bools, Floats
 from geometry.scenes.scene import Scene
 from geometry.scenes.variables import list_loss_factors
-from probe_design.estimation.predicted import Predictions
-from probe_design.estimation.readings import Measurements
+from probe_design.estimation.measurements import Measurements
+from probe_design.estimation.predictions import Predictions
 from solver.phase.losses import compute_angle_spread, compute_log_growths, compute_loss_angles, scale_moduli
 
 THIRD_ORDER_FACTOR = 0.25  # of the cube of the spread, rad: the largest in tests was 0.16, under a skin

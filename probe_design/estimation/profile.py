@@ -24,7 +24,7 @@ from geometry.common.arrays import Bools, Floats, Ints
 from geometry.common.errors import InputError, ProbeError
 from probe_design.estimation.model import TARGET_UNKNOWNS, TargetModel
 from probe_design.estimation.nuisances import NuisanceErrors, compute_nuisance_errors
-from probe_design.estimation.predicted import Predictions
+from probe_design.estimation.predictions import Predictions
 from probe_design.estimation.shared_errors import SharedErrors
 from probe_design.estimation.strength import eshelby_beta
 from solver.equivalent_inclusion.level import EquivalentInclusion

@@ -12,7 +12,7 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.variables import replace_values
 from probe_design.estimation.intervals import TOLERATED_SHIFT, Piece
 from probe_design.estimation.model import TARGET_UNKNOWNS, TargetModel
-from probe_design.estimation.predicted import MAX_LOG_RATIO_ERROR
+from probe_design.estimation.predictions import MAX_LOG_RATIO_ERROR
 from probe_design.estimation.profile import Track
 from probe_design.estimation.shared_errors import SharedErrors
 from probe_design.estimation.strength import DepthAndStrength, Interval

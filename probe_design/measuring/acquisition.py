@@ -11,7 +11,7 @@ from hw.common.errors import HardwareError, InvalidSource
 from hw.common.samples import Samples, join_samples
 from hw.reader import Reader
 from hw.signal.measure import Losses
-from hw.signal.running import RunningFit
+from hw.signal.running_fit import RunningFit
 
 SHOW_INTERVAL_S = 0.5  # s of samples between two displays, at least
 BEHIND_INTERVAL_S = 5.0  # s added while samples wait, so that a display does not delay the fit

@@ -33,9 +33,9 @@ from probe_design.optimisation.pressing import (
 )
 from solver.contact.level import ContactEvaluator
 from solver.contact.limits import CLOSED_GAP_RELATIVE, find_gap_closure_load, is_gap_closed
-from solver.contact.loaded import LoadedScene
+from solver.contact.loaded_scene import LoadedScene
 from solver.contact.path import Path
-from solver.contact.pressed import LoadedForces, PathPoint, StoppedError
+from solver.contact.path_points import LoadedForces, PathPoint, StoppedError
 from solver.results.load_limits import LargestLoad
 
 DEPTHS_RELATIVE = (0.1, 0.2, 0.3, 0.4, 0.5)  # outer radii deep: the last is what level ``contact`` is held to reach

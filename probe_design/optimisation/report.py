@@ -21,7 +21,7 @@ from probe_design.optimisation.optimum import Optimum
 from probe_design.reports.page import Chapter, Items, PageTable, Picture, Text
 from probe_design.reports.page import build_page as html
 from probe_design.reports.scene_sections import build_scene_section, iterate_scene_sections
-from probe_design.reports.workshop import WORKSHOP_PARTS
+from probe_design.reports.workshop_command import WORKSHOP_PARTS
 
 
 def write_all(
@@ -40,7 +40,7 @@ def write_all(
     progress("writing STEP files, drawing and report", 0, 3)
     from geometry.cad.drawing import draw_probe
     from geometry.cad.export import export_parts
-    from geometry.cad.record import RECORD_NAME, list_part_files
+    from geometry.cad.parts_record import RECORD_NAME, list_part_files
 
     probe, edge = optimum.best.scene.probe, optimum.best.scene.contact.edge_radius
     texts: dict[str, Callable[[], str]] = {

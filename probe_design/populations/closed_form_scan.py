@@ -16,7 +16,7 @@ from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import Refusal
 from geometry.scenes.scene import Inclusion, Placement, Scene
 from probe_design.populations.population import TumourDraw, is_of_tumour
-from probe_design.populations.readings import ScanReadings, compute_logarithms
+from probe_design.populations.scan_readings import ScanReadings, compute_logarithms
 from probe_design.populations.tables import Protocol
 from solver.closed_form.designs import (
     LAYER_PARAMETERS,

@@ -12,11 +12,11 @@ from pydantic_core import ErrorDetails
 from geometry.common.errors import InputError, Words, describe_choices
 from geometry.common.text_files import read_tables
 from geometry.scenes.file_kinds import check_kind
-from geometry.scenes.messages import find_model
 from geometry.scenes.probe import Frozen
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import find_scene
 from geometry.scenes.units import Quantity
+from geometry.scenes.validation_messages import find_model
 from probe_design.populations.tables import DesignLimits, NoiseModel, Objective, PopulationRanges, Protocol
 from probe_design.populations.variables import DesignVariables
 

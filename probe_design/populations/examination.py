@@ -19,13 +19,12 @@ import numpy as np
 
 from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import InputError
-from probe_design.populations.control import ControlSignals, estimate_statistic
+from probe_design.populations.control_variate import ControlSignals, estimate_statistic
 from probe_design.populations.design_file import Design
 from probe_design.populations.detection import SCANS_PER_TUMOUR, Detector, compute_deflections
 from probe_design.populations.judgement import Judgement, Kind, MeanError
 from probe_design.populations.noise import build_difference_covariance, build_full_covariance
 from probe_design.populations.population import ScenePopulation, TumourDraw
-from probe_design.populations.readings import ScanReadings
 from probe_design.populations.resolved import (
     Unknowns,
     compute_contrast_deviations,
@@ -34,6 +33,7 @@ from probe_design.populations.resolved import (
     is_resolved,
     is_undecided,
 )
+from probe_design.populations.scan_readings import ScanReadings
 from probe_design.populations.tables import CHANNEL_INDICES, Observable
 
 

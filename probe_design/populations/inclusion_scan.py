@@ -25,8 +25,8 @@ from geometry.scenes.variables import list_values
 from probe_design.maps.scan_line import ScanLine
 from probe_design.populations.noise import compute_reading_deviations
 from probe_design.populations.population import ScenePopulation, TumourDraw, get_scene_key, is_of_tumour, name_host_modulus
-from probe_design.populations.readings import ScanReadings, compute_logarithms
 from probe_design.populations.scan_errors import ERROR_CAUSES, LOAD_CAUSE, bound_film_errors
+from probe_design.populations.scan_readings import ScanReadings, compute_logarithms
 from probe_design.populations.tables import NoiseModel, Protocol
 from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed, solve_other_tissue

@@ -15,7 +15,7 @@ import numpy as np
 
 from geometry.scenes.scene import Scene
 from probe_design.populations.closed_form_scan import ClosedFormScan
-from probe_design.populations.control import ControlSignals
+from probe_design.populations.control_variate import ControlSignals
 from probe_design.populations.design_file import Design
 from probe_design.populations.examination import Examination
 from probe_design.populations.inclusion_scan import compute_inclusion_readings

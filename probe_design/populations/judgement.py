@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from geometry.common.arrays import Floats, Ints
-from probe_design.populations.control import ControlVariate, estimate_statistic
+from probe_design.populations.control_variate import ControlVariate, estimate_statistic
 from probe_design.populations.scan_errors import ERROR_CAUSES
 from probe_design.populations.tables import Objective, Observable
 

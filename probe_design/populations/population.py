@@ -17,8 +17,8 @@ from scipy.stats import qmc
 
 from geometry.common.arrays import Bools, Floats, Ints
 from geometry.common.errors import InputError, Words
-from geometry.scenes.messages import convert_error
 from geometry.scenes.scene import Scene
+from geometry.scenes.validation_messages import convert_error
 from geometry.scenes.variables import replace_values
 from probe_design.populations.ranges import Range
 from probe_design.populations.tables import PopulationRanges

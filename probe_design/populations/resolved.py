@@ -26,7 +26,7 @@ import numpy as np
 from geometry.common.arrays import Floats, Ints
 from probe_design.data.noise import MAX_RESOLVED_LOG_SD
 from probe_design.populations.population import ScenePopulation, TumourDraw, name_host_modulus
-from probe_design.populations.readings import ScanReadings
+from probe_design.populations.scan_readings import ScanReadings
 
 DEFAULT_PRIOR_LOG_SD = 1.0  # prior standard deviation of ln E_object where the population has one value of it
 

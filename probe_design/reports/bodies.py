@@ -14,7 +14,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats, Ints
 from geometry.scenes.base_sizes import base_sizes
-from geometry.scenes.fit import compute_semi_axes
+from geometry.scenes.fit_check import compute_semi_axes
 from geometry.scenes.probe import Probe
 from geometry.scenes.scene import Scene
 

@@ -14,10 +14,10 @@ from geometry.common.errors import InputError, Words, describe_choices
 from geometry.common.resources import Limits, get_limits
 from geometry.common.text_files import read_tables
 from geometry.scenes.file_kinds import check_kind
-from geometry.scenes.messages import convert_error
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import find_scene
 from geometry.scenes.units import MEMORY_QUANTITY, SI_CONTEXT, TIME_QUANTITY, read_fraction
+from geometry.scenes.validation_messages import convert_error
 from probe_design.sweeps.constraints import evaluate_condition
 from probe_design.sweeps.keys import Key, Value, find_at_path, find_key, replace_values
 from probe_design.sweeps.samples import SAMPLE_KINDS, DesignSampling, Variable
@@ -149,7 +149,7 @@ def _make_surface_paths_absolute(base: dict[str, Any]) -> dict[str, Any]:
 
 def _read_settings(tables: Mapping[str, Any]) -> tuple[str, float, bool]:
     """Read evaluator, accuracy and ``linear``."""
-    from solver.levels import AUTO, EVALUATOR_NAMES, check_accuracy
+    from solver.evaluators import AUTO, EVALUATOR_NAMES, check_accuracy
 
     evaluator, accuracy, linear = tables.get("evaluator", AUTO), tables.get("accuracy", 0.01), tables.get("linear", False)
     if evaluator not in (AUTO, *EVALUATOR_NAMES):

@@ -104,15 +104,15 @@ class Job:
 
     def warm_up(self) -> None:
         """Import the evaluator and build the scene once, so that the first row is not charged for it."""
-        from solver import levels
+        from solver import evaluators
 
         _catch_fault(lambda: build_scene(self.base, (), ()))
-        if self.evaluator == levels.AUTO:
+        if self.evaluator == evaluators.AUTO:
             import solver.planning.plan
         elif self.evaluator == "closed-form":
             import solver.closed_form.level  # noqa: F401
         else:
-            levels.evaluator(self.evaluator)
+            evaluators.evaluator(self.evaluator)
 
     def evaluate_parts(self, designs: Sequence[tuple[Value, ...]]) -> Iterator[list[Row]]:
         """Evaluate designs part by part; yield the rows of each part, or single rows where a part cannot be evaluated together.
@@ -154,7 +154,7 @@ class Job:
 
     def _evaluate_together(self, scenes: Sequence[Scene]) -> list[Result | Exception] | None:
         """Evaluate several scenes together; return None if that is not possible for all of them."""
-        from solver.many import evaluate_together
+        from solver.batch import evaluate_together
 
         if not scenes:
             return None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rich.table import Table
 
-from probe_design.estimation.answer import Estimate
+from probe_design.estimation.estimate_result import Estimate
 from probe_design.estimation.next_reading import ExpectedInterval
 from probe_design.estimation.reasons import UNKNOWN_NAMES, format_value
 from probe_design.estimation.strength import Interval

@@ -28,9 +28,9 @@ from geometry.common.errors import InputError
 from geometry.scenes.scene import Scene
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import express_by_outer_radius
-from probe_design.tolerances.sampled import OUTPUT_NAMES, SampleStatistics, sample_probes
-from probe_design.tolerances.slopes import choose_evaluator, compute_derivatives
-from probe_design.tolerances.variables import UncertainNumber, list_uncertain_numbers
+from probe_design.tolerances.derivatives import choose_evaluator, compute_derivatives
+from probe_design.tolerances.sample_statistics import OUTPUT_NAMES, SampleStatistics, sample_probes
+from probe_design.tolerances.uncertain_numbers import UncertainNumber, list_uncertain_numbers
 from solver import evaluator
 from solver.closed_form.level import ClosedForm
 from solver.planning.load_check import add_load_warning

@@ -16,7 +16,7 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_to_dict
 from probe_design.tradeoffs.rows import Row, Setting, compare_with_reference, find_cheapest, find_pareto_front, remove_duplicates
 from probe_design.tradeoffs.timing import time_first_answer, time_repeats, use_empty_mesh_cache
-from solver.levels import EVALUATOR_NAMES
+from solver.evaluators import EVALUATOR_NAMES
 from solver.planning.load_check import build_load_notes, check_load
 from solver.planning.load_limits import build_load_rule
 

@@ -11,18 +11,18 @@ from typing import Any
 from geometry.cad.drawing import draw_probe
 from geometry.cad.export import Writer
 from geometry.cad.export import export_parts as write
-from geometry.cad.record import check_same_design
+from geometry.cad.parts_record import check_same_design
 from geometry.common.files import check_writable
 from geometry.provenance.block import build_provenance
 from geometry.provenance.texts import format_toml_comment
 from geometry.scenes.base_sizes import assumed_sizes
-from geometry.scenes.fit import list_doubts
+from geometry.scenes.fit_check import list_doubts
 from geometry.scenes.probe import Probe, format_mm
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_to_toml
 from geometry.workshop.mould_sizes import compute_mould_sizes
 from geometry.workshop.package import DEFAULT_CASTING, Casting, build_writers
-from probe_design.workshop.budget import check_tolerance, compute_ratio_budget
+from probe_design.workshop.ratio_budget import check_tolerance, compute_ratio_budget
 from probe_design.workshop.rounding import Rounding, add_cost, round_sizes
 
 SCENE_FILE = "scene.toml"

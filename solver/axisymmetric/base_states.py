@@ -17,9 +17,9 @@ import numpy as np
 
 from geometry.common.arrays import Floats, Ints
 from geometry.common.resources import check_memory, check_time
-from geometry.meridian.frame import Kind, MeridianFineness
-from geometry.meridian.frame import find_kind as kind_of
 from geometry.meridian.mesh import Topology, build_topology, compute_nodes
+from geometry.meridian.mesh_lines import Kind, MeridianFineness
+from geometry.meridian.mesh_lines import find_kind as kind_of
 from geometry.meridian.section import Body, Section
 from geometry.scenes.probe import Material
 from solver.axisymmetric.condensed_system import LARGEST_RESIDUAL, System

@@ -17,7 +17,7 @@ from solver.linalg.memory import keep_freed
 from solver.linalg.threads import limit_to_one_thread
 from solver.linalg.workspace import use_own_workspace
 from solver.results.evaluator import FilmEvaluator, FilmSolution, ProgressCallback
-from solver.results.kinds import find_geometry_refusal
+from solver.results.refusals import find_geometry_refusal
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError
-from geometry.meridian.frame import find_kind as kind_of
+from geometry.meridian.mesh_lines import find_kind as kind_of
 from geometry.scenes.scene import Scene
 from solver.axisymmetric.refinement import MESH_LEVELS
 from solver.axisymmetric.sample import MeshSample, solve_on_mesh

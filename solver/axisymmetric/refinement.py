@@ -11,7 +11,7 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError
 from geometry.common.resources import LimitReached
-from geometry.meridian.frame import MeridianFineness
+from geometry.meridian.mesh_lines import MeridianFineness
 from solver.axisymmetric.sample import MeshSample
 from solver.results.warnings import Note
 

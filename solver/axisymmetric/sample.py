@@ -8,7 +8,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError
-from geometry.meridian.frame import Kind, MeridianFineness
+from geometry.meridian.mesh_lines import Kind, MeridianFineness
 from geometry.meridian.section import Body, Section
 from geometry.scenes.probe import Material
 from geometry.scenes.scene import Scene

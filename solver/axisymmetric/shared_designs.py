@@ -16,8 +16,8 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
 from geometry.common.resources import get_limits, start_clock, use_limits
-from geometry.meridian.frame import Kind
-from geometry.meridian.frame import find_kind as kind_of
+from geometry.meridian.mesh_lines import Kind
+from geometry.meridian.mesh_lines import find_kind as kind_of
 from geometry.scenes.scene import Load, Scene
 from solver.axisymmetric.converged_forces import Converged
 from solver.axisymmetric.sections import build_sections

@@ -9,7 +9,7 @@ from threadpoolctl import threadpool_limits
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import ProbeError
-from geometry.meridian.frame import Kind, MeshTopology
+from geometry.meridian.mesh_lines import Kind, MeshTopology
 from geometry.scenes.base_sizes import base_sizes
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import SI_CONTEXT

@@ -30,11 +30,11 @@ from solver.closed_form.designs import (
 from solver.closed_form.error_bound import StatedErrors, bound_errors
 from solver.closed_form.error_features import MODULUS_STEP_FACTOR, PARAMETER_VARIANTS
 from solver.layers.materials import list_material_layers
-from solver.layers.measures import compute_squeeze
+from solver.layers.squeeze import compute_squeeze
 from solver.linalg.workspace import use_own_workspace
 from solver.results.evaluator import FilmEvaluator, FilmSolution, ProgressCallback
 from solver.results.film_forces import FilmForces, find_shortfalls
-from solver.results.kinds import find_geometry_refusal
+from solver.results.refusals import find_geometry_refusal
 
 MIN_COVER_DIAMETERS = 0.1  # of an inclusion, in its diameters
 MAX_LOG_RATIO_ERROR = 2.9  # of ln(ratio): scenes with a larger bound are refused
@@ -44,7 +44,7 @@ MIN_DEPTH_OUTER_RADII = 0.1  # of the tissue, in outer radii
 # errors; in tissue with a tumour it grows with the third power, and is beyond them from 0.4999999 on. ``tests`` hold both.
 MAX_POISSON_RATIO = {"tissue": 0.499999, "block": 0.499999999999}
 FAR_SIDE_NODES = 16  # for sides as near as none that are left out
-MAX_SQUEEZE = 50.0  # see ``solver.layers.measures``: beyond it totals are up to nine times too small
+MAX_SQUEEZE = 50.0  # see ``solver.layers.squeeze``: beyond it totals are up to nine times too small
 BROKEN_FORMULAS_ADVICE = "axisymmetric, as the formulas break down for this scene"
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from geometry.common.arrays import Bools, Floats, Ints
-from solver.contact.curves import LinePoints, find_points, tabulate_gauss
+from solver.contact.boundary_lines import LinePoints, find_points, tabulate_gauss
 from solver.contact.pairs import Pair
 
 

@@ -19,9 +19,9 @@ from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
 from solver.contact.level import ContactEvaluator
 from solver.contact.limits import find_change_load, find_gap_closure_load, is_gap_closed
-from solver.contact.loaded import LoadedScene
+from solver.contact.loaded_scene import LoadedScene
 from solver.contact.path import Path
-from solver.contact.pressed import LoadedForces, PathPoint, StoppedError
+from solver.contact.path_points import LoadedForces, PathPoint, StoppedError
 from solver.results.evaluator import ProgressCallback, ignore_progress
 from solver.results.load_curve import LoadCurve, LoadRange
 from solver.results.load_limits import LargestLoad
@@ -36,7 +36,7 @@ FINER_PATH_FACTOR = (
 def compute_load_curve(
     scene: Scene, loads: Floats, accuracy: float, *, by_force: bool, tell: ProgressCallback = ignore_progress
 ) -> LoadCurve:
-    """Press a scene to each of several loads and return the curve; see ``solver.answers.load``.
+    """Press a scene to each of several loads and return the curve; see ``solver.evaluation.load``.
 
     Args:
         scene: a scene that evaluator ``contact`` supports; its own load does not matter.

@@ -8,19 +8,19 @@ import numpy as np
 
 from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import SolveError
-from geometry.meridian.frame import MeridianFineness
-from geometry.meridian.frame import find_kind as kind_of
 from geometry.meridian.mesh import UNIT_SQUARE, Topology, build_topology, compute_nodes
+from geometry.meridian.mesh_lines import MeridianFineness
+from geometry.meridian.mesh_lines import find_kind as kind_of
 from geometry.meridian.section import TISSUES, Body, Section
 from geometry.scenes.probe import Interface, Material
 from solver.axisymmetric.base_states import Materials
 from solver.axisymmetric.dofs import Numbering, number_unknowns
 from solver.contact.assembly import Assembly
+from solver.contact.contact_forces import FRICTION_SPRING_RELATIVE, Touch, compute_touch
 from solver.contact.elements import Balance, Elements, ElementValues
 from solver.contact.hyperelasticity import Hyperelastic
 from solver.contact.pairs import Pair
 from solver.contact.states import Linearised, State, WorkingForces
-from solver.contact.touch import FRICTION_SPRING_RELATIVE, Touch, compute_touch
 from solver.contact.touching_lines import compute_contact_length, find_pairs
 from solver.elements.quadrilateral import compute_geometry
 from solver.elements.shape_functions import build_shapes

@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 
 from geometry.common.arrays import Bools, Floats
-from solver.contact.curves import BoundaryLine, tabulate_gauss
+from solver.contact.boundary_lines import BoundaryLine, tabulate_gauss
 
 ROOT_HALF = 0.5**0.5
 Axes = tuple[tuple[float, float], tuple[float, float]]

@@ -11,7 +11,7 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError
 from solver.contact.model import ContactModel
 from solver.contact.newton import Equilibrium, solve
-from solver.contact.pressed import PathPoint, StoppedError
+from solver.contact.path_points import PathPoint, StoppedError
 from solver.contact.states import State, add_weighted, hermite_weights, lagrange_weights
 
 FIRST_STEP_RELATIVE, MIN_STEP_RELATIVE, MAX_STEP_RELATIVE = (

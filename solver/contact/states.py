@@ -9,8 +9,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from geometry.common.arrays import Bools, Floats
+from solver.contact.contact_forces import Grip, Touch
 from solver.contact.elements import Balance, ElementValues, Elimination
-from solver.contact.touch import Grip, Touch
 from solver.linalg.cholesky import Factor
 
 

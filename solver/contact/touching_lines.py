@@ -21,7 +21,7 @@ from geometry.meridian.mesh import UNIT_SQUARE, Topology, compute_nodes
 from geometry.meridian.section import Body, Section
 from geometry.scenes.probe import Interface
 from solver.axisymmetric.base_states import Materials
-from solver.contact.curves import BoundaryLine, find_lines
+from solver.contact.boundary_lines import BoundaryLine, find_lines
 from solver.contact.pairs import GAP_AXES, INWARD_AXES, OUTWARD_AXES, Axes, Pair, RoundEdge
 
 MAX_CONTACT_LENGTH_RELATIVE = 0.02  # of the outer radius: the contact length does not grow with wider gaps

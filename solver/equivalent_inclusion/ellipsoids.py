@@ -10,7 +10,7 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, Words
 from geometry.common.limits import format_maximum_mm
-from geometry.scenes.fit import compute_semi_axes
+from geometry.scenes.fit_check import compute_semi_axes
 from geometry.scenes.probe import Material, format_mm
 from geometry.scenes.scene import Inclusion, Scene
 from solver.equivalent_inclusion.first_order import build_whole_ball, compute_effects

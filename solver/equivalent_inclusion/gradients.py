@@ -19,7 +19,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, describe_choices
-from geometry.meridian.frame import Kind, MeridianFineness
+from geometry.meridian.mesh_lines import Kind, MeridianFineness
 from geometry.meridian.section import LAYERS, TISSUES, Body
 from geometry.scenes.probe import Material
 from geometry.scenes.scene import Scene

@@ -17,7 +17,7 @@ from solver.inclusions.tumours import Tumours
 from solver.linalg.workspace import use_own_workspace
 from solver.results.evaluator import FilmEvaluator, FilmSolution, ProgressCallback
 from solver.results.film_forces import Bound, FilmForces, find_shortfalls
-from solver.results.kinds import find_crossing_refusal, find_geometry_refusal
+from solver.results.refusals import find_crossing_refusal, find_geometry_refusal
 from solver.results.result import Decision
 
 

@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 from geometry.common.arrays import Bools, Floats
 from geometry.common.errors import Refusal, SolveError
 from geometry.common.limits import format_maximum_mm
-from geometry.meridian.frame import MeridianFineness
+from geometry.meridian.mesh_lines import MeridianFineness
 from geometry.meridian.section import LAYERS, Body, Section
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Load, Scene

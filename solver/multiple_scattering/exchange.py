@@ -24,10 +24,10 @@ from solver.linalg.workspace import get_workspace, measure_bytes
 from solver.multiple_scattering.azimuthal_systems import AzimuthalSystems, Harmonic
 from solver.multiple_scattering.boundary_compliance import BoundaryData, BoundaryResponse
 from solver.multiple_scattering.boundary_edges import Boundary
+from solver.multiple_scattering.close_exchange import CloseExchange
 from solver.multiple_scattering.interior_solution import Interior
 from solver.multiple_scattering.layer_samples import LayerSamples
 from solver.multiple_scattering.lockstep import Steps
-from solver.multiple_scattering.near_exchange import CloseExchange
 from solver.multiple_scattering.panels import Panels
 from solver.multiple_scattering.rings import AzimuthalGrid
 from solver.multiple_scattering.spheres import ScatteringSphere
@@ -42,7 +42,7 @@ class Reflector:
     Attributes:
         states: base states without a sphere.
         interface: between blocks and tissue.
-        close: whether spheres may lie too close to the boundary for eq. MS.6, see ``near_exchange.py``.
+        close: whether spheres may lie too close to the boundary for eq. MS.6, see ``close_exchange.py``.
     """
 
     states: BaseStates

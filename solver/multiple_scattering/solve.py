@@ -35,9 +35,9 @@ from solver.inclusions.strata import Strata
 from solver.inclusions.tumours import Tumours
 from solver.inclusions.vector_modes import Modes
 from solver.linalg.workspace import keep_table
+from solver.multiple_scattering.close_exchange import CloseExchange
 from solver.multiple_scattering.exchange import LESS_MEMORY_HINT, Exchange, Reflector
 from solver.multiple_scattering.lockstep import Steps, run_steps
-from solver.multiple_scattering.near_exchange import CloseExchange
 from solver.multiple_scattering.reflection_series import Reflections
 from solver.multiple_scattering.resolution import DEGREE_LIMITS, compute_degrees, compute_gap, estimate_unresolved
 from solver.multiple_scattering.rings import AzimuthalGrid

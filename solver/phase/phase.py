@@ -29,8 +29,8 @@ from geometry.common.errors import ProbeError, SolveError
 from geometry.scenes.scene import Scene
 from geometry.scenes.variables import list_loss_factors, list_values
 from solver.phase.inertia import check_frequency, compute_inertia_number, find_swing_refusal
+from solver.phase.log_derivatives import MODULUS_SUFFIX, LogDerivatives, choose_derivatives
 from solver.phase.losses import compute_angle_spread, compute_log_growths, compute_loss_angles, scale_moduli
-from solver.phase.slopes import MODULUS_SUFFIX, LogDerivatives, choose_derivatives
 from solver.results.result import Result
 from solver.results.warnings import Note
 

@@ -27,9 +27,9 @@ from solver.planning.loads import LoadRule
 from solver.planning.negligible_inclusions import LEFT_OUT_ACCURACY_SHARE, leave_out_negligible
 from solver.planning.nonlinear_effects import decide_nonlinear_effects
 from solver.results.evaluator import OutOfReach
-from solver.results.kinds import find_geometry_refusal, find_linear_refusal
 from solver.results.load_limits import LargestLoad, LoadLimits, build_limits_dict
 from solver.results.notebook import Notebook
+from solver.results.refusals import find_geometry_refusal, find_linear_refusal
 from solver.results.result import Curve, Decision, Effect, Result
 from solver.results.warnings import Note, explain_null_sensitivity
 from solver.solid.domain import choose_domain, compute_reach
@@ -173,7 +173,7 @@ def build_plan(
     *,
     rough: CoarseModel | None = None,
 ) -> Plan:
-    """Plan how to solve a scene; see ``solver.answers.plan``.
+    """Plan how to solve a scene; see ``solver.evaluation.plan``.
 
     Args:
         scene: as there.

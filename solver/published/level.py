@@ -12,7 +12,7 @@ from geometry.scenes.scene import Scene
 from solver.published import corrected_equations as corrected
 from solver.published import equations as printed
 from solver.results.evaluator import ProgressCallback
-from solver.results.kinds import find_layer_refusal
+from solver.results.refusals import find_layer_refusal
 from solver.results.result import Curve, Result
 from solver.results.warnings import Note
 

@@ -16,14 +16,14 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
-from geometry.tetra.check import find_max_file_error
 from geometry.tetra.layout import build_layout, find_extent
+from geometry.tetra.mesh_check import find_max_file_error
 from geometry.tetra.tet_mesh import FIRST_INCLUSION_BODY, TISSUE_BODY, TetMesh
 from solver.linalg.conjugate_gradients import TARGET_RESIDUAL
 from solver.solid.base_states import FactorisedStates, SolidStates
 from solver.solid.body_stiffness import Elastic
+from solver.solid.cached_mesh import find_cached_mesh
 from solver.solid.domain import Domain
-from solver.solid.kept_mesh import find_cached_mesh
 from solver.solid.modulus_response import compute_solid_response
 from solver.solid.problem import Solid
 from solver.solid.regions import Region, find_base_material, find_material_at_depth, find_reference_material, find_scene_material

@@ -15,7 +15,7 @@ from geometry.scenes.scene import Scene
 from solver.linalg.workspace import use_own_workspace
 from solver.results.evaluator import FilmEvaluator, FilmSolution, OutOfReach, ProgressCallback, ignore_progress
 from solver.results.film_forces import Bound, FilmForces, find_shortfalls
-from solver.results.kinds import find_linear_refusal, is_round
+from solver.results.refusals import find_linear_refusal, is_round
 from solver.results.result import Result
 from solver.results.warnings import Note, select_notes
 from solver.solid.domain import is_coaxial

@@ -12,7 +12,7 @@ import pytest
 
 from geometry import Load, Refusal, Scene, read_scene
 from solver import evaluate, evaluator
-from solver.levels import EVALUATOR_NAMES
+from solver.evaluators import EVALUATOR_NAMES
 from solver.results.warnings import Note, select_notes
 from tests.support.imports import sources
 from tests.support.paths import REFERENCE, SCENE

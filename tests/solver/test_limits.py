@@ -9,7 +9,7 @@ import pytest
 from geometry import InputError, read_scene, scene_to_toml
 from geometry.common.resources import LimitReached, Limits, start_clock, use_limits
 from geometry.tetra import mesher
-from solver import automatic, evaluate, levels
+from solver import automatic, evaluate, evaluators
 from solver.axisymmetric import converged_forces
 from solver.axisymmetric.level import Axisymmetric
 from solver.axisymmetric.refinement import SampleErrors
@@ -57,7 +57,7 @@ def test_a_mesh_too_large_is_refused_before_it_is_made(scene, monkeypatch):
 def test_a_missing_surface_is_noticed_before_anything_is_computed(monkeypatch):
     scene = read_scene(SCENE)
     body = scene.inclusion[0].model_copy(update={"diameter": None, "surface": "none.stl"})
-    for module, name in ((levels, "evaluator"), (automatic, "evaluator"), (automatic, "build_supported_plan")):
+    for module, name in ((evaluators, "evaluator"), (automatic, "evaluator"), (automatic, "build_supported_plan")):
         monkeypatch.setattr(module, name, lambda *_: pytest.fail("work began"))
     for name in ("auto", "solid"):
         with pytest.raises(InputError, match=r"inclusion\[0\].surface.*exists"):
@@ -119,7 +119,7 @@ def held(work):
 def test_the_closed_form_of_many_spheres_holds_what_a_few_hold():
     """Every sphere's moments beside all others' were 2 GB for 343."""
     small, large = lattice(2), lattice(4)
-    level = levels.evaluator("closed-form")
+    level = evaluators.evaluator("closed-form")
     level.evaluate(small, 0.01)  # what is imported and kept
     assert held(lambda: level.evaluate(large, 0.01)) < 1.5 * held(lambda: level.evaluate(small, 0.01))
 

@@ -7,7 +7,7 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from geometry import Scene
-from geometry.meridian.frame import MeridianFineness
+from geometry.meridian.mesh_lines import MeridianFineness
 from geometry.meridian.section import Body
 from solver.axisymmetric.base_states import build_model
 from solver.axisymmetric.gradients import BODY_OF_MATERIAL

@@ -5,13 +5,13 @@ from __future__ import annotations
 from itertools import pairwise
 
 from geometry import Scene, read_scene
-from geometry.meridian.frame import MeridianFineness
+from geometry.meridian.mesh_lines import MeridianFineness
 from geometry.scenes.probe import Probe
 from solver import Result
 from solver.axisymmetric.sections import build_sections
 from solver.contact.model import ContactModel
 from solver.contact.path import Path
-from solver.contact.pressed import PathPoint
+from solver.contact.path_points import PathPoint
 from tests.support.paths import REFERENCE
 
 FOLDER = REFERENCE / "contact"

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 
-from geometry.meridian.frame import MeridianFineness
-from geometry.meridian.frame import find_kind as kind_of
 from geometry.meridian.mesh import Topology, build_topology, compute_nodes
+from geometry.meridian.mesh_lines import MeridianFineness
+from geometry.meridian.mesh_lines import find_kind as kind_of
 from geometry.meridian.section import LAYERS, TISSUES, Body, Section
 from solver.axisymmetric.sections import HALF_SPACE_SIZES
 from solver.elements.quadrilateral import Geometry, compute_geometry

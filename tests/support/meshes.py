@@ -12,8 +12,8 @@ from functools import cache
 import numpy as np
 
 from geometry.scenes.scene_file import read_scene
-from geometry.tetra.check import check_mesh
 from geometry.tetra.layout import BodyLayout, build_layout, find_extent
+from geometry.tetra.mesh_check import check_mesh
 from geometry.tetra.mesher import mesh_layout
 from geometry.tetra.sizing import COARSE_FINENESS, ROUGH_FINENESS, ROUGHEST_FINENESS, TetraFineness
 from geometry.tetra.tet_mesh import BEYOND_BODY, TetMesh, compute_volumes

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from geometry.cad import export as step
-from geometry.cad.record import (
+from geometry.cad.parts_record import (
     PART_FILES,
     RECORD_NAME,
     check_same_design,

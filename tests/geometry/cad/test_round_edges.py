@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from scipy.integrate import quad
 
-from geometry.cad import drawing, record, solids
+from geometry.cad import drawing, parts_record, solids
 from geometry.cad import export as step
 from geometry.common.errors import ExportError, InputError
 from tests.support.parts import make, read
@@ -95,11 +95,11 @@ def test_a_groove_down_into_the_round_edges_is_refused(tmp_path):
 
 def test_other_edges_are_another_design(exported):
     with pytest.raises(InputError, match="of another design"):
-        record.check_same_design(exported, make(groove=None))
+        parts_record.check_same_design(exported, make(groove=None))
     with pytest.raises(InputError, match="of another design"):
-        record.check_same_design(exported, make(groove=None), 1.0001e-4)
-    assert record.check_same_design(exported, make(groove=None), 1e-4) is not None
-    assert record.compute_design_digest(make(), 0.0) == record.compute_design_digest(make())
+        parts_record.check_same_design(exported, make(groove=None), 1.0001e-4)
+    assert parts_record.check_same_design(exported, make(groove=None), 1e-4) is not None
+    assert parts_record.compute_design_digest(make(), 0.0) == parts_record.compute_design_digest(make())
 
 
 @pytest.mark.parametrize("name", ["inner", "outer"])

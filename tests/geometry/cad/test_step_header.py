@@ -11,7 +11,7 @@ import pytest
 from steputils import p21
 
 from geometry.cad import export as step
-from geometry.cad.record import compute_design_digest
+from geometry.cad.parts_record import compute_design_digest
 from geometry.scenes.probe import Base, Material
 from tests.support.parts import make
 

@@ -24,7 +24,7 @@ from geometry import (
     scene_to_dict,
 )
 from geometry.common.arrays import Floats
-from geometry.scenes.fit import compute_lateral_reach, compute_semi_axes, do_overlap
+from geometry.scenes.fit_check import compute_lateral_reach, compute_semi_axes, do_overlap
 from geometry.scenes.units import SI_CONTEXT
 
 SOFT = {"youngs_modulus": 1e3, "poisson_ratio": 0.4}

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from geometry.tetra.check import MIN_QUALITY, check_mesh, compute_errors
 from geometry.tetra.layout import build_layout, find_extent
+from geometry.tetra.mesh_check import MIN_QUALITY, check_mesh, compute_errors
 from geometry.tetra.mesher import ROUGH_FINENESS, choose_space, estimate_elements, mesh_layout
 from geometry.tetra.regular_mesh import build_shapes, is_regular, mesh_regular_layout
 from geometry.tetra.tet_mesh import BEYOND_BODY, FIRST_INCLUSION_BODY, GROOVE_BODY, INNER_BODY, OUTER_BODY, TISSUE_BODY

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from geometry.tetra.check import check_mesh
 from geometry.tetra.layout import build_layout
+from geometry.tetra.mesh_check import check_mesh
 from geometry.tetra.mesher import COARSE_FINENESS, ROUGH_FINENESS, choose_space, estimate_elements, mesh_layout
 from geometry.tetra.stretched_space import Spacing
 from geometry.tetra.surface_files import Sheet

@@ -12,7 +12,7 @@ import dxf_parser
 import pytest
 from pypdf import PdfReader
 
-from geometry.cad.record import compute_design_digest
+from geometry.cad.parts_record import compute_design_digest
 from geometry.cad.stamp import build_stamp
 from geometry.scenes.probe import Base, Film, Material, Probe
 from geometry.workshop import drawings, pdf

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hw.common.samples import Gap, Samples
-from hw.signal.running import RunningFit
+from hw.signal.running_fit import RunningFit
 from hw.signal.sine_fit import NoSine
 from hw.signal.stretches import fit_sine
 

@@ -7,7 +7,7 @@ import pytest
 
 from geometry.common.errors import InputError
 from hw.signal.measure import measure
-from hw.signal.running import RunningFit
+from hw.signal.running_fit import RunningFit
 from hw.signal.waveform import Flawed
 from probe_design.built_probe.bench import bench_from_dict
 from probe_design.built_probe.film_forces import bound_warming, measure_reading, measure_running_reading

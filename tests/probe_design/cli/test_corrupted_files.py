@@ -24,7 +24,7 @@ from hw.reader import Reader
 from hw.recordings.recording import Recording
 from probe_design.built_probe.bench import read_bench
 from probe_design.built_probe.calibration_record import read_record
-from probe_design.estimation.readings import read_readings
+from probe_design.estimation.measurements import read_readings
 from probe_design.sweeps.file import read_sweep
 from tests.support.hw.virtual_probes import probe
 from tests.support.mutations import garbled, mutated

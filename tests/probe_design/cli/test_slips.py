@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from solver.levels import AUTO, EVALUATOR_NAMES
+from solver.evaluators import AUTO, EVALUATOR_NAMES
 from tests.support.paths import SCENE
 from tests.support.program import refused, run
 

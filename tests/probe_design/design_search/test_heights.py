@@ -13,7 +13,7 @@ from geometry.scenes.variables import list_values
 from probe_design.data.builtin import read_typical_scenes
 from probe_design.design_search.choices import search_combinations
 from probe_design.design_search.heights import OUTER_HEIGHT_INDEX, read_design_vector, set_heights
-from probe_design.design_search.room import build_search_space, is_admissible
+from probe_design.design_search.search_space import build_search_space, is_admissible
 from probe_design.design_search.steered_population import DesignObjective, _build_probe_parameters
 from probe_design.design_search.workshop import draw_built_designs
 from solver.closed_form.designs import PROBE_PARAMETERS, build_parameters

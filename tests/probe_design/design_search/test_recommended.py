@@ -11,11 +11,11 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.variables import replace_values
 from probe_design.design_report.depth_map import DepthMap
 from probe_design.design_report.table import describe_conditions, describe_outcome, list_columns, list_rows
-from probe_design.design_search.judging import VerifiedDesign
+from probe_design.design_search.design_source import read_builtin_design
 from probe_design.design_search.loads import PressedDesign
 from probe_design.design_search.outcome import PopulationOptimum
-from probe_design.design_search.question import read_builtin_design
-from probe_design.design_search.room import build_search_space
+from probe_design.design_search.search_space import build_search_space
+from probe_design.design_search.verification import VerifiedDesign
 from probe_design.design_search.workshop import Robustness
 from probe_design.populations.judge import score
 from probe_design.populations.judgement import Judgement, MeanError

@@ -12,7 +12,7 @@ from geometry.common.errors import InputError
 from geometry.scenes.catalogue import find_material
 from geometry.scenes.scene import Scene
 from probe_design.data.builtin import read_typical_scenes
-from probe_design.design_search.room import build_search_space, is_admissible
+from probe_design.design_search.search_space import build_search_space, is_admissible
 from probe_design.optimisation.design_space import VARIABLES, read_variables
 from probe_design.populations.design_file import design_from_dict, read_design
 from tests.support.paths import EXAMPLES

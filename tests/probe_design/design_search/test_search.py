@@ -13,7 +13,7 @@ from geometry.scenes.scene import Load
 from geometry.scenes.variables import replace_values
 from probe_design.data.builtin import read_typical_scenes
 from probe_design.design_search.choices import search_combinations
-from probe_design.design_search.room import SearchSpace, build_search_space
+from probe_design.design_search.search_space import SearchSpace, build_search_space
 from probe_design.design_search.steered_population import DesignObjective
 from probe_design.optimisation.design_space import read_variables
 from probe_design.populations.design_file import Design

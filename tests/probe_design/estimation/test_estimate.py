@@ -14,13 +14,13 @@ from scipy.stats import binomtest, norm
 from geometry import Load, Scene, read_scene
 from geometry.common.errors import InputError, Refusal
 from geometry.scenes.scene_file import scene_from_dict, scene_to_toml
-from probe_design.estimation.answer import Estimate
 from probe_design.estimation.depth_and_strength import Plane
 from probe_design.estimation.estimate import estimate, search_unknown
+from probe_design.estimation.estimate_result import Estimate
 from probe_design.estimation.intervals import CHI2_QUANTILE, Likelihood, compute_threshold
+from probe_design.estimation.measurements import Measurements, Reading, build_single_reading, read_readings
 from probe_design.estimation.model import TargetModel
 from probe_design.estimation.profile import Track, compute_coordinate
-from probe_design.estimation.readings import Measurements, Reading, build_single_reading, read_readings
 from probe_design.estimation.strength import compute_strength
 from solver import evaluate
 from tests.support.load_paths import added_by_blocks

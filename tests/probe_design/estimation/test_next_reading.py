@@ -11,19 +11,19 @@ from scipy.stats import norm
 
 from geometry import Scene, read_scene
 from geometry.common.arrays import Floats
-from geometry.scenes import fit as placement
+from geometry.scenes import fit_check as placement
 from geometry.scenes.scene import Placement
 from geometry.scenes.scene_file import scene_from_dict
 from geometry.scenes.variables import replace_values
-from probe_design.estimation.answer import is_identifiable
 from probe_design.estimation.candidates import NextCandidate, list_candidates
+from probe_design.estimation.estimate_result import is_identifiable
 from probe_design.estimation.intervals import Likelihood
+from probe_design.estimation.measurements import Measurements, Reading
 from probe_design.estimation.model import TargetModel
 from probe_design.estimation.next_reading import _Draws, choose_next_reading
 from probe_design.estimation.nuisances import NuisanceErrors, compute_nuisance_errors
-from probe_design.estimation.predicted import Predictions
+from probe_design.estimation.predictions import Predictions
 from probe_design.estimation.profile import Track
-from probe_design.estimation.readings import Measurements, Reading
 from probe_design.estimation.shared_errors import SharedErrors
 from probe_design.populations.inclusion_scan import compute_inclusion_readings
 from probe_design.populations.population import TumourDraw

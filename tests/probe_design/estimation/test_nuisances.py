@@ -18,13 +18,13 @@ from geometry import Scene, read_scene
 from geometry.common.errors import InputError
 from geometry.scenes.scene import Load
 from geometry.scenes.variables import list_values, replace_values
-from probe_design.estimation.answer import Estimate
 from probe_design.estimation.estimate import estimate, search_unknown
+from probe_design.estimation.estimate_result import Estimate
 from probe_design.estimation.intervals import CHI2_QUANTILE, Likelihood
+from probe_design.estimation.measurements import Measurements, Reading, read_readings
 from probe_design.estimation.model import TargetModel
 from probe_design.estimation.nuisances import compute_nuisance_errors
 from probe_design.estimation.profile import Track, compute_coordinate
-from probe_design.estimation.readings import Measurements, Reading, read_readings
 from probe_design.estimation.shared_errors import SharedErrors
 from solver import evaluate
 from tests.support.paths import SCENE

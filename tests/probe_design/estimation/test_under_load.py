@@ -11,10 +11,10 @@ from geometry import Load, Scene, read_scene
 from geometry.common.errors import Refusal
 from probe_design.estimation.estimate import estimate
 from probe_design.estimation.loaded_model import LoadedModel, LogPrediction
+from probe_design.estimation.loaded_track import add_load
+from probe_design.estimation.measurements import Measurements, Reading
 from probe_design.estimation.model import TargetModel
 from probe_design.estimation.profile import Track
-from probe_design.estimation.readings import Measurements, Reading
-from probe_design.estimation.under_load import add_load
 from tests.support.paths import EXAMPLES, REFERENCE
 
 EXPECTED = json.loads((REFERENCE / "contact" / "expected.json").read_text())

@@ -13,13 +13,15 @@ from geometry.common.child_process import Failure
 from geometry.common.errors import Refusal
 from probe_design.built_probe.reading import predict_scene
 from probe_design.cli.reference_readings import choose_prediction
-from probe_design.measuring import prediction_apart
+from probe_design.measuring import prediction_process
 from tests.support.hw.benches import scene
 
 
 @pytest.mark.slow
 def test_it_is_the_prediction() -> None:
-    separate, direct = (function(scene(), 0.01, False, 5.0) for function in (prediction_apart.predict_in_process, predict_scene))
+    separate, direct = (
+        function(scene(), 0.01, False, 5.0) for function in (prediction_process.predict_in_process, predict_scene)
+    )
     assert separate.as_dict() | {"seconds": 0} == direct.as_dict() | {"seconds": 0}
 
 
@@ -32,14 +34,14 @@ def test_what_is_refused_there_is_refused_here(monkeypatch: pytest.MonkeyPatch) 
     def refuses(*question: Any) -> Any:
         raise Refusal("load", 1.0, "less")
 
-    monkeypatch.setattr(prediction_apart, "run_program", fails)
-    monkeypatch.setattr(prediction_apart, "predict_scene", refuses)
+    monkeypatch.setattr(prediction_process, "run_program", fails)
+    monkeypatch.setattr(prediction_process, "predict_scene", refuses)
     with pytest.raises(Refusal, match=r"load = 1\.0: allowed: less"):
-        prediction_apart.predict_in_process(scene(), 0.01, False, 5.0)
+        prediction_process.predict_in_process(scene(), 0.01, False, 5.0)
 
 
 def test_long_readings_are_predicted_apart() -> None:
-    assert choose_prediction(3600.0) is prediction_apart.predict_in_process
+    assert choose_prediction(3600.0) is prediction_process.predict_in_process
     assert choose_prediction(10.0) is predict_scene
     assert choose_prediction(None) is predict_scene
 

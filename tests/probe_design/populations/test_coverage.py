@@ -19,8 +19,8 @@ from probe_design.populations.design_file import Design
 from probe_design.populations.judge import examine
 from probe_design.populations.noise import build_full_covariance
 from probe_design.populations.population import ScenePopulation, TumourDraw
-from probe_design.populations.readings import compute_logarithms
 from probe_design.populations.resolved import Unknowns, compute_contrast_deviations
+from probe_design.populations.scan_readings import compute_logarithms
 from tests.support.designs import SUPERFICIAL, THREE, example_design
 
 NARROW: dict[str, Any] = {

@@ -18,7 +18,7 @@ from probe_design.populations.detection import (
 )
 from probe_design.populations.noise import build_difference_covariance
 from probe_design.populations.population import ScenePopulation
-from probe_design.populations.readings import ScanReadings
+from probe_design.populations.scan_readings import ScanReadings
 from probe_design.populations.tables import NoiseModel, Protocol
 from tests.support.designs import SUPERFICIAL, THREE, example_design
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.special import ndtr, ndtri
 
 from geometry.scenes.variables import replace_values
-from probe_design.design_search.question import read_builtin_design
+from probe_design.design_search.design_source import read_builtin_design
 from probe_design.populations import inclusion_scan
 from probe_design.populations.examination import Examination
 from probe_design.populations.judge import examine, verify

@@ -14,7 +14,7 @@ from rich.console import Console
 from hw.common.errors import HardwareError, InvalidSource
 from hw.common.samples import Samples
 from hw.reader import Reader
-from hw.signal.running import RunningFit
+from hw.signal.running_fit import RunningFit
 from hw.signal.stretches import fit_sine
 from hw.simulation.firmware import Fault
 from hw.simulation.virtual import make_virtual_probe

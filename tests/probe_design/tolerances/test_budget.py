@@ -18,9 +18,9 @@ from geometry.scenes.variables import list_values, replace_values
 from probe_design.built_probe.bench import Workshop, read_builtin_bench
 from probe_design.built_probe.block_predictions import express_by_outer_radius, predict_blocks
 from probe_design.tolerances.budget import ToleranceBudget, allocate_tolerances, split_heights, tolerances
-from probe_design.tolerances.sampled import OUTPUT_NAMES, keep_gap_open, sample_probes
-from probe_design.tolerances.slopes import compute_derivatives
-from probe_design.tolerances.variables import GAIN_NAMES, list_uncertain_numbers
+from probe_design.tolerances.derivatives import compute_derivatives
+from probe_design.tolerances.sample_statistics import OUTPUT_NAMES, keep_gap_open, sample_probes
+from probe_design.tolerances.uncertain_numbers import GAIN_NAMES, list_uncertain_numbers
 from solver import evaluate
 from tests.support.paths import EXAMPLES
 from tests.support.program import refused, run

@@ -33,7 +33,7 @@ from probe_design.tradeoffs.tables import (
 )
 from probe_design.tradeoffs.timing import change_tumours
 from solver import evaluate
-from solver.levels import EVALUATOR_NAMES
+from solver.evaluators import EVALUATOR_NAMES
 from tests.support.paths import REFERENCE, ROOT
 from tests.support.program import begun, refused, run
 from tests.support.references import named

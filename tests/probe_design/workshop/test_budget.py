@@ -14,7 +14,7 @@ from geometry.scenes.scene_file import read_scene
 from geometry.workshop.package import build_writers
 from geometry.workshop.tolerance import Budget
 from probe_design.tolerances.budget import tolerances
-from probe_design.workshop.budget import compute_ratio_budget
+from probe_design.workshop.ratio_budget import compute_ratio_budget
 from solver import evaluate
 from tests.support import paths
 

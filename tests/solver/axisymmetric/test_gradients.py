@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from geometry import InputError, Scene, read_scene
-from geometry.meridian.frame import MeridianFineness
-from geometry.meridian.frame import find_kind as kind_of
+from geometry.meridian.mesh_lines import MeridianFineness
+from geometry.meridian.mesh_lines import find_kind as kind_of
 from geometry.scenes.variables import list_values, replace_values
 from solver.axisymmetric.energy_derivatives import list_variables
 from solver.axisymmetric.gradients import OUTPUT_NAMES, compute_gradients, differentiate_by_section

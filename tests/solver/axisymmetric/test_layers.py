@@ -12,12 +12,12 @@ from geometry.scenes.scene import Load
 from geometry.scenes.scene_file import scene_from_toml
 from geometry.scenes.units import SI_CONTEXT
 from geometry.scenes.variables import list_values, replace_values
-from solver.answers import evaluate, plan
 from solver.axisymmetric.gradients import compute_gradients
 from solver.axisymmetric.level import Axisymmetric
 from solver.axisymmetric.refinement import MESH_LEVELS
 from solver.axisymmetric.sample import solve_on_mesh
 from solver.axisymmetric.sections import build_sections
+from solver.evaluation import evaluate, plan
 from tests.support.paths import EXAMPLES, REFERENCE, SCENE
 
 FOLDER = REFERENCE / "tissue-layers"

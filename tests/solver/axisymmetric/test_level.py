@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from geometry import Contact, CylinderTissue, HalfSpaceTissue, Inclusion, Load, Material, Placement, Probe, Refusal, Scene
-from geometry.meridian.frame import MeridianFineness
+from geometry.meridian.mesh_lines import MeridianFineness
 from solver import evaluate
 from solver.axisymmetric.level import Axisymmetric
 from solver.axisymmetric.refinement import MESH_LEVELS

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from geometry import Contact, CylinderTissue, Inclusion, Load, Material, Probe, Scene
-from geometry.meridian.frame import MeridianFineness
+from geometry.meridian.mesh_lines import MeridianFineness
 from geometry.scenes.scene import Layer
 from solver import evaluate
 from solver.axisymmetric import converged_forces

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from geometry import InputError, Load, Material, Refusal, Scene, SolveError
-from geometry.meridian.frame import MeridianFineness
+from geometry.meridian.mesh_lines import MeridianFineness
 from geometry.meridian.section import Body
 from geometry.scenes.variables import replace_values
 from solver import curve, evaluate

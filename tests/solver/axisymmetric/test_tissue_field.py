@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from geometry import InputError, Material, Probe, Scene
-from geometry.meridian.frame import MeridianFineness
+from geometry.meridian.mesh_lines import MeridianFineness
 from geometry.meridian.section import Body
 from geometry.scenes.scene import HalfSpaceTissue, Load
 from solver.axisymmetric.base_states import BaseStates, build_model, solve_base_states

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from geometry import Scene
-from geometry.meridian.frame import MeridianFineness
+from geometry.meridian.mesh_lines import MeridianFineness
 from geometry.scenes.probe import Interface, Material, Probe
 from geometry.scenes.scene import CylinderTissue, Load
 from solver.axisymmetric.sections import build_sections

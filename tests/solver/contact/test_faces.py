@@ -10,15 +10,15 @@ import pytest
 
 from geometry import Scene
 from geometry.common.errors import SolveError
-from geometry.meridian.frame import MeridianFineness
+from geometry.meridian.mesh_lines import MeridianFineness
 from geometry.scenes.probe import Interface
 from solver.axisymmetric.base_states import build_model as linear_model
 from solver.axisymmetric.base_states import solve_base_states
 from solver.axisymmetric.sections import build_sections
+from solver.contact.contact_forces import Grip, compute_touch
 from solver.contact.model import ContactModel
 from solver.contact.pairs import RoundEdge
 from solver.contact.path import Path
-from solver.contact.touch import Grip, compute_touch
 from tests.support.load_paths import COARSE, ratio, scene_of, work
 
 SCENE = scene_of("equal-blocks-6kpa")

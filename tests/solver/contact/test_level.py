@@ -12,14 +12,14 @@ import pytest
 from geometry import Refusal, Scene, read_scene
 from geometry.common.errors import SolveError
 from geometry.scenes.scene import Contact, HalfSpaceTissue, Load
-from solver.answers import curve, evaluate, plan
 from solver.axisymmetric.level import Axisymmetric
 from solver.contact import path
 from solver.contact.level import ContactEvaluator
-from solver.contact.loaded import LoadedScene
+from solver.contact.loaded_scene import LoadedScene
 from solver.contact.model import ContactModel
 from solver.contact.newton import Equilibrium, solve
 from solver.contact.states import State
+from solver.evaluation import curve, evaluate, plan
 from tests.support.paths import REFERENCE
 
 FOLDER = REFERENCE / "contact"

@@ -10,13 +10,13 @@ import pytest
 from geometry import Refusal, Scene, read_scene
 from geometry.common.errors import InputError
 from geometry.common.resources import Limits
-from geometry.meridian.frame import MeridianFineness
-from solver.answers import load
+from geometry.meridian.mesh_lines import MeridianFineness
 from solver.axisymmetric.sections import build_sections
 from solver.contact.limits import find_gap_closure_load
 from solver.contact.load_curve import find_load_ends
 from solver.contact.model import ContactModel
 from solver.contact.path import Path
+from solver.evaluation import load
 from tests.support.paths import REFERENCE
 
 FOLDER = REFERENCE / "contact"

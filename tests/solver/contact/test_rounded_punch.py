@@ -10,7 +10,7 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from geometry import Scene
-from geometry.meridian.frame import MeridianFineness
+from geometry.meridian.mesh_lines import MeridianFineness
 from geometry.scenes.probe import Material, Probe
 from geometry.scenes.scene import CylinderTissue, Load
 from solver.axisymmetric.sections import build_sections

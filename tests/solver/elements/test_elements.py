@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from geometry.meridian.frame import MeridianFineness, MeshTopology
-from geometry.meridian.frame import find_kind as kind_of
 from geometry.meridian.mesh import UNIT_SQUARE, Topology, compute_nodes
+from geometry.meridian.mesh_lines import MeridianFineness, MeshTopology
+from geometry.meridian.mesh_lines import find_kind as kind_of
 from geometry.meridian.section import Body, Section
 from solver.axisymmetric.dofs import Numbering, number_unknowns
 from solver.elements.quadrilateral import compute_gradients, integrate_matrices, integrate_stiffness, project_dilations

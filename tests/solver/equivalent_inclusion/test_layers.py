@@ -9,7 +9,6 @@ from geometry import Refusal, Scene, read_scene
 from geometry.scenes.variables import list_values, replace_values
 from probe_design.maps.detectability import detectability
 from probe_design.maps.scan import scan
-from solver.answers import plan
 from solver.axisymmetric.gradients import OUTPUT_NAMES, compute_gradients
 from solver.axisymmetric.level import Axisymmetric
 from solver.axisymmetric.sections import build_sections
@@ -17,10 +16,11 @@ from solver.casadi_functions.finite_elements import TumourCallback
 from solver.equivalent_inclusion.gradients import compute_tumour_gradients, solve_first_order
 from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.equivalent_inclusion.readings import Readings, compute_readings
+from solver.evaluation import plan
 from solver.inclusions.tumours import Tumours
 from solver.multiple_scattering.exchange import Reflector
 from solver.multiple_scattering.solve import solve_scattering
-from solver.results.kinds import find_crossing_refusal
+from solver.results.refusals import find_crossing_refusal
 from tests.solver.axisymmetric.test_layers import EXAMPLE, FOLDER, OWN, add_layers, forces
 
 EXPECTED = json.loads((FOLDER / "expected.json").read_text())

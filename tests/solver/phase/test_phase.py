@@ -17,9 +17,9 @@ from geometry.scenes.variables import list_loss_factors, list_values, replace_va
 from solver import evaluate
 from solver.axisymmetric.refinement import MESH_LEVELS
 from solver.phase.inertia import add_inertia_error, compute_inertia_number
+from solver.phase.log_derivatives import differentiate_off_axis, differentiate_on_axis
 from solver.phase.losses import compute_angle_spread, compute_loss_angles
 from solver.phase.phase import LOSSLESS_NOTE, STEP_RAD, PhaseUnknown, compute_ratio_phase
-from solver.phase.slopes import differentiate_off_axis, differentiate_on_axis
 from tests.support.complex_states import complex_ratio
 from tests.support.paths import EXAMPLES
 from tests.support.slow import slow_unless

@@ -12,9 +12,9 @@ from geometry.scenes.probe import Material
 from geometry.tetra.tet_mesh import BEYOND_BODY, FIRST_INCLUSION_BODY, GROOVE_BODY, INNER_BODY, OUTER_BODY, TISSUE_BODY, TetMesh
 from solver.linalg.conjugate_gradients import TARGET_RESIDUAL
 from solver.linalg.workspace import Workspace, use_workspace
-from solver.solid import kept_mesh as kept_mesh_module
+from solver.solid import cached_mesh as kept_mesh_module
 from solver.solid.base_states import solid_states
-from solver.solid.kept_mesh import CachedMesh, compute_modulus_spread, estimate_steps, find_cached_mesh
+from solver.solid.cached_mesh import CachedMesh, compute_modulus_spread, estimate_steps, find_cached_mesh
 from solver.solid.moved_mesh import compute_stretches
 from solver.solid.problem import Problem, Solid
 from tests.support.meshes import stored_mesh

@@ -10,7 +10,7 @@ import pytest
 
 from geometry import Groove, Placement, Refusal, Scene
 from geometry.common.resources import Limits, use_limits
-from geometry.scenes.fit import compute_semi_axes
+from geometry.scenes.fit_check import compute_semi_axes
 from geometry.scenes.scene import Load
 from solver import evaluate
 from solver.results.result import Result

@@ -13,7 +13,7 @@ from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.equivalent_inclusion.readings import compute_readings
 from solver.inclusions.tumours import Tumours
 from solver.tumour_waves.population import TumourDraws
-from solver.tumour_waves.readings import Films, ManyTumours
+from solver.tumour_waves.population_films import Films, ManyTumours
 
 DEPTH = np.array([6.5e-3, 9e-3, 12e-3, 16e-3])
 RADIUS = np.array([2e-3, 4e-3, 4e-3, 5e-3])

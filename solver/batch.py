@@ -15,12 +15,12 @@ from geometry.common.resources import Limits, get_limits, start_clock, use_limit
 from geometry.provenance.block import build_provenance
 from geometry.scenes.scene import Scene
 from geometry.scenes.surface_names import check_surface_names
-from solver import levels
-from solver.answers import evaluate
+from solver import evaluators
 from solver.automatic import build_allowed_plan
+from solver.evaluation import evaluate
 from solver.families import find_families
 from solver.results.evaluator import FilmEvaluator, FilmSolution, ProgressCallback
-from solver.results.kinds import is_round
+from solver.results.refusals import is_round
 from solver.results.result import Result
 
 BATCH_EVALUATORS = ("closed-form", "axisymmetric")  # evaluators that are faster on many scenes at once than one by one
@@ -45,7 +45,7 @@ class _Request:
 
 def evaluate_many(
     scenes: Sequence[Scene | Path | str],
-    evaluator: str = levels.AUTO,
+    evaluator: str = evaluators.AUTO,
     accuracy: float = 0.01,
     tell: ProgressCallback | None = None,
     *,
@@ -75,9 +75,9 @@ def evaluate_many(
         >>> from solver import evaluate_many
         >>> [one.ratio for one in evaluate_many(["examples/scene.toml"] * 2)]  # doctest: +SKIP
     """
-    levels.check_accuracy(accuracy)
-    if evaluator != levels.AUTO:
-        levels.evaluator(evaluator)
+    evaluators.check_accuracy(accuracy)
+    if evaluator != evaluators.AUTO:
+        evaluators.evaluator(evaluator)
     request = _Request(evaluator, accuracy, tell, linear)
     with use_limits(limits):
         checked = [_catch_error(partial(_read_and_check, scene)) for scene in scenes]
@@ -107,11 +107,11 @@ def evaluate_together(
         several or evaluator == CLOSED_FORM
     ):  # one of formulas, too: its limits are those of many
         return [*_evaluate_by_name(scenes, request)]
-    return _evaluate_shared_designs(scenes, request) if several and evaluator == levels.AUTO else [None] * len(scenes)
+    return _evaluate_shared_designs(scenes, request) if several and evaluator == evaluators.AUTO else [None] * len(scenes)
 
 
 def _read_and_check(scene: Scene | Path | str) -> Scene:
-    valid_scene = levels.load_scene(scene)
+    valid_scene = evaluators.load_scene(scene)
     check_surface_names(valid_scene)
     return valid_scene
 
@@ -126,7 +126,7 @@ def _evaluate_by_name(scenes: Sequence[Scene], request: _Request) -> list[Result
     """Evaluate scenes with a batch evaluator, with warnings of loads beyond linear elasticity."""
     from solver.planning.load_check import add_load_warning, build_rule_from_formulas
 
-    film_evaluator, formulas = levels.evaluator(request.evaluator, request.tell), request.evaluator == CLOSED_FORM
+    film_evaluator, formulas = evaluators.evaluator(request.evaluator, request.tell), request.evaluator == CLOSED_FORM
     assert isinstance(film_evaluator, FilmEvaluator)
     results_by_place = _interpolate_families(scenes, request, film_evaluator) if request.evaluator == AXISYMMETRIC else {}
     places = [place for place in range(len(scenes)) if place not in results_by_place]
@@ -200,7 +200,7 @@ def _evaluate_one_design(scenes: Sequence[Scene], request: _Request) -> Iterator
             return (None for _ in scenes)
         plans = [_catch_error(partial(build_allowed_plan, scene, request.accuracy, request.linear, rough)) for scene in scenes]
     shared = {k: plan for k, plan in enumerate(plans) if not isinstance(plan, ProbeError) and plan.evaluator == AXISYMMETRIC}
-    film_evaluator = levels.evaluator(AXISYMMETRIC, request.tell)
+    film_evaluator = evaluators.evaluator(AXISYMMETRIC, request.tell)
     assert isinstance(film_evaluator, FilmEvaluator)
     solutions = film_evaluator.solve_many([plan.scene for plan in shared.values()], [plan.accuracy for plan in shared.values()])
     solution_of_place = dict(zip(shared, solutions, strict=True))

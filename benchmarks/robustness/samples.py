@@ -12,8 +12,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.attacks.answers import printed
-from benchmarks.attacks.files import FILE, LIMITS, ROOT, VIRTUAL, Readable
+from benchmarks.robustness.answers import printed
+from benchmarks.robustness.files import FILE, LIMITS, ROOT, VIRTUAL, Readable
 from hw.reader import Reader
 
 SCENE = str(ROOT / "examples" / "scene.toml")

@@ -13,13 +13,13 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal, Words
 from geometry.common.resources import LimitReached, Limits, start_clock, use_limits
 from geometry.provenance.block import build_provenance
-from geometry.scenes.fit import list_doubts
+from geometry.scenes.fit_check import list_doubts
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
 from geometry.scenes.surface_names import check_surface_names
-from solver import levels
+from solver import evaluators
 from solver.automatic import build_supported_plan, choose_evaluator, evaluate_automatically, get_evaluator
-from solver.levels import AUTO, CONTACT, check_accuracy, load_scene
+from solver.evaluators import AUTO, CONTACT, check_accuracy, load_scene
 from solver.results.evaluator import ProgressCallback
 from solver.results.film_forces import check_moduli
 from solver.results.result import Curve, Result
@@ -97,7 +97,7 @@ def _evaluate_by_name(scene: Scene, name: str, accuracy: float, tell: ProgressCa
     from solver.planning.load_check import add_load_warning
     from solver.planning.load_limits import compute_load_limits
 
-    result = levels.evaluator(name, tell).evaluate(scene, accuracy)
+    result = evaluators.evaluator(name, tell).evaluate(scene, accuracy)
     return (
         replace(result, load_limits=compute_load_limits(scene, accuracy))
         if name == CONTACT

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.meridian.frame import MeridianFineness
+from geometry.meridian.mesh_lines import MeridianFineness
 from geometry.scenes.scene import Scene
 from geometry.scenes.variables import list_values
 from solver.axisymmetric.energy_derivatives import COMPLEX_STEP

@@ -8,7 +8,7 @@ import sys
 from functools import cache
 from typing import Any
 
-from benchmarks.attacks.files import FILE, LIMITS, ROOT, SCENE, VIRTUAL, Readable
+from benchmarks.robustness.files import FILE, LIMITS, ROOT, SCENE, VIRTUAL, Readable
 from geometry.provenance.texts import format_html_script, format_toml_comment
 
 NAME = str(ROOT / "examples" / "scene.toml")

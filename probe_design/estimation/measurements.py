@@ -30,7 +30,7 @@ import numpy as np
 from geometry.common.arrays import Bools, Floats, Ints
 from geometry.common.errors import InputError, Words, describe_choices
 from geometry.common.text_files import parse_tables, read_text
-from geometry.scenes import fit as placement
+from geometry.scenes import fit_check as placement
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Placement, Scene
 from geometry.scenes.units import Quantity, read_fraction, read_number

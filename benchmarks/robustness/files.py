@@ -10,7 +10,7 @@ from typing import Any
 
 import tomli_w
 
-from benchmarks.attacks.attempt import START, USUAL
+from benchmarks.robustness.attempt import START, USUAL
 
 ROOT = Path(__file__).parents[2]
 FILE = "FILE"  # stands for the file's name in words

@@ -22,8 +22,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from benchmarks.attacks.attempt import Ended
-from benchmarks.attacks.damage import Random
+from benchmarks.robustness.attempt import Ended
+from benchmarks.robustness.damage import Random
 from probe_design.sweeps.store import STORE_FILE
 from tests.support.interrupted import Leftovers, left, moments
 from tests.support.paths import ROOT, SCENE

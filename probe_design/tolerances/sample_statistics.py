@@ -18,7 +18,7 @@ from scipy.stats import norm, qmc, sobol_indices, t
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
-from probe_design.tolerances.variables import GAIN_NAMES, UncertainNumber
+from probe_design.tolerances.uncertain_numbers import GAIN_NAMES, UncertainNumber
 from solver.closed_form.designs import PROBE_PARAMETERS, build_parameters, compute_forces
 
 OUTPUT_NAMES = ("ln_ratio", "ln_ratio_over_drawn_areas", "ln_stiffness", "log_sensitivity")

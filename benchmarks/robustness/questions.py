@@ -6,11 +6,11 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-from benchmarks.attacks.attempt import Attempt
-from benchmarks.attacks.damage import NUMBERS, TEXTS, Random, garbled, mutated
-from benchmarks.attacks.files import FILE, LIMITS, ROOT, VIRTUAL, Readable
-from benchmarks.attacks.readables import SCENES, readables
-from benchmarks.attacks.samples import recordings
+from benchmarks.robustness.attempt import Attempt
+from benchmarks.robustness.damage import NUMBERS, TEXTS, Random, garbled, mutated
+from benchmarks.robustness.files import FILE, LIMITS, ROOT, VIRTUAL, Readable
+from benchmarks.robustness.readables import SCENES, readables
+from benchmarks.robustness.samples import recordings
 
 CHEAP = ("--accuracy", "0.1", *LIMITS)
 LEVELS = ("auto", "published", "closed-form", "closed-form", "equivalent-inclusion", "axisymmetric", "contact", "solid")

@@ -2,8 +2,8 @@
 
 Every try is drawn from the seed, its kind and its number alone, so that ``--first`` repeats one of them.
 
-    python -m benchmarks.attacks --tries 200 --seed 0
-    python -m benchmarks.attacks --kind step --tries 1 --first 17 --seed 0
+    python -m benchmarks.robustness --tries 200 --seed 0
+    python -m benchmarks.robustness --kind step --tries 1 --first 17 --seed 0
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ import time
 from collections import Counter
 from pathlib import Path
 
-from benchmarks.attacks.attempt import asked, failures, prepare
-from benchmarks.attacks.kinds import KINDS
-from benchmarks.attacks.ordeals import LOST, ORDEALS, Ordeal
-from benchmarks.attacks.samples import remove
+from benchmarks.robustness.attempt import asked, failures, prepare
+from benchmarks.robustness.kinds import KINDS
+from benchmarks.robustness.ordeals import LOST, ORDEALS, Ordeal
+from benchmarks.robustness.samples import remove
 
 WRONG = ("signal", "hang", "traceback", "defect", "exit code", "stray lines", "JSON", LOST)
 COLUMNS = ("tries", "answered", "refused", *WRONG, "slowest, s")

@@ -8,9 +8,9 @@ import tempfile
 from functools import cache
 from pathlib import Path
 
-from benchmarks.attacks.attempt import Attempt
-from benchmarks.attacks.damage import Random, garbled
-from benchmarks.attacks.files import scene_with
+from benchmarks.robustness.attempt import Attempt
+from benchmarks.robustness.damage import Random, garbled
+from benchmarks.robustness.files import scene_with
 
 VALUES = (b"0.", b"1.E+30", b"-1.", b"1.E-30", b"NaN", b"1.E+400", b"")
 FLOATS = (float("nan"), float("inf"), 0.0, -0.0, 1e30, 1e-38)

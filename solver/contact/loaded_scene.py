@@ -10,7 +10,7 @@ from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, Words
-from geometry.meridian.frame import MeridianFineness
+from geometry.meridian.mesh_lines import MeridianFineness
 from geometry.meridian.section import Body, Section
 from geometry.scenes.probe import Material
 from geometry.scenes.scene import Scene
@@ -18,7 +18,7 @@ from solver.axisymmetric.converged_forces import Converged, compute_converged_fo
 from solver.axisymmetric.sections import HALF_SPACE_SIZES
 from solver.contact.model import ContactModel
 from solver.contact.path import Path
-from solver.contact.pressed import NO_DIFFERENCES, LoadedForces, MeshDifferences, PathPoint, StoppedError
+from solver.contact.path_points import NO_DIFFERENCES, LoadedForces, MeshDifferences, PathPoint, StoppedError
 from solver.results.film_forces import Bound, FilmForces
 
 MESH_FINENESSES = tuple(MeridianFineness(1, 0, order) for order in (2, 3, 4))

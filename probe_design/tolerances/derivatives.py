@@ -22,7 +22,7 @@ from threadpoolctl import threadpool_limits
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal
 from geometry.scenes.scene import Scene
-from probe_design.tolerances.variables import GAIN_NAMES, GAP_KEY, RADIUS_KEY, UncertainNumber
+from probe_design.tolerances.uncertain_numbers import GAIN_NAMES, GAP_KEY, RADIUS_KEY, UncertainNumber
 from solver.axisymmetric.gradients import Gradients, compute_gradients
 from solver.axisymmetric.level import Axisymmetric
 from solver.axisymmetric.sections import build_sections

@@ -7,10 +7,10 @@ import socket
 from collections.abc import Callable
 from pathlib import Path
 
-from benchmarks.attacks.attempt import Attempt
-from benchmarks.attacks.damage import Random
-from benchmarks.attacks.files import FILE, scene_with
-from benchmarks.attacks.readables import readables
+from benchmarks.robustness.attempt import Attempt
+from benchmarks.robustness.damage import Random
+from benchmarks.robustness.files import FILE, scene_with
+from benchmarks.robustness.readables import readables
 
 SPARSE = 10 * 2**30  # bytes, none of them on the disk
 

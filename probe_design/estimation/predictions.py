@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from geometry.common.arrays import Bools, Floats, Ints
-from probe_design.estimation.readings import Measurements
+from probe_design.estimation.measurements import Measurements
 from solver.equivalent_inclusion.readings import Readings
 
 MAX_LOG_RATIO_ERROR = 0.3  # bodies with a larger error bound of ln ratio are not searched

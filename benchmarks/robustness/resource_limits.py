@@ -7,9 +7,9 @@ from typing import Any
 
 import tomli_w
 
-from benchmarks.attacks.attempt import Attempt
-from benchmarks.attacks.damage import Random
-from benchmarks.attacks.files import SCENE
+from benchmarks.robustness.attempt import Attempt
+from benchmarks.robustness.damage import Random
+from benchmarks.robustness.files import SCENE
 
 STATED = 120.0  # s that an answer may take unless --time says otherwise
 GIGABYTES = (0.15, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)  # the first is too little to load libraries with

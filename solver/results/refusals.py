@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from geometry.scenes.fit import compute_semi_axes
+from geometry.scenes.fit_check import compute_semi_axes
 from geometry.scenes.scene import Inclusion, Scene
 
 TOUCHING_RELATIVE = 1e-6  # of a body's half height: at this distance from an interface of layers it counts as crossed

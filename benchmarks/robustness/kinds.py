@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from benchmarks.attacks import bodies, questions, special_files
-from benchmarks.attacks.attempt import Attempt
-from benchmarks.attacks.damage import Random
-from benchmarks.attacks.resource_limits import little_memory
+from benchmarks.robustness import bodies, questions, special_files
+from benchmarks.robustness.attempt import Attempt
+from benchmarks.robustness.damage import Random
+from benchmarks.robustness.resource_limits import little_memory
 
 Kind = Callable[[Random, Path], Attempt]
 KINDS: dict[str, Kind] = {

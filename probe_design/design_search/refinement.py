@@ -21,7 +21,7 @@ from geometry.common.errors import ProbeError
 from probe_design.design_search.choices import Choice, Progress
 from probe_design.design_search.closed_search import BOUNDS_TOLERANCE_RELATIVE, refine_by_ipopt
 from probe_design.design_search.inclusion_model import compute_inclusion_objective
-from probe_design.design_search.room import SearchSpace
+from probe_design.design_search.search_space import SearchSpace
 from probe_design.design_search.steered_population import DesignObjective
 from probe_design.populations.design_file import Design
 from solver.closed_form.bessel import Array
