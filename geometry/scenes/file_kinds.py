@@ -37,7 +37,7 @@ def check_kind(data: Mapping[str, Any], name: str, kind: str, allowed: str) -> N
     Raises:
         InputError: the file has tables of another kind, and none of its own.
     """
-    other = next((one for one, sections in _SECTIONS.items() if sections & data.keys()), kind)
+    other = next((file_kind for file_kind, sections in _SECTIONS.items() if sections & data.keys()), kind)
     if other == kind or (kind in ("design file", "sweep file") and other == "design or sweep file"):
         return
     if not _SECTIONS[kind] & data.keys():

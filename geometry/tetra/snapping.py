@@ -259,7 +259,7 @@ def _build_closed(body: object) -> Level:
             return (size - 1) / steep, slope / steep[:, None]
 
         return compute_level
-    return lambda points: _compute_sheet_level(points, body.nearest(points))  # type: ignore[attr-defined]
+    return lambda points: _compute_sheet_level(points, body.find_nearest(points))  # type: ignore[attr-defined]
 
 
 def _compute_sheet_level(points: Points, nearest: Points) -> tuple[Points, Points]:

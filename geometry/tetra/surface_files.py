@@ -24,7 +24,7 @@ from geometry.common.text_files import read_bytes
 from geometry.common.winding import WindingTree
 from geometry.scenes.surface_names import check_surface_name
 
-_PROGRAM = Path(__file__).parents[1] / "cad" / "surface_program.py"
+_READER_PROGRAM = Path(__file__).parents[1] / "cad" / "surface_program.py"
 LARGEST_FILE = 50_000_000  # bytes: a million triangles, some hundred times as many as a mesh can follow
 _READ_TIME_LIMIT_S = 60.0  # s for reading a file: sound ones take one or two
 _INSIDE_WINDING = 0.5  # winding number from which a point counts as inside
@@ -161,7 +161,7 @@ def _read_triangles(suffix: str, content: bytes) -> dict[str, NDArray[Any]]:
         path = Path(folder, f"surface{suffix}")
         path.write_bytes(content)
         arguments = {"name": np.array(str(path)), "suffix": np.array(suffix)}
-        mesh = run_program(_PROGRAM, arguments, min(_READ_TIME_LIMIT_S, find_seconds_left()), get_limits().memory)
+        mesh = run_program(_READER_PROGRAM, arguments, min(_READ_TIME_LIMIT_S, find_seconds_left()), get_limits().memory)
     for array in mesh.values():
         array.setflags(write=False)
     return mesh

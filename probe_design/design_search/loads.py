@@ -8,6 +8,7 @@ thinnest cover (``solver.planning.loads``, PL.7).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -146,12 +147,7 @@ class PressingRule:
             )
         allowed = {key: float(min(limits[key] for limits, _ in per_tissue)) for key in per_tissue[0][0]}
         limited_by = min(allowed, key=lambda key: allowed[key])
-        force = float(f"{allowed[limited_by]:.{FORCE_DIGITS}g}")
-        force = (
-            force
-            if force <= allowed[limited_by]
-            else float(f"{allowed[limited_by] * (1 - 10.0 ** (1 - FORCE_DIGITS)):.{FORCE_DIGITS}g}")
-        )
+        force = _round_down(allowed[limited_by])
         deepest = max(force / float(totals.sum()) for _, totals in per_tissue)
         shares = np.array([totals / totals.sum() for _, totals in per_tissue]) * force * self.charge_per_force
         strain = max(
@@ -232,3 +228,12 @@ def _compute_wall_approach(scene: Scene, sizes: ProbeSizes, totals: Any) -> Any:
     inner, outer = (total / (area * E) for total, area, E in zip(totals, sizes.areas, sizes.moduli, strict=True))
     radii = (sizes.inner_radius, sizes.inner_radius + sizes.gap, sizes.outer_radius)
     return bound_nearing(scene.tissue, radii, (inner, outer), sizes.moduli[1])
+
+
+def _round_down(force: float) -> float:
+    """Return the largest force of ``FORCE_DIGITS`` significant digits that is not above a force, N."""
+    nearest = float(f"{force:.{FORCE_DIGITS}g}")
+    if nearest <= force:
+        return nearest
+    step = 10.0 ** (math.floor(math.log10(force)) + 1 - FORCE_DIGITS)
+    return float(f"{nearest - step:.{FORCE_DIGITS}g}")

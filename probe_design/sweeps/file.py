@@ -89,9 +89,9 @@ def read_sweep(path: Path | str) -> Sweep:
     Raises:
         InputError: the file is missing, is not TOML, or a value is not allowed.
     """
-    found = read_tables(path, "sweep file")
-    check_kind(found, str(path), "sweep file", "a sweep file, with scene and [variables]")
-    return sweep_from_dict(found, Path(path).parent, True)
+    contents = read_tables(path, "sweep file")
+    check_kind(contents, str(path), "sweep file", "a sweep file, with scene and [variables]")
+    return sweep_from_dict(contents, Path(path).parent, True)
 
 
 def sweep_from_dict(tables: Mapping[str, Any], folder: Path | str = ".", units_required: bool = False) -> Sweep:

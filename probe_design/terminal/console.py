@@ -55,7 +55,7 @@ def build_result_table(result: Result) -> Table:
     for name in ("linear_limit_load", "gap_closure_load"):
         limit = getattr(result, name)
         if limit is not None:
-            table.add_row(f"{name} ({limit.how})", format_maximum(limit.force, 3), "N")
+            table.add_row(f"{name} ({limit.basis_text})", format_maximum(limit.force, 3), "N")
     return table
 
 

@@ -76,7 +76,7 @@ def test_programs_of_threads_end_with_the_block_that_an_exception_leaves(program
 
 
 def test_without_time_it_is_not_begun():
-    with pytest.raises(TooLong, match="no time left"):
+    with pytest.raises(TooLong, match="no time is left"):
         run_program(None, {}, 0.0)
 
 

@@ -169,7 +169,7 @@ def test_a_file_that_kills_its_reader_or_is_read_without_an_end_is_refused(tmp_p
     """As OpenCASCADE does over some damaged STEP files."""
     reader = tmp_path / "reader.py"
     reader.write_text(f"import os, signal, time\ndef run(arguments):\n    {body}\n")
-    monkeypatch.setattr(surface_files, "_PROGRAM", reader)
+    monkeypatch.setattr(surface_files, "_READER_PROGRAM", reader)
     monkeypatch.setattr(surface_files, "_READ_TIME_LIMIT_S", 0.5 if "sleep" in body else 60.0)
     (tmp_path / "body.step").write_text(body)  # no file that was read before
     with pytest.raises(InputError, match=rf"inclusion\[0\]\.surface.*that can be read.*{message}"):

@@ -110,7 +110,7 @@ SCRIPT = """
 import sys
 from pathlib import Path
 from geometry import scene_from_toml
-from geometry.tetra.cache import cached_mesh
+from geometry.tetra.cache import read_or_make_mesh
 from geometry.common import child_process
 start = child_process.subprocess.Popen.__init__
 def started(self, *args, **options):
@@ -118,7 +118,7 @@ def started(self, *args, **options):
     print(self.pid, flush=True)
 child_process.subprocess.Popen.__init__ = started
 try:
-    cached_mesh(scene_from_toml(Path(sys.argv[1]).read_text()))
+    read_or_make_mesh(scene_from_toml(Path(sys.argv[1]).read_text()))
 except KeyboardInterrupt:
     sys.exit(42)
 """

@@ -61,9 +61,9 @@ def test_volume_of_the_cavity(index: int, edge: float) -> None:
 
 def test_files(package: Path) -> None:
     names = {path.name for path in package.glob("mould*")}
-    assert names == {f"mould-{block}-{half}.step" for block in ("inner", "outer") for half in ("build_lower", "upper")}
+    assert names == {f"mould-{block}-{half}.step" for block in ("inner", "outer") for half in ("lower", "upper")}
     mould, _ = compute_mould_sizes(probe(), EDGE)
-    lower, upper = (read(package / f"mould-inner-{half}.step") for half in ("build_lower", "upper"))
+    lower, upper = (read(package / f"mould-inner-{half}.step") for half in ("lower", "upper"))
     assert (lower.ShapeType(), lower.isValid(), upper.isValid()) == ("Solid", True, True)
     body = math.pi * mould.outside**2 * (mould.height + 4) + math.pi * (1.5**2 + 1.0**2) * 3
     assert body - lower.Volume() == pytest.approx(cavity(mould), rel=1e-6)
@@ -97,7 +97,7 @@ def test_a_mould_that_is_off_is_refused(tmp_path: Path, monkeypatch: pytest.Monk
     built = moulds.build_lower
     monkeypatch.setattr(moulds, "build_lower", lambda mould_size: built(mould_size).scale(1 + 1e-5))
     with pytest.raises(ExportError, match=r"^mould-inner-lower\.step: volume = "):
-        moulds.write_half(mould, "build_lower", build_stamp(probe()), tmp_path / "mould-inner-lower.step")
+        moulds.write_half(mould, "lower", build_stamp(probe()), tmp_path / "mould-inner-lower.step")
 
 
 @pytest.mark.parametrize(

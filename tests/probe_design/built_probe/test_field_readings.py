@@ -86,7 +86,7 @@ def test_json_of_read() -> None:
         ("ratio_uncertainty", 1e200, "uncertainty"), ("calibration_sha256", ["a"], "calibration_sha256"),
         ("fingerprint", None, "fingerprint"), ("fingerprint", {"noise": ["xy"], "volts": [[1, 1]]}, "fingerprint"),
         ("probe", [1], "probe"),
-        ("probe", {"probe.gap": 10**400}, "not told"), ("probe", NARROW, "probe.gap is 5e-05 there"),
+        ("probe", {"probe.gap": 10**400}, "is missing there"), ("probe", NARROW, "probe.gap is 5e-05 there"),
     ],
 )  # fmt: skip
 def test_what_read_never_prints_is_refused(key: str, value: object, words: str) -> None:

@@ -102,7 +102,7 @@ def test_charges_follow_equation_12(tmp_path: Path) -> None:
         (("evaluate", SCENE, "--accuracy", "fine"), ("accuracy", "fine")),
         (("evaluate", SCENE, "--evaluator", "magic"), ("evaluator", "magic", "axisymmetric")),
         (("conjure", SCENE), ("conjure", "evaluate, plan, curve, load, scan")),
-        (("sweep", SCENE, "-o", "unused"), ("probe", "one of scene")),
+        (("sweep", SCENE, "-o", "unused"), ("a scene file", "a sweep file", "probe-design evaluate")),
         (("evaluate",), ("SCENE",)),
         (("evaluate", ""), ("scene = ''", "name of a file")),
         (("evaluate", "a\udcff.toml"), (r"scene = 'a\udcff.toml'", "in UTF-8")),

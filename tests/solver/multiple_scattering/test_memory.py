@@ -57,7 +57,7 @@ def test_spheres_whose_modes_hold_too_much_are_refused_before_any_is_made(monkey
     def made(modes: Modes) -> None:
         raise AssertionError(modes)
 
-    monkeypatch.setattr("solver.multiple_scattering.solve.projection", made)
+    monkeypatch.setattr("solver.multiple_scattering.solve.build_projection", made)
     monkeypatch.setattr("solver.multiple_scattering.solve._kept_projection", made)
     base = solve_undisturbed(SCENE, 0.05)
     with use_limits(Limits(memory=4e8)), pytest.raises(LimitReached, match=r"reflections of 30 tumours .* take less.*--memory"):
