@@ -48,7 +48,7 @@ def test_any_layers_are_answered_or_refused(layers: list[tuple[float, float, flo
 def test_what_it_refuses_names_who_takes_it() -> None:
     for layer, words in (
         ((6.0, 1e4), "axisymmetric or solid for an inclusion nearer to an interface"),
-        ((0.02, 1e-3, 0.4999), "axisymmetric for a layer so thin and soft"),
+        ((0.02, 1e-3, 0.4999), "axisymmetric for a layer that blocks squeeze"),
         ((0.5, 1e4, 0.4999999), r"tissue.layer\[0\].poisson_ratio up to 0.499999"),
     ):
         with pytest.raises(Refusal, match=words):

@@ -80,7 +80,7 @@ def test_a_finer_mesh_that_fails_leaves_what_rougher_ones_found(monkeypatch: pyt
     def fail(_: LoadedScene) -> LoadedScene:
         raise SolveError("contact does not settle")
 
-    monkeypatch.setattr(LoadedScene, "finer", fail)
+    monkeypatch.setattr(LoadedScene, "refine", fail)
     result = ContactEvaluator().evaluate(with_load(EXAMPLE, indentation=1e-6), 1e-4)
     assert result.error_estimate is not None
     assert 1e-4 < result.error_estimate < 1e-3

@@ -88,7 +88,7 @@ def test_a_refusal_names_what_stopped_the_evaluator_once(monkeypatch):
             automatic.FailedAttempt(run_plan(scene, accuracy), OutOfReach("axisymmetric", scene, accuracy, 0.02, stopped=stopped))
         ]
 
-    monkeypatch.setattr(automatic, "_first_to_answer", refuse)
+    monkeypatch.setattr(automatic, "_try_evaluators", refuse)
     with pytest.raises(OutOfReach) as fault:
         evaluate(EXAMPLE, accuracy=0.01)
     assert str(fault.value).count(stopped) == 1
