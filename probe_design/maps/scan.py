@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from geometry.common.arrays import Bools, Floats
-from geometry.common.errors import InputError, Words
+from geometry.common.errors import InputError, Refusal, Words
 from geometry.provenance.block import Provenance, build_provenance
 from geometry.scenes.scene import Scene
 from probe_design.maps.scan_line import ScanLine
@@ -20,6 +20,7 @@ from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed
 from solver.equivalent_inclusion.readings import Readings, compute_readings
 from solver.planning.load_check import LoadChanges, build_load_notes, check_load, compute_budget
 from solver.planning.load_limits import build_limits, build_load_rule
+from solver.planning.loads import LoadRule
 from solver.results.film_forces import compute_ratio_fields
 from solver.results.load_limits import LoadLimits, build_limits_dict
 from solver.results.notebook import Notebook
@@ -111,7 +112,7 @@ def scan(
     positions = np.asarray(positions, dtype=float)
     line.check_positions(positions)
     if not linear:
-        check_load(scene, rule, accuracy, promise)
+        _check_load_at_placement(scene, rule, accuracy, promise)
     base = line.prepare(float(np.abs(positions).min()))  # used for all positions: only the bounds differ elsewhere
     tumours = line.build_tumours(positions)
     plain_readings = compute_readings(base, tumours, scene.target or 0, progress=progress, sensitive=scene.target is not None)
@@ -141,7 +142,7 @@ def scan(
         load_limits=build_limits(rule, accuracy, promise),
         plan=(*farthest.plan, *list_reflection_decisions(base, film_readings)),
         warnings=(
-            *dict.fromkeys(_iterate_warnings(scene, farthest, film_readings, is_outside)),
+            *dict.fromkeys(_iterate_warnings(scene, farthest, film_readings, is_outside, accuracy)),
             *build_load_notes(scene, load.weakest, accuracy, promise),
         ),
         scene=scene,
@@ -189,7 +190,18 @@ def list_reflection_decisions(base: Undisturbed, film_readings: Readings) -> Ite
     yield Decision("what surface, blocks and floor send back of the tumours' fields", count > 0, effect, base.accuracy, reason)
 
 
-def _iterate_warnings(scene: Scene, farthest: ProbeAlone, film_readings: Readings, is_outside: Bools) -> Iterator[str]:
+def _check_load_at_placement(scene: Scene, rule: LoadRule, accuracy: float, promise: bool) -> None:
+    """Refuse a load beyond linear elasticity before anything is computed; see ``check_load`` for the arguments."""
+    try:
+        check_load(scene, rule, accuracy, promise)
+    except Refusal as fault:
+        allowed = f"{fault.allowed}; that is the limit at the scene's placement, and it may be some per cent less along the line"
+        raise Refusal(fault.key, fault.value, allowed) from None
+
+
+def _iterate_warnings(
+    scene: Scene, farthest: ProbeAlone, film_readings: Readings, is_outside: Bools, accuracy: float
+) -> Iterator[str]:
     """Yield warnings about missing log-sensitivities and ratios, tumours left out, and errors above the accuracy."""
     n = len(film_readings.forces)
     yield from farthest.notes
@@ -206,11 +218,14 @@ def _iterate_warnings(scene: Scene, farthest: ProbeAlone, film_readings: Reading
     if not film_readings.resolved.all():
         positions_text = f"{int((~film_readings.resolved).sum())} of {n} positions"
         yield f"no ratio is given at {positions_text}: under one of the blocks the stress is smaller than its own error"
+    limit = f"the accuracy {accuracy:g}"
+    if farthest.accuracy < accuracy:
+        limit = f"{farthest.accuracy:.2g}, which the load leaves of {limit}"
     for quantity, bounds in compute_errors(scene, film_readings).items():
         exceeding = int((bounds > farthest.accuracy).sum())
         if exceeding:
             bound = f"{bounds.max():.2g}" if bounds.max() < 1 else "1 and more"
-            where = f"at {exceeding} of {n} positions, more than the accuracy {farthest.accuracy:g}"
+            where = f"at {exceeding} of {n} positions, more than {limit}"
             yield f"the error of {quantity} is up to {bound} {where}"
     if film_readings.derivatives and scene.target is not None:
         sensitivity = np.abs(film_readings.log_sensitivity)
