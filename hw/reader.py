@@ -121,7 +121,8 @@ class Reader:
             self.header.source.setdefault("unrecorded", f"{recorder.failure_text}: {reason}")
 
     def _compare_clock(self, clock: Clock, chunk: Chunk, block: Samples) -> None:
-        if chunk.time is None:  # what a recording tells of the clock, as HDF5 does, stands
+        """Note in the header's source, as ``clock``, that samples arrive at another rate than stated, or remove the note."""
+        if chunk.time is None:  # no arrival times: a note that the recording itself brings, as of HDF5, is kept
             return
         if self.header.source.get("transport") in CLOCKED_TRANSPORTS and (difference := clock.describe_difference(chunk, block)):
             self.header.source["clock"] = difference

@@ -146,7 +146,7 @@ def build_supported_plan(scene: Scene, accuracy: float, linear: bool, rough: Coa
 
 def get_evaluator(name: str | None, tell: ProgressCallback | None) -> Evaluator:
     """Return the evaluator that a plan names."""
-    assert name is not None  # supported_plan has refused it
+    assert name is not None  # build_supported_plan has refused it
     return evaluator(name, tell)
 
 

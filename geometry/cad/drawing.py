@@ -268,7 +268,7 @@ def _build_notes(probe: Probe, edge_radius: float) -> list[tuple[str, Any]]:
 
 
 def _mark_assumed(probe: Probe, key: str, length: float) -> str:
-    """Write a length in mm that the probe's scene may leave open under ``key``."""
+    """Return a length in mm as text, with a mark if it is assumed because the scene leaves ``key`` of the probe open."""
     return format_number(length) + (ASSUMED_MARK if f"probe.{key}" in assumed_sizes(probe) else "")
 
 

@@ -27,7 +27,7 @@ def write_whole(path: Path, once: bool = False) -> Iterator[Path]:
         once: whether a file that is there by then stays, whoever wrote it; of several processes the first one wins.
 
     Example:
-        >>> with written_whole(Path("table.txt")) as draft:  # doctest: +SKIP
+        >>> with write_whole(Path("table.txt")) as draft:  # doctest: +SKIP
         ...     draft.write_text("whole")
     """
     with write_together(path.parent, [path.name], once) as folder:

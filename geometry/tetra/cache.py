@@ -48,7 +48,7 @@ def read_or_make_mesh(
 
     Args:
         scene: the scene.
-        fineness: ``ROUGH``, ``COARSE_FINENESS``, ``FINE`` or other sizes.
+        fineness: ``ROUGH_FINENESS``, ``COARSE_FINENESS``, ``FINE_FINENESS`` or other sizes.
         half: mesh only y >= 0 (probe's axes) of a scene that is its own mirror image there.
         tissue_extent: radius and depth in m that stand for a half-space's, left out 25 outer radii or more. Other tissue that
             reaches further becomes a cylinder of that radius about the probe's axis, deeper tissue as deep; left out, it stays.

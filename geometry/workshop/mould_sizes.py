@@ -66,7 +66,7 @@ class MouldSizes:
 
     @property
     def middle(self) -> float:
-        """Radius on which the tube's holes lie; 0 for the solid block, which is poured at its centre."""
+        """Radius, mm, of the circle of the tube's pouring hole and vents; 0 for the solid block, poured at its centre."""
         return (self.inner[1] + self.outer[1]) / 2 if self.inner[1] else 0.0
 
     def compute_radii(self, z: float) -> tuple[float, float]:

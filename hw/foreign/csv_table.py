@@ -173,7 +173,7 @@ def _read_names(head: list[list[str]], first: list[str], delimited: bool) -> tup
 
 
 def _count_filled(cells: list[str]) -> int:
-    """Return the number of cells up to the last that is not empty."""
+    """Return the length of a row without its empty last cells."""
     return max((k for k, cell in enumerate(cells, 1) if cell), default=0)
 
 

@@ -61,6 +61,7 @@ class Hdf5Recorder:
             raise
 
     def _create_datasets(self) -> None:
+        """Create the module's datasets, empty and growable, with units and checksums; ``time`` is the scale of each channel."""
         channels = self._header.channels
         for name, kind, unit in (("time", "f8", "s"), ("index", "i8", "1"), *((name, "f8", "V") for name in channels)):
             shape: dict[str, Any] = {"shape": (0,), "maxshape": (None,), "chunks": (CHUNK_ROWS,)}

@@ -56,7 +56,7 @@ class SineFit:
         variance: of re or im of an amplitude, relative to the variance of a sample's noise.
         harmonics: (h, channels) harmonics of the load from the second on, V, with phases as ``amplitudes``.
         spikes: (channels,) error of an amplitude that outliers may cause, V.
-        bent: (channels,) error that a curved characteristic may cause, from products of load and mains, V.
+        bending: (channels,) error that a curved characteristic may cause, from products of load and mains, V.
         blocks: (k, channels) amplitudes of consecutive blocks, V.
         blocks_variance: (k,) variance of their re and im, relative to that of a sample's noise.
         mains: frequency of the mains, Hz, or None if not detected.

@@ -38,7 +38,7 @@ class Doubt:
 
     Attributes:
         common: relative, common to all amplitudes.
-        own: (c,) independent in each channel's amplitude, V.
+        channels: (c,) independent in each channel's amplitude, V.
         warnings: one line each.
     """
 

@@ -42,7 +42,7 @@ class BlockPrediction:
         log_ratio: ln(F_inner / F_outer).
         bound: bound on the solver's error of ``log_ratio``.
         slopes: derivatives of ``log_ratio`` with respect to the design's variables, per SI unit, shape (v,).
-        by_modulus: derivative of ``log_ratio`` with respect to the logarithm of the block's modulus.
+        modulus_derivative: derivative of ``log_ratio`` with respect to the logarithm of the block's modulus.
         rule: limits of loads on the block; None: the load does not matter.
     """
 

@@ -44,7 +44,7 @@ def has_different_heights(scene: Scene) -> bool:
 
 
 def read_design_vector(scene: Scene, separate_heights: bool | None = None) -> Floats:
-    """Return the design of a scene's probe, SI, shape (6,) or (7,); ``apart`` left out: as its heights say."""
+    """Return the design of a scene's probe, SI, shape (6,) or (7,); by default its heights decide on ``separate_heights``."""
     seventh = has_different_heights(scene) if separate_heights is None else separate_heights
     return np.append(read_variables(scene), [scene.probe.tube_height] if seventh else [])
 

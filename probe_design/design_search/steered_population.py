@@ -132,7 +132,7 @@ class DesignObjective:
 
 
 def _build_probe_parameters(x: Array, poisson: Any) -> Array:
-    """Return the closed form's probe parameters, in the order of ``closed_form.designs.PROBE``, for designs x (6, n)."""
+    """Return the closed form's probe parameters, in the order of ``PROBE_PARAMETERS``, for designs x (6, n)."""
     r2, ratio, gap, height, inner, outer = x[:6]
     ro, ones = ((r2 + gap) ** 2 + r2**2 / ratio) ** 0.5, np.ones(x.shape[1])
     return np.array([r2, gap, ro, height, get_outer_height(x), inner, poisson[0] * ones, outer, poisson[1] * ones])

@@ -66,7 +66,7 @@ class PopulationObjective:
         tumours: as they are.
         moved: pairs of the same with diameter, depth and tissue modulus e^-step and e^step times as large; empty for detection,
             tissue alone without a blank.
-        steps: the steps of these.
+        step: of these, in the logarithm.
         channels: the errors.
         priors: standard deviations of ln contrast (above 0), ln diameter, ln depth and ln tissue modulus.
         maximise: ``detection``, ``resolved`` or ``information``.
@@ -85,7 +85,7 @@ class PopulationObjective:
         """Return the objective of n designs, larger is better, shape (n,).
 
         Args:
-            probes: see ``ManyTumours.films``; floats or complex.
+            probes: see ``ManyTumours.compute_films``; floats or complex.
             force: a function of films' totals without tumours (n, m, 2): N, shape (n, m).
         """
         of_each = self.evaluate_tumours(probes, force)

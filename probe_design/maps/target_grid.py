@@ -130,7 +130,11 @@ def choose_sizes(
 
 
 def _space_sizes(key: str, low: float | None, high: float | None, default_last: float, points: int) -> Floats:
-    """Return evenly spaced sizes, m; missing ends are chosen from the default of the upper one."""
+    """Return evenly spaced sizes, m.
+
+    A missing upper end is ``default_last``, or twice the lower end if that is larger. A missing lower end is a fixed fraction
+    of the upper end.
+    """
     last = max(default_last, 2 * (low or 0.0)) if high is None else high
     first = last / RANGE_DIVISOR if low is None else low
     if not first < last:

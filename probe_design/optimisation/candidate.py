@@ -34,7 +34,7 @@ class Candidate:
         scene: the scene with this probe.
         judged: the judge's result, at the load of ``pressing``.
         pressing: the load that the objective counts with.
-        wall_approach: of the walls per unit indentation, see ``CoarseModel.approach``.
+        wall_approach: of the walls per unit indentation, see ``CoarseModel.wall_approach``.
         judged_objective: standard deviation of ln E_object by the judge, smaller is better.
         objective_min, objective_max: bounds of that objective, from the judge's error bounds and the neglected finite strain.
         searched: the closed form's result, or None where it refuses the scene.

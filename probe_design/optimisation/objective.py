@@ -31,7 +31,7 @@ class Noise:
         charge_per_force: |d33| of the films, C/N.
 
     Raises:
-        InputError: the noise of the ratio is none, see ``checked_noise``.
+        InputError: the noise of the ratio is not allowed, see ``check_noise``.
     """
 
     ratio: float = DEFAULT_NOISE

@@ -150,7 +150,10 @@ def _label_progress(progress: Progress) -> Progress:
 
 
 def _load_start(run: SearchRun, baseline: Candidate, candidates: tuple[Candidate, ...]) -> Candidate:
-    """The start likewise; by ``contact`` too where the best design is, so that one level judges both."""
+    """Return the initial design under its best load up to the scene's.
+
+    Where the best candidate is evaluated by ``contact``, so is the initial design: both then have errors of the same model.
+    """
     run.progress("pressing the start by contact", 0, 1)
     loaded = optimize_load(baseline, run.noise)
     if loaded is baseline and candidates and candidates[0].judged.evaluator == CONTACT_EVALUATOR:

@@ -90,14 +90,14 @@ def check_load(scene: Scene) -> None:
 
 
 def compute_pressing_force(scene: Scene, v: Any, radius: Any, totals: Any, wall_approach: float = 0.0) -> Any:
-    """Return the same force for many designs, or as an expression; closure is known as far as ``nearing`` tells it.
+    """Return the same force for many designs, or as an expression; closure limits it where ``wall_approach`` is given.
 
     Args:
         scene: whose tissue and load count.
         v: the variables of designs, in the order of ``design_space.VARIABLES``.
         radius: outer radii, m.
         totals: force on the inner and on the outer film per unit indentation, N/m.
-        wall_approach: approach of the gap's walls per unit indentation, see ``CoarseModel.approach``; 0 where not known.
+        wall_approach: approach of the gap's walls per unit indentation, see ``CoarseModel.wall_approach``; 0 where not known.
     """
     stiffness = totals[0] + totals[1]
     areas = (np.pi * v[0] ** 2, np.pi * v[0] ** 2 / v[1])

@@ -29,7 +29,7 @@ def write_all(
 ) -> list[Path]:
     """Write everything into ``folder``, all of it or nothing; the STEP files are checked before they take their names.
 
-    ``force`` and ``question`` are ``force`` and ``asked`` of ``geometry.cad.export.export_parts``.
+    ``force`` and ``question`` are ``force`` and ``question_digest`` of ``geometry.cad.export.export_parts``.
 
     Raises:
         ExportError: a part is not what the parameters say.

@@ -1,7 +1,7 @@
 """Readings over a population by formulas, for many probes: what a search asks.
 
 What does not depend on the probe is found once: which tumour, seen from which position, is a column of
-``closed_form.designs.forces``. Each probe then takes one evaluation on arrays, complex where derivatives are wanted.
+``closed_form.designs.compute_forces``. Each probe then takes one evaluation on arrays, complex where derivatives are wanted.
 """
 
 from __future__ import annotations
@@ -110,7 +110,7 @@ class ClosedFormScan:
         """Return forces on the films per unit of indentation, N/m, of d probes.
 
         Args:
-            probe: the parameters ``PROBE`` of each, SI, real or complex, shape (PROBE, d).
+            probe: the parameters ``PROBE_PARAMETERS`` of each, SI, real or complex, shape (9, d).
 
         Returns:
             over the tumours, shape (d, n, p, 2), and without them, shape (d, t, 2); not finite where the formulas break down.

@@ -104,7 +104,7 @@ class InclusionScan:
     def compute_readings(self, tumours: Tumours, tolerance: Floats, allowed: Bools) -> tuple[Readings, Readings]:
         """Return readings to first order, and those of some tumours in which no reflection is left out that matters.
 
-        That is one that may change a signal by more than ``tolerance``, shape (2,); ``within``: which may be reflected, (u,).
+        That is one that may change a signal by more than ``tolerance``, shape (2,); ``allowed``: which may be reflected, (u,).
         """
         first = compute_readings(self.base, tumours, 0, True, reflect=False)
         answers = deepcopy(first)

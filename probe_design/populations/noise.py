@@ -58,10 +58,10 @@ def build_difference_covariance(
         observable: which channels are read; left out: the protocol's.
 
     Returns:
-        shape (m, m), in the order of ``readings.compute_logarithms``.
+        shape (m, m), in the order of ``scan_readings.compute_logarithms``.
 
     Raises:
-        InputError: a reading would have less noise than ``LEAST``, or charges are noisy and the scene has no load.
+        InputError: a reading would have less noise than ``MIN_NOISE``, or charges are noisy and the scene has no load.
     """
     p = len(protocol.positions)
     places = np.vstack([blank, np.tile(blank, (p, 1)) if tumour_forces is None else tumour_forces])
@@ -87,7 +87,7 @@ def build_full_covariance(
     """Return the covariance of all readings and the baseline's (eq. PO.8); arguments as of ``build_difference_covariance``.
 
     Returns:
-        in the order of ``readings.compute_logarithms``, then the blank's channels if there is one;
+        in the order of ``scan_readings.compute_logarithms``, then the blank's channels if there is one;
             shape (m, m) or (m + c, m + c).
     """
     channels = CHANNEL_INDICES[observable or protocol.observable]

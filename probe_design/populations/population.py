@@ -25,7 +25,7 @@ from probe_design.populations.tables import PopulationRanges
 
 MAX_TISSUES, MAX_LAYERED_TISSUES = 4, 2  # of one material, and of layers, on which a probe takes three times as long to solve
 MIN_COVER_PER_DIAMETER = (
-    0.1  # of its diameter: least tissue between a tumour and surface or interface, see ``closed_form``'s ``LEAST_COVER``
+    0.1  # of its diameter: least tissue between a tumour and surface or interface, see ``MIN_COVER_DIAMETERS`` of the closed form
 )
 SIDE_CLEARANCE_FACTOR = 1 - 1e-6  # of the room that a tumour may fill
 MAX_DRAWS_PER_TUMOUR = 64  # times the tumours asked for that are drawn before giving up

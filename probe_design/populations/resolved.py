@@ -104,7 +104,7 @@ def compute_informations(unknowns: Unknowns, J: Floats, covariance: Floats) -> F
 
 
 def is_resolved(deviations: Floats) -> Floats:
-    """Return 1 for tumours whose sd of ln contrast is at most ``RESOLVED``, 0 for others, shape (n,)."""
+    """Return 1 for tumours whose sd of ln contrast is at most ``MAX_RESOLVED_LOG_SD``, 0 for others, shape (n,)."""
     return np.asarray((deviations <= MAX_RESOLVED_LOG_SD).astype(float))
 
 

@@ -36,7 +36,7 @@ class Changes:
         bench: for its blocks.
         names: of the variables.
         nominal, values: as drawn and as changed, SI; 1 for GAIN_NAME and BLOCK_MODULI, shape (n,).
-        there: predictions for the changed design.
+        predictions: for the changed design.
     """
 
     drawn: Scene

@@ -244,7 +244,7 @@ def _build_lines(
 
 
 def _build_part(derivatives: Floats, contributions: Floats, j: int, indices: dict[str, Any]) -> BudgetPart:
-    """Build the effect of number ``j`` on one output; ``slope`` and ``moved`` are rows of that output."""
+    """Build the effect of number ``j`` on one output; ``derivatives`` and ``contributions`` are rows of that output."""
     variance = float((contributions**2).sum())
     share = float(contributions[j] ** 2 / variance) if variance else 0.0
     return BudgetPart(float(derivatives[j]), abs(float(contributions[j])), share, **indices)

@@ -89,7 +89,13 @@ class System:
         return Solution(v, values, shift, loads=loads, unbalanced=unbalanced, residual=residual)
 
     def _compute_share(self, unbalanced: Floats, magnitude: Floats, forces: Floats) -> float:
-        """Return the largest residual relative to the assembled ``magnitude``, (n, 8 p, k), of k solutions."""
+        """Return the largest relative residual of k solutions.
+
+        Args:
+            unbalanced: residual forces, shape (unknowns, k).
+            magnitude: of the elements' forces, shape (n, 8 p, k); assembled, and with ``forces`` added, it is the reference.
+            forces: on the unknowns, shape (unknowns, k).
+        """
         scale = np.linalg.norm(self.numbering.unsigned_scatter @ magnitude.reshape(-1, forces.shape[-1]) + np.abs(forces), axis=0)
         return float(np.max(np.linalg.norm(unbalanced, axis=0) / np.where(scale > 0, scale, 1.0)))
 

@@ -110,7 +110,11 @@ class _BodyEnergy:
         self.basis = KrylovBasis(system.matrix, system.factor.solve, len(states.v), MIN_NEW_ENERGY_SHARE)
 
     def grow(self) -> bool:
-        """Add K^-1 K_b times the newest vectors to the basis; return whether any of them was independent."""
+        """Extend the basis by one block Krylov step, K^-1 K_b times its newest vectors, and the energies with it.
+
+        Returns:
+            Whether any of the new vectors was independent of the basis; otherwise nothing changes.
+        """
         new = self.basis.grow(np.asarray(self.gather.T @ self.last.reshape(-1, self.last.shape[2])))
         if not new.shape[1]:
             return False

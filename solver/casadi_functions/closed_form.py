@@ -17,7 +17,7 @@ class ClosedFormFunction(DifferentiableFunction):
     The derivatives are those of the formula itself, by complex steps.
 
     Args:
-        shape, start: of a scene, see ``closed_form.parameters``.
+        shape, start: of a scene, see ``solver.closed_form.designs.build_parameters``.
         indices: indices of the parameters that x holds; the others stay constant.
     """
 

@@ -30,7 +30,6 @@ class Waves:
 
     Attributes:
         k: wave numbers, 1/m, shape (n, q).
-        fade: e^-2x; None on a half-space.
         depth: H, shape (n, 1), or None.
         nu: shape (n, 1).
         by_pressure, by_shear: (c1, c2, c3, c4), each of shape (n, q); the last two None on a half-space.

@@ -168,7 +168,7 @@ class Elements:
         return self.square.sum_forces(self.square.turn_stress(self.square.weight * (stress.first_piola + p * stress.cofactor)))
 
     def _compute_turned_tangent(self, stress: Stress, p: Floats) -> Floats:
-        """Return the derivative of the stresses at fixed pressure p, weights included, as ``UnitSquare.stiffness`` takes it."""
+        """Return the derivative of the stresses at fixed pressure p, weights included, for ``UnitSquare.sum_stiffness``."""
         square, w = self.square, self.square.weight
         c, h = square.turn_stress(stress.cofactor), square.turn_stress(w * stress.cofactor_coefficient)
         D = np.empty((5, *c.shape))

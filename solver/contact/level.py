@@ -50,7 +50,7 @@ class ContactEvaluator(FilmEvaluator):
         return self.press_and_answer(scene, accuracy, moduli)[0]
 
     def press_and_answer(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> tuple[FilmSolution, LoadedScene]:
-        """Return the result and the pressed scene, which holds all states on the load path; see ``answer``."""
+        """Return the result and the pressed scene, which holds all states on the load path; see ``solve``."""
         with threadpool_limits(1, user_api="blas"), self._convert_errors(scene):
             result, loaded, notes = press_refined(
                 self.prepare_scene(scene, accuracy), lambda films: _is_accurate(films, scene, accuracy)

@@ -57,7 +57,7 @@ def find_change_load(path: Path, value: Callable[[PathPoint], float], allowed: f
         The load, or None if the path does not reach that change.
 
     Raises:
-        StoppedError, LimitReached: see ``gap_closure_load``.
+        StoppedError, LimitReached: see ``find_gap_closure_load``.
     """
     rest_value = value(path.points[0])
     if rest_value == 0:

@@ -85,7 +85,7 @@ def find_load_ends(scene: Scene, accuracy: float) -> LoadEnds:
     They are computed on the coarser of two meshes; the lowest limit of linear elasticity is computed on the finer one too.
 
     Raises:
-        Refusal: see ``load_curve``.
+        Refusal: see ``compute_load_curve``.
     """
     with start_clock(), threadpool_limits(1, user_api="blas"):
         loaded = ContactEvaluator().prepare_scene(scene, accuracy)

@@ -122,7 +122,7 @@ class UnitSquare:
 
 
 def _join_parts(parts: Floats) -> Floats:
-    """Rearrange an array (k, n, q) to (n, k q)."""
+    """Rearrange k components of n elements at q points, (k, n, q), to one row for each element, (n, k q)."""
     return np.ascontiguousarray(parts.transpose(1, 0, 2)).reshape(parts.shape[1], -1)
 
 

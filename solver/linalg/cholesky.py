@@ -132,6 +132,7 @@ class _Pardiso:
         return factor
 
     def solve(self, forces: Floats) -> Floats:
+        """Solve for forces, one column or several; factorise anew if the shared analysis holds the factors of another matrix."""
         with self.analysis.lock:
             self._refresh()
             return np.asarray(self.analysis.solver.solve(np.asarray(forces)))

@@ -158,7 +158,7 @@ def _split_runs(needed: Floats) -> list[slice]:
 
 @lru_cache(maxsize=64)
 def build_turn_matrices(rounds: AzimuthalGrid) -> tuple[Floats, Floats, Floats]:
-    """Build matrices from components of ``vector_modes.stack`` to tractions and displacements along r, theta, z.
+    """Build matrices from components of ``vector_modes.build_stack`` to tractions and displacements along r, theta, z.
 
     Returns one matrix, (angles, 6, 9), each for surface, side and floor.
     """

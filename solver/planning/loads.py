@@ -104,7 +104,7 @@ class LoadRule:
     """The rule for one probe on one tissue.
 
     Attributes:
-        strain: x per indentation, 1/m: ``tissue_strain`` and what the blocks' own strain adds.
+        strain: x per indentation, 1/m: ``compute_tissue_strain`` and what the blocks' own strain adds.
         stiffness: linear, force per indentation, N/m.
         closure: force that closes the gap in linear elasticity, N; see ``CoarseModel.closure_force``.
         tilted: by how much a tilt lowers one side of the probe, m, which counts as indentation.

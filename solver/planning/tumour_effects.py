@@ -37,6 +37,11 @@ class TumourEffects:
     def from_scene(cls, scene: Scene, base: Undisturbed) -> TumourEffects:
         """Compute the effects of a scene's tumours.
 
+        Args:
+            scene: with tumours of any shape, each taken as a ball.
+            base: base states of the scene's probe and tissue without tumours; a tumour beyond the tissue that they model
+                is moved into it.
+
         Raises:
             InputError: a surface file that cannot be used.
             Refusal: a tumour larger than the modelled tissue.

@@ -16,7 +16,14 @@ from solver.published.equations import check_numbers
 
 @check_numbers
 def modulus(a: float, d: float, D: float, E_matrix: float, E_object: float) -> float:
-    """Return the equivalent modulus E_eq by eq. PU.1, Pa.
+    """Return the equivalent modulus E_eq of tissue with an embedded object, by eq. PU.1, Pa.
+
+    Args:
+        a: radius of the circle under stress, m.
+        d: depth of the object, m.
+        D: its diameter, m.
+        E_matrix: Young's modulus of the tissue around it, Pa.
+        E_object: its own, Pa.
 
     Raises:
         InputError: k is not below 1.

@@ -115,7 +115,10 @@ def is_coaxial(scene: Scene) -> bool:
 
 
 def _build_reference(scene: Scene, tissue: CylinderTissue) -> Scene:
-    """Return the reference: the probe alone, on a rigid base and without films, on a coaxial cylinder of tissue."""
+    """Return the rotationally symmetric reference scene, whose exact solution is known.
+
+    The probe has a rigid base, no films, groove or tilt; the tissue is a coaxial cylinder without inclusions.
+    """
     alone = remove_asymmetry(scene)
     probe = alone.probe.model_copy(update={"film": None, "base": Base(rigid=True)})
     return alone.model_copy(update={"probe": probe, "tissue": tissue, "placement": Placement()})

@@ -53,7 +53,7 @@ class SolidEvaluator(FilmEvaluator):
         """Evaluate, but return a result only if every error bound is at most ``allowed``, by default ``accuracy``.
 
         Raises:
-            InputError, Refusal: see ``answer``; also if the accuracy is out of reach.
+            InputError, Refusal: see ``solve``; also if the accuracy is out of reach.
         """
         allowed = accuracy if allowed is None else allowed
         if allowed < FINEST_BOUND_FACTOR * BEST_ACCURACY:
@@ -83,7 +83,7 @@ class SolidEvaluator(FilmEvaluator):
         """Return film forces with their errors, and the states behind them.
 
         Raises:
-            InputError, Refusal: see ``answer``.
+            InputError, Refusal: see ``solve``.
         """
         reason = self.refusal(scene)
         if reason is not None:

@@ -45,7 +45,7 @@ MAX_MOVE_RELATIVE = 1.0  # of a tumour's shortest semi-axis: its maximum displac
 MAX_THICKNESS_FACTOR = 1.3  # maximum change of a layer's thickness or the tissue's size
 MOVABLE_FIELDS = "inclusions", "tissue_radius", "depth", "interfaces"  # fields of a layout that may change
 MAX_STRETCH_RATIO = 3.0  # maximum over minimum principal stretch of all elements
-TOP_SURFACE, FLOOR_SURFACE, GROOVE_SURFACES = 5, 6, 3  # indices in ``exact_surfaces``; number of groove surfaces
+TOP_SURFACE, FLOOR_SURFACE, GROOVE_SURFACES = 5, 6, 3  # indices in ``build_exact_surfaces``; number of groove surfaces
 PER_EDGE = 6 * 2**0.5  # cube of a regular tetrahedron's edge over its volume
 
 
