@@ -102,7 +102,7 @@ class Reader:
                     self._try_recording(recorder, recorder.write, chunk)
                 block = decoder.feed(chunk.data, chunk.stream, chunk.note)
                 if len(block):
-                    self._compare_clock(clock, chunk, block)
+                    self._note_rate_difference(clock, chunk, block)
                     wanted = block if end is None else block.select_before(end)
                     if recorder is not None:
                         self._try_recording(recorder, recorder.write_samples, wanted)
@@ -120,7 +120,7 @@ class Reader:
             reason = (fault.strerror or str(fault)).lower()
             self.header.source.setdefault("unrecorded", f"{recorder.failure_text}: {reason}")
 
-    def _compare_clock(self, clock: Clock, chunk: Chunk, block: Samples) -> None:
+    def _note_rate_difference(self, clock: Clock, chunk: Chunk, block: Samples) -> None:
         """Note in the header's source, as ``clock``, that samples arrive at another rate than stated, or remove the note."""
         if chunk.time is None:  # no arrival times: a note that the recording itself brings, as of HDF5, is kept
             return

@@ -81,20 +81,20 @@ class CalibrationOutcome:
     stated: tuple[float, float] = (0.0, 0.0)
 
 
-def played(half_width: float) -> Change:
+def build_play(half_width: float) -> Change:
     """Return what play of this share of the amplitude does: the output stays until the input has gone through it."""
 
     def change(volts: Floats) -> Floats:
-        width, at, out = half_width * np.ptp(volts) / 2, float(volts[0]), []
-        for one in volts.tolist():
-            at = min(max(at, one - width), one + width)
-            out.append(at)
-        return np.array(out)
+        width, output, outputs = half_width * np.ptp(volts) / 2, float(volts[0]), []
+        for volt in volts.tolist():
+            output = min(max(output, volt - width), volt + width)
+            outputs.append(output)
+        return np.array(outputs)
 
     return change
 
 
-def filtered(seconds: float) -> Change:
+def build_low_pass(seconds: float) -> Change:
     """Return a low-pass of first order of this time constant."""
     keep = float(np.exp(-1 / (SAMPLE_RATE_HZ * seconds)))
     return lambda volts: np.asarray(lfilter([1 - keep], [1, -keep], volts, zi=[keep * volts[0]])[0])
@@ -105,11 +105,11 @@ def late(rows: int) -> Change:
     return lambda volts: np.roll(volts, rows)
 
 
-FAULTS = {
+BENCH_FAULTS = {
     "none": BenchFault(),
     "inner film late by 0.1 rad": BenchFault(channels={0: late(3)}, word="inner film lags"),
     "outer film late by 0.1 rad": BenchFault(channels={1: late(3)}, word="outer film lags"),
-    "outer film filtered by 2 ms": BenchFault(channels={1: filtered(0.002)}, word="outer film lags"),
+    "outer film filtered by 2 ms": BenchFault(channels={1: build_low_pass(0.002)}, word="outer film lags"),
     "force sensor 10 % high": BenchFault(sensor=1.1, word="force channel"),
     "force sensor 10 % low": BenchFault(sensor=0.9, word="force channel"),
     "force sensor 3 % high": BenchFault(sensor=1.03, word="force channel"),
@@ -124,12 +124,12 @@ FAULTS = {
     "rate 0.1 % high": BenchFault(clock=0.999, word="sampling rate"),
     "load of 0.5 Hz, rate 3 % low": BenchFault(clock=1.03, frequency=0.5, word="sampling rate"),
     "load of 0.5 Hz, rate 10 % high": BenchFault(clock=1 / 1.1, frequency=0.5, word="sampling rate"),
-    "force channel with play of 1 %": BenchFault(channels={2: played(0.01)}, word="force channel lags"),
-    "with play of 2 %": BenchFault(channels={2: played(0.02)}, word="force channel lags"),
-    "with play of 5 %": BenchFault(channels={2: played(0.05)}, word="force channel lags"),
-    "filtered by 2 ms": BenchFault(channels={2: filtered(0.002)}, word="force channel lags"),
-    "filtered by 5 ms": BenchFault(channels={2: filtered(0.005)}, word="force channel lags"),
-    "filtered by 10 ms": BenchFault(channels={2: filtered(0.01)}, word="force channel lags"),
+    "force channel with play of 1 %": BenchFault(channels={2: build_play(0.01)}, word="force channel lags"),
+    "with play of 2 %": BenchFault(channels={2: build_play(0.02)}, word="force channel lags"),
+    "with play of 5 %": BenchFault(channels={2: build_play(0.05)}, word="force channel lags"),
+    "filtered by 2 ms": BenchFault(channels={2: build_low_pass(0.002)}, word="force channel lags"),
+    "filtered by 5 ms": BenchFault(channels={2: build_low_pass(0.005)}, word="force channel lags"),
+    "filtered by 10 ms": BenchFault(channels={2: build_low_pass(0.01)}, word="force channel lags"),
     "one sample late": BenchFault(channels={2: late(1)}, word="force channel lags"),
 }
 
@@ -158,52 +158,55 @@ class DrawnBench:
             frequency=1 + 2e-4 * random.standard_normal(),
             hum=0.0 if fault.clock != 1.0 else BuiltProperties.hum,  # whose frequency would tell the rate
         )
-        moduli = [one.tolerance * share.modulus_derivative for one, share in zip(bench.blocks, shares.blocks, strict=True)]
+        moduli = [block.tolerance * share.modulus_derivative for block, share in zip(bench.blocks, shares.blocks, strict=True)]
         logs = shares.log_ratios + moduli * random.standard_normal(len(moduli))
         logs = logs + shares.slopes @ (shares.compute_tolerances(bench.workshop) * random.standard_normal(len(shares.variables)))
         leaks = {"inner": fault.pin, "outer": fault.ring}
         parts_of_load = compute_inner_shares(logs, bench.reference)
-        for k, one in enumerate(bench.reference):
-            drawn, leak = one.leak_sd * abs(random.standard_normal()), leaks.get(one.on)
-            parts_of_load[k] += {"inner": -1.0, "outer": 1.0}.get(one.on, 0.0) * (drawn if leak is None else leak)
+        for k, block in enumerate(bench.reference):
+            drawn, leak = block.leak_sd * abs(random.standard_normal()), leaks.get(block.on)
+            parts_of_load[k] += {"inner": -1.0, "outer": 1.0}.get(block.on, 0.0) * (drawn if leak is None else leak)
         return cls(built, parts_of_load)
 
     def read(self, fault: BenchFault, scene: Scene, bench: Bench, seed: int) -> list[Samples]:
         """Return one reading on each reference."""
-        names, found = ("inner", "outer", "force"), []
+        names, readings = ("inner", "outer", "force"), []
         rows = np.arange(round(max(SECONDS, 25 / bench.load.frequency) * SAMPLE_RATE_HZ))
-        for k, (part, one) in enumerate(zip(self.shares, bench.reference, strict=True)):
-            load = one.known_force or LOAD
+        for k, (part, reference) in enumerate(zip(self.shares, bench.reference, strict=True)):
+            load = reference.known_force or LOAD
             volts = build_signals(self.built, bench, scene, load * np.array([part, 1 - part]), [seed, k])(
                 rows / SAMPLE_RATE_HZ / fault.clock
             )
             for column, change in fault.channels.items():
                 volts[:, column] = change(volts[:, column])
-            none = np.zeros(volts.shape, bool)
-            found.append(Samples(SAMPLE_RATE_HZ, names, rows, volts, saturated=none, gaps=(), overruns=0, source={}))
-        return found
+            unsaturated = np.zeros(volts.shape, bool)
+            readings.append(Samples(SAMPLE_RATE_HZ, names, rows, volts, saturated=unsaturated, gaps=(), overruns=0, source={}))
+        return readings
 
     def matrix(self, bench: Bench) -> Floats:
         """Return the true M, amplifiers included, shape (2, 2)."""
         nominal, frequency = bench.amplifier.build_films(), self.built.frequency * bench.load.frequency
         pairs = zip(self.built.build_amplifiers(nominal), nominal, strict=True)
-        return np.array([[abs(one.response(frequency) / drawn.response(frequency))] for one, drawn in pairs]) * self.built.gains
+        return (
+            np.array([[abs(channel.response(frequency) / drawn.response(frequency))] for channel, drawn in pairs])
+            * self.built.gains
+        )
 
 
 def outcome(fault: BenchFault, scene: Scene, bench: Bench, shares: BlockPredictions, seed: int) -> CalibrationOutcome:
     """Calibrate with a fault, then read the scene without noise."""
     drawn = DrawnBench.draw(fault, bench, shares, seed)
     try:
-        found = calibrate(scene, bench, drawn.read(fault, scene, bench, seed), shares)
+        calibration = calibrate(scene, bench, drawn.read(fault, scene, bench, seed), shares)
     except (HardwareError, InputError) as why:
         return CalibrationOutcome(refused=str(why))
     truth = drawn.matrix(bench)
     return CalibrationOutcome(
         "",
-        any("film lags" in one for one in found.warnings),
-        any(fault.word in one for one in found.warnings),
-        (found.gains.matrix - truth).ravel() / np.sqrt(np.diag(found.gains.covariance)),
-        *_reading_errors(found.gains, truth),
+        any("film lags" in warning for warning in calibration.warnings),
+        any(fault.word in warning for warning in calibration.warnings),
+        (calibration.gains.matrix - truth).ravel() / np.sqrt(np.diag(calibration.gains.covariance)),
+        *_reading_errors(calibration.gains, truth),
     )
 
 
@@ -211,31 +214,36 @@ def _reading_errors(gains: Gains, truth: Floats) -> tuple[float, float, tuple[fl
     """Errors of ln of ratio and sum on the scene over their standard deviations, and these."""
     forces = LOAD * np.array([RATIO, 1.0]) / (1 + RATIO)
     films = truth @ forces
-    found = gains.compute_forces(films)
+    computed = gains.compute_forces(films)
     covariance = gains.compute_forces_covariance(films, np.zeros((2, 2)))
-    slopes = np.array([[1.0, -1.0] / found, np.ones(2) / found.sum()])
+    slopes = np.array([[1.0, -1.0] / computed, np.ones(2) / computed.sum()])
     ratio, total = np.sqrt(np.einsum("ka,ab,kb->k", slopes, covariance, slopes)).tolist()
-    off = np.log(found[0] / found[1] / RATIO), np.log(found.sum() / LOAD)
-    return float(off[0]) / ratio, float(off[1]) / total, (ratio, total)
+    errors = np.log(computed[0] / computed[1] / RATIO), np.log(computed.sum() / LOAD)
+    return float(errors[0]) / ratio, float(errors[1]) / total, (ratio, total)
 
 
 def row(name: str, outcomes: list[CalibrationOutcome]) -> str:
     """Return a fault's line of the table."""
-    read = [one for one in outcomes if not one.refused]
-    counts = f"| {name} | {len(outcomes) - len(read)} | {sum(one.lags for one in read)} | {sum(one.warned for one in read)} |"
+    read = [outcome for outcome in outcomes if not outcome.refused]
+    counts = (
+        f"| {name} | {len(outcomes) - len(read)} | {sum(outcome.lags for outcome in read)} | "
+        f"{sum(outcome.warned for outcome in read)} |"
+    )
     if not read:
         return f"{counts} - | - | - | - | - |  {outcomes[-1].refused[:90]}"
-    within = [np.mean(np.abs([getattr(one, key) for one in read]) < HALF_WIDTH) for key in ("gains", "ratio", "total")]
-    stated = 100 * np.mean([one.stated for one in read], axis=0)
-    return counts + "".join(f" {100 * one:.0f} |" for one in within) + "".join(f" {one:.2f} |" for one in stated)
+    covered = [np.mean(np.abs([getattr(outcome, key) for outcome in read]) < HALF_WIDTH) for key in ("gains", "ratio", "total")]
+    stated = 100 * np.mean([outcome.stated for outcome in read], axis=0)
+    return counts + "".join(f" {100 * outcome:.0f} |" for outcome in covered) + "".join(f" {outcome:.2f} |" for outcome in stated)
 
 
-def bench_asked(weight: float | None, leak: float | None) -> Bench:
+def build_bench(weight: float | None, leak: float | None) -> Bench:
     """Return the built-in bench, its pin's load known or its leaks others where that is asked for."""
     bench = read_builtin_bench()
     references = list(bench.reference)
     if leak is not None:
-        references = [one if one.on == "tissue" else one.model_copy(update={"leak": leak}) for one in references]
+        references = [
+            reference if reference.on == "tissue" else reference.model_copy(update={"leak": leak}) for reference in references
+        ]
     if weight is not None:
         references[0] = references[0].model_copy(update={"known_force": LOAD, "known_force_tolerance": weight})
     return bench.model_copy(update={"reference": tuple(references)})
@@ -248,22 +256,23 @@ def main() -> None:
     parser.add_argument("--weight", type=float, help="relative tolerance of a known load on the pin")
     parser.add_argument("--leak", type=float, help="of pin and ring, in place of the bench's")
     parser.add_argument("--only", default="", help="faults whose names hold this; several, parted by commas")
-    asked = parser.parse_args()
-    scene, bench = express_by_outer_radius(read_scene(SCENE)), bench_asked(asked.weight, asked.leak)
+    options = parser.parse_args()
+    scene, bench = express_by_outer_radius(read_scene(SCENE)), build_bench(options.weight, options.leak)
     shares = predict_blocks(scene, bench.reference)
-    shares = replace(shares, blocks=tuple(replace(one, rule=None) for one in shares.blocks))
+    shares = replace(shares, blocks=tuple(replace(item, rule=None) for item in shares.blocks))
     print(
-        f"{asked.draws} draws\n\n| fault | refused | film lags | told | gains, % | ratio, % | sum, % | sd ratio, % | sd sum, % |"
+        f"{options.draws} draws\n\n| fault | refused | film lags | told | gains, % | ratio, % | sum, % | sd ratio, % | "
+        "sd sum, % |"
     )
     print("|---|---|---|---|---|---|---|---|---|")
-    for name, fault in FAULTS.items():
-        if any(one in name for one in asked.only.split(",")):
+    for name, fault in BENCH_FAULTS.items():
+        if any(item in name for item in options.only.split(",")):
             load = bench.load if fault.frequency is None else bench.load.model_copy(update={"frequency": fault.frequency})
-            under = bench.model_copy(update={"load": load})
-            outcomes = [outcome(fault, scene, under, shares, seed) for seed in range(asked.draws)]
+            loaded_bench = bench.model_copy(update={"load": load})
+            outcomes = [outcome(fault, scene, loaded_bench, shares, seed) for seed in range(options.draws)]
             print(row(name, outcomes), flush=True)
             if name == "none":
-                false = sum(one.lags for one in outcomes if not one.refused)
+                false = sum(item.lags for item in outcomes if not item.refused)
                 print(f"| false lag warnings: {share(false, len(outcomes))} |", flush=True)
 
 

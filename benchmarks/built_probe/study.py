@@ -81,12 +81,13 @@ class Study:
     shares: BlockPredictions
 
     @classmethod
-    def of(cls, bench: Bench, block_tolerance: float | None) -> Study:
+    def from_bench(cls, bench: Bench, block_tolerance: float | None) -> Study:
         """Return a bench's, its blocks known to ``block_tolerance``."""
         scene = express_by_outer_radius(read_scene(SCENE))
         if block_tolerance is not None:
             blocks = [
-                one if one.on != "tissue" else one.model_copy(update={"tolerance": block_tolerance}) for one in bench.reference
+                block if block.on != "tissue" else block.model_copy(update={"tolerance": block_tolerance})
+                for block in bench.reference
             ]
             bench = bench.model_copy(update={"reference": tuple(blocks)})
         return cls(scene, bench, predict_blocks(scene, bench.reference))
@@ -97,27 +98,27 @@ class Study:
         tolerances = self.shares.compute_tolerances(self.bench.workshop)
         return tuple(name for name, tolerance in zip(self.shares.variables, tolerances, strict=True) if tolerance)
 
-    def drawn(self, seed: int, off: str | None) -> Drawn:
+    def draw(self, seed: int, off: str | None) -> Drawn:
         """Draw all that chance decides."""
         random = np.random.default_rng([seed, off is not None])
-        probe, turn = self._built(random, off)
+        probe, turn = self._draw_probe(random, off)
         matrix = np.eye(2) + np.array([[0.05, 0.01], [0.01, 0.05]]) * random.standard_normal((2, 2))
-        blocks = tuple(draw_delivered(one, random) for one in self.bench.reference)
+        blocks = tuple(draw_delivered(block, random) for block in self.bench.reference)
         sensor = LOAD * (1 + (self.bench.force.tolerance if self.bench.force else 0.0) * random.standard_normal())
         noise = NOISE * random.standard_normal((2, len(blocks), 2))
         drift = 1 + PER_KELVIN * self.bench.channels.warming * random.standard_normal((2, 1))
         return Drawn(probe, off, turn, blocks, matrix, drift * matrix, sensor, noise)
 
-    def _built(self, random: np.random.Generator, off: str | None) -> tuple[Scene, float]:
+    def _draw_probe(self, random: np.random.Generator, off: str | None) -> tuple[Scene, float]:
         """Draw a probe within the tolerances, one variable beyond them; returns it and by how many tolerances that is."""
         tolerances = dict(zip(self.shares.variables, self.shares.compute_tolerances(self.bench.workshop), strict=True))
-        at = list_values(self.scene)
+        values = list_values(self.scene)
         while True:  # until the blocks fit
-            turns = {name: float(random.standard_normal()) for name in at if tolerances.get(name)}
+            turns = {name: float(random.standard_normal()) for name in values if tolerances.get(name)}
             if off is not None:
                 turns[off] = float(random.choice([-1, 1]) * random.uniform(5, 15))
             try:
-                new = {name: at[name] + turn * tolerances[name] for name, turn in turns.items()}
+                new = {name: values[name] + turn * tolerances[name] for name, turn in turns.items()}
                 return replace_values(self.scene, new), turns.get(off or "", 0.0)
             except ValueError:
                 continue
@@ -136,16 +137,16 @@ class Study:
 
     def _gains(self, films: Floats, sensor: float) -> Gains:
         pressed = zip(self.bench.reference, films, strict=True)
-        observed = [Observation(one, read, NOISE**2 * np.eye(2), sensor, 1e-3 * LOAD) for one, read in pressed]
+        observed = [Observation(block, read, NOISE**2 * np.eye(2), sensor, 1e-3 * LOAD) for block, read in pressed]
         return estimate_trusted_gains(observed, self.shares, self.bench)[0]
 
     def _deviation(self, gains: Gains, films: Floats) -> Deviation:
-        on_tissue = [read for one, read in zip(self.bench.reference, films, strict=True) if one.on == "tissue"]
+        on_tissue = [read for block, read in zip(self.bench.reference, films, strict=True) if block.on == "tissue"]
         known = gains.add_warming(self.bench.channels.warming)
         comparison = Comparison(self.bench, known, self.shares.variables, self.shares)
         return comparison.compute_deviation([(read, NOISE**2 * np.eye(2)) for read in on_tissue])
 
-    def named(self, drawn: Drawn, logs: Floats) -> bool:
+    def is_named(self, drawn: Drawn, logs: Floats) -> bool:
         """Return whether the check's explanation names the variable that is off."""
         first, second = drawn.readings(logs)
         deviation = self._deviation(self._gains(first, drawn.sensor), second)
@@ -153,17 +154,17 @@ class Study:
         return drawn.off in {*verdict.alike, *(name for pair in verdict.pairs if pair.explains for name in pair.variables)}
 
 
-def studied(
+def iterate_outcomes(
     study: Study, count: int, names: tuple[str | None, ...], solved: SolvedProbes, explain: int = 0
 ) -> Iterator[ProbeOutcome]:
     """Yield the outcome of each of ``count`` probes, one of ``names`` after the other off; those solved before are not again."""
     left = explain
     for seed in range(count):
-        drawn = study.drawn(seed, names[seed % len(names)])
+        drawn = study.draw(seed, names[seed % len(names)])
         logs = solved.get(seed, drawn.off, lambda drawn=drawn: predict_log_ratios(drawn.probe, drawn.blocks))  # type: ignore[misc]
         outcome = study.outcome(drawn, logs)
-        if left and outcome.found and not outcome.refused:
-            left, outcome = left - 1, replace(outcome, named=study.named(drawn, logs))
+        if left and outcome.alarmed and not outcome.refused:
+            left, outcome = left - 1, replace(outcome, named=study.is_named(drawn, logs))
         yield outcome
 
 
@@ -176,11 +177,11 @@ def main() -> None:
     parser.add_argument("--block-tolerance", type=float)
     parser.add_argument("--bench", type=Path)
     parser.add_argument("--solved", type=Path)
-    asked = parser.parse_args()
-    bench = read_builtin_bench() if asked.bench is None else read_bench(asked.bench)
-    study, solved = Study.of(bench, asked.block_tolerance), SolvedProbes(asked.solved, asked.block_tolerance)
-    print_within(list(studied(study, asked.within, (None,), solved)))
-    print_out(list(studied(study, asked.out, study.names, solved, asked.explain)))
+    options = parser.parse_args()
+    bench = read_builtin_bench() if options.bench is None else read_bench(options.bench)
+    study, solved = Study.from_bench(bench, options.block_tolerance), SolvedProbes(options.solved, options.block_tolerance)
+    print_within(list(iterate_outcomes(study, options.within, (None,), solved)))
+    print_out(list(iterate_outcomes(study, options.out, study.names, solved, options.explain)))
 
 
 if __name__ == "__main__":

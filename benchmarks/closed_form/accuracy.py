@@ -43,14 +43,16 @@ def main() -> None:
     references(LAYERED)
     for folder, name in (("axisymmetric", "deep-small-tumour"), ("axisymmetric", "shallow"), ("solid", "flank")):
         scene = read_scene(REFERENCE / folder / f"{name}.toml")
-        found = [designs_per_second(one) for one in (scene, *(under_a_skin(scene, thickness) for thickness in SKINS))]
+        rates = [
+            designs_per_second(tissue_scene) for tissue_scene in (scene, *(add_skin(scene, thickness) for thickness in SKINS))
+        ]
         skins = ", ".join(
-            f"{speed:.0f} under a skin of {thickness:g} Ro" for speed, thickness in zip(found[1:], SKINS, strict=True)
+            f"{speed:.0f} under a skin of {thickness:g} Ro" for speed, thickness in zip(rates[1:], SKINS, strict=True)
         )
-        print(f"{folder}/{name}: {found[0]:.0f} designs a second, {skins}")
+        print(f"{folder}/{name}: {rates[0]:.0f} designs a second, {skins}")
 
 
-def under_a_skin(scene: Scene, thickness: float) -> Scene:
+def add_skin(scene: Scene, thickness: float) -> Scene:
     """Return the scene with a layer on top, five times as stiff as the tissue; ``thickness`` in outer radii."""
     tissue = scene.tissue
     layer = Layer(
@@ -83,21 +85,21 @@ def _row(name: str, scene: Scene, values: dict[str, Any]) -> tuple[bool, bool] |
     side = np.inf if tissue.shape == "half-space" else tissue.radius if tissue.shape == "cylinder" else tissue.breadth / 2
     start = f"| {name} | {cover:.2g} | {side / scene.probe.tube_radius:.3g} |"
     try:
-        found = evaluate(scene, "closed-form")
+        result = evaluate(scene, "closed-form")
     except InputError as refused:
         print(start, "refused:", str(refused).split("allowed: ")[-1], "| | |")
         return None if cover < 0.25 else (False, False)
-    ratio, exact = (found.ratio or 0.0) / values["ratio"] - 1, values.get("log_sensitivity")
-    slope = (found.log_sensitivity or 0.0) / exact - 1 if exact else None
-    told = "" if slope is None else f"{slope:+.1%}"
-    print(start, f"{ratio:+.2%} | {told} | {found.error_estimate or 0:.1%} |")
+    ratio, exact = (result.ratio or 0.0) / values["ratio"] - 1, values.get("log_sensitivity")
+    slope = (result.log_sensitivity or 0.0) / exact - 1 if exact else None
+    slope_text = "" if slope is None else f"{slope:+.1%}"
+    print(start, f"{ratio:+.2%} | {slope_text} | {result.error_estimate or 0:.1%} |")
     small = slope is None or abs(slope) <= 0.15 or abs(exact or 0.0) < 1e-5
     return None if cover < 0.25 else (abs(ratio) <= 0.05, small)
 
 
 def designs_per_second(scene: Scene) -> float:
     """Evaluate designs round a scene's, with derivative by E_object."""
-    shape, designs = designs_near(scene, DESIGNS)
+    shape, designs = draw_designs(scene, DESIGNS)
     best = np.inf
     for _ in range(3):
         start = process_time()
@@ -106,7 +108,7 @@ def designs_per_second(scene: Scene) -> float:
     return DESIGNS / best
 
 
-def designs_near(scene: Scene, number: int) -> tuple[Shape, Floats]:
+def draw_designs(scene: Scene, number: int) -> tuple[Shape, Floats]:
     """Return designs round a scene's, all lengths and moduli varied by up to 5 %, and their structure."""
     shape, values = build_parameters(scene)
     rng = np.random.default_rng(3)

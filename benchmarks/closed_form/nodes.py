@@ -20,7 +20,9 @@ from solver.closed_form.designs import MAX_WAVE_NODES, Shape, build_parameters, 
 from solver.closed_form.level import ClosedForm
 
 DESIGNS = 24
-ROUNDED = "incompressible-contrast-1e-6"  # rounding changes its log-sensitivity by half the stated error, whatever the nodes
+ROUNDING_SCENE_NAME = (
+    "incompressible-contrast-1e-6"  # rounding changes its log-sensitivity by half the stated error, whatever the nodes
+)
 
 
 def main() -> None:
@@ -28,7 +30,10 @@ def main() -> None:
     for text, spread in (("as they are", 0.0), ("within 5 %", 0.05)):
         rows = np.array([row for path in sorted(REFERENCE.rglob("*.toml")) for row in _shares(path.stem, str(path), spread)])
         for name, level in (("median", 0.5), ("97 %", 0.97), ("largest", 1.0)):
-            print(f"{len(rows)} scenes {text}, {name}: " + ", ".join(f"{one:.1e}" for one in np.quantile(rows, level, axis=0)))
+            print(
+                f"{len(rows)} scenes {text}, {name}: "
+                + ", ".join(f"{quantile:.1e}" for quantile in np.quantile(rows, level, axis=0))
+            )
 
 
 def _shares(stem: str, path: str, spread: float) -> list[Floats]:
@@ -37,16 +42,16 @@ def _shares(stem: str, path: str, spread: float) -> list[Floats]:
         scene = read_scene(path)
     except InputError:  # another kind of file
         return []
-    (found,) = ClosedForm().compute_films([scene])
-    if isinstance(found, InputError) or stem == ROUNDED:
+    (films,) = ClosedForm().compute_films([scene])
+    if isinstance(films, InputError) or stem == ROUNDING_SCENE_NAME:
         return []
     shape, values = build_parameters(scene)
     rng = np.random.default_rng(1)
     designs = values[:, None] * np.exp(rng.uniform(-spread, spread, (len(values), DESIGNS if spread else 1)))
-    near = (values > 0.45) & (values < 0.5)  # Poisson's ratios, if not some length of half a metre
-    designs[near] = values[near, None]
+    is_nearly_incompressible = (values > 0.45) & (values < 0.5)  # Poisson's ratios, if not some length of half a metre
+    designs[is_nearly_incompressible] = values[is_nearly_incompressible, None]
     finer = replace(shape, nodes=min(4 * shape.nodes, MAX_WAVE_NODES), side_nodes=2 * shape.side_nodes)
-    stated = np.array([found.errors.log_ratio, *found.errors.log_totals, found.errors.sensitivity])
+    stated = np.array([films.errors.log_ratio, *films.errors.log_totals, films.errors.sensitivity])
     with np.errstate(all="ignore"):
         changed = np.abs(_quantities(shape, designs) - _quantities(finer, designs)).T / stated
     return [np.asarray(np.nanmax(changed, axis=0))]

@@ -8,7 +8,7 @@ import numpy as np
 
 from geometry import Scene
 
-LEAST_WAY = 0.1  # from a sphere to an interface, in its diameters
+MIN_WAY_DIAMETERS = 0.1  # from a sphere to an interface, in its diameters
 
 
 def draw(rng: np.random.Generator) -> Scene:
@@ -17,44 +17,45 @@ def draw(rng: np.random.Generator) -> Scene:
     return (_ordinary if rng.random() < 1 / 2 else _extreme)(rng, layered)
 
 
-def _between(rng: np.random.Generator, low: float, high: float) -> float:
+def _draw_log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
-def _material(rng: np.random.Generator, modulus: float, least: float = 0.0) -> dict[str, Any]:
-    poisson = float(rng.choice([rng.uniform(least, 0.49), 0.45, 0.48, 0.499, 0.4999]))
+def _material(rng: np.random.Generator, modulus: float, min_poisson: float = 0.0) -> dict[str, Any]:
+    poisson = float(rng.choice([rng.uniform(min_poisson, 0.49), 0.45, 0.48, 0.499, 0.4999]))
     return {"youngs_modulus": modulus, "poisson_ratio": poisson}
 
 
 def _ordinary(rng: np.random.Generator, layered: bool) -> Scene:
     """Blocks of 1 to 6 mm, 5 to 300 times as stiff as the tissue, and a tumour covered by a quarter of its diameter or more."""
-    radius, tissue = _between(rng, 1e-3, 6e-3), _between(rng, 1e3, 2e4)
+    radius, tissue = _draw_log_uniform(rng, 1e-3, 6e-3), _draw_log_uniform(rng, 1e3, 2e4)
     probe = {
-        "inner_radius": radius, "area_ratio": _between(rng, 0.1, 3), "gap": _between(rng, 0.02, 0.1) * radius,
-        "inner_height": _between(rng, 0.5, 4) * radius,
-        "inner": _material(rng, tissue * _between(rng, 5, 300), 0.3),
-        "outer": _material(rng, tissue * _between(rng, 5, 300), 0.3),
+        "inner_radius": radius, "area_ratio": _draw_log_uniform(rng, 0.1, 3), "gap": _draw_log_uniform(rng, 0.02, 0.1) * radius,
+        "inner_height": _draw_log_uniform(rng, 0.5, 4) * radius,
+        "inner": _material(rng, tissue * _draw_log_uniform(rng, 5, 300), 0.3),
+        "outer": _material(rng, tissue * _draw_log_uniform(rng, 5, 300), 0.3),
     }  # fmt: skip
     probe["outer_height"] = probe["inner_height"]
-    size = radius * _between(rng, 0.5, 4)
-    material = _material(rng, tissue * _between(rng, 0.02, 100), 0.3)
-    sphere = {"diameter": size, "depth": size * (0.5 + _between(rng, 0.25, 2)), **material}
+    size = radius * _draw_log_uniform(rng, 0.5, 4)
+    material = _material(rng, tissue * _draw_log_uniform(rng, 0.02, 100), 0.3)
+    sphere = {"diameter": size, "depth": size * (0.5 + _draw_log_uniform(rng, 0.25, 2)), **material}
     return _scene(rng, probe, [sphere], tissue, (2.5, 12), (1, 6), layered)
 
 
 def _extreme(rng: np.random.Generator, layered: bool) -> Scene:
-    radius, tissue = _between(rng, 0.1e-3, 20e-3), _between(rng, 5e2, 2e4)
+    radius, tissue = _draw_log_uniform(rng, 0.1e-3, 20e-3), _draw_log_uniform(rng, 5e2, 2e4)
     probe = {
-        "inner_radius": radius, "area_ratio": _between(rng, 0.02, 50),
-        "gap": min(max(_between(rng, 0.001, 0.5) * radius, 1e-6), 5e-3),
-        "inner_height": radius * _between(rng, 0.05, 20), "outer_height": radius * _between(rng, 0.05, 20),
-        "inner": _material(rng, tissue * _between(rng, 0.1, 1e4)), "outer": _material(rng, tissue * _between(rng, 0.1, 1e4)),
+        "inner_radius": radius, "area_ratio": _draw_log_uniform(rng, 0.02, 50),
+        "gap": min(max(_draw_log_uniform(rng, 0.001, 0.5) * radius, 1e-6), 5e-3),
+        "inner_height": radius * _draw_log_uniform(rng, 0.05, 20), "outer_height": radius * _draw_log_uniform(rng, 0.05, 20),
+        "inner": _material(rng, tissue * _draw_log_uniform(rng, 0.1, 1e4)),
+        "outer": _material(rng, tissue * _draw_log_uniform(rng, 0.1, 1e4)),
     }  # fmt: skip
     spheres = []
     for _ in range(int(rng.choice([0, 1, 2], p=[0.05, 0.85, 0.1]))):
-        size = radius * _between(rng, 0.3, 10)
-        material = _material(rng, tissue * _between(rng, 1e-4, 1e4))
-        spheres.append({"diameter": size, "depth": size * (0.5 + _between(rng, 0.1, 3)), **material})
+        size = radius * _draw_log_uniform(rng, 0.3, 10)
+        material = _material(rng, tissue * _draw_log_uniform(rng, 1e-4, 1e4))
+        spheres.append({"diameter": size, "depth": size * (0.5 + _draw_log_uniform(rng, 0.1, 3)), **material})
     return _scene(rng, probe, spheres, tissue, (1.05, 20), (0.3, 15), layered)
 
 
@@ -75,17 +76,17 @@ def _scene(
     inner = np.pi * probe["inner_radius"] ** 2
     outer = float(np.sqrt((probe["inner_radius"] + probe["gap"]) ** 2 + inner / probe["area_ratio"] / np.pi))
     for sphere in spheres:
-        sphere["x"] = outer * _between(rng, 0.1, 3) if rng.random() < 0.35 and not layered else 0.0
+        sphere["x"] = outer * _draw_log_uniform(rng, 0.1, 3) if rng.random() < 0.35 and not layered else 0.0
     reach = max((sphere["x"] + 0.55 * sphere["diameter"] for sphere in spheres), default=0.0)
     deepest = max((sphere["depth"] + sphere["diameter"] / 2 for sphere in spheres), default=0.0)
-    depth = max(_between(rng, *depths) * outer, deepest * _between(rng, 1.02, 3))
-    side = max(outer * _between(rng, *sides), reach)
+    depth = max(_draw_log_uniform(rng, *depths) * outer, deepest * _draw_log_uniform(rng, 1.02, 3))
+    side = max(outer * _draw_log_uniform(rng, *sides), reach)
     tissue: dict[str, Any] = {"shape": "cylinder", "radius": side, "depth": depth}
     kind = rng.random()
     if kind < 0.1:
         tissue = {"shape": "half-space"}
     elif kind < 0.2 and not layered:
-        tissue = {"shape": "block", "length": 2 * side * _between(rng, 1, 2), "breadth": 2 * side, "depth": depth}
+        tissue = {"shape": "block", "length": 2 * side * _draw_log_uniform(rng, 1, 2), "breadth": 2 * side, "depth": depth}
     material = _layers(rng, spheres, modulus, outer, depth) if layered else _material(rng, modulus)
     return Scene.model_validate(
         {
@@ -105,20 +106,20 @@ def _layers(
 
     The first two are a stiff skin or a soft film, from a thousandth of what is over the sphere.
     """
-    above, below = outer * _between(rng, 0.1, 3), 0.1 * outer
+    above, below = outer * _draw_log_uniform(rng, 0.1, 3), 0.1 * outer
     for sphere in spheres:
-        above = sphere["depth"] - (0.5 + LEAST_WAY) * sphere["diameter"]
-        below = sphere["depth"] + (0.5 + LEAST_WAY) * sphere["diameter"]
+        above = sphere["depth"] - (0.5 + MIN_WAY_DIAMETERS) * sphere["diameter"]
+        below = sphere["depth"] + (0.5 + MIN_WAY_DIAMETERS) * sphere["diameter"]
     layers = []
     for _ in range(int(rng.choice([0, 1, 2], p=[0.2, 0.6, 0.2]))):
-        thickness = above * (float(rng.uniform(0.05, 0.95)) if rng.random() < 0.7 else _between(rng, 1e-3, 0.1))
+        thickness = above * (float(rng.uniform(0.05, 0.95)) if rng.random() < 0.7 else _draw_log_uniform(rng, 1e-3, 0.1))
         above -= thickness
-        stiff = _between(rng, 1.5, 100) if rng.random() < 0.7 else _between(rng, 0.01, 0.7)
+        stiff = _draw_log_uniform(rng, 1.5, 100) if rng.random() < 0.7 else _draw_log_uniform(rng, 0.01, 0.7)
         layers.append({"thickness": thickness, **_material(rng, modulus * stiff, 0.3)})
-    own = _material(rng, modulus)
+    base = _material(rng, modulus)
     if layers and rng.random() < 0.6:
-        return {"layer": layers, **own}
+        return {"layer": layers, **base}
     floor = below + (depth - below) * float(rng.uniform(0.02, 0.9))
-    stiff = _between(rng, 0.1, 10) if rng.random() < 0.5 else _between(rng, 1e2, 1e6)
-    layers.append({"thickness": floor - sum(layer["thickness"] for layer in layers), **own})
+    stiff = _draw_log_uniform(rng, 0.1, 10) if rng.random() < 0.5 else _draw_log_uniform(rng, 1e2, 1e6)
+    layers.append({"thickness": floor - sum(layer["thickness"] for layer in layers), **base})
     return {"layer": layers, **_material(rng, modulus * stiff)}

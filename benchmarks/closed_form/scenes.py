@@ -21,7 +21,7 @@ from solver.closed_form.level import ClosedForm
 from solver.linalg.memory import give_back
 
 ACCURACY = 0.01
-KEPT = ("ratio", "stress_inner", "stress_outer", "stiffness", "log_sensitivity", "error_estimate")
+KEPT_KEYS = ("ratio", "stress_inner", "stress_outer", "stiffness", "log_sensitivity", "error_estimate")
 
 
 def main() -> None:
@@ -30,7 +30,7 @@ def main() -> None:
     parser.add_argument("--scenes", type=int, default=1500)
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
-    known = len(list(answered(options.file))) if options.file.exists() else 0
+    known = len(list(read_answers(options.file))) if options.file.exists() else 0
     with options.file.open("a") as file:
         for number in range(known, options.scenes):
             scene, answer = _next(np.random.default_rng([options.seed, number]))
@@ -40,11 +40,11 @@ def main() -> None:
             give_back()
 
 
-def answered(file: Path) -> Iterator[tuple[Scene, dict[str, float | None]]]:
-    """Yield the scenes of a file with their answers: the keys ``KEPT``, those that no warning tells to be unsure."""
+def read_answers(file: Path) -> Iterator[tuple[Scene, dict[str, float | None]]]:
+    """Yield the scenes of a file with their answers: the keys ``KEPT_KEYS``, those that no warning tells to be unsure."""
     for line in file.read_text().splitlines():
-        found = json.loads(line)
-        yield Scene.model_validate(found["scene"]), found["answer"]
+        record = json.loads(line)
+        yield Scene.model_validate(record["scene"]), record["answer"]
 
 
 def _next(rng: np.random.Generator) -> tuple[Scene, dict[str, float | None]]:
@@ -54,14 +54,14 @@ def _next(rng: np.random.Generator) -> tuple[Scene, dict[str, float | None]]:
             scene = draw(rng)
             if ClosedForm().refusal(scene) is not None:
                 continue
-            beside = any(body.x != scene.placement.x for body in scene.inclusion)
-            found = evaluate(scene, "equivalent-inclusion" if beside else "axisymmetric", ACCURACY)
+            off_axis = any(body.x != scene.placement.x for body in scene.inclusion)
+            result = evaluate(scene, "equivalent-inclusion" if off_axis else "axisymmetric", ACCURACY)
         except (InputError, ValueError):
             continue
-        if found.ratio is None or not (found.error_estimate or 1.0) <= 0.02:
+        if result.ratio is None or not (result.error_estimate or 1.0) <= 0.02:
             continue
-        answer = {key: getattr(found, key) for key in KEPT}
-        if any(note.kind == "sensitivity" for note in found.warnings):
+        answer = {key: getattr(result, key) for key in KEPT_KEYS}
+        if any(note.kind == "sensitivity" for note in result.warnings):
             answer["log_sensitivity"] = None
         return scene, answer
 

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.closed_form.accuracy import REFERENCE, designs_near
+from benchmarks.closed_form.accuracy import REFERENCE, draw_designs
 from geometry import Scene, read_scene
 from geometry.common.arrays import Floats
 from solver.closed_form import bessel
@@ -30,14 +30,17 @@ from solver.closed_form.designs import PROBE_PARAMETERS, TISSUE_PARAMETERS, Shap
 from solver.linalg.memory import keep_freed
 from solver.linalg.threads import limit_to_one_thread
 
-NEAR = 2.0  # outer radii to the near sides
+NEAR_SIDE_OUTER_RADII = 2.0  # outer radii to the near sides
 DESIGNS = 4096
 REPEATS = 7
 BESSEL, SOLVE = "values of Bessel functions", "flops of systems"
 PARTS = {
-    "_add_ends": "blocks' ends", "_works": "half-space under rings", "_waves": "transforms of loads", "_sides": "sides",
-    "inside": "sphere's waves, image in floor and surface", "off_axis_response": "answer of the blocks beside the axis",
-    "rest": "sphere beyond its moments", "_between": "of all: Bessel functions", "solve": "of all: systems of equations",
+    "_add_end_compliances": "blocks' ends", "_compute_works": "half-space under rings", "_choose_waves": "transforms of loads",
+    "_compute_sides": "sides",
+    "build_sphere_in_layer": "sphere's waves, image in floor and surface",
+    "compute_off_axis_response": "answer of the blocks beside the axis",
+    "compute_higher_moments": "sphere beyond its moments", "_interpolate": "of all: Bessel functions",
+    "solve": "of all: systems of equations",
 }  # fmt: skip
 
 
@@ -61,13 +64,13 @@ def measure() -> None:
     print("|---|---|---|---|---|---|---|---|---|---|")
     shares = []
     for name, scene in scenes():
-        shape, values = designs_near(scene, DESIGNS)
+        shape, values = draw_designs(scene, DESIGNS)
         spent = best(partial(compute_forces, shape, values)) / DESIGNS
-        needs = _needed(shape, values[:, :512])
+        needs = _count_operations(shape, values[:, :512])
         limits = " | ".join(f"{needs[kind]:.0f} | {1e6 * needs[kind] * rates[kind]:.1f}" for kind in (BESSEL, SOLVE))
-        every = best(partial(compute_gradients, shape, values[:, 0], np.flatnonzero(values[:, 0]).tolist()))
-        both = _two_threads(shape, values)
-        last = f"{1e6 * every:.0f} | {1e6 * both:.0f} | {_held(shape, values):.0f}"
+        all_gradients = best(partial(compute_gradients, shape, values[:, 0], np.flatnonzero(values[:, 0]).tolist()))
+        two_threads = _two_threads(shape, values)
+        last = f"{1e6 * all_gradients:.0f} | {1e6 * two_threads:.0f} | {_held(shape, values):.0f}"
         print(f"| {name} | {1 / spent:.0f} | {1e6 * spent:.0f} | {limits} | {last} |")
         shares.append((name, _shares(shape, values)))
     print("\n| part, % | " + " | ".join(name for name, _ in shares) + " |\n|---" + "|---" * len(shares) + "|")
@@ -80,7 +83,7 @@ def scenes() -> Iterator[tuple[str, Scene]]:
     for folder, name, text in (("axisymmetric", "shallow", "on the axis"), ("solid", "flank", "beside the axis")):
         scene = read_scene(REFERENCE / folder / f"{name}.toml")
         yield text, scene
-        tissue, far = scene.tissue, NEAR * scene.probe.tube_radius
+        tissue, far = scene.tissue, NEAR_SIDE_OUTER_RADII * scene.probe.tube_radius
         sizes = {"radius": far} if tissue.shape == "cylinder" else {"length": 2 * far, "breadth": 2 * far}
         yield f"{text}, near sides", scene.model_copy(update={"tissue": tissue.model_copy(update=sizes)})
 
@@ -93,9 +96,9 @@ def best(run: Callable[[], object]) -> float:
 
 def _held(shape: Shape, values: Floats) -> float:
     """Designs a second that differ in their inclusion alone."""
-    same = values.copy()
-    same[: len(PROBE_PARAMETERS) + len(TISSUE_PARAMETERS)] = values[: len(PROBE_PARAMETERS) + len(TISSUE_PARAMETERS), :1]
-    return DESIGNS / best(partial(compute_forces, shape, same))
+    repeated = values.copy()
+    repeated[: len(PROBE_PARAMETERS) + len(TISSUE_PARAMETERS)] = values[: len(PROBE_PARAMETERS) + len(TISSUE_PARAMETERS), :1]
+    return DESIGNS / best(partial(compute_forces, shape, repeated))
 
 
 def _two_threads(shape: Shape, values: Floats) -> float:
@@ -106,28 +109,28 @@ def _two_threads(shape: Shape, values: Floats) -> float:
 
 
 @contextmanager
-def _counting(of: Any, name: str, count: Callable[..., float], total: list[float]) -> Iterator[None]:
+def _count_calls(owner: Any, name: str, count: Callable[..., float], total: list[float]) -> Iterator[None]:
     """Add up what every call of a function counts."""
-    own = getattr(of, name)
+    original = getattr(owner, name)
 
-    def counted(*arguments: Any) -> Any:
+    def call_counted(*arguments: Any) -> Any:
         total.append(count(*arguments))
-        return own(*arguments)
+        return original(*arguments)
 
-    setattr(of, name, counted)
+    setattr(owner, name, call_counted)
     try:
         yield
     finally:
-        setattr(of, name, own)
+        setattr(owner, name, original)
 
 
-def _needed(shape: Shape, values: Floats) -> dict[str, float]:
+def _count_operations(shape: Shape, values: Floats) -> dict[str, float]:
     """Values of Bessel functions, and flops of systems of equations, of one design."""
     looked: list[float] = []
     solved: list[float] = []
     with (
-        _counting(bessel, "_between", lambda x, tables: x.size * len(tables), looked),
-        _counting(np.linalg, "solve", lambda a, b: len(a) * _flops(a.shape[-1], b.shape[-1]), solved),
+        _count_calls(bessel, "_interpolate", lambda x, tables: x.size * len(tables), looked),
+        _count_calls(np.linalg, "solve", lambda a, b: len(a) * _flops(a.shape[-1], b.shape[-1]), solved),
     ):
         compute_forces(shape, values)
     return {BESSEL: sum(looked) / values.shape[1], SOLVE: sum(solved) / values.shape[1]}
@@ -151,12 +154,12 @@ def _shares(shape: Shape, values: Floats) -> dict[str, float]:
     """Share of the parts in all time."""
     profile = cProfile.Profile(process_time)
     profile.runcall(compute_forces, shape, values)
-    found: dict[str, float] = {}
+    seconds: dict[str, float] = {}
     stats: Any = pstats.Stats(profile)
     for (path, _, name), (_, _, _, spent, _) in stats.stats.items():
         if name in PARTS and ("closed_form" in path or Path(path).stem == "_linalg"):
-            found[name] = spent / stats.total_tt
-    return found
+            seconds[name] = spent / stats.total_tt
+    return seconds
 
 
 if __name__ == "__main__":

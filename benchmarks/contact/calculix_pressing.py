@@ -23,9 +23,9 @@ from benchmarks.peers.calculix_mesh import RESOLUTION, Fineness, Meridian, Mesh
 from geometry import Scene
 from geometry.common.arrays import Bools, Floats
 
-PENALTY = 800.0  # tissue moduli per inner radius
-BESIDE = 0.6  # inner radii of the tissue's top that may meet the tube's wall
-SECTOR = 180.0  # ccx turns axisymmetric elements into two degrees of a ring
+PENALTY_MODULI_PER_INNER_RADIUS = 800.0  # tissue moduli per inner radius
+TOP_STRIP_INNER_RADII = 0.6  # inner radii of the tissue's top that may meet the tube's wall
+SECTOR_FACTOR = 180.0  # ccx turns axisymmetric elements into two degrees of a ring
 PAIRS = (("strip", "inner_wall"), ("strip", "hole_wall"), ("top", "tube_wall"), ("hole_wall", "inner_wall"))
 WALLS = ("inner_wall", "hole_wall")
 
@@ -47,13 +47,13 @@ def press(scene: Scene, fineness: Fineness, indentations: Sequence[float]) -> Pr
     mesh = meridian.build()
     with TemporaryDirectory() as folder:
         (Path(folder) / "probe.inp").write_text("\n".join([*deck(scene, meridian, mesh, indentations), ""]), encoding="ascii")
-        before = _processor()
+        start = _processor()
         subprocess.run(["ccx", "-i", "probe"], cwd=folder, env=os.environ | ONE_THREAD, check=True, stdout=subprocess.DEVNULL)
-        seconds, text = _processor() - before, (Path(folder) / "probe.dat").read_text(encoding="ascii")
-    forces = np.stack([_forces(text, end) for end in ENDS], axis=1) * -SECTOR
+        seconds, text = _processor() - start, (Path(folder) / "probe.dat").read_text(encoding="ascii")
+    forces = np.stack([_forces(text, end) for end in ENDS], axis=1) * -SECTOR_FACTOR
     if len(forces) != len(indentations):
         raise ArithmeticError(f"ccx ended after {len(forces)} of {len(indentations)} loads")
-    walls = np.array([_closest(mesh, *moved) for moved in zip(*(_moved(text, wall) for wall in WALLS), strict=True)])
+    walls = np.array([_closest(mesh, *moved) for moved in zip(*(_read_displacements(text, wall) for wall in WALLS), strict=True)])
     areas = scene.probe.outer_area / scene.probe.inner_area
     return PressedRows(forces[:, 0] / forces[:, 1] * areas, forces.sum(axis=1), walls, 2 * len(mesh.nodes), seconds)
 
@@ -67,17 +67,21 @@ def deck(scene: Scene, meridian: Meridian, mesh: Mesh, indentations: Sequence[fl
         yield f"*ELEMENT, TYPE=CAX8R, ELSET={body}"
         yield from (",".join(map(str, [number + k, *row])) for k, row in enumerate((rows + 1).tolist(), 1))
         first[body], number = number, number + len(rows)
-    for name, (body, on) in _lines(meridian, mesh.nodes).items():
+    for name, (body, is_member) in _lines(meridian, mesh.nodes).items():
         yield f"*SURFACE, NAME={name}, TYPE=ELEMENT"
-        corners = on[mesh.elements[body][:, :4]]
-        both = np.argwhere(corners & np.roll(corners, -1, axis=1)).tolist()
-        yield from (f"{first[body] + element + 1},S{face + 1}" for element, face in both)
-    walls = {name: np.flatnonzero(on) for name, (_, on) in _lines(meridian, mesh.nodes).items() if name in WALLS}
+        corners = is_member[mesh.elements[body][:, :4]]
+        sides = np.argwhere(corners & np.roll(corners, -1, axis=1)).tolist()
+        yield from (f"{first[body] + element + 1},S{face + 1}" for element, face in sides)
+    walls = {name: np.flatnonzero(is_member) for name, (_, is_member) in _lines(meridian, mesh.nodes).items() if name in WALLS}
     for name, nodes in (mesh.sets | {f"on_{name}": nodes for name, nodes in walls.items()}).items():
         yield f"*NSET, NSET={name}"
         yield from (f"{k}," for k in (nodes + 1).tolist())
     yield from _materials(scene)
-    yield from ("*SURFACE INTERACTION, NAME=touching", "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR", f"{PENALTY},1e-3,1e-4")
+    yield from (
+        "*SURFACE INTERACTION, NAME=touching",
+        "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR",
+        f"{PENALTY_MODULI_PER_INNER_RADIUS},1e-3,1e-4",
+    )
     for pair in PAIRS:
         yield from ("*CONTACT PAIR, INTERACTION=touching, TYPE=SURFACE TO SURFACE", ",".join(pair))
     yield from ("*BOUNDARY", "axis,1,1", "bottom,1,2", *(f"{end},1,1" for end in ENDS))
@@ -98,7 +102,7 @@ def _lines(meridian: Meridian, nodes: Floats) -> dict[str, tuple[str, Bools]]:
         "hole_wall": ("outer", wall(meridian.hole)),
         "tube_wall": ("outer", wall(meridian.tube)),
         "strip": ("tissue", surface & (r > 1 - RESOLUTION) & (r < meridian.hole + RESOLUTION)),
-        "top": ("tissue", surface & (r > meridian.tube - RESOLUTION) & (r < meridian.tube + BESIDE)),
+        "top": ("tissue", surface & (r > meridian.tube - RESOLUTION) & (r < meridian.tube + TOP_STRIP_INNER_RADII)),
     }
 
 
@@ -123,11 +127,11 @@ def _step(depth: float) -> Iterator[str]:
 
 def _forces(text: str, end: str) -> Floats:
     """Axial forces on an end, one for each load."""
-    found = re.findall(rf"total force \(fx,fy,fz\) for set {end.upper()} .*\n\s*\S+\s+(\S+)", text)
-    return np.array([float(force) for force in found])
+    matches = re.findall(rf"total force \(fx,fy,fz\) for set {end.upper()} .*\n\s*\S+\s+(\S+)", text)
+    return np.array([float(force) for force in matches])
 
 
-def _moved(text: str, wall: str) -> list[Floats]:
+def _read_displacements(text: str, wall: str) -> list[Floats]:
     """Nodes of a wall and their displacements, shape (n, 3), for each load."""
     blocks = re.findall(rf"displacements \(vx,vy,vz\) for set ON_{wall.upper()} .*\n\n((?:\s+\d+ .*\n)+)", text)
     return [np.array([[float(x) for x in line.split()[:3]] for line in block.split("\n") if line.strip()]) for block in blocks]

@@ -33,25 +33,27 @@ def gel() -> Scene:
 SCENES = {"example": lambda: read_scene(EXAMPLE), "nodule": nodule, "gel": gel}
 
 
-def _told(one: Candidate) -> str:
-    probe, load = one.scene.probe, one.pressing
+def _describe(candidate: Candidate) -> str:
+    probe, load = candidate.scene.probe, candidate.pressing
     lengths = probe.inner_radius, probe.tube_radius, probe.gap, probe.core_height
     sizes = ", ".join(f"{1e3 * length:.3g}" for length in lengths)
     return (
-        f"{sizes} | {load.force:.3g} ({load.limited_by}) | {one.judged_objective:.3g} ({one.objective_min:.3g} to "
-        f"{one.objective_max:.3g})"
+        f"{sizes} | {load.force:.3g} ({load.limited_by}) | {candidate.judged_objective:.3g} ({candidate.objective_min:.3g} to "
+        f"{candidate.objective_max:.3g})"
     )
 
 
 def row(name: str, force: float, starts: int) -> str:
     """Return the line of one scene under one largest force."""
     begin, scene = process_time(), SCENES[name]().model_copy(update={"load": Load(force=force)})
-    found = optimize(scene, lambda *_: None, starts=starts)
-    best, start = found.best_tried, found.baseline
-    within = min((one.linear or one for one in found.candidates), key=lambda one: one.judged_objective)
-    gain, error = best.compute_gain(within)
-    told = f"{start.judged_objective:.3g} at {start.pressing.force:.3g} N ({start.pressing.limited_by})"
-    cells = name, f"{force:g}", told, _told(within), _told(best), f"{gain:.0%} ({error:.1%})", found.status
+    optimum = optimize(scene, lambda *_: None, starts=starts)
+    best, start = optimum.best_tried, optimum.baseline
+    linear_best = min(
+        (candidate.linear or candidate for candidate in optimum.candidates), key=lambda candidate: candidate.judged_objective
+    )
+    gain, error = best.compute_gain(linear_best)
+    baseline = f"{start.judged_objective:.3g} at {start.pressing.force:.3g} N ({start.pressing.limited_by})"
+    cells = name, f"{force:g}", baseline, _describe(linear_best), _describe(best), f"{gain:.0%} ({error:.1%})", optimum.status
     return f"| {' | '.join(cells)} | {process_time() - begin:.0f} |"
 
 

@@ -26,7 +26,7 @@ from solver.evaluation import load
 
 FOLDER = Path(__file__).parents[2] / "tests" / "reference" / "contact"
 GAPS = (0.05e-3, 0.1e-3, 0.2e-3, 0.5e-3)
-DEEP = 0.45  # outer radii, of the picture
+PICTURE_DEPTH_OUTER_RADII = 0.45  # outer radii, of the picture
 
 
 def references() -> None:
@@ -37,43 +37,47 @@ def references() -> None:
         scene = read_scene(FOLDER / f"{name}.toml")
         for row in expected["rows"]:
             start, depth = process_time(), row["indentation"]
-            found = ContactEvaluator().evaluate(scene.model_copy(update={"load": Load(indentation=depth)}))
+            result = ContactEvaluator().evaluate(scene.model_copy(update={"load": Load(indentation=depth)}))
             seconds = process_time() - start
-            assert found.ratio is not None
-            assert found.stiffness is not None
-            assert found.error_estimate is not None
-            assert found.log_sensitivity is not None
-            off = found.ratio / row["ratio"] - 1
-            force = found.stiffness * depth / row["force"] - 1
-            slope = found.log_sensitivity / row["log_sensitivity"] - 1
-            own, own_slope = (row[f"{key}_unc"] / row[key] for key in ("ratio", "log_sensitivity"))
-            ratio = f"{off:+.2%} / {found.error_estimate:.2%} ({own:.2%})"
+            assert result.ratio is not None
+            assert result.stiffness is not None
+            assert result.error_estimate is not None
+            assert result.log_sensitivity is not None
+            ratio_error = result.ratio / row["ratio"] - 1
+            force = result.stiffness * depth / row["force"] - 1
+            slope = result.log_sensitivity / row["log_sensitivity"] - 1
+            reference_error, reference_slope_error = (row[f"{key}_unc"] / row[key] for key in ("ratio", "log_sensitivity"))
+            ratio = f"{ratio_error:+.2%} / {result.error_estimate:.2%} ({reference_error:.2%})"
             print(
-                f"| {name} | {1e3 * depth:g} | {ratio} | {force:+.3%} | {slope:+.1%} ({own_slope:.1%}) | {seconds:.1f} |",
+                f"| {name} | {1e3 * depth:g} | {ratio} | {force:+.3%} | {slope:+.1%} ({reference_slope_error:.1%}) | "
+                f"{seconds:.1f} |",
                 flush=True,
             )
 
 
 def gaps() -> None:
     """Print ratio and log-sensitivity of the paper's probe and of the example against load, for several gaps."""
-    for name, most in (("paper", 1e-3), ("example", 2e-3)):
+    for name, max_indentation in (("paper", 1e-3), ("example", 2e-3)):
         scene = read_scene(FOLDER / f"{name}.toml")
-        print(f"\n{name}, up to {1e3 * most:g} mm\n\n| gap, mm | closes at, N | ratio at fifths of it | log-sensitivity | ends |")
+        print(
+            f"\n{name}, up to {1e3 * max_indentation:g} mm\n\n| gap, mm | closes at, N | ratio at fifths of it | "
+            "log-sensitivity | ends |"
+        )
         print("|---|---|---|---|---|")
         for gap in GAPS:
             probe = scene.probe.model_copy(update={"gap": gap})
-            print(_gap(scene.model_copy(update={"probe": probe}), gap, most), flush=True)
+            print(_gap(scene.model_copy(update={"probe": probe}), gap, max_indentation), flush=True)
 
 
-def _gap(scene: Scene, gap: float, most: float) -> str:
+def _gap(scene: Scene, gap: float, max_indentation: float) -> str:
     try:
-        found = load(scene, indentation=most, points=5)
+        loaded = load(scene, indentation=max_indentation, points=5)
     except ProbeError as fault:
         return f"| {1e3 * gap:g} | | | | {fault} |"
-    closes = "-" if found.gap_closure_load is None else f"{found.gap_closure_load.force:.3g}"
-    ratios = ", ".join(f"{one:.4g}" for one in found.ratio)
-    slopes = ", ".join("-" if one is None else f"{one:.3g}" for one in found.log_sensitivity)
-    return f"| {1e3 * gap:g} | {closes} | {ratios} | {slopes} | {found.force[-1]:.3g} N |"
+    closes = "-" if loaded.gap_closure_load is None else f"{loaded.gap_closure_load.force:.3g}"
+    ratios = ", ".join(f"{value:.4g}" for value in loaded.ratio)
+    slopes = ", ".join("-" if value is None else f"{value:.3g}" for value in loaded.log_sensitivity)
+    return f"| {1e3 * gap:g} | {closes} | {ratios} | {slopes} | {loaded.force[-1]:.3g} N |"
 
 
 def faces() -> None:
@@ -89,21 +93,23 @@ def faces() -> None:
         for force in (0.02, 0.05):
             pressed = scene.model_copy(update={"contact": contact, "load": Load(force=force)})
             with use_limits(Limits(seconds=600.0)):
-                found = ContactEvaluator().evaluate(pressed, accuracy=0.03)
-            cells.append(f"{found.ratio:.4f} ({found.error_estimate:.1%}) | {found.log_sensitivity:.4f}")
+                result = ContactEvaluator().evaluate(pressed, accuracy=0.03)
+            cells.append(f"{result.ratio:.4f} ({result.error_estimate:.1%}) | {result.log_sensitivity:.4f}")
         print(f"| {name} | {' | '.join(cells)} | {process_time() - start:.0f} |", flush=True)
 
 
 def section(picture: Path) -> None:
-    """Draw the example's section at ``DEEP``: cells as they are deformed, and its corner closer."""
+    """Draw the example's section down to ``PICTURE_DEPTH_OUTER_RADII``: cells as they are deformed, and its corner closer."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.collections import PolyCollection
     from matplotlib.figure import Figure
 
     scene = read_scene(FOLDER / "example.toml")
-    of = build_sections(scene)
-    path = LoadPath(ContactModel.from_section(of.section, of.materials, "bonded", MeridianFineness(1, 0, 3)), sensitive=False)
-    point = path.press_to_indentation(DEEP * path.radius)
+    sections = build_sections(scene)
+    path = LoadPath(
+        ContactModel.from_section(sections.section, sections.materials, "bonded", MeridianFineness(1, 0, 3)), sensitive=False
+    )
+    point = path.press_to_indentation(PICTURE_DEPTH_OUTER_RADII * path.radius)
     outlines = 1e3 * _outlines(path.model, point.equilibrium.state.v, point.indentation)
     figure = Figure(figsize=(10.0, 5.0), dpi=150, facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
@@ -125,10 +131,10 @@ def _outlines(model: ContactModel, v: np.ndarray, depth: float) -> np.ndarray:
     from solver.elements.shape_functions import build_shapes, evaluate_functions
 
     t = np.linspace(0, 1, 9)[:-1]
-    zero, one = np.zeros_like(t), np.ones_like(t)
-    around = np.concatenate([np.stack(pair, axis=-1) for pair in ((t, zero), (one, t), (1 - t, one), (zero, 1 - t))])
-    own = build_shapes(model.elements.shapes.order)
-    value = evaluate_functions(around, own.degrees)[0][:, : own.skeleton]
+    zero, unit = np.zeros_like(t), np.ones_like(t)
+    around = np.concatenate([np.stack(pair, axis=-1) for pair in ((t, zero), (unit, t), (1 - t, unit), (zero, 1 - t))])
+    shapes = build_shapes(model.elements.shapes.order)
+    value = evaluate_functions(around, shapes.degrees)[0][:, : shapes.skeleton]
     moved = model.compute_displacements(v, depth).reshape(len(model.mesh.body), 2, -1)
     return np.asarray(compute_nodes(model.section, model.mesh, around) + np.einsum("gs,ncs->ngc", value, moved))
 
@@ -138,15 +144,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--part", choices=("references", "gaps", "faces", "section"))
     parser.add_argument("-o", "--picture", type=Path, default=Path("contact-section.png"))
-    asked = parser.parse_args()
-    if asked.part in (None, "references"):
+    options = parser.parse_args()
+    if options.part in (None, "references"):
         references()
-    if asked.part in (None, "gaps"):
+    if options.part in (None, "gaps"):
         gaps()
-    if asked.part in (None, "faces"):
+    if options.part in (None, "faces"):
         faces()
-    if asked.part in (None, "section"):
-        section(asked.picture)
+    if options.part in (None, "section"):
+        section(options.picture)
 
 
 if __name__ == "__main__":

@@ -26,9 +26,9 @@ from benchmarks.references.outline import ENDS, INCLUSION, INNER, NAMES, OUTER, 
 from geometry import Probe, Scene
 from geometry.common.arrays import Floats
 
-SMALL = 1e-4  # the first indentation
-LEAST_STEP, MOST_STEPS, SHORTEST = 1e-4, 25, 0.2  # of indentations; Newton's steps, and the least share of one
-CHANGE = 1e-4  # of ln E for the derivative of the forces
+FIRST_INDENTATION = 1e-4  # the first indentation
+MIN_STEP, MAX_NEWTON_STEPS, MIN_STEP_SHARE = 1e-4, 25, 0.2  # of indentations; Newton's steps, and the least share of one
+LOG_MODULUS_STEP = 1e-4  # of ln E for the derivative of the forces
 GAP, SIDE = ("hole wall", "inner wall"), (("strip", "inner wall"), ("strip", "hole wall"), ("top", "tube wall"))
 
 
@@ -57,7 +57,7 @@ class ContactSetting:
 
 def make_mesh(scene: Scene, setting: ContactSetting) -> ngs.Mesh:
     """Mesh the meridian plane, its lines named that may touch."""
-    edges = [replace(edge, name=touching(edge, scene.probe)) for edge in outline(scene)]
+    edges = [replace(edge, name=name_contact_line(edge, scene.probe)) for edge in outline(scene)]
     shape = geometry(edges, dict.fromkeys(vertices(edges), 1e9), corners(edges, CONTACT))
     parameters = MeshingParameters(maxh=1e9, grading=0.5 * setting.size)
     for r, z, h in sizes(edges, setting.size):
@@ -69,7 +69,7 @@ def make_mesh(scene: Scene, setting: ContactSetting) -> ngs.Mesh:
     return mesh
 
 
-def touching(edge: Edge, probe: Probe) -> str:
+def name_contact_line(edge: Edge, probe: Probe) -> str:
     """Return the name of a line that may touch another, or the edge's own."""
     if edge.name != "free":
         return edge.name
@@ -83,7 +83,7 @@ def touching(edge: Edge, probe: Probe) -> str:
     return edge.name
 
 
-def stored(displacement: Any, young: Any, nu: Any, pressure: Any = None) -> Any:
+def compute_energy_density(displacement: Any, young: Any, nu: Any, pressure: Any = None) -> Any:
     """Return W; with a pressure p its bulk part U(J) as p (J - J*) + U(J*), J* that at which U' = p."""
     slope = ngs.Grad(displacement)
     a, b, c, d, hoop = 1 + slope[0, 0], slope[0, 1], slope[1, 0], 1 + slope[1, 1], 1 + displacement[0] / ngs.x
@@ -119,10 +119,10 @@ class PressedProbe:
         moved, pressure = trial if self.setting.mixed else (trial, None)
         bodies, unit = materials(self.scene), self.scene.tissue.youngs_modulus
         self.stiffer = ngs.Parameter(1.0)
-        young = self.mesh.MaterialCF({NAMES[k]: one.youngs_modulus / unit for k, one in bodies.items()})
+        young = self.mesh.MaterialCF({NAMES[k]: material.youngs_modulus / unit for k, material in bodies.items()})
         young *= self.mesh.MaterialCF({NAMES[INCLUSION]: self.stiffer}, default=1.0)
-        nu = self.mesh.MaterialCF({NAMES[k]: one.poisson_ratio for k, one in bodies.items()})
-        energy = (2 * math.pi * ngs.x * stored(moved, young, nu, pressure)).Compile()
+        nu = self.mesh.MaterialCF({NAMES[k]: material.poisson_ratio for k, material in bodies.items()})
+        energy = (2 * math.pi * ngs.x * compute_energy_density(moved, young, nu, pressure)).Compile()
         self.form = ngs.BilinearForm(self.space, symmetric=True, condense=True)
         self.form += ngs.Variation(energy * ngs.dx(bonus_intorder=4))
         self.sphere = ngs.BilinearForm(self.space, symmetric=True)
@@ -131,15 +131,19 @@ class PressedProbe:
         self.contacts += [self._contact(moved, *names, self.setting.penalties[1]) for names in SIDE]
 
     def _contact(self, moved: Any, slave: str, master: str, penalty: float) -> ngs.ContactBoundary:
-        found = ngs.ContactBoundary(self.mesh.Boundaries(slave), self.mesh.Boundaries(master))
+        boundary = ngs.ContactBoundary(self.mesh.Boundaries(slave), self.mesh.Boundaries(master))
         place, blur = ngs.CF((ngs.x, ngs.y)), self.setting.blur
-        into = (place + moved - place.Other() - moved.Other()) * found.normal
-        rounded = ngs.IfPos(into - blur, into**2 / 2 + blur**2 / 6, ngs.IfPos(into + blur, (into + blur) ** 3 / (12 * blur), 0))
-        towards = found.normal[0] if (slave, master) == SIDE[1] else -found.normal[0]
+        penetration = (place + moved - place.Other() - moved.Other()) * boundary.normal
+        rounded = ngs.IfPos(
+            penetration - blur,
+            penetration**2 / 2 + blur**2 / 6,
+            ngs.IfPos(penetration + blur, (penetration + blur) ** 3 / (12 * blur), 0),
+        )
+        towards = boundary.normal[0] if (slave, master) == SIDE[1] else -boundary.normal[0]
         share = (towards - 0.3) / 0.4
         turned = ngs.IfPos(share, ngs.IfPos(1 - share, share**2 * (3 - 2 * share), 1), 0)
-        found.AddEnergy(2 * math.pi * ngs.x * penalty * rounded * turned)
-        return found
+        boundary.AddEnergy(2 * math.pi * ngs.x * penalty * rounded * turned)
+        return boundary
 
     def _lift(self, end: str) -> Any:
         lift = ngs.GridFunction(self.space)
@@ -153,54 +157,54 @@ class PressedProbe:
         Raises:
             ArithmeticError: it fails in the smallest ones too.
         """
-        before, kept = self.reached[-1] if self.reached else (0.0, self.state.vec.FV().NumPy().copy())
-        if not self.reached and indentation > SMALL:
-            self.press(SMALL)
-            before, kept = self.reached[-1]
+        last_indentation, kept = self.reached[-1] if self.reached else (0.0, self.state.vec.FV().NumPy().copy())
+        if not self.reached and indentation > FIRST_INDENTATION:
+            self.press(FIRST_INDENTATION)
+            last_indentation, kept = self.reached[-1]
         try:
             self._extrapolate(indentation)
             self._balance()
         except (ArithmeticError, NgException) as fault:
-            if indentation - before < LEAST_STEP:
-                raise ArithmeticError(f"no step beyond {before:g} converges") from fault
+            if indentation - last_indentation < MIN_STEP:
+                raise ArithmeticError(f"no step beyond {last_indentation:g} converges") from fault
             self.state.vec.FV().NumPy()[:] = kept
-            self.press((before + indentation) / 2)
+            self.press((last_indentation + indentation) / 2)
             self.press(indentation)
             return
         self.reached.append((indentation, self.state.vec.FV().NumPy().copy()))
 
     def _extrapolate(self, indentation: float) -> None:
         """Start from the polynomial through the last three states."""
-        near = self.reached[-3:]
-        if not near:
+        latest = self.reached[-3:]
+        if not latest:
             self.state.vec.data = indentation * (self.lifts[0] + self.lifts[1])
             return
-        states = near if len(near) > 1 else [(0.0, 0 * near[0][1]), *near]
+        states = latest if len(latest) > 1 else [(0.0, 0 * latest[0][1]), *latest]
         weights = [math.prod((indentation - b) / (a - b) for b, _ in states if b != a) for a, _ in states]
         self.state.vec.FV().NumPy()[:] = sum(w * state for w, (_, state) in zip(weights, states, strict=True))
 
     def _residual(self) -> Any:
-        found = self.state.vec.CreateVector()
-        for one in self.contacts:
-            one.Update(self.displacement, self.form, 2 * self.setting.order + 2, 0.05)
-        self.form.Apply(self.state.vec, found)
-        return found
+        residual = self.state.vec.CreateVector()
+        for contact in self.contacts:
+            contact.Update(self.displacement, self.form, 2 * self.setting.order + 2, 0.05)
+        self.form.Apply(self.state.vec, residual)
+        return residual
 
     def _balance(self) -> None:
         """Take Newton's steps, halved where forces grow; normals are those of the last step, so they end linearly."""
         vec, inner = self.state.vec, ngs.Projector(self.space.FreeDofs(), True)
         residual, step, kept = self._residual(), vec.CreateVector(), vec.CreateVector()
-        for count in range(MOST_STEPS):
-            before = ngs.Norm((inner * residual).Evaluate())
+        for count in range(MAX_NEWTON_STEPS):
+            last_norm = ngs.Norm((inner * residual).Evaluate())
             self._solve(residual, step)
             kept.data, share = vec, 1.0
             while True:
                 vec.data = kept - share * step
                 residual = self._residual()
                 now = ngs.Norm((inner * residual).Evaluate())
-                if count == 0 or (math.isfinite(now) and (now <= 2 * before or share <= SHORTEST)):
+                if count == 0 or (math.isfinite(now) and (now <= 2 * last_norm or share <= MIN_STEP_SHARE)):
                     break
-                if not math.isfinite(now) and share < LEAST_STEP:
+                if not math.isfinite(now) and share < MIN_STEP:
                     raise ArithmeticError("an element folds over")
                 share /= 2
             if share == 1 and ngs.Norm(step) <= self.setting.tolerance * ngs.Norm(vec):
@@ -237,7 +241,7 @@ class PressedProbe:
     def log_sensitivity(self, films: Floats) -> float:
         """Return that of the ratio at one force."""
         self.form.AssembleLinearization(self.state.vec)
-        inverse, driven = self.form.mat.Inverse(self.free, "sparsecholesky"), self._by_modulus()
+        inverse, driven = self.form.mat.Inverse(self.free, "sparsecholesky"), self._differentiate_by_modulus()
         bases, by_modulus = [], []
         for lift in self.lifts:
             base = lift.CreateVector()
@@ -251,14 +255,14 @@ class PressedProbe:
         change -= deeper * change.sum() / deeper.sum()
         return float(change @ (np.array([1.0, -1.0]) / films))
 
-    def _by_modulus(self) -> Any:
+    def _differentiate_by_modulus(self) -> Any:
         """The forces' derivative by ln E of the sphere, its strains and pressures held."""
         ends = []
         for sign in (1, -1):
-            self.stiffer.Set(math.exp(sign * CHANGE))
+            self.stiffer.Set(math.exp(sign * LOG_MODULUS_STEP))
             ends.append(self.state.vec.CreateVector())
             self.sphere.Apply(self.state.vec, ends[-1])
         self.stiffer.Set(1.0)
         ends[0].data -= ends[1]
-        ends[0].data *= 1 / (2 * CHANGE)
+        ends[0].data *= 1 / (2 * LOG_MODULUS_STEP)
         return ends[0]

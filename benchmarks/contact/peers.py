@@ -31,7 +31,7 @@ from threadpoolctl import threadpool_limits
 from benchmarks.contact import calculix_pressing
 from benchmarks.contact.ngsolve_pressing import ContactSetting, PressedProbe
 from benchmarks.peers.axisymmetric import ONE_THREAD
-from benchmarks.peers.calculix_meridian import HOW_TO_GET, installed
+from benchmarks.peers.calculix_meridian import HOW_TO_GET, is_installed
 from benchmarks.peers.calculix_mesh import Fineness
 from benchmarks.tables import MeasuredTable
 from geometry import Scene, read_scene
@@ -74,8 +74,10 @@ def scene() -> Scene:
 
 def one_mesh(order: int) -> PressedRun:
     """Press on one mesh of this project, without an error estimate."""
-    start, of, probe = process_time(), build_sections(scene()), scene().probe
-    path = LoadPath(ContactModel.from_section(of.section, of.materials, "bonded", MeridianFineness(1, 0, order)), sensitive=True)
+    start, sections, probe = process_time(), build_sections(scene()), scene().probe
+    path = LoadPath(
+        ContactModel.from_section(sections.section, sections.materials, "bonded", MeridianFineness(1, 0, order)), sensitive=True
+    )
     points = [path.press_to_indentation(load) for load in LOADS]
     seconds = process_time() - start
     films = np.array([point.films for point in points])
@@ -85,48 +87,48 @@ def one_mesh(order: int) -> PressedRun:
     return PressedRun(ratio, slopes, films.sum(axis=1), path.model.numbering.unknowns, steps, seconds)
 
 
-def estimated() -> PressedRun:
+def press_with_bounds() -> PressedRun:
     """Press on two meshes of this project, with error bounds, as ``probe-design load`` does before it looks for what ends."""
     start, probe = process_time(), scene().probe
-    on = ContactEvaluator().prepare_scene(scene(), 0.01)
-    found = [on.press_to_indentation(load) for load in LOADS]
+    loaded_scene = ContactEvaluator().prepare_scene(scene(), 0.01)
+    loaded_points = [loaded_scene.press_to_indentation(load) for load in LOADS]
     seconds = process_time() - start
-    films = np.array([one.films.totals for one in found])
+    films = np.array([loaded.films.totals for loaded in loaded_points])
     ratio = films[:, 0] / films[:, 1] * probe.outer_area / probe.inner_area
-    unknowns = sum(path.model.numbering.unknowns for path in on.paths)
-    steps = sum(len(point.equilibrium.residuals) for path in on.paths for point in path.points)
-    slopes = np.array([one.films.log_sensitivity for one in found])
+    unknowns = sum(path.model.numbering.unknowns for path in loaded_scene.paths)
+    steps = sum(len(point.equilibrium.residuals) for path in loaded_scene.paths for point in path.points)
+    slopes = np.array([loaded.films.log_sensitivity for loaded in loaded_points])
     return PressedRun(ratio, slopes, films.sum(axis=1) * LOADS, unknowns, steps, seconds)
 
 
-def by_ngsolve(setting: ContactSetting) -> PressedRun:
+def press_by_ngsolve(setting: ContactSetting) -> PressedRun:
     """Press with NGSolve."""
-    start, on, films, slopes = process_time(), scene(), [], []
-    problem = PressedProbe(on, setting)
+    start, pressed_scene, films, slopes = process_time(), scene(), [], []
+    problem = PressedProbe(pressed_scene, setting)
     for load in LOADS:
-        problem.press(load / on.probe.inner_radius)
+        problem.press(load / pressed_scene.probe.inner_radius)
         films.append(problem.films())
         slopes.append(problem.log_sensitivity(films[-1]))
-    seconds, unit = process_time() - start, on.tissue.youngs_modulus * on.probe.inner_radius**2
+    seconds, unit = process_time() - start, pressed_scene.tissue.youngs_modulus * pressed_scene.probe.inner_radius**2
     forces = unit * np.array(films)
-    ratio = forces[:, 0] / forces[:, 1] * on.probe.outer_area / on.probe.inner_area
+    ratio = forces[:, 0] / forces[:, 1] * pressed_scene.probe.outer_area / pressed_scene.probe.inner_area
     return PressedRun(ratio, np.array(slopes), forces.sum(axis=1), problem.unknowns, problem.steps, seconds)
 
 
-def by_calculix(fineness: Fineness) -> PressedRun:
+def press_by_calculix(fineness: Fineness) -> PressedRun:
     """Press with CalculiX, to the references' loads alone."""
-    on, rows = scene(), [row["indentation"] for row in references()]
-    found = calculix_pressing.press(on, fineness, [depth / on.probe.inner_radius for depth in rows])
-    none, unit = np.full(len(LOADS), np.nan), on.tissue.youngs_modulus * on.probe.inner_radius**2
-    ratio, force = none.copy(), none.copy()
-    at = np.searchsorted(LOADS, np.array(rows) - 1e-9)
-    ratio[at], force[at] = found.ratio, unit * found.force
-    walls = found.walls * on.probe.inner_radius
+    pressed_scene, rows = scene(), [row["indentation"] for row in references()]
+    run = calculix_pressing.press(pressed_scene, fineness, [depth / pressed_scene.probe.inner_radius for depth in rows])
+    blanks, unit = np.full(len(LOADS), np.nan), pressed_scene.tissue.youngs_modulus * pressed_scene.probe.inner_radius**2
+    ratio, force = blanks.copy(), blanks.copy()
+    places = np.searchsorted(LOADS, np.array(rows) - 1e-9)
+    ratio[places], force[places] = run.ratio, unit * run.force
+    walls = run.walls * pressed_scene.probe.inner_radius
     for row, wall in zip(references(), walls, strict=True):
         print(
             f"closest walls at {1e3 * row['indentation']:g} mm: {1e6 * wall:.2f} um, reference {1e6 * row['closest_walls']:.2f}"
         )
-    return PressedRun(ratio, none, force, found.unknowns, 0, found.seconds)
+    return PressedRun(ratio, blanks, force, run.unknowns, 0, run.seconds)
 
 
 def references() -> list[dict[str, float]]:
@@ -138,12 +140,12 @@ def references() -> list[dict[str, float]]:
 def errors(run: PressedRun) -> list[float | None]:
     """Return the largest errors of ratio, log-sensitivity and force, relative."""
     rows = references()
-    at = np.searchsorted(LOADS, np.array([row["indentation"] for row in rows]) - 1e-9)
-    found = []
+    places = np.searchsorted(LOADS, np.array([row["indentation"] for row in rows]) - 1e-9)
+    largest = []
     for key in ("ratio", "log_sensitivity", "force"):
-        off = np.abs(getattr(run, key)[at] / [row[key] for row in rows] - 1)
-        found.append(None if np.isnan(off).any() else float(off.max()))
-    return found
+        error = np.abs(getattr(run, key)[places] / [row[key] for row in rows] - 1)
+        largest.append(None if np.isnan(error).any() else float(error.max()))
+    return largest
 
 
 def measure(parts: list[str], repeats: int) -> Iterator[tuple[str, PressedRun]]:
@@ -152,20 +154,23 @@ def measure(parts: list[str], repeats: int) -> Iterator[tuple[str, PressedRun]]:
         "ours": [
             ("ours, one mesh, order 2", lambda: one_mesh(2)),
             ("ours, one mesh, order 3", lambda: one_mesh(3)),
-            ("ours, with its error bounds", estimated),
+            ("ours, with its error bounds", press_with_bounds),
         ],
-        "ngsolve": [(_named(setting), lambda setting=setting: by_ngsolve(setting)) for setting in NGSOLVE],  # type: ignore[misc]
-        "calculix": [(f"CalculiX, corners {one.corner:g}", lambda one=one: by_calculix(one)) for one in CALCULIX],  # type: ignore[misc]
+        "ngsolve": [(_name_setting(setting), lambda setting=setting: press_by_ngsolve(setting)) for setting in NGSOLVE],  # type: ignore[misc]
+        "calculix": [
+            (f"CalculiX, corners {mesh.corner:g}", lambda mesh=mesh: press_by_calculix(mesh))  # type: ignore[misc]
+            for mesh in CALCULIX
+        ],
     }
     for part in parts:
-        if part == "calculix" and not installed():
+        if part == "calculix" and not is_installed():
             print(HOW_TO_GET, file=sys.stderr)
             continue
         for name, run in trials[part]:
-            yield name, min((run() for _ in range(1 if part == "calculix" else repeats)), key=lambda one: one.seconds)
+            yield name, min((run() for _ in range(1 if part == "calculix" else repeats)), key=lambda fineness: fineness.seconds)
 
 
-def _named(setting: ContactSetting) -> str:
+def _name_setting(setting: ContactSetting) -> str:
     kind = f"P{setting.order}/P{setting.order - 2}" if setting.mixed else f"P{setting.order}"
     return f"NGSolve, {kind}, size {setting.size:g}, {setting.layers} layers"
 
@@ -178,11 +183,11 @@ def main() -> None:
     parser.add_argument("--json", type=Path, help="write the raw values to this file, times in seconds")
     chosen, console = parser.parse_args(), Console(width=150)
     ngs.SetNumThreads(1)
-    table, least = MeasuredTable("twenty loads to 2 mm", (*COLUMNS, "processor, s", "over ours on one mesh, times")), 0.0
+    table, base_seconds = MeasuredTable("twenty loads to 2 mm", (*COLUMNS, "processor, s", "over ours on one mesh, times")), 0.0
     with threadpool_limits(1):
         for name, run in measure(chosen.part or list(PARTS), chosen.repeats):
-            least = least or run.seconds
-            table.add(name, run.unknowns, run.steps or None, *errors(run), run.seconds, run.seconds / least)
+            base_seconds = base_seconds or run.seconds
+            table.add(name, run.unknowns, run.steps or None, *errors(run), run.seconds, run.seconds / base_seconds)
             print(name, f"{run.seconds:.3g} s", file=sys.stderr, flush=True)
             if chosen.json is not None:
                 chosen.json.write_text(json.dumps(table.as_json(), indent=1) + "\n", encoding="utf-8")

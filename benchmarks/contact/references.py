@@ -16,8 +16,8 @@ from pathlib import Path
 import ngsolve as ngs
 import numpy as np
 
-from benchmarks.contact.ngsolve_pressing import SMALL, ContactSetting, PressedProbe
-from benchmarks.peers.ngsolve_curve import reusing
+from benchmarks.contact.ngsolve_pressing import FIRST_INDENTATION, ContactSetting, PressedProbe
+from benchmarks.peers.ngsolve_curve import solve_by_reusing
 from benchmarks.peers.ngsolve_meridian import NGSolveProblem, make_mesh
 from benchmarks.peers.ngsolve_settings import EXACT
 from geometry import Scene, read_scene
@@ -33,23 +33,23 @@ INDENTATIONS = {  # mm
     "example": (0.4, 0.8, 1.25, 2.0),
     "equal-blocks-6kpa": (0.8, 1.25, 2.0),
 }
-STEP = 0.1  # mm, of loads on the way
-VALUES = ("ratio", "force", "log_sensitivity", "closest_walls")
+STEP_MM = 0.1  # mm, of loads on the way
+KEPT_VALUES = ("ratio", "force", "log_sensitivity", "closest_walls")
 
 
-def at_rest(scene: Scene) -> Floats:
+def compute_at_rest(scene: Scene) -> Floats:
     """Return ratio, stiffness and log-sensitivity by linear elements, N and m."""
-    found = reusing(scene, EXACT, np.array([scene.inclusion[0].youngs_modulus])).curve
+    curve = solve_by_reusing(scene, EXACT, np.array([scene.inclusion[0].youngs_modulus])).curve
     problem = NGSolveProblem(scene, make_mesh(scene, EXACT), EXACT.order)
     matrix, pressed = problem.form().mat, problem.lifts[0].CreateVector()
     pressed.data = problem.lifts[0] + problem.lifts[1]
     state = problem.solve(matrix, matrix.Inverse(problem.free, "sparsecholesky"), pressed)
     stiffness = scene.probe.inner_radius * ngs.InnerProduct((matrix * state).Evaluate(), pressed)
-    return np.array([found.ratio[0], stiffness, found.log_sensitivity[0]])
+    return np.array([curve.ratio[0], stiffness, curve.log_sensitivity[0]])
 
 
 def values(problem: PressedProbe) -> Floats:
-    """Return ``VALUES`` of the last state, N and m."""
+    """Return ``KEPT_VALUES`` of the last state, N and m."""
     probe, films = problem.scene.probe, problem.films()
     unit, length = problem.scene.tissue.youngs_modulus * probe.inner_radius**2, probe.inner_radius
     ratio = films[0] / films[1] * probe.outer_area / probe.inner_area
@@ -57,34 +57,34 @@ def values(problem: PressedProbe) -> Floats:
 
 
 def rows(scene: Scene, setting: ContactSetting, depths: tuple[float, ...], exact: Floats) -> list[Floats]:
-    """Return ``VALUES`` at depths, mm, as far as they are reached."""
-    problem, unit, found = PressedProbe(scene, setting), 1e3 * scene.probe.inner_radius, list[Floats]()
-    problem.press(SMALL)
-    factors = np.append(exact / (values(problem)[:3] / [1.0, SMALL * scene.probe.inner_radius, 1.0]), 1.0)
+    """Return ``KEPT_VALUES`` at depths, mm, as far as they are reached."""
+    problem, unit, row_values = PressedProbe(scene, setting), 1e3 * scene.probe.inner_radius, list[Floats]()
+    problem.press(FIRST_INDENTATION)
+    factors = np.append(exact / (values(problem)[:3] / [1.0, FIRST_INDENTATION * scene.probe.inner_radius, 1.0]), 1.0)
     try:
-        for depth in np.unique(np.round([*np.arange(STEP, depths[-1], STEP), *depths], 6)).tolist():
+        for depth in np.unique(np.round([*np.arange(STEP_MM, depths[-1], STEP_MM), *depths], 6)).tolist():
             problem.press(depth / unit)
             if depth in depths:
-                found.append(factors * values(problem))
-                print(setting, depth, found[-1].tolist(), problem.steps, file=sys.stderr, flush=True)
+                row_values.append(factors * values(problem))
+                print(setting, depth, row_values[-1].tolist(), problem.steps, file=sys.stderr, flush=True)
     except ArithmeticError as fault:
         print(setting, fault, file=sys.stderr, flush=True)
-    return found
+    return row_values
 
 
 def entry(name: str) -> dict[str, object]:
     """Return a scene's rows as the file has them."""
     scene, depths = read_scene(FOLDER / f"{name}.toml"), INDENTATIONS[name]
-    exact = at_rest(scene)
-    every, found = [rows(scene, setting, depths, exact) for setting in SETTINGS], []
-    for depth, *several in zip(depths, *every, strict=False):
+    exact = compute_at_rest(scene)
+    all_rows, entries = [rows(scene, setting, depths, exact) for setting in SETTINGS], []
+    for depth, *several in zip(depths, *all_rows, strict=False):
         value = np.median(several, axis=0)
         spread = np.abs(several - value).max(axis=0)
         row = {"indentation": round(1e-3 * depth, 9)}
-        row |= {key: float(f"{x:.6g}") for key, x in zip(VALUES, value, strict=True)}
-        found.append(row | {f"{key}_unc": float(f"{x:.2g}") for key, x in zip(VALUES, spread, strict=True)})
-    rest = dict(zip(("ratio", "stiffness", "log_sensitivity"), (float(f"{x:.7g}") for x in exact), strict=True))
-    return {"law": "W = mu/2 (J^(-2/3) I1 - 3) + K/4 (J^2 - 1 - 2 ln J)", "small_load": rest, "rows": found}
+        row |= {key: float(f"{x:.6g}") for key, x in zip(KEPT_VALUES, value, strict=True)}
+        entries.append(row | {f"{key}_unc": float(f"{x:.2g}") for key, x in zip(KEPT_VALUES, spread, strict=True)})
+    at_zero_load = dict(zip(("ratio", "stiffness", "log_sensitivity"), (float(f"{x:.7g}") for x in exact), strict=True))
+    return {"law": "W = mu/2 (J^(-2/3) I1 - 3) + K/4 (J^2 - 1 - 2 ln J)", "small_load": at_zero_load, "rows": entries}
 
 
 def main(path: Path) -> None:

@@ -40,15 +40,15 @@ DIAMETERS, CONTRASTS = (4e-3, 8e-3), (5.0, 0.2)
 NEARLY_ONE = 1.001  # a contrast whose effect is linear, and that keeps the tumour in the mesh
 OFFSETS = (0.0, 0.5, 1.0, 2.0)  # outer radii
 DEPTHS = (0.1, 0.2, 0.3)  # outer radii, of the indentation without a tumour
-SMALL = 2e-3  # likewise: nearly at rest
+SMALL_DEPTH_OUTER_RADII = 2e-3  # likewise: nearly at rest
 FINENESS = MeridianFineness(1, 0, 3)
 
 
-def with_tumour(diameter: float, cover: float, contrast: float) -> Scene:
+def build_tumour_scene(diameter: float, cover: float, contrast: float) -> Scene:
     """Return the example with a tumour of its own."""
-    of = scene()
-    tissue = of.tissue
-    body = of.inclusion[0].model_copy(
+    base = scene()
+    tissue = base.tissue
+    body = base.inclusion[0].model_copy(
         update={
             "diameter": diameter,
             "depth": (0.5 + cover) * diameter,
@@ -56,20 +56,20 @@ def with_tumour(diameter: float, cover: float, contrast: float) -> Scene:
             "poisson_ratio": tissue.poisson_ratio,
         }
     )
-    return of.model_copy(update={"inclusion": (body,)})
+    return base.model_copy(update={"inclusion": (body,)})
 
 
-def path_of(of: Scene) -> Path:
+def build_path(pressed_scene: Scene) -> Path:
     """Return its path at rest, on a mesh of order 3."""
-    cut = build_sections(of)
+    cut = build_sections(pressed_scene)
     return Path(ContactModel.from_section(cut.section, cut.materials, "bonded", FINENESS), sensitive=True)
 
 
 def dipole(contrast: float, poisson: float) -> tuple[float, float]:
     """Return Eshelby's strength of a sphere that changes no volume, and its derivative by ln contrast."""
     beta = 2 * (4 - 5 * poisson) / (15 * (1 - poisson))
-    within = 1 + beta * (contrast - 1)
-    return (contrast - 1) / within, contrast / within**2
+    denominator = 1 + beta * (contrast - 1)
+    return (contrast - 1) / denominator, contrast / denominator**2
 
 
 def ln_ratio(point: PathPoint) -> float:
@@ -78,33 +78,36 @@ def ln_ratio(point: PathPoint) -> float:
     return log(inner / outer)
 
 
-def told(bare: PathPoint, true: PathPoint) -> tuple[float, float, float]:
+def compare_points(bare: PathPoint, true: PathPoint) -> tuple[float, float, float]:
     """Return S1, the true change of ln ratio and the true log-sensitivity at one force."""
     return bare.log_sensitivity / NEARLY_ONE, ln_ratio(true) - ln_ratio(bare), true.log_sensitivity
 
 
 def rows(diameter: float, cover: float, contrast: float) -> list[tuple[float | str, ...]]:
     """Return the table's rows of one tumour."""
-    alone, real = path_of(with_tumour(diameter, cover, NEARLY_ONE)), path_of(with_tumour(diameter, cover, contrast))
+    alone, real = (
+        build_path(build_tumour_scene(diameter, cover, NEARLY_ONE)),
+        build_path(build_tumour_scene(diameter, cover, contrast)),
+    )
     strength, slope = dipole(contrast, scene().tissue.poisson_ratio)
-    at_rest, change_at_rest, sensitivity_at_rest = told(alone.points[0], real.points[0])
-    found: list[tuple[float | str, ...]] = []
+    at_rest, change_at_rest, sensitivity_at_rest = compare_points(alone.points[0], real.points[0])
+    table_rows: list[tuple[float | str, ...]] = []
     for depth in DEPTHS:
         bare = alone.press_to_indentation(depth * alone.radius)
-        first, change, sensitivity = told(bare, real.press_to_force(bare.force))
+        first, change, sensitivity = compare_points(bare, real.press_to_force(bare.force))
         carried = first / at_rest
         by_dipole = strength * first / change, slope * first / sensitivity
         by_load = carried * change_at_rest / change, carried * sensitivity_at_rest / sensitivity
-        off = (f"{100 * (guess - 1):+.1f} %" for guess in (*by_dipole, *by_load))
-        found.append((1e3 * diameter, cover, contrast, depth, f"{first / at_rest:.3f}", change, sensitivity, *off))
-    return found
+        deviations = (f"{100 * (guess - 1):+.1f} %" for guess in (*by_dipole, *by_load))
+        table_rows.append((1e3 * diameter, cover, contrast, depth, f"{first / at_rest:.3f}", change, sensitivity, *deviations))
+    return table_rows
 
 
 def shares(model: ContactModel, x: float, depth: float, diameter: float) -> Floats:
     """Return a sphere's share of the circles through all Gauss points, shape (n, q)."""
     functions = model.elements.shapes
-    at = compute_nodes(model.section, model.mesh, functions.places)
-    r, z = (at[..., k] @ functions.geometry.T for k in (0, 1))
+    nodes = compute_nodes(model.section, model.mesh, functions.places)
+    r, z = (nodes[..., k] @ functions.geometry.T for k in (0, 1))
     reach = (diameter / 2) ** 2 - (z + depth) ** 2
     if x == 0:
         return np.asarray(r**2 < reach, dtype=float)
@@ -118,19 +121,21 @@ def first_order(model: ContactModel, point: PathPoint, target: Floats) -> float:
     return float(by_modulus @ ([1, -1] / point.films))
 
 
-def beside(diameter: float, cover: float, offset: float) -> tuple[float | str, ...]:
+def row_beside(diameter: float, cover: float, offset: float) -> tuple[float | str, ...]:
     """Return a row of the second table: a tumour ``offset`` outer radii from the axis."""
-    of = with_tumour(diameter, cover, NEARLY_ONE)
-    x = offset * of.probe.tube_radius
-    bare = of.model_copy(update={"inclusion": ()})
+    tumour_scene = build_tumour_scene(diameter, cover, NEARLY_ONE)
+    x = offset * tumour_scene.probe.tube_radius
+    bare = tumour_scene.model_copy(update={"inclusion": ()})
     cut = build_sections(bare)
     path = Path(ContactModel.from_section(cut.section, cut.materials, "bonded", FINENESS), sensitive=False)
-    target = shares(path.model, x, of.inclusion[0].depth, diameter)
-    points = [path.press_to_indentation(depth * path.radius) for depth in (SMALL, *DEPTHS)]
-    found = [first_order(path.model, point, target) for point in points]
-    moved = of.model_copy(update={"inclusion": (of.inclusion[0].model_copy(update={"x": x, "target": True}),)})
+    target = shares(path.model, x, tumour_scene.inclusion[0].depth, diameter)
+    points = [path.press_to_indentation(depth * path.radius) for depth in (SMALL_DEPTH_OUTER_RADII, *DEPTHS)]
+    slopes = [first_order(path.model, point, target) for point in points]
+    moved = tumour_scene.model_copy(
+        update={"inclusion": (tumour_scene.inclusion[0].model_copy(update={"x": x, "target": True}),)}
+    )
     linear = evaluate(moved, "equivalent-inclusion", 1e-3).log_sensitivity
-    return 1e3 * diameter, cover, offset, found[0], linear or 0.0, *(f"{one / found[0]:.3f}" for one in found[1:])
+    return 1e3 * diameter, cover, offset, slopes[0], linear or 0.0, *(f"{slope / slopes[0]:.3f}" for slope in slopes[1:])
 
 
 def main() -> None:
@@ -170,7 +175,7 @@ def main() -> None:
     table = MeasuredTable("S1 over S1 at rest, beside the axis, by indentation", columns)
     for diameter in DIAMETERS:
         for offset in OFFSETS:
-            table.add(*beside(diameter, 0.5, offset))
+            table.add(*row_beside(diameter, 0.5, offset))
     table.print(Console(width=160))
 
 

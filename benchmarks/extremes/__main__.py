@@ -18,23 +18,23 @@ from tests.support.extremes.judge import Answer, answer, judged
 from tests.support.extremes.rows import Row, rows
 
 
-def kept(path: Path) -> dict[tuple[str, str], Answer]:
+def read_answers(path: Path) -> dict[tuple[str, str], Answer]:
     """Return the answers that a file of JSON lines holds, by row and evaluator."""
     if not path.exists():
         return {}
-    every = [Answer(**json.loads(line)) for line in path.read_text(encoding="utf-8").splitlines()]
-    return {(one.row, one.evaluator): one for one in every}
+    replies = [Answer(**json.loads(line)) for line in path.read_text(encoding="utf-8").splitlines()]
+    return {(reply.row, reply.evaluator): reply for reply in replies}
 
 
 def run(path: Path, wanted: list[tuple[Row, str]]) -> None:
     """Append each answer to the file as soon as it is known."""
     path.parent.mkdir(parents=True, exist_ok=True)
     for k, (row, level) in enumerate(wanted, 1):
-        told = answer(row, level)
+        reply = answer(row, level)
         with path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(asdict(told)) + "\n")
-        one = judged(row, told)
-        print(f"{k}/{len(wanted)} {row.key} {level}: {one.mark} {one.why}, {one.seconds:.2g} s", file=sys.stderr, flush=True)
+            file.write(json.dumps(asdict(reply)) + "\n")
+        cell = judged(row, reply)
+        print(f"{k}/{len(wanted)} {row.key} {level}: {cell.mark} {cell.why}, {cell.seconds:.2g} s", file=sys.stderr, flush=True)
 
 
 def main() -> None:
@@ -43,17 +43,17 @@ def main() -> None:
     parser.add_argument("--document", type=Path, help="write the document to this file")
     parser.add_argument("--only", default="", help="run the cells whose name contains this")
     options = parser.parse_args()
-    path, found = options.output / "answers.jsonl", rows()
-    wanted, done = list(cells(found)), kept(path)
+    path, cases = options.output / "answers.jsonl", rows()
+    wanted, done = list(cells(cases)), read_answers(path)
     run(path, [(row, level) for row, level in wanted if options.only in f"{row.key} {level}" and (row.key, level) not in done])
-    done = kept(path)
-    told = [judged(row, done[row.key, level]) for row, level in wanted if (row.key, level) in done]
+    done = read_answers(path)
+    judged_cells = [judged(row, done[row.key, level]) for row, level in wanted if (row.key, level) in done]
     if options.document is not None:
-        options.document.write_text(document(found, told), encoding="utf-8")
-    for one in told:
-        if one.mark == "wrong":
-            print(f"wrong: {one.row} by {one.evaluator}: {one.why}")
-    print(f"{len(told)} of {len(wanted)} cells, {sum(one.mark == 'wrong' for one in told)} wrong")
+        options.document.write_text(document(cases, judged_cells), encoding="utf-8")
+    for cell in judged_cells:
+        if cell.mark == "wrong":
+            print(f"wrong: {cell.row} by {cell.evaluator}: {cell.why}")
+    print(f"{len(judged_cells)} of {len(wanted)} cells, {sum(cell.mark == 'wrong' for cell in judged_cells)} wrong")
 
 
 if __name__ == "__main__":

@@ -40,14 +40,14 @@ from solver.elements.quadrilateral import compute_geometry
 from solver.elements.shape_functions import build_shapes
 from solver.linalg.workspace import get_workspace
 
-TRUE = MeridianFineness(1.5, 6, 9)
-ROOM = Limits(memory=5e9, seconds=600.0)  # of the truth
+TRUTH_FINENESS = MeridianFineness(1.5, 6, 9)
+TRUTH_LIMITS = Limits(memory=5e9, seconds=600.0)  # of the truth
 ACCURACIES = (1e-2, 1e-3, 1e-4)
 CONTRAST = 1e3
 RATIOS = (0.3, 0.4, 0.45, 0.49, 0.499)  # Poisson's
-POLES, TOUCHES = (1e-4, 0.1), 0.2  # radii between pole and interface; the share of such interfaces that touch it
+POLES, TOUCHING_SHARE = (1e-4, 0.1), 0.2  # radii between pole and interface; the share of such interfaces that touch it
 THINNEST = 0.01  # radii
-USEFUL = 20.0  # times the true error, or the accuracy: what a bound is at most where that is reached
+USEFUL_BOUND_FACTOR = 20.0  # times the true error, or the accuracy: what a bound is at most where that is reached
 
 
 @dataclass(frozen=True)
@@ -77,18 +77,21 @@ def draw(seed: int, number: int) -> Scene:
     """
     rng = np.random.default_rng([seed, number, 7])
 
-    def between(low: float, high: float) -> float:
+    def draw_log_uniform(low: float, high: float) -> float:
         return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
-    def material(about: float, most: float = CONTRAST) -> dict[str, Any]:
-        return {"youngs_modulus": about * between(1 / most, most) ** 0.5, "poisson_ratio": float(rng.choice(RATIOS))}
+    def material(base_modulus: float, max_contrast: float = CONTRAST) -> dict[str, Any]:
+        return {
+            "youngs_modulus": base_modulus * draw_log_uniform(1 / max_contrast, max_contrast) ** 0.5,
+            "poisson_ratio": float(rng.choice(RATIOS)),
+        }
 
-    inner, height = between(1.0, 5.0), between(0.2, 2.0)
-    gap, wall = between(0.01, 0.3) * inner, between(0.1, 1.5) * inner
+    inner, height = draw_log_uniform(1.0, 5.0), draw_log_uniform(0.2, 2.0)
+    gap, wall = draw_log_uniform(0.01, 0.3) * inner, draw_log_uniform(0.1, 1.5) * inner
     outer = inner + gap + wall
-    radius = between(0.2, 3.0) * outer / 2 if number % 2 else between(0.15, 1.2) * outer
-    top = between(0.05, 1.5) * radius
-    depth = top + 2 * radius + between(0.1, 3.0) * radius
+    radius = draw_log_uniform(0.2, 3.0) * outer / 2 if number % 2 else draw_log_uniform(0.15, 1.2) * outer
+    top = draw_log_uniform(0.05, 1.5) * radius
+    depth = top + 2 * radius + draw_log_uniform(0.1, 3.0) * radius
     centre = top + radius
     planes = _planes(rng, centre, radius, depth, poles=bool(number % 2))
     mm = 1e-3
@@ -99,11 +102,15 @@ def draw(seed: int, number: int) -> Scene:
         gap=gap * mm,
         inner_height=height * inner * mm,
         outer_height=height * inner * mm,
-        inner=Material(youngs_modulus=between(2e4, 2e7), poisson_ratio=float(rng.uniform(0.3, 0.45))),
-        outer=Material(youngs_modulus=between(2e4, 2e7), poisson_ratio=float(rng.uniform(0.3, 0.45))),
+        inner=Material(youngs_modulus=draw_log_uniform(2e4, 2e7), poisson_ratio=float(rng.uniform(0.3, 0.45))),
+        outer=Material(youngs_modulus=draw_log_uniform(2e4, 2e7), poisson_ratio=float(rng.uniform(0.3, 0.45))),
     )
     tissue = CylinderTissue(
-        shape="cylinder", radius=between(1.5, 6) * max(outer, radius) * mm, depth=depth * mm, layer=layers, **material(2e4)
+        shape="cylinder",
+        radius=draw_log_uniform(1.5, 6) * max(outer, radius) * mm,
+        depth=depth * mm,
+        layer=layers,
+        **material(2e4),
     )
     body = Inclusion(diameter=2 * radius * mm, depth=centre * mm, **material(2e4, CONTRAST**2))
     contact = Contact(interface=str(rng.choice(["bonded", "frictionless"])))  # type: ignore[arg-type]
@@ -114,25 +121,25 @@ def _planes(rng: np.random.Generator, centre: float, radius: float, depth: float
     """Depths of the interfaces."""
     across = [centre + radius * float(rng.uniform(-0.97, 0.97)) for _ in range(int(rng.integers(1, 4)))]
     for k in range(len(across) if poles else 0):
-        off = 0.0 if rng.random() < TOUCHES else float(np.exp(rng.uniform(*np.log(POLES)))) * rng.choice([-1, 1])
+        offset = 0.0 if rng.random() < TOUCHING_SHARE else float(np.exp(rng.uniform(*np.log(POLES)))) * rng.choice([-1, 1])
         if k == 0 or rng.random() < 0.5:
-            across[k] = centre + float(rng.choice([-1, 1])) * radius * (1 + off)
+            across[k] = centre + float(rng.choice([-1, 1])) * radius * (1 + offset)
     elsewhere = [float(rng.uniform(0.02, 0.98)) * depth for _ in range(int(rng.integers(0, 3)))]
-    found: list[float] = []
+    heights: list[float] = []
     for plane in sorted(across + elsewhere):
-        if plane - (found[-1] if found else 0.0) > THINNEST * radius and depth - plane > THINNEST * radius:
-            found.append(plane)
-    return found
+        if plane - (heights[-1] if heights else 0.0) > THINNEST * radius and depth - plane > THINNEST * radius:
+            heights.append(plane)
+    return heights
 
 
-def drawn(seed: int, count: int) -> Iterator[tuple[str, Scene]]:
+def draw_scenes(seed: int, count: int) -> Iterator[tuple[str, Scene]]:
     """Yield the first scenes of a seed whose parts fit and which an interface crosses or touches."""
     number = 0
     while count:
         try:
             scene = draw(seed, number)
-            radius, at = (scene.inclusion[0].diameter or 0.0) / 2, scene.inclusion[0].depth
-            if any(abs(plane - at) < 1.1 * radius for plane in scene.tissue.interfaces):
+            radius, centre_depth = (scene.inclusion[0].diameter or 0.0) / 2, scene.inclusion[0].depth
+            if any(abs(plane - centre_depth) < 1.1 * radius for plane in scene.tissue.interfaces):
                 yield f"seed {seed}, number {number}", scene
                 count -= 1
         except (InputError, ValueError):
@@ -160,11 +167,11 @@ def truth(scene: Scene) -> CrossedTruth:
     Raises:
         SolveError, LimitReached: it cannot be solved.
     """
-    of = build_sections(scene)
-    with use_limits(ROOM):
-        found = solve_on_mesh(of.section, of, scene, TRUE)
-    inner, outer = found.totals[0]
-    return CrossedTruth(float(inner / outer * _areas(scene)), float(found.log_sensitivity[0]))
+    sections = build_sections(scene)
+    with use_limits(TRUTH_LIMITS):
+        sample = solve_on_mesh(sections.section, sections, scene, TRUTH_FINENESS)
+    inner, outer = sample.totals[0]
+    return CrossedTruth(float(inner / outer * _areas(scene)), float(sample.log_sensitivity[0]))
 
 
 def _areas(scene: Scene) -> float:
@@ -174,24 +181,24 @@ def _areas(scene: Scene) -> float:
 def compare(scene: Scene, true: CrossedTruth, accuracy: float) -> BoundCheck:
     """Return errors and bounds."""
     get_workspace().begin()  # what earlier scenes needed may go
-    found = Axisymmetric().compute_converged(scene, accuracy)
-    (films,), (inner, outer) = found.films, found.sample.totals[0]
+    solution = Axisymmetric().compute_converged(scene, accuracy)
+    (films,), (inner, outer) = solution.films, solution.sample.totals[0]
     bound, slope = films.compute_max_error(scene), films.log_sensitivity or 0.0
-    wide = any(note.kind == "sensitivity" for note in found.notes)
+    wide = any(note.kind == "sensitivity" for note in solution.notes)
     promised = films.sensitivity_error if wide else max(5 * accuracy * abs(slope), 1e-5)
     error = abs(float(inner / outer) * _areas(scene) / true.ratio - 1)
     return BoundCheck(error, bound, abs(slope - true.log_sensitivity), promised, bound <= accuracy)
 
 
-def by_ngsolve(scene: Scene) -> tuple[float, float, float]:
+def solve_by_ngsolve(scene: Scene) -> tuple[float, float, float]:
     """Return ratio, log-sensitivity and their relative uncertainty by NGSolve."""
     from benchmarks.references.axisymmetric import reference
 
-    found = reference(scene, 1e-6)
-    return found.ratio, found.log_sensitivity or 0.0, found.relative_uncertainty
+    answer = reference(scene, 1e-6)
+    return answer.ratio, answer.log_sensitivity or 0.0, answer.relative_uncertainty
 
 
-def table(found: dict[float, list[BoundCheck]]) -> MeasuredTable:
+def table(checks: dict[float, list[BoundCheck]]) -> MeasuredTable:
     """Return the shares of bounds by accuracy."""
     columns = (
         "accuracy",
@@ -204,9 +211,9 @@ def table(found: dict[float, list[BoundCheck]]) -> MeasuredTable:
         "log-sensitivity / promise, times",
     )
     printed = MeasuredTable("spheres across interfaces: errors against their bounds", columns)
-    for accuracy, rows in found.items():
+    for accuracy, rows in checks.items():
         shares = np.array([row.error / row.bound for row in rows])
-        wide = sum(row.reached and row.bound > max(USEFUL * row.error, accuracy) for row in rows)
+        wide = sum(row.reached and row.bound > max(USEFUL_BOUND_FACTOR * row.error, accuracy) for row in rows)
         slopes = max(row.sensitivity_error / row.sensitivity_bound for row in rows)
         reached, broken = sum(row.reached for row in rows), int((shares > 1).sum())
         printed.add(
@@ -215,9 +222,9 @@ def table(found: dict[float, list[BoundCheck]]) -> MeasuredTable:
     return printed
 
 
-def _known(path: Path | None) -> dict[str, CrossedTruth]:
+def _read_truths(path: Path | None) -> dict[str, CrossedTruth]:
     rows = (json.loads(row) for row in path.read_text().splitlines()) if path and path.exists() else ()
-    return {name: CrossedTruth(**one) for name, one in rows}
+    return {name: CrossedTruth(**values) for name, values in rows}
 
 
 def main() -> None:
@@ -230,25 +237,25 @@ def main() -> None:
         "--ngsolve", type=int, default=0, help="compare the truths of so many scenes with NGSolve, and nothing else"
     )
     parser.add_argument("--truths", type=Path, help="file of truths, read and added to")
-    asked = parser.parse_args()
-    scenes = list(drawn(asked.seed, asked.scenes))
-    if asked.meshes:
+    options = parser.parse_args()
+    scenes = list(draw_scenes(options.seed, options.scenes))
+    if options.meshes:
         bad = {name: count for name, scene in scenes if (count := meshes(scene))}
         print(f"{len(scenes)} scenes, {len(MESH_LEVELS)} meshes each: {sum(bad.values())} have a cell without area {bad or ''}")
         return
-    known = _known(asked.truths)
-    found: dict[float, list[BoundCheck]] = {accuracy: [] for accuracy in ACCURACIES}
+    known = _read_truths(options.truths)
+    checks: dict[float, list[BoundCheck]] = {accuracy: [] for accuracy in ACCURACIES}
     with threadpool_limits(1):
-        for name, scene in scenes[: asked.ngsolve or None]:
+        for name, scene in scenes[: options.ngsolve or None]:
             try:
                 if name not in known:
                     known[name] = truth(scene)
-                    if asked.truths:
-                        with asked.truths.open("a") as kept:
+                    if options.truths:
+                        with options.truths.open("a") as kept:
                             kept.write(json.dumps([name, vars(known[name])]) + "\n")
                 true = known[name]
-                if asked.ngsolve:
-                    ratio, slope, uncertain = by_ngsolve(scene)
+                if options.ngsolve:
+                    ratio, slope, uncertain = solve_by_ngsolve(scene)
                     print(
                         f"{name}: ratio {true.ratio / ratio - 1:+.1e}, "
                         f"log_sensitivity {true.log_sensitivity - slope:+.1e}, NGSolve's own {uncertain:.1e}",
@@ -257,13 +264,13 @@ def main() -> None:
                     continue
                 for accuracy in ACCURACIES:
                     row = compare(scene, true, accuracy)
-                    found[accuracy].append(row)
+                    checks[accuracy].append(row)
                     if row.error > row.bound or row.sensitivity_error > row.sensitivity_bound or not row.reached:
                         print(f"{name}: at {accuracy:g} {row}", flush=True)
             except (SolveError, Refusal) as fault:
                 print(f"{name}: {fault}", flush=True)
-    if not asked.ngsolve:
-        table(found).print(Console(width=150))
+    if not options.ngsolve:
+        table(checks).print(Console(width=150))
 
 
 if __name__ == "__main__":

@@ -45,8 +45,16 @@ of `extremes` were found by `python -m benchmarks.references.extremes_scenes tes
 def document(rows: list[Row], cells: Iterable[Cell]) -> str:
     """Return the page."""
     cells, reasons = list(cells), Reasons()
-    tables = [table(group, list(some), cells, reasons) for group, some in groupby(rows, key=lambda row: row.group)]
-    return "\n".join([INTRODUCTION, *counts(cells), *wrongs(cells), *(line for one in tables for line in one), *reasons.lines()])
+    tables = [table(group, list(group_rows), cells, reasons) for group, group_rows in groupby(rows, key=lambda row: row.group)]
+    return "\n".join(
+        [
+            INTRODUCTION,
+            *counts(cells),
+            *wrongs(cells),
+            *(line for table_lines in tables for line in table_lines),
+            *reasons.lines(),
+        ]
+    )
 
 
 class Reasons:
@@ -77,56 +85,61 @@ def counts(cells: list[Cell]) -> Iterator[str]:
     heads = (f"right and within {ACCURACY:g}", "worst true error", "median stated", "largest true / stated", "median s")
     yield f"| evaluator | {' | '.join((*MARKS, *heads))} |"
     yield "|---" * (1 + len(MARKS) + len(heads)) + "|"
-    levels = list(dict.fromkeys(one.evaluator for one in cells))
+    levels = list(dict.fromkeys(cell.evaluator for cell in cells))
     for level in levels:
-        some = [one for one in cells if one.evaluator == level]
-        yield f"| {level} | {' | '.join(str(sum(one.mark == mark for one in some)) for mark in MARKS)} | {quality(some)} |"
-    totals = " | ".join(f"**{sum(one.mark == mark for one in cells)}**" for mark in MARKS)
-    yield f"| all | {totals} | {sum(map(reached, cells))} | | | | |\n"
+        level_cells = [cell for cell in cells if cell.evaluator == level]
+        counts = " | ".join(str(sum(cell.mark == mark for cell in level_cells)) for mark in MARKS)
+        yield f"| {level} | {counts} | {quality(level_cells)} |"
+    totals = " | ".join(f"**{sum(cell.mark == mark for cell in cells)}**" for mark in MARKS)
+    yield f"| all | {totals} | {sum(map(is_reached, cells))} | | | | |\n"
 
 
 def quality(cells: list[Cell]) -> str:
     """Return the last columns of the table of counts: of what is right."""
-    right = [one for one in cells if one.mark == "right" and one.true is not None and one.stated is not None]
+    right = [cell for cell in cells if cell.mark == "right" and cell.true is not None and cell.stated is not None]
     if not right:
         return "0 | - | - | - | -"
-    stated = sorted(one.stated or 0.0 for one in right)[len(right) // 2]
-    worst, share = max(one.true or 0.0 for one in right), max(one.share for one in right)
-    seconds = sorted(one.seconds for one in cells)[len(cells) // 2]
-    return " | ".join([str(sum(map(reached, cells))), f"{worst:.1e}", f"{stated:.1e}", f"{share:.2g}", f"{seconds:.2g}"])
+    stated = sorted(cell.stated or 0.0 for cell in right)[len(right) // 2]
+    worst, share = max(cell.true or 0.0 for cell in right), max(cell.share for cell in right)
+    seconds = sorted(cell.seconds for cell in cells)[len(cells) // 2]
+    return " | ".join([str(sum(map(is_reached, cells))), f"{worst:.1e}", f"{stated:.1e}", f"{share:.2g}", f"{seconds:.2g}"])
 
 
-def reached(one: Cell) -> bool:
+def is_reached(cell: Cell) -> bool:
     """Whether an answer is right and its stated error no larger than the accuracy."""
-    return one.mark == "right" and one.stated is not None and one.stated <= ACCURACY
+    return cell.mark == "right" and cell.stated is not None and cell.stated <= ACCURACY
 
 
 def wrongs(cells: list[Cell]) -> Iterator[str]:
     """Yield what is wrong with each wrong cell."""
-    wrong = [one for one in cells if one.mark == "wrong"]
+    wrong = [cell for cell in cells if cell.mark == "wrong"]
     if wrong:
         yield "## Wrong\n"
-        yield from (f"- {one.row} by {one.evaluator}: {one.why}" for one in wrong)
+        yield from (f"- {cell.row} by {cell.evaluator}: {cell.why}" for cell in wrong)
         yield ""
 
 
 def table(group: str, rows: list[Row], cells: list[Cell], reasons: Reasons) -> Iterator[str]:
     """Yield one table: a row for each scene, a column for each evaluator."""
-    found = {(one.row, one.evaluator): one for one in cells}
-    levels = [level for level in dict.fromkeys(one.evaluator for one in cells) if any((row.key, level) in found for row in rows)]
+    cells_by_key = {(cell.row, cell.evaluator): cell for cell in cells}
+    levels = [
+        level
+        for level in dict.fromkeys(cell.evaluator for cell in cells)
+        if any((row.key, level) in cells_by_key for row in rows)
+    ]
     yield f"## {group}: {TITLES[group]}\n"
     yield f"| scene | {' | '.join(levels)} | true values |"
     yield "|---" * (len(levels) + 2) + "|"
     for row in rows:
-        told = (text(found.get((row.key, level)), reasons) for level in levels)
-        yield f"| {row.name} | {' | '.join(told)} | {row.origin} |"
+        texts = (text(cells_by_key.get((row.key, level)), reasons) for level in levels)
+        yield f"| {row.name} | {' | '.join(texts)} | {row.origin} |"
     yield ""
 
 
-def text(one: Cell | None, reasons: Reasons) -> str:
+def text(cell: Cell | None, reasons: Reasons) -> str:
     """Return a cell in a few characters."""
-    if one is None:
+    if cell is None:
         return ""
-    if one.mark == "right":
-        return f"{one.true:.0e} / {one.stated:.0e}" if one.true is not None and one.stated is not None else "right"
-    return "**wrong**" if one.mark == "wrong" else f"{one.mark} {reasons.number(one.why)}"
+    if cell.mark == "right":
+        return f"{cell.true:.0e} / {cell.stated:.0e}" if cell.true is not None and cell.stated is not None else "right"
+    return "**wrong**" if cell.mark == "wrong" else f"{cell.mark} {reasons.number(cell.why)}"

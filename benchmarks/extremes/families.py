@@ -36,9 +36,11 @@ from solver.results.film_forces import FilmForces
 ACCURACIES = (0.02, 0.005, 0.001)
 WIDTHS, COUNTS = (1.02, 100.0), (12, 40)
 BODIES = ("probe", "tissue", "inclusion")  # whose numbers are swept
-FINER, TRUE_OF = 20.0, 3  # times the accuracy, and of how many members
-LEAST_SENSITIVITY = 1e-5  # absolute, that a log-sensitivity is promised to
-RULE = 0.002  # relative, that rules for loads may differ by: a twentieth of it tells nothing of what is allowed
+TRUTH_ACCURACY_FACTOR, TRUE_OF = 20.0, 3  # times the accuracy, and of how many members
+SENSITIVITY_ACCURACY = 1e-5  # absolute, that a log-sensitivity is promised to
+RULE_TOLERANCE_RELATIVE = (
+    0.002  # relative, that rules for loads may differ by: a twentieth of it tells nothing of what is allowed
+)
 QUANTITIES = ("ratio", "inner", "outer", "log-sensitivity")
 
 
@@ -76,83 +78,90 @@ def sweep(seed: int, number: int) -> DrawnSweep | None:
     low = numbers[path] * width ** -rng.uniform()
     shares = np.linspace(0.0, 1.0, count) if rng.random() < 0.5 else rng.random(count)
     values = low * width**shares if rng.random() < 0.7 else low * (1 + (width - 1) * shares)
-    made = (varied(base, path, value) for value in values.tolist())
+    made = (vary_number(base, path, value) for value in values.tolist())
     name = f"seed {seed}, number {number}, {'.'.join(map(str, path))} x {width:.3g}"
-    return DrawnSweep(name, [one for one in made if one is not None], float(rng.choice(ACCURACIES)))
+    return DrawnSweep(name, [member for member in made if member is not None], float(rng.choice(ACCURACIES)))
 
 
-def varied(scene: Scene, path: tuple[Any, ...], value: float) -> Scene | None:
+def vary_number(scene: Scene, path: tuple[Any, ...], value: float) -> Scene | None:
     """Return the scene with another number; None where that is not allowed."""
     if path[-1] == "poisson_ratio" and value >= 0.5:
         return None
-    changed = replaced(scene, path, value)
+    changed = replace_number(scene, path, value)
     try:
         return Scene(**{name: getattr(changed, name) for name in Scene.model_fields})
     except (InputError, ValueError):
         return None
 
 
-def replaced(part: Any, path: tuple[Any, ...], value: float) -> Any:
+def replace_number(part: Any, path: tuple[Any, ...], value: float) -> Any:
     """Return a model or a tuple of them with one number replaced."""
     if not path:
         return value
-    first, *rest = path
+    first, *tail = path
     if isinstance(part, tuple):
-        return (*part[:first], replaced(part[first], tuple(rest), value), *part[first + 1 :])
-    return part.model_copy(update={first: replaced(getattr(part, first), tuple(rest), value)})
+        return (*part[:first], replace_number(part[first], tuple(tail), value), *part[first + 1 :])
+    return part.model_copy(update={first: replace_number(getattr(part, first), tuple(tail), value)})
 
 
-def shares(one: FilmForces, other: FilmForces) -> tuple[float, ...]:
+def shares(first: FilmForces, second: FilmForces) -> tuple[float, ...]:
     """Return differences of ``QUANTITIES`` over both bounds together."""
-    bounds = one.bound + other.bound
-    apart = np.abs(one.totals - other.totals) / np.maximum(bounds.totals, 1e-300)
+    bounds = first.bound + second.bound
+    difference = np.abs(first.totals - second.totals) / np.maximum(bounds.totals, 1e-300)
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratios = np.abs(np.log(np.abs(one.totals / other.totals)) @ [1.0, -1.0]) / bounds.log_ratio
-    slopes = abs((one.log_sensitivity or 0.0) - (other.log_sensitivity or 0.0))
-    sensitivity = slopes / max(one.sensitivity_error + other.sensitivity_error, LEAST_SENSITIVITY)
-    return float(np.nan_to_num(ratios)), *map(float, apart), float(sensitivity)
+        ratios = np.abs(np.log(np.abs(first.totals / second.totals)) @ [1.0, -1.0]) / bounds.log_ratio
+    slopes = abs((first.log_sensitivity or 0.0) - (second.log_sensitivity or 0.0))
+    sensitivity = slopes / max(first.sensitivity_error + second.sensitivity_error, SENSITIVITY_ACCURACY)
+    return float(np.nan_to_num(ratios)), *map(float, difference), float(sensitivity)
 
 
-def compare(asked: DrawnSweep, compared: ComparedAnswers) -> None:
+def compare(drawn_sweep: DrawnSweep, compared: ComparedAnswers) -> None:
     """Compare a sweep's interpolated members, and say which are off."""
     get_workspace().begin()
-    level, found = Axisymmetric(), []
-    for family in find_families(asked.scenes, find_smooth_kinds):
-        some = [asked.scenes[place] for place in family.places]
-        pairs = interpolate_family(family, some, level, asked.accuracy)
-        found += [(scene, pair) for scene, pair in zip(some, pairs, strict=True) if pair is not None]
-    others = []
-    for scene, (answer, rule) in found:
-        (alone,) = level.solve_many([scene], [asked.accuracy])
+    level, solved = Axisymmetric(), []
+    for family in find_families(drawn_sweep.scenes, find_smooth_kinds):
+        family_scenes = [drawn_sweep.scenes[place] for place in family.places]
+        pairs = interpolate_family(family, family_scenes, level, drawn_sweep.accuracy)
+        solved += [(scene, pair) for scene, pair in zip(family_scenes, pairs, strict=True) if pair is not None]
+    remaining = []
+    for scene, (answer, rule) in solved:
+        (alone,) = level.solve_many([scene], [drawn_sweep.accuracy])
         if not isinstance(alone, FilmSolution) or (alone.notes, alone.plan) != (answer.notes, answer.plan):
-            print(f"{asked.name}: alone it is {alone}", flush=True)
+            print(f"{drawn_sweep.name}: alone it is {alone}", flush=True)
         elif not np.array_equal(alone.films[0].forces, answer.films[0].forces):
-            others.append((scene, answer.films[0]))
+            remaining.append((scene, answer.films[0]))
             compared.alone.append(shares(answer.films[0], alone.films[0]))
-            tell(asked, "alone", compared.alone[-1])
+            tell(drawn_sweep, "alone", compared.alone[-1])
             if rule is not None:
-                compared.rules.append(apart(scene, rule))
-                tell(asked, "rule", [compared.rules[-1] / RULE])
-    chosen = np.random.default_rng(len(others)).permutation(len(others))[:TRUE_OF]
-    for scene, film in (others[k] for k in chosen):
-        (true,) = level.solve_many([scene], [asked.accuracy / FINER])
+                compared.rules.append(compare_rules(scene, rule))
+                tell(drawn_sweep, "rule", [compared.rules[-1] / RULE_TOLERANCE_RELATIVE])
+    chosen = np.random.default_rng(len(remaining)).permutation(len(remaining))[:TRUE_OF]
+    for scene, film in (remaining[k] for k in chosen):
+        (true,) = level.solve_many([scene], [drawn_sweep.accuracy / TRUTH_ACCURACY_FACTOR])
         if isinstance(true, FilmSolution):
             compared.finer.append(shares(film, true.films[0]))
-            tell(asked, "finer", compared.finer[-1])
+            tell(drawn_sweep, "finer", compared.finer[-1])
 
 
-def apart(scene: Scene, rule: LoadRule) -> float:
+def compare_rules(scene: Scene, rule: LoadRule) -> float:
     """Relative difference of a rule's largest load and stiffness from those of the scene's own."""
-    own = build_load_rule(scene)
+    scene_rule = build_load_rule(scene)
     return float(
-        max(abs(rule.stiffness / own.stiffness - 1), abs(rule.strain / own.strain - 1), abs(rule.closure / own.closure - 1))
+        max(
+            abs(rule.stiffness / scene_rule.stiffness - 1),
+            abs(rule.strain / scene_rule.strain - 1),
+            abs(rule.closure / scene_rule.closure - 1),
+        )
     )
 
 
-def tell(asked: DrawnSweep, against: str, found: Sequence[float]) -> None:
+def tell(drawn_sweep: DrawnSweep, against: str, values: Sequence[float]) -> None:
     """Print a line where a share is above 1."""
-    if max(found) > 1:
-        print(f"{asked.name}, accuracy {asked.accuracy}: {against}, {', '.join(f'{one:.2g}' for one in found)}", flush=True)
+    if max(values) > 1:
+        print(
+            f"{drawn_sweep.name}, accuracy {drawn_sweep.accuracy}: {against}, {', '.join(f'{value:.2g}' for value in values)}",
+            flush=True,
+        )
 
 
 def main() -> None:
@@ -161,19 +170,19 @@ def main() -> None:
     parser.add_argument("--sweeps", type=int, default=200, help="drawn sweeps of each seed (200)")
     parser.add_argument("--first", type=int, default=0, help="number of the first (0)")
     parser.add_argument("--seed", type=int, action="append", help="of drawn sweeps (1)")
-    asked, compared, used, drawn, members = parser.parse_args(), ComparedAnswers(), 0, 0, 0
-    numbers = range(asked.first, asked.first + asked.sweeps)
+    options, compared, used, drawn, members = parser.parse_args(), ComparedAnswers(), 0, 0, 0
+    numbers = range(options.first, options.first + options.sweeps)
     with threadpool_limits(1), Console(stderr=True).status("families") as status:
-        for one in (sweep(seed, k) for seed in asked.seed or [1] for k in numbers):
-            if one is None:
+        for drawn_sweep in (sweep(seed, k) for seed in options.seed or [1] for k in numbers):
+            if drawn_sweep is None:
                 continue
-            status.update(one.name)
-            before = len(compared.alone)
+            status.update(drawn_sweep.name)
+            alone_count = len(compared.alone)
             try:
-                compare(one, compared)
+                compare(drawn_sweep, compared)
             except ProbeError as fault:
-                print(f"{one.name}: {fault}")
-            drawn, used, members = drawn + 1, used + (len(compared.alone) > before), members + len(one.scenes)
+                print(f"{drawn_sweep.name}: {fault}")
+            drawn, used, members = drawn + 1, used + (len(compared.alone) > alone_count), members + len(drawn_sweep.scenes)
     print(f"{drawn} sweeps of {members} scenes, {used} of them with {len(compared.alone)} interpolated members")
     table = MeasuredTable(
         "difference over both bounds, largest", ("against", "members", *(f"{name}, times" for name in QUANTITIES))

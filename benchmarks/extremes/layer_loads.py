@@ -34,10 +34,10 @@ from solver.planning.loads import LoadRule, compute_sensitivity_size
 from solver.results.load_limits import LargestLoad
 
 ACCURACY = 0.01
-DEEPEST = 0.3  # outer radii: beyond, the rule says nothing anyway
-FAR = 1.5  # promises: a path that breaks one by so much is followed no further
-PLACES = 200  # on a path, where promises are looked at
-SMALL = 1e-5  # log-sensitivities that differ by less are alike: what every evaluator promises
+MAX_DEPTH_OUTER_RADII = 0.3  # outer radii: beyond, the rule says nothing anyway
+BROKEN_PROMISE_FACTOR = 1.5  # promises: a path that breaks one by so much is followed no further
+PLACE_COUNT = 200  # on a path, where promises are looked at
+MIN_SLOPE_DIFFERENCE = 1e-5  # log-sensitivities that differ by less are alike: what every evaluator promises
 
 
 def draws(seed: int) -> Iterator[Scene]:
@@ -106,58 +106,60 @@ class LoadedLayers:
     closes: float
 
     @classmethod
-    def of(cls, scene: Scene) -> tuple[LoadedLayers, LoadedScene]:
+    def from_scene(cls, scene: Scene) -> tuple[LoadedLayers, LoadedScene]:
         """Press a scene until a promise is broken, or as far as anything converges."""
         with start_clock():
-            on = ContactEvaluator().prepare_scene(scene)
-        for path in on.paths:
+            loaded_scene = ContactEvaluator().prepare_scene(scene)
+        for path in loaded_scene.paths:
             try:
                 with start_clock():
-                    for _ in path.iterate_steps(DEEPEST * path.radius):
-                        if is_gap_closed(path) or _broken(on, path):
+                    for _ in path.iterate_steps(MAX_DEPTH_OUTER_RADII * path.radius):
+                        if is_gap_closed(path) or _is_promise_broken(loaded_scene, path):
                             break
             except (SolveError, LimitReached):
                 pass
-        end = min(path.last.indentation for path in on.paths)
+        end = min(path.last.indentation for path in loaded_scene.paths)
         if end == 0:
             raise SolveError("not even the first step converges")
-        places = np.linspace(0.0, end, PLACES)
-        coarse, fine = (_changes(on, path, places) for path in on.paths)
-        films = on.linear.films[0]
-        stiffness = float(on.paths[1].points[0].tangent.sum()) * (1 + fine[3])
-        touched = [point.indentation for path in on.paths for point in path.points if is_gap_closed(path) and point.walls <= 0]
+        places = np.linspace(0.0, end, PLACE_COUNT)
+        coarse, fine = (_changes(loaded_scene, path, places) for path in loaded_scene.paths)
+        films = loaded_scene.linear.films[0]
+        stiffness = float(loaded_scene.paths[1].points[0].tangent.sum()) * (1 + fine[3])
+        touched = [
+            point.indentation for path in loaded_scene.paths for point in path.points if is_gap_closed(path) and point.walls <= 0
+        ]
         made = cls(
             places, stiffness * places, fine, np.abs(fine - coarse),
             compute_sensitivity_size(films.film_log_sensitivities or (0.0, 0.0)), abs(films.log_sensitivity or 0.0),
             min(touched, default=math.inf),
         )  # fmt: skip
-        return made, on
+        return made, loaded_scene
 
     def shares(self) -> Floats:
         """Shares of the promises on the ratio, the stresses and stiffness, the log-sensitivity, shape (3, k)."""
-        off = np.maximum(0.0, np.abs(self.changes) - self.meshes)
-        promise = max(5 * ACCURACY * self.sensitivity, SMALL)
-        return np.array([off[0] / ACCURACY, off[1:4].max(axis=0) / ACCURACY, off[4] / promise])
+        excess = np.maximum(0.0, np.abs(self.changes) - self.meshes)
+        promise = max(5 * ACCURACY * self.sensitivity, MIN_SLOPE_DIFFERENCE)
+        return np.array([excess[0] / ACCURACY, excess[1:4].max(axis=0) / ACCURACY, excess[4] / promise])
 
 
-def _changes(on: LoadedScene, path: Path, places: Floats) -> Floats:
+def _changes(loaded_scene: LoadedScene, path: Path, places: Floats) -> Floats:
     """See ``LoadedLayers``; of one mesh."""
     points = sorted(path.points, key=lambda point: point.indentation)
-    depth, rest = np.array([point.indentation for point in points]), points[0]
+    depth, start = np.array([point.indentation for point in points]), points[0]
     films = CubicHermiteSpline(depth, [point.films for point in points], [point.tangent for point in points])(places).T
-    secants = np.tile(rest.tangent[:, None], len(places))
+    secants = np.tile(start.tangent[:, None], len(places))
     secants[:, 1:] = films[:, 1:] / places[1:]
-    slopes = PchipInterpolator(depth, [on.compute_sensitivity(path, point) for point in points])(places)
-    inner, outer = secants / rest.tangent[:, None]
-    stiffness = secants.sum(axis=0) / rest.tangent.sum()
+    slopes = PchipInterpolator(depth, [loaded_scene.compute_sensitivity(path, point) for point in points])(places)
+    inner, outer = secants / start.tangent[:, None]
+    stiffness = secants.sum(axis=0) / start.tangent.sum()
     return np.array([inner / outer - 1, inner - 1, outer - 1, stiffness - 1, slopes - slopes[0]])
 
 
-def _broken(on: LoadedScene, path: Path) -> bool:
+def _is_promise_broken(loaded_scene: LoadedScene, path: Path) -> bool:
     """Whether a path is well beyond a promise, whatever two meshes differ by."""
-    changes = np.abs(_changes(on, path, np.array([0.0, path.last.indentation]))[:, 1])
-    slope = max(5 * ACCURACY * abs(on.linear.films[0].log_sensitivity or 0.0), SMALL)
-    return bool(max(changes[:4].max() / ACCURACY, changes[4] / slope) > FAR)
+    changes = np.abs(_changes(loaded_scene, path, np.array([0.0, path.last.indentation]))[:, 1])
+    slope = max(5 * ACCURACY * abs(loaded_scene.linear.films[0].log_sensitivity or 0.0), MIN_SLOPE_DIFFERENCE)
+    return bool(max(changes[:4].max() / ACCURACY, changes[4] / slope) > BROKEN_PROMISE_FACTOR)
 
 
 @dataclass(frozen=True)
@@ -179,26 +181,26 @@ class LayerAudit:
 
 def audit(scene: Scene) -> LayerAudit:
     """Press a scene and hold its stated limit against what happens."""
-    made, on = LoadedLayers.of(scene)
-    return judge(made, rule_of(scene, on))
+    made, loaded_scene = LoadedLayers.from_scene(scene)
+    return judge(made, build_rule(scene, loaded_scene))
 
 
-def rule_of(scene: Scene, on: LoadedScene) -> LoadRule:
+def build_rule(scene: Scene, loaded_scene: LoadedScene) -> LoadRule:
     """The rule with the linear result's own stiffness and log-sensitivities, as every command has it."""
-    films = on.linear.films[0]
+    films = loaded_scene.linear.films[0]
     return replace(build_load_rule(scene), stiffness=float(films.totals.sum()), films=films.film_log_sensitivities)
 
 
 def judge(made: LoadedLayers, rule: LoadRule) -> LayerAudit:
     """Hold a rule's limit against what happens."""
     limit, shares = find_largest_load(rule, ACCURACY, promise=True), made.shares()
-    taken = tuple(float(np.interp(limit.force, made.force, one)) for one in shares)
-    beyond = np.flatnonzero((shares.max(axis=0) > 1) | (made.indentation >= made.closes))
-    true = float(made.force[beyond[0]] if len(beyond) else made.force[-1])
-    return LayerAudit(limit, taken, true / limit.force if limit.force else math.inf, bool(len(beyond)))  # type: ignore[arg-type]
+    taken = tuple(float(np.interp(limit.force, made.force, share)) for share in shares)
+    broken = np.flatnonzero((shares.max(axis=0) > 1) | (made.indentation >= made.closes))
+    true = float(made.force[broken[0]] if len(broken) else made.force[-1])
+    return LayerAudit(limit, taken, true / limit.force if limit.force else math.inf, bool(len(broken)))  # type: ignore[arg-type]
 
 
-def described(scene: Scene) -> str:
+def describe_scene(scene: Scene) -> str:
     """A scene in a few numbers."""
     probe, tissue = scene.probe, scene.tissue
     layers = ", ".join(
@@ -225,22 +227,25 @@ def main() -> None:
         if options.bonded:
             scene = scene.model_copy(update={"contact": Contact()})
         try:
-            one = audit(scene)
+            outcome = audit(scene)
         except (ProbeError, SolveError, LimitReached) as fault:
-            print(f"| {number}: {described(scene)} | refused: {fault} |", flush=True)
+            print(f"| {number}: {describe_scene(scene)} | refused: {fault} |", flush=True)
             continue
-        audits.append(one)
-        shares = " | ".join(f"{value:.2f}" for value in one.taken)
-        mark = " **unsafe**" if max(one.taken) > 1 else ""
-        room = f"{'' if one.ends else '> '}{one.room:.3g}"
-        print(f"| {number}: {described(scene)}{mark} | {one.limit.force:.3g} | {one.limit.by} | {shares} | {room} |", flush=True)
+        audits.append(outcome)
+        shares = " | ".join(f"{value:.2f}" for value in outcome.taken)
+        mark = " **unsafe**" if max(outcome.taken) > 1 else ""
+        room = f"{'' if outcome.ends else '> '}{outcome.room:.3g}"
+        print(
+            f"| {number}: {describe_scene(scene)}{mark} | {outcome.limit.force:.3g} | {outcome.limit.by} | {shares} | {room} |",
+            flush=True,
+        )
     summarise(audits)
 
 
 def summarise(audits: list[LayerAudit]) -> None:
     """Print what all scenes say; those that level contact cannot press to the stated limit say nothing of it."""
-    known = [one for one in audits if one.ends or one.room >= 1]
-    taken, ends = np.array([one.taken for one in known]), np.array([one.room for one in known if one.ends])
+    known = [outcome for outcome in audits if outcome.ends or outcome.room >= 1]
+    taken, ends = np.array([outcome.taken for outcome in known]), np.array([outcome.room for outcome in known if outcome.ends])
     print(
         f"\n{len(audits)} scenes, {len(known)} of them pressed to the stated limit, {int((taken.max(axis=1) > 1).sum())} unsafe"
     )

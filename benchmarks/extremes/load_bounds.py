@@ -37,9 +37,9 @@ from solver.planning.loads import (
     compute_sensitivity_size,
 )
 
-SHARES, LIGHT = (0.1, 0.3, 1.0), (0.15,)  # of the largest load of which the rule says anything
+LOAD_SHARES, LIGHT_LOAD_SHARES = (0.1, 0.3, 1.0), (0.15,)  # of the largest load of which the rule says anything
 NEAR_CLOSURE = 0.4  # of the force by eq. PL.4
-SMALL = 1e-5  # log-sensitivities that differ by less are alike: what every level promises
+MIN_SLOPE_DIFFERENCE = 1e-5  # log-sensitivities that differ by less are alike: what every level promises
 
 
 @dataclass(frozen=True)
@@ -103,14 +103,14 @@ def draws(seed: int) -> Iterator[Scene]:
             continue
 
 
-def narrowed(seed: int) -> Iterator[Scene]:
+def draw_narrowed(seed: int) -> Iterator[Scene]:
     """The same with narrow gaps, stiff blocks and soft tumours, where what is known ends before the gap by eq. PL.4 does."""
     random = np.random.default_rng(seed + 2000)
     for scene in draws(seed):
         times, stiffer, softer = np.exp(random.uniform([math.log(0.01), 0.0, math.log(0.01)], [0.0, math.log(10), math.log(0.5)]))
         probe, (body,) = scene.probe, scene.inclusion
         inner, outer = (
-            one.model_copy(update={"youngs_modulus": stiffer * one.youngs_modulus}) for one in (probe.inner, probe.outer)
+            block.model_copy(update={"youngs_modulus": stiffer * block.youngs_modulus}) for block in (probe.inner, probe.outer)
         )
         probe = probe.model_copy(update={"gap": probe.gap * times, "inner": inner, "outer": outer})
         if random.random() < 0.5:
@@ -128,35 +128,35 @@ def narrowed(seed: int) -> Iterator[Scene]:
 def audit(scene: Scene, light: bool = False) -> Audit:
     """Press a scene and hold it against the rule."""
     with start_clock():
-        on = ContactEvaluator().prepare_scene(scene)
-    totals = on.linear.films[0].totals
+        loaded_scene = ContactEvaluator().prepare_scene(scene)
+    totals = loaded_scene.linear.films[0].totals
     rule = replace(build_load_rule(scene), stiffness=float(totals.sum()))
     used, force = np.zeros(4), 0.0
-    for share in LIGHT if light else SHARES:
+    for share in LIGHT_LOAD_SHARES if light else LOAD_SHARES:
         try:
             with start_clock():
-                force = on.press_to_force(share * rule.largest_known_force).point.force
+                force = loaded_scene.press_to_force(share * rule.largest_known_force).point.force
         except (SolveError, LimitReached, ProbeError):
             break
-        used = np.maximum(used, _used(on, rule, force))
-    closes, closure = (False, force) if light else _closure(on)
+        used = np.maximum(used, _compute_used_shares(loaded_scene, rule, force))
+    closes, closure = (False, force) if light else _closure(loaded_scene)
     formulas = replace(rule, closure=bound_closure_force(scene, totals))
     opened = (closure / rule.largest_known_force, closure / formulas.largest_known_force)
     return Audit(force, rule.compute_x(force), tuple(used.tolist()), opened, closes)
 
 
-def _used(on: LoadedScene, rule: LoadRule, force: float) -> np.ndarray[Any, Any]:
+def _compute_used_shares(loaded_scene: LoadedScene, rule: LoadRule, force: float) -> np.ndarray[Any, Any]:
     """Shares of the bounds on ratio, stresses, stiffness and log-sensitivity that a load takes."""
-    _, path = on.paths
-    _, point = (one.press_to_force(force) for one in on.paths)
-    rest, bound = path.points[0], bound_ratio_change(rule.compute_x(force), rule.covered)
-    off = on.compute_differences(point.indentation)
-    films = np.abs(point.films / point.indentation / rest.tangent - 1) - off.films
-    stiffness = abs(point.force / point.indentation / rest.tangent.sum() - 1) - off.films.max()
-    odds = abs(_ratio(point.films) / _ratio(rest.tangent) - 1) - off.log_ratio
-    first, then = on.compute_sensitivity(path, rest), on.compute_sensitivity(path, point)
-    size = compute_sensitivity_size(on.linear.films[0].film_log_sensitivities or (0.0, 0.0))
-    slope = max(0.0, abs(then - first) - SMALL - off.sensitivity * max(abs(first), abs(then))) / size
+    _, path = loaded_scene.paths
+    _, point = (path_point.press_to_force(force) for path_point in loaded_scene.paths)
+    start, bound = path.points[0], bound_ratio_change(rule.compute_x(force), rule.covered)
+    difference = loaded_scene.compute_differences(point.indentation)
+    films = np.abs(point.films / point.indentation / start.tangent - 1) - difference.films
+    stiffness = abs(point.force / point.indentation / start.tangent.sum() - 1) - difference.films.max()
+    odds = abs(_ratio(point.films) / _ratio(start.tangent) - 1) - difference.log_ratio
+    first, then = loaded_scene.compute_sensitivity(path, start), loaded_scene.compute_sensitivity(path, point)
+    size = compute_sensitivity_size(loaded_scene.linear.films[0].film_log_sensitivities or (0.0, 0.0))
+    slope = max(0.0, abs(then - first) - MIN_SLOPE_DIFFERENCE - difference.sensitivity * max(abs(first), abs(then))) / size
     strained = (odds / bound, films.max() / bound, stiffness / bound)
     return np.array([*strained, slope / bound_log_sensitivity_change(rule.compute_x(force))])
 
@@ -165,23 +165,25 @@ def _ratio(films: Any) -> float:
     return float(films[0] / films[1])
 
 
-def _closure(on: LoadedScene) -> tuple[bool, float]:
+def _closure(loaded_scene: LoadedScene) -> tuple[bool, float]:
     """Whether the gap closes, and the load, N: where it does or as far as it does not."""
-    path = on.paths[0]
+    path = loaded_scene.paths[0]
     try:
         with start_clock():
-            found = find_gap_closure_load(path)
+            closing_load = find_gap_closure_load(path)
     except (SolveError, LimitReached):
-        found = None
-    return found is not None, path.last.force if found is None else found.force
+        closing_load = None
+    return closing_load is not None, path.last.force if closing_load is None else closing_load.force
 
 
-def described(scene: Scene) -> str:
+def describe_scene(scene: Scene) -> str:
     """A scene in a few numbers."""
     probe, tissue, body = scene.probe, scene.tissue, scene.inclusion[0]
     radius, E = probe.tube_radius, tissue.youngs_modulus
     deep = 0.0 if tissue.shape == "half-space" else tissue.depth / radius
-    moduli = ", ".join(f"{one / E:.3g}" for one in (probe.inner.youngs_modulus, probe.outer.youngs_modulus, body.youngs_modulus))
+    moduli = ", ".join(
+        f"{modulus / E:.3g}" for modulus in (probe.inner.youngs_modulus, probe.outer.youngs_modulus, body.youngs_modulus)
+    )
     layers = f", skin {tissue.layer[0].youngs_modulus / E:.2g}" if tissue.layer else ""
     return f"gap {probe.gap / radius:.3f} R, tissue {deep:.2g} R, nu {tissue.poisson_ratio:g}, moduli {moduli}{layers}"
 
@@ -196,7 +198,7 @@ def main() -> None:
     parser.add_argument("--narrow", action="store_true", help="narrow gaps, stiff blocks, soft tumours")
     parser.add_argument("--layered", action="store_true", help="layered scenes only")
     options = parser.parse_args()
-    drawn = (narrowed if options.narrow else draws)(options.seed)
+    drawn = (draw_narrowed if options.narrow else draws)(options.seed)
     if options.layered:
         drawn = (scene for scene in drawn if scene.tissue.layer)
     print("| scene | force, N | x | ratio | stresses | stiffness | log-sensitivity | closure / plan's | / formulas' |")
@@ -206,28 +208,31 @@ def main() -> None:
         if number < options.first:
             continue
         try:
-            one = audit(scene, options.light)
+            outcome = audit(scene, options.light)
         except (ProbeError, LimitReached) as fault:
-            print(f"| {number}: {described(scene)} | refused: {fault} |", flush=True)
+            print(f"| {number}: {describe_scene(scene)} | refused: {fault} |", flush=True)
             continue
-        audits.append(one)
-        shares = " | ".join(f"{value:.2f}" for value in one.used)
-        more = "" if one.closes else "> "
-        opened = " | ".join(f"{more}{value:.3g}" for value in one.open)
-        mark = " **optimistic**" if one.optimistic else ""
-        print(f"| {number}: {described(scene)}{mark} | {one.force:.3g} | {one.x:.2g} | {shares} | {opened} |", flush=True)
+        audits.append(outcome)
+        shares = " | ".join(f"{value:.2f}" for value in outcome.used)
+        prefix = "" if outcome.closes else "> "
+        opened = " | ".join(f"{prefix}{value:.3g}" for value in outcome.open)
+        mark = " **optimistic**" if outcome.optimistic else ""
+        print(
+            f"| {number}: {describe_scene(scene)}{mark} | {outcome.force:.3g} | {outcome.x:.2g} | {shares} | {opened} |",
+            flush=True,
+        )
     _summary(audits)
 
 
 def _summary(audits: list[Audit]) -> None:
-    used = np.array([one.used for one in audits])
-    closed = np.array([one.open for one in audits if one.closes])
-    print(f"\n{len(audits)} scenes, {sum(one.optimistic for one in audits)} of them optimistic")
+    used = np.array([outcome.used for outcome in audits])
+    closed = np.array([outcome.open for outcome in audits if outcome.closes])
+    print(f"\n{len(audits)} scenes, {sum(outcome.optimistic for outcome in audits)} of them optimistic")
     print("largest shares of the bounds on ratio, stresses, stiffness, log-sensitivity:", np.round(used.max(axis=0), 2).tolist())
     print("medians:", np.round(np.median(used, axis=0), 2).tolist())
     if len(closed):
-        least, middle = np.round(closed.min(axis=0), 2).tolist(), np.round(np.median(closed, axis=0), 1).tolist()
-        print(f"closure over the plan's and over the formulas', {len(closed)} scenes: least {least}, median {middle}")
+        lowest, middle = np.round(closed.min(axis=0), 2).tolist(), np.round(np.median(closed, axis=0), 1).tolist()
+        print(f"closure over the plan's and over the formulas', {len(closed)} scenes: least {lowest}, median {middle}")
 
 
 if __name__ == "__main__":

@@ -28,7 +28,10 @@ from solver.planning.gap_profile import GapProfile
 from solver.planning.loads import bound_wall_nearing
 from tests.support.paths import REFERENCE
 
-FINE, SMALL = MESH_LEVELS[3], 0.05  # where the nearing is less than this share of eq. PL.4 the floor of eq. PL.9 counts
+FINE, SMALL_NEARING_SHARE = (
+    MESH_LEVELS[3],
+    0.05,
+)  # where the nearing is less than this share of eq. PL.4 the floor of eq. PL.9 counts
 FOLDERS = ("axisymmetric", "contact", "extra", "extremes", "half-space", "solid")
 
 
@@ -38,7 +41,7 @@ def scenes(seeds: list[int], count: int) -> Iterator[Scene]:
         yield read_scene(path)
     for seed in seeds:
         yield from islice(draws(seed), count)
-        for drawn in (one(seed, k) for k in range(count) for one in (draw, draw_layered)):
+        for drawn in (draw_function(seed, k) for k in range(count) for draw_function in (draw, draw_layered)):
             try:
                 yield drawn.scene()
             except (InputError, ValueError):
@@ -53,7 +56,7 @@ def shares(scene: Scene) -> tuple[float, float]:
         plain = build_sections(rough.scene)
         fine = GapProfile.from_states(solve_on_mesh(plain.section, plain, rough.scene, FINE).states)
     by_formula = rough.gap_profile.max_nearing / bound_wall_nearing(rough.scene, rough.forces.sum(axis=1))
-    return rough.gap_profile.max_nearing / fine.max_nearing if by_formula > SMALL else 1.0, by_formula
+    return rough.gap_profile.max_nearing / fine.max_nearing if by_formula > SMALL_NEARING_SHARE else 1.0, by_formula
 
 
 def main() -> None:
@@ -61,15 +64,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenes", type=int, default=250)
     parser.add_argument("--seed", type=int, action="append")
-    asked = parser.parse_args()
-    found, refused = [], 0
-    for scene in scenes(asked.seed or [0], asked.scenes):
+    options = parser.parse_args()
+    ratios, refused = [], 0
+    for scene in scenes(options.seed or [0], options.scenes):
         try:
-            found.append(shares(scene))
+            ratios.append(shares(scene))
         except (ProbeError, SolveError):
             refused += 1
-    meshes, formula = np.array(found).T
-    print(f"{len(found)} scenes, {refused} refused")
+    meshes, formula = np.array(ratios).T
+    print(f"{len(ratios)} scenes, {refused} refused")
     print("coarsest over fine mesh, smallest, 1 %, 99 %, largest:", np.round(np.quantile(meshes, [0, 0.01, 0.99, 1]), 3).tolist())
     print(f"of eq. PL.4, largest and median: {formula.max():.2f}, {np.median(formula):.2f}")
 

@@ -38,11 +38,15 @@ from solver.linalg.workspace import get_workspace
 
 FOLDERS = ("axisymmetric", "extra", "extreme", "extremes", "half-space", "tissue-layers")
 REFERENCES = Path(__file__).parents[2] / "tests" / "reference"
-TRUE, ONE_MESH = MESH_LEVELS[4], {"light": LIGHT_MESH, "4": MESH_LEVELS[1], "5": MESH_LEVELS[2], "6": MESH_LEVELS[3]}
-OWN, NEAR, CURVE_OF = ", of its own", ", near", ", curve"  # what is told without a smaller space, by one step; of all moduli
+TRUTH_LEVEL, ONE_MESH = MESH_LEVELS[4], {"light": LIGHT_MESH, "4": MESH_LEVELS[1], "5": MESH_LEVELS[2], "6": MESH_LEVELS[3]}
+OWN_BOUND_SUFFIX, ONE_STEP_SUFFIX, CURVE_SUFFIX = (
+    ", of its own",
+    ", near",
+    ", curve",
+)  # what is told without a smaller space, by one step; of all moduli
 CURVES = {"light": LIGHT_MESH, "6": MESH_LEVELS[3]}
-CURVE = (0.01, 1.0, 100.0)  # moduli of a curve, over the scene's own
-LEAST_SENSITIVITY = 1e-5  # absolute, that a log-sensitivity is promised to
+CURVE_MODULUS_FACTORS = (0.01, 1.0, 100.0)  # moduli of a curve, over the scene's own
+SENSITIVITY_ACCURACY = 1e-5  # absolute, that a log-sensitivity is promised to
 # by mesh: error over bound of totals and of log-sensitivity; largest bounds on the ratio and on a total
 Shares = dict[str, tuple[float, float, float, float]]
 
@@ -56,15 +60,15 @@ class TrueForces:
     log_sensitivity: list[float]
 
     @classmethod
-    def of(cls, found: MeshSample) -> TrueForces:
+    def from_sample(cls, sample: MeshSample) -> TrueForces:
         """Keep what is compared."""
-        return cls(found.totals.tolist(), found.rounding.tolist(), found.log_sensitivity.tolist())
+        return cls(sample.totals.tolist(), sample.rounding.tolist(), sample.log_sensitivity.tolist())
 
 
 Truths = dict[str, TrueForces]  # by "lone" and "curve"
 
 
-def drawn(seed: int, number: int, layers: bool) -> Scene | None:
+def draw_case(seed: int, number: int, layers: bool) -> Scene | None:
     """Return a scene, or None where its parts do not fit."""
     try:
         return (draw_skins if layers else draw)(seed, number).scene()
@@ -86,11 +90,13 @@ def truths(scene: Scene, curve: bool) -> Truths:
     Raises:
         SolveError: the mesh cannot be solved.
     """
-    of = build_sections(scene)
-    found = {"lone": TrueForces.of(solve_on_mesh(of.section, of, scene, TRUE))}
+    sections = build_sections(scene)
+    true_forces = {"lone": TrueForces.from_sample(solve_on_mesh(sections.section, sections, scene, TRUTH_LEVEL))}
     if curve and scene.inclusion:
-        found["curve"] = TrueForces.of(solve_on_mesh(of.section, of, scene, TRUE, moduli=_moduli(scene)))
-    return found
+        true_forces["curve"] = TrueForces.from_sample(
+            solve_on_mesh(sections.section, sections, scene, TRUTH_LEVEL, moduli=_moduli(scene))
+        )
+    return true_forces
 
 
 def shares(scene: Scene, true: Truths) -> Shares:
@@ -99,36 +105,40 @@ def shares(scene: Scene, true: Truths) -> Shares:
     Raises:
         SolveError: a mesh cannot be solved.
     """
-    of = build_sections(scene)
-    solved = {name: solve_on_mesh(of.section, of, scene, level) for name, level in ONE_MESH.items()}
-    found = {name: _share(one, bound_by_lower_order(one), true["lone"]) for name, one in solved.items()}
-    for kind, tell in ((OWN, bound_by_last_degree), (NEAR, bound_by_descent)):
-        found |= {f"{name}{kind}": _share(one, bounds, true["lone"]) for name, one in solved.items() if (bounds := tell(one))}
+    sections = build_sections(scene)
+    solved = {name: solve_on_mesh(sections.section, sections, scene, level) for name, level in ONE_MESH.items()}
+    results = {name: _share(sample, bound_by_lower_order(sample), true["lone"]) for name, sample in solved.items()}
+    for kind, tell in ((OWN_BOUND_SUFFIX, bound_by_last_degree), (ONE_STEP_SUFFIX, bound_by_descent)):
+        results |= {
+            f"{name}{kind}": _share(sample, bounds, true["lone"]) for name, sample in solved.items() if (bounds := tell(sample))
+        }
     if "curve" in true:
         for name, level in CURVES.items():
-            one = solve_on_mesh(of.section, of, scene, level, moduli=_moduli(scene))
-            found[f"{name}{CURVE_OF}"] = _share(one, bound_by_last_degree(one) or bound_by_lower_order(one), true["curve"])
-    return {name: one for name, one in found.items() if not name.startswith("light") or one[3] <= MAX_LIGHT_MESH_BOUND}
+            sample = solve_on_mesh(sections.section, sections, scene, level, moduli=_moduli(scene))
+            results[f"{name}{CURVE_SUFFIX}"] = _share(
+                sample, bound_by_last_degree(sample) or bound_by_lower_order(sample), true["curve"]
+            )
+    return {name: sample for name, sample in results.items() if not name.startswith("light") or sample[3] <= MAX_LIGHT_MESH_BOUND}
 
 
 def _moduli(scene: Scene) -> Floats:
-    return scene.inclusion[0].youngs_modulus * np.array(CURVE)
+    return scene.inclusion[0].youngs_modulus * np.array(CURVE_MODULUS_FACTORS)
 
 
-def _share(found: MeshSample, bounds: SampleErrors, true: TrueForces) -> tuple[float, float, float, float]:
-    off = np.abs(found.totals - true.totals) / (bounds.totals + true.rounding)
-    slope = np.abs(found.log_sensitivity - true.log_sensitivity) / np.maximum(bounds.sensitivity, LEAST_SENSITIVITY)
-    relative = bounds.totals / np.abs(found.totals)
-    return float(off.max()), float(slope.max()), float(relative.sum(axis=1).max()), float(relative.max())
+def _share(sample: MeshSample, bounds: SampleErrors, true: TrueForces) -> tuple[float, float, float, float]:
+    differences = np.abs(sample.totals - true.totals) / (bounds.totals + true.rounding)
+    slope = np.abs(sample.log_sensitivity - true.log_sensitivity) / np.maximum(bounds.sensitivity, SENSITIVITY_ACCURACY)
+    relative = bounds.totals / np.abs(sample.totals)
+    return float(differences.max()), float(slope.max()), float(relative.sum(axis=1).max()), float(relative.max())
 
 
 def read(path: Path | None) -> dict[str, Truths]:
     """Return what earlier runs left in a file, by scene."""
     rows = (json.loads(row) for row in path.read_text().splitlines()) if path and path.exists() else ()
-    return {name: {kind: TrueForces(**one) for kind, one in found.items()} for name, found in rows}
+    return {name: {kind: TrueForces(**values) for kind, values in entries.items()} for name, entries in rows}
 
 
-def table(found: list[Shares]) -> MeasuredTable:
+def table(all_shares: list[Shares]) -> MeasuredTable:
     """Return the largest and usual shares by mesh."""
     columns = (
         "order of the mesh",
@@ -139,8 +149,8 @@ def table(found: list[Shares]) -> MeasuredTable:
         "of log-sensitivity, times",
     )
     printed = MeasuredTable("errors over their bounds from one mesh", (*columns, "median bound on the ratio, error"))
-    for name in sorted({name for one in found for name in one}):
-        rows = [one[name] for one in found if name in one]
+    for name in sorted({name for scene_shares in all_shares for name in scene_shares}):
+        rows = [scene_shares[name] for scene_shares in all_shares if name in scene_shares]
         totals, slopes, sizes, _ = (np.array(column) for column in zip(*rows, strict=True))
         spread = (totals.max(), np.quantile(totals, 0.99), np.median(totals), slopes.max())
         printed.add(name, str(len(rows)), *map(float, spread), float(np.median(sizes)))
@@ -158,34 +168,36 @@ def main() -> None:
     parser.add_argument("--references", action="store_true", help="all references that the level takes, too")
     parser.add_argument("--truths", type=Path, help="file of what order 8 says, read and added to")
     parser.add_argument("--truths-only", action="store_true", help="add to it alone")
-    asked, found = parser.parse_args(), []
-    known = read(asked.truths)
-    numbers = range(asked.first, asked.first + asked.scenes)
-    kind = "layers, " * asked.layers
-    named = [(f"{kind}seed {seed}, number {k}", drawn(seed, k, asked.layers)) for seed in asked.seed or [1] for k in numbers]
+    options, all_shares = parser.parse_args(), []
+    known = read(options.truths)
+    numbers = range(options.first, options.first + options.scenes)
+    kind = "layers, " * options.layers
+    named = [
+        (f"{kind}seed {seed}, number {k}", draw_case(seed, k, options.layers)) for seed in options.seed or [1] for k in numbers
+    ]
     cases = [(name, scene) for name, scene in named if scene is not None]
     with threadpool_limits(1), Console(stderr=True).status("one mesh") as status:
-        for name, scene in cases + list(references() if asked.references else ()):
+        for name, scene in cases + list(references() if options.references else ()):
             status.update(name)
             get_workspace().begin()  # what earlier scenes needed may go
             try:
                 if name not in known:
-                    known[name] = truths(scene, not asked.no_curves)
-                    if asked.truths:
-                        with asked.truths.open("a") as kept:
-                            kept.write(json.dumps([name, {kind: asdict(one) for kind, one in known[name].items()}]) + "\n")
-                if asked.truths_only:
+                    known[name] = truths(scene, not options.no_curves)
+                    if options.truths:
+                        with options.truths.open("a") as kept:
+                            kept.write(json.dumps([name, {kind: asdict(entry) for kind, entry in known[name].items()}]) + "\n")
+                if options.truths_only:
                     continue
-                one = shares(scene, known[name])
+                entry = shares(scene, known[name])
             except (SolveError, Refusal) as fault:
                 print(f"{name}: {fault}")
                 continue
-            found.append(one)
-            for mesh, (totals, slopes, *_) in one.items():
+            all_shares.append(entry)
+            for mesh, (totals, slopes, *_) in entry.items():
                 if max(totals, slopes) > 1:
                     print(f"{name}: order {mesh}, totals {totals:.2f}, log_sensitivity {slopes:.2f} times the bound", flush=True)
-    if found:
-        table(found).print(Console(width=150))
+    if all_shares:
+        table(all_shares).print(Console(width=150))
 
 
 if __name__ == "__main__":

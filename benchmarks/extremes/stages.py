@@ -35,32 +35,32 @@ from solver.linalg.cholesky import factorise
 from solver.linalg.memory import keep_freed
 from solver.linalg.threads import limit_to_one_thread
 
-RUNS = 25
+RUN_COUNT = 25
 
 
-def least(run: Callable[[], Any]) -> float:
+def time_fastest(run: Callable[[], Any]) -> float:
     """Return the least processor time of some runs, s."""
-    return min(repeat(run, timer=process_time, number=1, repeat=RUNS))
+    return min(repeat(run, timer=process_time, number=1, repeat=RUN_COUNT))
 
 
-def stages(one: MeridianModel) -> dict[str, Callable[[], Any]]:
+def stages(model: MeridianModel) -> dict[str, Callable[[], Any]]:
     """Return what makes a model, by name."""
-    shapes = one.shapes
-    integrate = partial(integrate_elements, one.mesh, one.geometry, shapes, one.two_mu, one.lam)
-    matrices, pattern = list(integrate()), one.system.numbering.pattern
+    shapes = model.shapes
+    integrate = partial(integrate_elements, model.mesh, model.geometry, shapes, model.two_mu, model.lam)
+    matrices, pattern = list(integrate()), model.system.numbering.pattern
     return {
-        "nodes and geometry": lambda: compute_geometry(compute_nodes(one.section, one.mesh, shapes.places), shapes),
+        "nodes and geometry": lambda: compute_geometry(compute_nodes(model.section, model.mesh, shapes.places), shapes),
         "integrals": lambda: list(integrate()),
         "insides eliminated": lambda: [part.condense() for part in matrices],
-        "added up": lambda: one.system.numbering.assemble(one.system.stiffness),
-        "factorised": lambda: factorise(one.system.matrix, pattern),
-        "states": lambda: solve_base_states(one),
+        "added up": lambda: model.system.numbering.assemble(model.system.stiffness),
+        "factorised": lambda: factorise(model.system.matrix, pattern),
+        "states": lambda: solve_base_states(model),
     }
 
 
-def operations(one: MeridianModel) -> dict[str, float]:
+def operations(model: MeridianModel) -> dict[str, float]:
     """Return how many multiplications and additions stages need, by name; rectangles' integrals, which are few, left out."""
-    shapes, tables, n = one.shapes, one.shapes.tables, len(one.two_mu)
+    shapes, tables, n = model.shapes, model.shapes.tables, len(model.two_mu)
     edge, pressures = 2 * shapes.skeleton, shapes.pressure.shape[1]
     inside = 2 * len(shapes.degrees) - edge
     entries = edge * edge + inside * edge + inside * inside
@@ -73,36 +73,38 @@ def operations(one: MeridianModel) -> dict[str, float]:
     shear = sums(tables.symmetric, 5) + sums(tables.symmetric, 4) + sums(tables.unsymmetric, 4)
     shear += sums(tables.dilation, 3) + sums(tables.dilation, 2)
     eliminated = inside**3 / 3 + inside * inside * edge + inside * edge * edge
-    return {"integrals": (n - one.mesh.columns[-1]) * (shear + volume), "insides eliminated": n * eliminated}
+    return {"integrals": (n - model.mesh.columns[-1]) * (shear + volume), "insides eliminated": n * eliminated}
 
 
 def measure(fineness: MeridianFineness) -> MeasuredTable:
     """Return the stages of one mesh."""
     scene = cases(NAMES[:1])[0].scene
-    of = build_sections(scene)
-    found = solve_on_mesh(of.section, of, scene, fineness)
-    one = found.states.model
-    every = stages(one) | {
-        "error, smaller space": lambda: bound_by_lower_order(found),
-        "error, one step": lambda: bound_by_descent(found),
+    sections = build_sections(scene)
+    sample = solve_on_mesh(sections.section, sections, scene, fineness)
+    model = sample.states.model
+    all_stages = stages(model) | {
+        "error, smaller space": lambda: bound_by_lower_order(sample),
+        "error, one step": lambda: bound_by_descent(sample),
     }
     if fineness.order in OWN_DEGREE_FACTOR_OF_ORDER:
-        every["error, own part"] = lambda: bound_by_last_degree(found)
-    counted = operations(one)
-    cells, unknowns = len(one.two_mu), one.system.numbering.unknowns
+        all_stages["error, own part"] = lambda: bound_by_last_degree(sample)
+    counted = operations(model)
+    cells, unknowns = len(model.two_mu), model.system.numbering.unknowns
     table = MeasuredTable(f"order {fineness.order}, {cells} cells, {unknowns} unknowns", ("stage", "least, ms", "operations"))
-    for name, run in every.items():
-        table.add(name, least(run), f"{counted[name] / 1e6:.0f} M" if name in counted else "")
-    table.add("model, all of it", least(partial(build_model, of.section, of.materials, "bonded", fineness)), "")
+    for name, run in all_stages.items():
+        table.add(name, time_fastest(run), f"{counted[name] / 1e6:.0f} M" if name in counted else "")
+    table.add(
+        "model, all of it", time_fastest(partial(build_model, sections.section, sections.materials, "bonded", fineness)), ""
+    )
     return table
 
 
 def main() -> None:
     """Print both meshes' tables."""
     keep_freed()
-    many = np.random.default_rng(0).random((200, 48, 48))
+    matrices = np.random.default_rng(0).random((200, 48, 48))
     with limit_to_one_thread():
-        print(f"products of 48 x 48: {200 * 2 * 48**3 / least(lambda: many @ many) / 1e9:.0f} Gflop/s")
+        print(f"products of 48 x 48: {200 * 2 * 48**3 / time_fastest(lambda: matrices @ matrices) / 1e9:.0f} Gflop/s")
         for fineness in (LIGHT_MESH, MESH_LEVELS[3]):
             measure(fineness).print(Console(width=100))
 

@@ -27,8 +27,8 @@ from geometry.common.resources import Limits
 ROOT = Path(__file__).parents[2]
 BASES = [*sorted((ROOT / "examples").glob("*scene.toml")), ROOT / "examples" / "two-tumours.toml",
          *sorted((ROOT / "tests" / "reference" / "solid").glob("*.toml"))]  # fmt: skip
-SLACK, START = 1.05, 3.0  # of the limits, and s: what a process's own beginning and end take
-HANGS = 600.0  # s after which a program is ended
+LIMIT_SLACK_FACTOR, STARTUP_S = 1.05, 3.0  # of the limits, and s: what a process's own beginning and end take
+MAX_SECONDS = 600.0  # s after which a program is ended
 
 
 def draws(seed: int) -> Iterator[tuple[str, Scene]]:
@@ -66,9 +66,9 @@ def _ellipsoid(scene: dict[str, Any], random: np.random.Generator) -> tuple[dict
         "y": float(random.uniform(-15e-3, 15e-3) * random.integers(2)),
         "youngs_modulus": float(np.exp(random.uniform(math.log(1e2), math.log(1e7)))),
         "poisson_ratio": 0.45,
-        "target": not any(one.get("target") for one in scene.get("inclusion", ())),
+        "target": not any(item.get("target") for item in scene.get("inclusion", ())),
     }
-    said = "x".join(f"{1e3 * one:.2g}" for one in axes)
+    said = "x".join(f"{1e3 * item:.2g}" for item in axes)
     kept = scene.get("inclusion", ()) if random.random() < 0.7 else ()
     return scene | {"inclusion": (*kept, body)}, f"ellipsoid {said} mm"
 
@@ -84,8 +84,8 @@ def _groove(scene: dict[str, Any], random: np.random.Generator) -> tuple[dict[st
 
 
 def _place(scene: dict[str, Any], random: np.random.Generator) -> tuple[dict[str, Any], str]:
-    at = {"x": float(random.uniform(-0.04, 0.04)), "y": float(random.uniform(-0.02, 0.02) * random.integers(2))}
-    return scene | {"placement": at | {"tilt": float(random.uniform(-0.15, 0.15) * random.integers(2))}}, "place"
+    position = {"x": float(random.uniform(-0.04, 0.04)), "y": float(random.uniform(-0.02, 0.02) * random.integers(2))}
+    return scene | {"placement": position | {"tilt": float(random.uniform(-0.15, 0.15) * random.integers(2))}}, "place"
 
 
 CHANGES = (_number, _number, _ellipsoid, _film, _groove, _place)
@@ -93,11 +93,11 @@ CHANGES = (_number, _number, _ellipsoid, _film, _groove, _place)
 
 def _numbers(value: Any, place: tuple[Any, ...]) -> Iterator[tuple[Any, ...]]:
     if isinstance(value, dict):
-        for key, one in value.items():
-            yield from _numbers(one, (*place, key))
+        for key, item in value.items():
+            yield from _numbers(item, (*place, key))
     elif isinstance(value, tuple | list):
-        for key, one in enumerate(value):
-            yield from _numbers(one, (*place, key))
+        for key, item in enumerate(value):
+            yield from _numbers(item, (*place, key))
     elif isinstance(value, float) and not isinstance(value, bool):
         yield place
 
@@ -108,10 +108,10 @@ def _put(value: Any, place: tuple[Any, ...], change: Any) -> Any:
     key = place[0]
     if isinstance(value, dict):
         return {**value, key: _put(value[key], place[1:], change)}
-    return tuple(_put(one, place[1:], change) if k == key else one for k, one in enumerate(value))
+    return tuple(_put(item, place[1:], change) if k == key else item for k, item in enumerate(value))
 
 
-def asked(scene: Scene, folder: Path, seconds: float) -> tuple[str, float, float, str]:
+def run_program(scene: Scene, folder: Path, seconds: float) -> tuple[str, float, float, str]:
     """How the program ended, its seconds and peak bytes, its meshers' included, and its last line; ``seconds`` are allowed."""
     path, said = folder / "scene.toml", folder / "said"
     path.write_text(scene_to_toml(scene), encoding="utf-8")
@@ -122,7 +122,7 @@ def asked(scene: Scene, folder: Path, seconds: float) -> tuple[str, float, float
         pid = ended = 0
         while not pid:
             pid, ended, usage = os.wait4(process.pid, os.WNOHANG)
-            if time.perf_counter() - start > HANGS:
+            if time.perf_counter() - start > MAX_SECONDS:
                 process.kill()
             time.sleep(0.05)
     process.returncode = code = os.waitstatus_to_exitcode(ended)
@@ -144,8 +144,8 @@ def main() -> None:
         if number < options.first:
             continue
         with tempfile.TemporaryDirectory() as folder:
-            how, seconds, memory, said = asked(scene, Path(folder), options.time)
-        past = seconds > SLACK * options.time + START or memory > SLACK * Limits().memory
+            how, seconds, memory, said = run_program(scene, Path(folder), options.time)
+        past = seconds > LIMIT_SLACK_FACTOR * options.time + STARTUP_S or memory > LIMIT_SLACK_FACTOR * Limits().memory
         counts.update([how.split()[0], *(["past the limits"] if past else [])])
         print(
             f"{number:3} {words}: {how} {seconds:.0f} s {memory / 1e9:.2f} GB{' PAST' if past else ''} {said[:160]}", flush=True

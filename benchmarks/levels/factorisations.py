@@ -33,19 +33,19 @@ SYMMETRIC: dict[str, Any] = {"diag_pivot_thresh": 0.0, "options": {"SymmetricMod
 
 
 def superlu(matrix: Any, threads: int) -> Factorise:
-    return lambda values: splu(_with(matrix, values), permc_spec="MMD_AT_PLUS_A", **SYMMETRIC).solve
+    return lambda values: splu(_replace_values(matrix, values), permc_spec="MMD_AT_PLUS_A", **SYMMETRIC).solve
 
 
 def superlu_reused(matrix: Any, threads: int) -> Factorise:
     """SuperLU with the order of a first factorisation, the matrix permuted by one gather."""
     order = np.argsort(splu(matrix, permc_spec="MMD_AT_PLUS_A", **SYMMETRIC).perm_c)
-    places = _with(matrix, np.arange(1.0, matrix.nnz + 1))[order][:, order].tocsc()
+    places = _replace_values(matrix, np.arange(1.0, matrix.nnz + 1))[order][:, order].tocsc()
     places.sort_indices()
-    gather, back = places.data.astype(np.int64) - 1, np.argsort(order)
+    gather, scatter = places.data.astype(np.int64) - 1, np.argsort(order)
 
     def factorise(values: Floats) -> Solve:
-        factor = splu(_with(places, values[gather]), permc_spec="NATURAL", **SYMMETRIC)
-        return lambda b: np.asarray(factor.solve(b[order])[back])
+        factor = splu(_replace_values(places, values[gather]), permc_spec="NATURAL", **SYMMETRIC)
+        return lambda b: np.asarray(factor.solve(b[order])[scatter])
 
     return factorise
 
@@ -93,7 +93,7 @@ def rslab(matrix: Any, threads: int) -> Factorise:
 CANDIDATES = (superlu, superlu_reused, pardiso, cholmod, rslab)
 
 
-def _with(matrix: Any, values: Floats) -> Any:
+def _replace_values(matrix: Any, values: Floats) -> Any:
     return sp.csc_array((values, matrix.indices, matrix.indptr), shape=matrix.shape)
 
 
@@ -107,7 +107,7 @@ def plane(side: int, width: int) -> Any:
     return sp.csc_array(sp.kron(sp.kron(line, line), np.ones((width, width)) + np.eye(width)))
 
 
-def timed(act: Callable[[], Any], seconds: float = 1.0) -> tuple[float, Any]:
+def time_calls(act: Callable[[], Any], seconds: float = 1.0) -> tuple[float, Any]:
     """Return the median time in ms of 3 to 25 calls, and the last result."""
     times: list[float] = []
     while len(times) < 3 or (len(times) < 25 and sum(times) < seconds):
@@ -119,30 +119,34 @@ def timed(act: Callable[[], Any], seconds: float = 1.0) -> tuple[float, Any]:
 
 def rows(matrix: Any, threads: int) -> Iterator[tuple[str, ...]]:
     """Time each candidate that is installed."""
-    few, many = (np.random.default_rng(1).normal(size=(matrix.shape[0], k)) for k in (2, 100))
+    two_sides, hundred_sides = (np.random.default_rng(1).normal(size=(matrix.shape[0], k)) for k in (2, 100))
     for candidate in CANDIDATES:
         try:
-            first, factorise = timed(partial(candidate, matrix, threads))
+            first, factorise = time_calls(partial(candidate, matrix, threads))
         except ImportError:
             continue
         with threadpool_limits(threads):  # of the libraries loaded by now
-            again, solve = timed(partial(factorise, matrix.data))
-            (two, x), (hundred, _) = (timed(partial(solve, b)) for b in (few, many))
-        error = np.max(abs(few - matrix @ x) / (abs(matrix) @ abs(x) + abs(few)))
-        yield candidate.__name__, *(f"{time:.3g}" for time in (first, again, two, hundred)), f"{error:.0e}"
+            refactorised_ms, solve = time_calls(partial(factorise, matrix.data))
+            (two, x), (hundred, _) = (time_calls(partial(solve, b)) for b in (two_sides, hundred_sides))
+        error = np.max(abs(two_sides - matrix @ x) / (abs(matrix) @ abs(x) + abs(two_sides)))
+        yield candidate.__name__, *(f"{time:.3g}" for time in (first, refactorised_ms, two, hundred)), f"{error:.0e}"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("matrices", nargs="*", type=Path)
     parser.add_argument("--threads", type=int, default=1)
-    asked = parser.parse_args()
-    matrices = {path.stem: sp.csc_array(sp.load_npz(path)).sorted_indices() for path in asked.matrices} or {"plane": plane(20, 8)}
+    options = parser.parse_args()
+    matrices = {path.stem: sp.csc_array(sp.load_npz(path)).sorted_indices() for path in options.matrices} or {
+        "plane": plane(20, 8)
+    }
     for name, matrix in matrices.items():
-        table = Table("candidate", title=f"{name}: {matrix.shape[0]} unknowns, {matrix.nnz} entries, {asked.threads} threads, ms")
+        table = Table(
+            "candidate", title=f"{name}: {matrix.shape[0]} unknowns, {matrix.nnz} entries, {options.threads} threads, ms"
+        )
         for heading in ("once", "factor", "2 sides", "100 sides", "error"):
             table.add_column(heading, justify="right")
-        for row in rows(matrix, asked.threads):
+        for row in rows(matrix, options.threads):
             table.add_row(*row)
         Console().print(table)
 

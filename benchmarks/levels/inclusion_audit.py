@@ -29,34 +29,34 @@ class Judged:
     Attributes:
         true: error of ln(ratio).
         stated: bound on it.
-        least: the reference's own bound.
+        reference_bound: the reference's own bound.
         totals: largest error of a film's total in excess of the reference's bound, over the bound stated.
-        slope, slope_stated, slope_least: the same three of the log-sensitivity, absolute.
+        slope, slope_stated, slope_reference_bound: the same three of the log-sensitivity, absolute.
     """
 
     true: float
     stated: float
-    least: float
+    reference_bound: float
     totals: float
     slope: float
     slope_stated: float
-    slope_least: float
+    slope_reference_bound: float
 
     @property
     def excess(self) -> float:
         """What the reference's error cannot explain, over the bound stated: above 1 the bound is wrong."""
-        return max(0.0, self.true - self.least) / self.stated if self.stated > 0 else np.inf
+        return max(0.0, self.true - self.reference_bound) / self.stated if self.stated > 0 else np.inf
 
     @property
     def slope_excess(self) -> float:
         """The same of the log-sensitivity."""
-        return max(0.0, self.slope - self.slope_least) / max(self.slope_stated, 1e-300)
+        return max(0.0, self.slope - self.slope_reference_bound) / max(self.slope_stated, 1e-300)
 
     @property
     def wrong(self) -> str:
         """Which bounds are wrong, in words."""
-        told = (("ratio", self.excess), ("stresses", self.totals), ("log_sensitivity", self.slope_excess))
-        return ", ".join(f"{name} {excess:.2f} times" for name, excess in told if excess > 1)
+        excesses = (("ratio", self.excess), ("stresses", self.totals), ("log_sensitivity", self.slope_excess))
+        return ", ".join(f"{name} {excess:.2f} times" for name, excess in excesses if excess > 1)
 
 
 @dataclass(frozen=True)
@@ -74,20 +74,20 @@ class AuditedScene:
         return f"seed {self.seed}, number {self.number}: DrawnScene({self.drawn})"
 
 
-def judge(found: Readings, true: FilmForces) -> Judged | None:
+def judge(readings: Readings, true: FilmForces) -> Judged | None:
     """Compare one answer with the reference."""
-    if not found.resolved[0] or true.stress_below_error is not None:
+    if not readings.resolved[0] or true.stress_below_error is not None:
         return None
-    log_ratio = np.log(np.abs(found.totals[0] / true.totals)) @ [1.0, -1.0]
-    off = np.abs(found.totals[0] - true.totals) - true.bound.totals
+    log_ratio = np.log(np.abs(readings.totals[0] / true.totals)) @ [1.0, -1.0]
+    difference = np.abs(readings.totals[0] - true.totals) - true.bound.totals
     return Judged(
         true=float(abs(log_ratio)),
-        stated=float(found.log_ratio_bound[0]),
-        least=true.bound.log_ratio,
-        totals=float(np.max(off / found.bound[0])),
-        slope=float(abs(found.log_sensitivity[0] - (true.log_sensitivity or 0.0))),
-        slope_stated=float(found.sensitivity_error[0]),
-        slope_least=true.sensitivity_error,
+        stated=float(readings.log_ratio_bound[0]),
+        reference_bound=true.bound.log_ratio,
+        totals=float(np.max(difference / readings.bound[0])),
+        slope=float(abs(readings.log_sensitivity[0] - (true.log_sensitivity or 0.0))),
+        slope_stated=float(readings.sensitivity_error[0]),
+        slope_reference_bound=true.sensitivity_error,
     )
 
 
@@ -111,46 +111,46 @@ def audit(
     seeds: Sequence[int], scenes: int, accuracy: float, worst: int, *, tell: Callable[[str], None], kind: str = "random"
 ) -> Iterator[MeasuredTable]:
     """Yield tables of how bounds compare with true errors, over ``scenes`` of each seed, of a kind of ``DRAWS``."""
-    found, wrong = [], 0
+    audited, wrong = [], 0
     for seed in seeds:
         for number in range(scenes):
             tell(f"audit: scene {number + 1} of {scenes}, seed {seed}; {wrong} bounds wrong so far")
-            one = case(seed, number, accuracy, kind)
-            if one is None:
+            audited_scene = case(seed, number, accuracy, kind)
+            if audited_scene is None:
                 continue
-            found.append(one)
-            wrong += sum(bool(judged and judged.wrong) for judged in (one.first, one.reflected))
+            audited.append(audited_scene)
+            wrong += sum(bool(judged and judged.wrong) for judged in (audited_scene.first, audited_scene.reflected))
     drawn = scenes * len(seeds)
-    title = f"{len(found)} {kind} scenes of {drawn} drawn (the rest do not fit or were refused), accuracy {accuracy:g}"
-    yield _summary(title, found)
-    yield _groups(found)
-    yield _worst(found, worst)
+    title = f"{len(audited)} {kind} scenes of {drawn} drawn (the rest do not fit or were refused), accuracy {accuracy:g}"
+    yield _summary(title, audited)
+    yield _groups(audited)
+    yield _worst(audited, worst)
 
 
 TIERS = {"first order": "first", "with reflections": "reflected"}
 
 
-def _told(found: Sequence[AuditedScene], tier: str) -> list[tuple[AuditedScene, Judged]]:
-    return [(one, judged) for one in found if (judged := getattr(one, TIERS[tier])) is not None]
+def _list_judged(audited: Sequence[AuditedScene], tier: str) -> list[tuple[AuditedScene, Judged]]:
+    return [(audited_scene, judged) for audited_scene in audited if (judged := getattr(audited_scene, TIERS[tier])) is not None]
 
 
-def _summary(title: str, found: Sequence[AuditedScene]) -> MeasuredTable:
+def _summary(title: str, audited: Sequence[AuditedScene]) -> MeasuredTable:
     columns = ("tier", "told", "right", "wrong", "largest (true - reference's) / stated", "of stresses", "of log-sensitivity")
     table = MeasuredTable(title, (*columns, "log-sensitivities wrong", "median true, error", "median stated, error"))
     for tier in TIERS:
-        judged = [one for _, one in _told(found, tier)]
+        judged = [judgement for _, judgement in _list_judged(audited, tier)]
         if not judged:
             continue
-        wrong = sum(one.excess > 1 or one.totals > 1 for one in judged)
+        wrong = sum(judgement.excess > 1 or judgement.totals > 1 for judgement in judged)
         largest = [f"{max(values):.2f}" for values in zip(*((j.excess, j.totals, j.slope_excess) for j in judged), strict=True)]
-        slopes = sum(one.slope_excess > 1 for one in judged)
-        middle = (float(np.median([getattr(one, key) for one in judged])) for key in ("true", "stated"))
+        slopes = sum(judgement.slope_excess > 1 for judgement in judged)
+        middle = (float(np.median([getattr(judgement, key) for judgement in judged])) for key in ("true", "stated"))
         table.add(tier, len(judged), len(judged) - wrong, wrong, *largest, slopes, *middle)
     table.note("wrong: ratio or a stress is off by more than stated and the reference's own bound together")
     return table
 
 
-def _groups(found: Sequence[AuditedScene]) -> MeasuredTable:
+def _groups(audited: Sequence[AuditedScene]) -> MeasuredTable:
     table = MeasuredTable(
         "by cover over diameter",
         (
@@ -165,20 +165,26 @@ def _groups(found: Sequence[AuditedScene]) -> MeasuredTable:
     )
     for low, high in pairwise(GROUPS):
         for tier in TIERS:
-            judged = [j for one, j in _told(found, tier) if low <= one.drawn.cover < high]
+            judged = [j for audited_scene, j in _list_judged(audited, tier) if low <= audited_scene.drawn.cover < high]
             if not judged:
                 continue
-            wrong, most = sum(bool(j.wrong) for j in judged), max(max(j.excess, j.totals) for j in judged)
+            wrong, largest = sum(bool(j.wrong) for j in judged), max(max(j.excess, j.totals) for j in judged)
             true, stated = max(j.true for j in judged), float(np.median([j.stated for j in judged]))
-            table.add(f"{low:g} to {high:g}", tier, len(judged), wrong, f"{most:.2f}", true, stated)
+            table.add(f"{low:g} to {high:g}", tier, len(judged), wrong, f"{largest:.2f}", true, stated)
     return table
 
 
-def _worst(found: Sequence[AuditedScene], count: int) -> MeasuredTable:
+def _worst(audited: Sequence[AuditedScene], count: int) -> MeasuredTable:
     table = MeasuredTable("worst scenes", ("tier", "true, error", "stated, error", "wrong bounds", "scene"))
     for tier in TIERS:
-        told = sorted(_told(found, tier), key=lambda pair: -max(pair[1].excess, pair[1].totals, pair[1].slope_excess))
-        for one, judged in told[:count]:
-            table.add(tier, judged.true, judged.stated, judged.wrong or "none", f"seed {one.seed}, number {one.number}")
-            table.note(str(one))
+        ranked = sorted(_list_judged(audited, tier), key=lambda pair: -max(pair[1].excess, pair[1].totals, pair[1].slope_excess))
+        for audited_scene, judged in ranked[:count]:
+            table.add(
+                tier,
+                judged.true,
+                judged.stated,
+                judged.wrong or "none",
+                f"seed {audited_scene.seed}, number {audited_scene.number}",
+            )
+            table.note(str(audited_scene))
     return table

@@ -13,8 +13,8 @@ COVERS = (0.02, 2.0)  # diameters
 GAPS = (0.02, 1.0)  # diameters: between the sphere and the interfaces of its layer
 CONTRASTS = (10.0, 1e3)  # of layers: the largest of every other scene each
 STIFFEST = (10.0, 1e2, 1e4)  # likewise of scenes that may have skins: of every third scene each
-NEAR = (1e-4, 0.05)  # diameters: between a sphere that all but touches and what it is near to
-SKIN = 0.5  # mm: the thinnest
+NEAR_GAP_DIAMETERS = (1e-4, 0.05)  # diameters: between a sphere that all but touches and what it is near to
+SKIN_THICKNESSES = 0.5  # mm: the thinnest
 RATIOS = (0.3, 0.45, 0.49, 0.4999)  # Poisson's, of layers
 CONTACTS = ("bonded", "frictionless")
 
@@ -90,29 +90,29 @@ def draw(seed: int, number: int) -> DrawnScene:
     """Return one scene, the same for the same seed and number."""
     rng = np.random.default_rng([seed, number])
 
-    def between(low: float, high: float) -> float:
+    def draw_log_uniform(low: float, high: float) -> float:
         return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
-    radius, height = between(0.5, 10), between(0.1, 4)
-    area_ratio, gap = between(0.05, 20), between(0.005, 0.4) * radius
+    radius, height = draw_log_uniform(0.5, 10), draw_log_uniform(0.1, 4)
+    area_ratio, gap = draw_log_uniform(0.05, 20), draw_log_uniform(0.005, 0.4) * radius
     outer = float(np.sqrt((radius + gap) ** 2 + area_ratio * radius**2))
-    diameter, cover = between(0.2, 4) * outer, between(*COVERS)
-    room = (between(1.3, 15) * outer, between(0.7, 1.0) * diameter)
+    diameter, cover = draw_log_uniform(0.2, 4) * outer, draw_log_uniform(*COVERS)
+    room = (draw_log_uniform(1.3, 15) * outer, draw_log_uniform(0.7, 1.0) * diameter)
     return DrawnScene(
         inner_radius=radius,
         area_ratio=area_ratio,
         gap=gap,
         inner_height=height * radius,
-        outer_height=height * radius * between(0.7, 1.4),
-        inner_modulus=between(0.3, 1e3),
-        outer_modulus=between(0.3, 1e3),
+        outer_height=height * radius * draw_log_uniform(0.7, 1.4),
+        inner_modulus=draw_log_uniform(0.3, 1e3),
+        outer_modulus=draw_log_uniform(0.3, 1e3),
         block_poisson=float(rng.uniform(0.3, 0.499)),
         tissue_radius=max(room),
-        tissue_depth=(1 + cover) * diameter * between(1.05, 5),
+        tissue_depth=(1 + cover) * diameter * draw_log_uniform(1.05, 5),
         tissue_poisson=float(rng.choice([rng.uniform(0.3, 0.499), 0.45, 0.49, 0.499])),
         diameter=diameter,
         cover=cover,
-        contrast=between(1e-2, 1e3),
+        contrast=draw_log_uniform(1e-2, 1e3),
         inclusion_poisson=float(rng.uniform(0.1, 0.499)),
         contact=str(rng.choice(CONTACTS)),
     )
@@ -126,12 +126,12 @@ def draw_layered(seed: int, number: int) -> DrawnScene:
         return float(np.exp(rng.uniform(*np.log(GAPS)))) * plain.diameter
 
     top, low = plain.cover * plain.diameter, (plain.cover + 1) * plain.diameter
-    above, below = [(1, 0), (0, 1), (1, 1), (2, 0), (2, 1)][int(rng.integers(5))]
+    layers_above, layers_below = [(1, 0), (0, 1), (1, 1), (2, 0), (2, 1)][int(rng.integers(5))]
     first, last = top - min(gap(), 0.9 * top), low + min(gap(), 0.9 * (plain.tissue_depth - low))
-    depths = [first * rng.uniform(0.1, 0.9)] * (above == 2) + [first] * (above > 0) + [last] * below
-    most = CONTRASTS[number % 2]
-    materials = ((float(np.exp(rng.uniform(-1, 1) * np.log(most))), float(rng.choice(RATIOS))) for _ in depths)
-    layers = tuple((float(h), *one) for h, one in zip(np.diff([0.0, *depths]), materials, strict=True))
+    depths = [first * rng.uniform(0.1, 0.9)] * (layers_above == 2) + [first] * (layers_above > 0) + [last] * layers_below
+    max_contrast = CONTRASTS[number % 2]
+    materials = ((float(np.exp(rng.uniform(-1, 1) * np.log(max_contrast))), float(rng.choice(RATIOS))) for _ in depths)
+    layers = tuple((float(h), *material) for h, material in zip(np.diff([0.0, *depths]), materials, strict=True))
     return replace(plain, layers=layers)
 
 
@@ -139,34 +139,34 @@ def draw_skins(seed: int, number: int) -> DrawnScene:
     """Return the same scene with one to three layers of wider contrasts, often a thin skin; no interface crosses the sphere."""
     rng, plain = np.random.default_rng([seed, number, 2]), draw(seed, number)
 
-    def gap(most: float) -> float:
-        return min(float(np.exp(rng.uniform(*np.log(GAPS)))) * plain.diameter, 0.9 * most)
+    def gap(max_gap: float) -> float:
+        return min(float(np.exp(rng.uniform(*np.log(GAPS)))) * plain.diameter, 0.9 * max_gap)
 
     top, low = plain.cover * plain.diameter, (plain.cover + 1) * plain.diameter
-    above, below = [(1, 0), (0, 1), (1, 1), (2, 0), (2, 1), (1, 2)][int(rng.integers(6))]
+    layers_above, layers_below = [(1, 0), (0, 1), (1, 1), (2, 0), (2, 1), (1, 2)][int(rng.integers(6))]
     first, last = top - gap(top), low + gap(plain.tissue_depth - low)
-    skin = rng.random() < 0.6 and 0.9 * top > SKIN
-    thin = float(np.exp(rng.uniform(*np.log([SKIN, 0.9 * top])))) if skin else first * float(rng.uniform(0.1, 0.9))
-    upper = sorted([thin, first])[:above] if skin or above == 2 else [first] * above
-    depths = [*upper, last, last + (plain.tissue_depth - last) * float(rng.uniform(0.1, 0.9))][: len(upper) + below]
-    most = STIFFEST[number % 3]
-    materials = ((float(np.exp(rng.uniform(-1, 1) * np.log(most))), float(rng.choice(RATIOS))) for _ in depths)
-    layers = tuple((float(h), *one) for h, one in zip(np.diff([0.0, *depths]), materials, strict=True))
+    skin = rng.random() < 0.6 and 0.9 * top > SKIN_THICKNESSES
+    thin = float(np.exp(rng.uniform(*np.log([SKIN_THICKNESSES, 0.9 * top])))) if skin else first * float(rng.uniform(0.1, 0.9))
+    upper = sorted([thin, first])[:layers_above] if skin or layers_above == 2 else [first] * layers_above
+    depths = [*upper, last, last + (plain.tissue_depth - last) * float(rng.uniform(0.1, 0.9))][: len(upper) + layers_below]
+    max_stiffness = STIFFEST[number % 3]
+    materials = ((float(np.exp(rng.uniform(-1, 1) * np.log(max_stiffness))), float(rng.choice(RATIOS))) for _ in depths)
+    layers = tuple((float(h), *material) for h, material in zip(np.diff([0.0, *depths]), materials, strict=True))
     return replace(plain, layers=layers)
 
 
 def draw_near(seed: int, number: int) -> DrawnScene:
     """Return the same scene with the sphere all but touching an interface above or below it, the tissue's floor or side."""
     rng, plain = np.random.default_rng([seed, number, 3]), draw(seed, number)
-    gap = float(np.exp(rng.uniform(*np.log(NEAR)))) * plain.diameter
+    gap = float(np.exp(rng.uniform(*np.log(NEAR_GAP_DIAMETERS)))) * plain.diameter
     kind, top, low = number % 4, plain.cover * plain.diameter, (plain.cover + 1) * plain.diameter
     if kind == 3:
         outer = float(np.hypot(plain.inner_radius + plain.gap, plain.inner_radius / np.sqrt(plain.area_ratio)))
         return replace(plain, tissue_radius=max(plain.diameter / 2 + gap, 1.05 * outer))
     if kind == 2:
         return replace(plain, tissue_depth=low + gap)
-    most = CONTRASTS[int(rng.integers(2))]
-    material = (float(np.exp(rng.uniform(-1, 1) * np.log(most))), float(rng.choice(RATIOS)))
+    max_contrast = CONTRASTS[int(rng.integers(2))]
+    material = (float(np.exp(rng.uniform(-1, 1) * np.log(max_contrast))), float(rng.choice(RATIOS)))
     if kind == 0 and top > 2 * gap:
         return replace(plain, layers=((top - gap, *material),))
     depth = low + gap

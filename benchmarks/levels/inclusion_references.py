@@ -23,7 +23,7 @@ from solver.inclusions.tumours import Tumours
 REFERENCE = Path(__file__).parents[2] / "tests" / "reference"
 FOLDERS = ("axisymmetric", "solid", "off-axis", "extra", "extreme", "layers", "half-space")
 ACCURACIES = (0.01, 0.003)
-WARM = 3  # runs, of which the median counts
+WARM_RUNS = 3  # runs, of which the median counts
 _number = count(1)
 
 
@@ -45,7 +45,7 @@ class Known:
 
 
 @dataclass(frozen=True)
-class Told:
+class AnswerErrors:
     """One answer; ``None``: no ratio or no log-sensitivity.
 
     Attributes:
@@ -59,25 +59,25 @@ class Told:
     sensitivity: float | None
     excess: float | None
 
-    def right(self, one: Known) -> bool:
+    def is_right(self, reference: Known) -> bool:
         """Whether the bound holds, the true value's own error allowed for."""
-        return self.true is None or self.stated is None or self.true <= self.stated + one.uncertainty
+        return self.true is None or self.stated is None or self.true <= self.stated + reference.uncertainty
 
 
 @dataclass(frozen=True)
 class Answers:
     """What one scene got: both tiers, and seconds of ``evaluate``, which chooses between them."""
 
-    first: Told
-    reflected: Told
+    first: AnswerErrors
+    reflected: AnswerErrors
     cold: float
     warm: float
 
 
-def known(folder: str) -> list[Known]:
+def read_known(folder: str) -> list[Known]:
     """Return a folder's scenes but those with a groove, which this level leaves out and counts."""
-    found = json.loads((REFERENCE / folder / "expected.json").read_text(encoding="utf-8"))
-    scenes = [(name, read_scene(REFERENCE / folder / f"{name}.toml"), values) for name, values in found.items()]
+    expected = json.loads((REFERENCE / folder / "expected.json").read_text(encoding="utf-8"))
+    scenes = [(name, read_scene(REFERENCE / folder / f"{name}.toml"), values) for name, values in expected.items()]
     return [
         Known(name, scene, values["ratio"], values.get("log_sensitivity"), values["relative_uncertainty"], _doubt(values))
         for name, scene, values in scenes
@@ -91,37 +91,40 @@ def _doubt(values: dict[str, float]) -> float:
     return 10 * values["relative_uncertainty"] if given is None else given
 
 
-def answers(one: Known, accuracy: float) -> Answers:
+def answers(reference: Known, accuracy: float) -> Answers:
     """Answer by both tiers and time ``evaluate`` with the probe not yet solved (once) and solved (median)."""
     level = EquivalentInclusion()
     unheard = accuracy * (1 - 1e-9 * next(_number))  # of which no probe is kept
 
     def seconds() -> float:
         start = perf_counter()
-        level.evaluate(one.scene, unheard)
+        level.evaluate(reference.scene, unheard)
         return perf_counter() - start
 
-    cold, warm = seconds(), median(seconds() for _ in range(WARM))
-    base = solve_undisturbed(one.scene, unheard)
-    first, reflected = (told(one, answer(base, one.scene, reflect)) for reflect in (False, True))
+    cold, warm = seconds(), median(seconds() for _ in range(WARM_RUNS))
+    base = solve_undisturbed(reference.scene, unheard)
+    first, reflected = (compare_with_reference(reference, answer(base, reference.scene, reflect)) for reflect in (False, True))
     return Answers(first, reflected, cold, warm)
 
 
 def answer(base: Undisturbed, scene: Scene, reflect: bool) -> Readings:
     """One tier's answer for a scene's bodies."""
-    found = compute_readings(base, Tumours.from_scene(scene), scene.target or 0, reflect=reflect)
-    return correct_for_ellipsoids(base, scene, found, scene.inclusion)
+    readings = compute_readings(base, Tumours.from_scene(scene), scene.target or 0, reflect=reflect)
+    return correct_for_ellipsoids(base, scene, readings, scene.inclusion)
 
 
-def told(one: Known, found: Readings) -> Told:
+def compare_with_reference(reference: Known, readings: Readings) -> AnswerErrors:
     """Compare with what is known."""
-    if not found.resolved[0]:
-        return Told(None, None, None, None)
+    if not readings.resolved[0]:
+        return AnswerErrors(None, None, None, None)
     slope = excess = None
-    if one.log_sensitivity and found.derivatives:
-        off = abs(float(found.log_sensitivity[0]) - one.log_sensitivity)
-        slope, excess = off / abs(one.log_sensitivity), max(0.0, off - one.doubt) / float(found.sensitivity_error[0])
-    return Told(abs(float(found.ratio[0]) / one.ratio - 1), float(found.error_estimate[0]), slope, excess)
+    if reference.log_sensitivity and readings.derivatives:
+        difference = abs(float(readings.log_sensitivity[0]) - reference.log_sensitivity)
+        slope, excess = (
+            difference / abs(reference.log_sensitivity),
+            max(0.0, difference - reference.doubt) / float(readings.sensitivity_error[0]),
+        )
+    return AnswerErrors(abs(float(readings.ratio[0]) / reference.ratio - 1), float(readings.error_estimate[0]), slope, excess)
 
 
 def references(folders: Sequence[str], single: bool, tell: Callable[[str], None]) -> Iterator[MeasuredTable]:
@@ -131,11 +134,11 @@ def references(folders: Sequence[str], single: bool, tell: Callable[[str], None]
         table = _scenes(accuracy)
         for folder in folders:
             rows: list[tuple[Known, Answers]] = []
-            for one in known(folder):
-                tell(f"references: {folder}/{one.name}, accuracy {accuracy:g}")
-                if level.refusal(one.scene) is None:
-                    rows.append((one, answers(one, accuracy)))
-                    table.add(one.name, *_row(*rows[-1]))
+            for reference in read_known(folder):
+                tell(f"references: {folder}/{reference.name}, accuracy {accuracy:g}")
+                if level.refusal(reference.scene) is None:
+                    rows.append((reference, answers(reference, accuracy)))
+                    table.add(reference.name, *_row(*rows[-1]))
             _summarise(summary, folder, accuracy, rows)
         if single:
             yield table
@@ -144,14 +147,14 @@ def references(folders: Sequence[str], single: bool, tell: Callable[[str], None]
 
 def _scenes(accuracy: float) -> MeasuredTable:
     columns = ("true, error", "stated, error", "of log-sensitivity, error", "over its bound")
-    both = [f"{tier}: {column}" for tier in ("first order", "reflections") for column in columns]
-    return MeasuredTable(f"accuracy {accuracy:g}", ("scene", *both, "evaluate, ms", "probe known, ms"))
+    tier_columns = [f"{tier}: {column}" for tier in ("first order", "reflections") for column in columns]
+    return MeasuredTable(f"accuracy {accuracy:g}", ("scene", *tier_columns, "evaluate, ms", "probe known, ms"))
 
 
-def _row(one: Known, found: Answers) -> Iterator[float | str | None]:
-    for tier in (found.first, found.reflected):
+def _row(reference: Known, reply: Answers) -> Iterator[float | str | None]:
+    for tier in (reply.first, reply.reflected):
         yield from (tier.true, tier.stated, tier.sensitivity, None if tier.excess is None else f"{tier.excess:.2g}")
-    yield from (found.cold, found.warm)
+    yield from (reply.cold, reply.warm)
 
 
 def _summary() -> MeasuredTable:
@@ -169,13 +172,13 @@ def _summary() -> MeasuredTable:
 
 def _summarise(table: MeasuredTable, folder: str, accuracy: float, rows: Sequence[tuple[Known, Answers]]) -> None:
     for tier in ("first order", "reflections"):
-        each = [(one, found.first if tier == "first order" else found.reflected) for one, found in rows]
-        right = [told for _, told in each if told.true is not None]
-        wrong = sum(not told.right(one) for one, told in each)
-        doubtful = sum((told.excess or 0) > 1 for told in right)
+        pairs = [(reference, reply.first if tier == "first order" else reply.reflected) for reference, reply in rows]
+        right = [errors for _, errors in pairs if errors.true is not None]
+        wrong = sum(not errors.is_right(reference) for reference, errors in pairs)
+        doubtful = sum((errors.excess or 0) > 1 for errors in right)
         worst = (max((v for t in right if (v := getattr(t, key)) is not None), default=None) for key in ("true", "stated"))
-        slopes = [told.sensitivity for told in right if told.sensitivity is not None]
-        seconds = (float(np.median([getattr(found, key) for _, found in rows])) for key in ("cold", "warm"))
+        slopes = [errors.sensitivity for errors in right if errors.sensitivity is not None]
+        seconds = (float(np.median([getattr(reply, key) for _, reply in rows])) for key in ("cold", "warm"))
         times = tuple(seconds) if tier == "reflections" else (None, None)
         table.add(
             folder, f"{accuracy:g}", tier, len(rows), len(right), wrong, doubtful, *worst, max(slopes, default=None), *times

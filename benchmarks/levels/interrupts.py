@@ -13,7 +13,7 @@ import argparse
 from tests.support.interrupted import Leftovers, left, moments
 from tests.support.paths import EXAMPLES, REFERENCE
 
-SCENE, TWO, GROOVE = (
+SCENE, TWO_TUMOURS, GROOVE = (
     str(path) for path in (EXAMPLES / "scene.toml", EXAMPLES / "two-tumours.toml", REFERENCE / "solid/groove-on-axis.toml")
 )
 SWEEP = str(EXAMPLES / "sweep.toml")
@@ -21,9 +21,9 @@ VERBS = {
     "help": ("--help",),
     "evaluate": ("evaluate", SCENE, "--json"),
     "evaluate, a table": ("evaluate", SCENE, "--evaluator", "closed-form"),
-    "plan": ("plan", TWO),
+    "plan": ("plan", TWO_TUMOURS),
     "curve": ("curve", SCENE, "--points", "9", "--plot", "OUT/curve.png"),
-    "scan": ("scan", TWO, "--points", "3", "--plot", "OUT/scan.png"),
+    "scan": ("scan", TWO_TUMOURS, "--points", "3", "--plot", "OUT/scan.png"),
     "detectability": ("detectability", SCENE, "--points", "4", "--plot", "OUT/map.png"),
     "estimate": ("estimate", SCENE, "--ratio", "0.563", "--noise", "0.01"),
     "export": ("export", SCENE, "-o", "OUT"),
@@ -61,11 +61,11 @@ def row(verb: str, tries: int, seed: int) -> str:
     ended: list[tuple[float, int, Leftovers]] = []
     for delay, number in moments(whole.seconds, tries, [seed, *verb.encode()]):
         ended.append((delay, number, left(VERBS[verb], delay, number)))
-    faults = [(delay, number, why) for delay, number, one in ended if (why := one.wrong(number, whole))]
+    faults = [(delay, number, why) for delay, number, interrupted_run in ended if (why := interrupted_run.wrong(number, whole))]
     for delay, number, why in faults:
         print(f"{verb}, signal {number} after {delay:.3f} s of {whole.seconds:.3f}: {why}")
-    interrupted = sum(one.code == 128 + number for _, number, one in ended)
-    waits = [one.seconds - delay for delay, number, one in ended if one.code == 128 + number]
+    interrupted = sum(interrupted_run.code == 128 + number for _, number, interrupted_run in ended)
+    waits = [interrupted_run.seconds - delay for delay, number, interrupted_run in ended if interrupted_run.code == 128 + number]
     return f"| {verb} | {tries} | {interrupted} | {tries - interrupted} | {len(faults)} | {max(waits, default=0):.1f} |"
 
 

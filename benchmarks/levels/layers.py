@@ -33,26 +33,26 @@ def scenes() -> Iterator[tuple[str, Scene, dict[str, Any]]]:
             yield name, read_scene(REFERENCE / folder / f"{name}.toml"), values
 
 
-def told(scene: Scene, values: dict[str, Any], level: str) -> str:
+def describe_errors(scene: Scene, values: dict[str, Any], level: str) -> str:
     """Say true / stated error of the ratio and the true one of the log-sensitivity, or why there is no answer."""
     try:
-        found = evaluate(scene, level, ACCURACY.get(level, 0.01))
+        result = evaluate(scene, level, ACCURACY.get(level, 0.01))
     except ProbeError:
         return "refused"
-    if found.ratio is None or found.error_estimate is None:
+    if result.ratio is None or result.error_estimate is None:
         return "null"
-    off = abs(found.ratio / values["ratio"] - 1)
-    wrong = " WRONG" if off > found.error_estimate + values["relative_uncertainty"] else ""
-    text = f"{off:.1e} / {found.error_estimate:.1e}{wrong}"
+    error = abs(result.ratio / values["ratio"] - 1)
+    wrong = " WRONG" if error > result.error_estimate + values["relative_uncertainty"] else ""
+    text = f"{error:.1e} / {result.error_estimate:.1e}{wrong}"
     known = values.get("log_sensitivity")
-    return text if known is None or found.log_sensitivity is None else f"{text}, {found.log_sensitivity / known - 1:+.1%}"
+    return text if known is None or result.log_sensitivity is None else f"{text}, {result.log_sensitivity / known - 1:+.1%}"
 
 
 def references(levels: Sequence[str]) -> None:
     """Print a line a scene."""
     print(f"| scene | {' | '.join(levels)} |\n|{'---|' * (len(levels) + 1)}")
     for name, scene, values in scenes():
-        print(f"| {name} | {' | '.join(told(scene, values, level) for level in levels)} |", flush=True)
+        print(f"| {name} | {' | '.join(describe_errors(scene, values, level) for level in levels)} |", flush=True)
 
 
 def cost(levels: Sequence[str], accuracy: float) -> None:
@@ -71,10 +71,10 @@ def _ratio(scene: Scene, bare: Scene, level: str, accuracy: float) -> str:
     for k in range(REPEATS):
         probe = scene.probe.model_copy(update={"gap": scene.probe.gap * (1 + 1e-3 * (k + 1))})
         times = []
-        for one in (scene, bare):
+        for case_scene in (scene, bare):
             start = process_time()
             try:
-                evaluate(one.model_copy(update={"probe": probe}), level, accuracy)
+                evaluate(case_scene.model_copy(update={"probe": probe}), level, accuracy)
             except ProbeError:
                 return "refused"
             times.append(process_time() - start)
@@ -88,11 +88,11 @@ def main() -> None:
     parser.add_argument("--part", choices=("references", "cost"))
     parser.add_argument("--levels", nargs="+", choices=LEVELS, default=LEVELS)
     parser.add_argument("--accuracy", type=float, default=0.01, help="of the costs")
-    asked = parser.parse_args()
-    if asked.part != "cost":
-        references(asked.levels)
-    if asked.part != "references":
-        cost([level for level in asked.levels if level != "solid"], asked.accuracy)
+    options = parser.parse_args()
+    if options.part != "cost":
+        references(options.levels)
+    if options.part != "references":
+        cost([level for level in options.levels if level != "solid"], options.accuracy)
 
 
 if __name__ == "__main__":

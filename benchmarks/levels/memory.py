@@ -26,30 +26,30 @@ from tests.support.random_scenes import scenes
 LEVELS = ("published", "closed-form", "equivalent-inclusion", "axisymmetric")
 ON_AXIS = ("published", "axisymmetric")
 ACCURACIES = (0.05, 0.01, 0.003)
-EACH = 50
+QUESTIONS_PER_ROW = 50
 DRAWING = settings(
     database=None, derandomize=True, deadline=None, phases=[Phase.generate], suppress_health_check=list(HealthCheck)
 )
 STATUS, RESET = Path("/proc/self/status"), Path("/proc/self/clear_refs")
 
 
-def drawn(count: int, **kind: Any) -> list[Scene]:
+def draw_scenes(count: int, **kind: Any) -> list[Scene]:
     """Return random scenes of ``tests.support.random_scenes``, the same every time."""
-    found: list[Scene] = []
+    kept: list[Scene] = []
 
     @settings(DRAWING, max_examples=count)
     @given(scene=scenes(**kind))
     def draw(scene: Scene) -> None:
-        found.append(scene)
+        kept.append(scene)
 
     draw()
-    return found
+    return kept
 
 
 def questions(count: int) -> Iterator[tuple[Scene, str, float]]:
     """Yield scenes with the level and the accuracy that they are asked with; each level sees every accuracy."""
-    kinds = {True: drawn(count), False: drawn(count, farthest=1.0, tumours=2)}
-    each = {on_axis: cycle(some) for on_axis, some in kinds.items()}
+    kinds = {True: draw_scenes(count), False: draw_scenes(count, farthest=1.0, tumours=2)}
+    each = {on_axis: cycle(scenes) for on_axis, scenes in kinds.items()}
     for number, level in enumerate(islice(cycle(LEVELS), count)):
         yield next(each[level in ON_AXIS]), level, ACCURACIES[number // len(LEVELS) % len(ACCURACIES)]
 
@@ -65,7 +65,7 @@ def reset() -> None:
     RESET.write_text("5")
 
 
-def answered(scene: Scene, level: str, accuracy: float) -> bool:
+def is_answered(scene: Scene, level: str, accuracy: float) -> bool:
     """Whether the level takes the scene."""
     try:
         evaluate(scene, level, accuracy)
@@ -74,17 +74,17 @@ def answered(scene: Scene, level: str, accuracy: float) -> bool:
     return True
 
 
-def measured(count: int, each: int = EACH) -> MeasuredTable:
+def measure_memory(count: int, each: int = QUESTIONS_PER_ROW) -> MeasuredTable:
     """Ask, and write down what is held after ``each`` so many."""
     columns = "after, count", "refused, count", "memory, MB", "most since the last, MB", "workspace, MB", "processor, s"
     table = MeasuredTable("Memory of one process that answers unlike scenes", columns)
     refused, start = 0, process_time()
     reset()
     for number, question in enumerate(questions(count), 1):
-        refused += not answered(*question)
+        refused += not is_answered(*question)
         if number % each == 0 or number == count:
             held = (memory("VmRSS"), memory("VmHWM"), get_workspace().bytes_held)
-            table.add(number, refused, *(round(one / 1e6) for one in held), process_time() - start)
+            table.add(number, refused, *(round(size / 1e6) for size in held), process_time() - start)
             reset()
     return table
 
@@ -93,8 +93,8 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--answers", type=int, default=300)
-    asked = parser.parse_args()
-    measured(asked.answers).print(Console())
+    options = parser.parse_args()
+    measure_memory(options.answers).print(Console())
 
 
 if __name__ == "__main__":

@@ -46,7 +46,7 @@ def _draw(random: np.random.Generator, example: Scene) -> dict[str, Any]:
     tissue = (
         {"shape": "cylinder", "radius": half[0]} if round_ else {"shape": "block", "length": 2 * half[0], "breadth": 2 * half[1]}
     )
-    at = _place(random, tube, half, round_)
+    position = _place(random, tube, half, round_)
     bodies = [_body(random, tube, half, depth) for _ in range(random.integers(1, 4))]
     bodies[0]["target"] = True
     if random.random() < 0.4:
@@ -55,16 +55,16 @@ def _draw(random: np.random.Generator, example: Scene) -> dict[str, Any]:
             "depth": float(random.uniform(0.1, 0.4) * 3e-3),
         }
     tilt = float(random.uniform(-0.1, 0.1)) if random.random() < 0.25 else 0.0
-    placement = {"x": at[0], "y": at[1], "tilt": tilt}
+    placement = {"x": position[0], "y": position[1], "tilt": tilt}
     return scene | {"tissue": {**tissue, "depth": depth, **soft}, "inclusion": bodies, "placement": placement}
 
 
 def _place(random: np.random.Generator, tube: float, half: Any, round_: bool) -> tuple[float, float]:
     """A place whose rim is 0.12 to 1.5 outer radii from one edge or, in a corner of a block, from two."""
-    beside = tube * (1 + np.exp(random.uniform(math.log(1.1 * MIN_SIDE_TISSUE_RADII), math.log(1.5), 2)))
+    side_distances = tube * (1 + np.exp(random.uniform(math.log(1.1 * MIN_SIDE_TISSUE_RADII), math.log(1.5), 2)))
     if round_:
-        return float(max(half[0] - beside[0], 0.0)), 0.0
-    x, y = np.maximum(half - beside, 0.0)
+        return float(max(half[0] - side_distances[0], 0.0)), 0.0
+    x, y = np.maximum(half - side_distances, 0.0)
     kind = random.integers(3)
     return float(x), (0.0, float(random.uniform(0, y)), float(y))[kind]
 
@@ -110,27 +110,27 @@ def main() -> None:
     parser.add_argument("--scenes", type=int, default=60)
     parser.add_argument("--first", type=int, default=0, help="the number of the first that is meshed")
     parser.add_argument("--seed", type=int, default=0)
-    asked = parser.parse_args()
+    options = parser.parse_args()
     good = 0
-    for number, scene in zip(range(asked.first + asked.scenes), draws(asked.seed), strict=False):
-        if number < asked.first:
+    for number, scene in zip(range(options.first + options.scenes), draws(options.seed), strict=False):
+        if number < options.first:
             continue
         fine, said = outcome(scene)
         good += fine
         print(f"{number:3} {_words(scene)}: {'' if fine else 'FAILED '}{said}", flush=True)
-    print(f"{good} of {asked.scenes} meshed")
+    print(f"{good} of {options.scenes} meshed")
 
 
 def _words(scene: Scene) -> str:
-    tissue, at, tube = scene.tissue, scene.placement, scene.probe.tube_radius
+    tissue, placement, tube = scene.tissue, scene.placement, scene.probe.tube_radius
     if tissue.shape == "cylinder":
-        room = tissue.radius - math.hypot(at.x, at.y)
+        room = tissue.radius - math.hypot(placement.x, placement.y)
     elif tissue.shape == "block":
-        room = min(tissue.length / 2 - abs(at.x), tissue.breadth / 2 - abs(at.y))
+        room = min(tissue.length / 2 - abs(placement.x), tissue.breadth / 2 - abs(placement.y))
     else:
         room = math.inf
     kinds = "".join("o" if body.diameter else "e" for body in scene.inclusion)
-    extras = (" groove" if scene.probe.groove else "") + (" tilt" if at.tilt else "")
+    extras = (" groove" if scene.probe.groove else "") + (" tilt" if placement.tilt else "")
     return f"{tissue.shape} edge {room / tube - 1:.2f} {kinds}{extras}"
 
 

@@ -20,39 +20,43 @@ ROOT = Path(__file__).parents[2]
 SCENES = ("examples/scene.toml", "examples/skin.toml", "tests/reference/axisymmetric/shallow.toml")
 LOSSES = {"tissue": 0.2, "inclusion": 0.1, "tissue.layer[0]": 0.2}
 NOISE, DEGREES = 0.01, 0.1  # of the ratio, relative; of the phase
-ROUGHLY, LOSSES_ROUGHLY, FREELY = 0.3, 0.2, 3.0  # prior sd of ln of the tissue's moduli, of ln of loss factors, of ln E_object
+MODULUS_PRIOR_SD, LOSS_PRIOR_SD, WIDE_PRIOR_SD = (
+    0.3,
+    0.2,
+    3.0,
+)  # prior sd of ln of the tissue's moduli, of ln of loss factors, of ln E_object
 FREQUENCY = 2.0  # Hz
 
 
 def lossy(scene: Scene) -> Scene:
     """Return a scene whose tissue and tumour lose as above."""
-    found = {key: LOSSES[key.removesuffix(".loss_factor")] for key in list_loss_factors(scene) if not key.startswith("probe")}
-    return replace_values(scene, found)
+    losses = {key: LOSSES[key.removesuffix(".loss_factor")] for key in list_loss_factors(scene) if not key.startswith("probe")}
+    return replace_values(scene, losses)
 
 
 def spreads(scene: Scene) -> tuple[float, float, float, float]:
     """Return phase and its error, rad, and the standard deviation of ln E_object by the ratio alone and by both."""
-    told = evaluate(scene, "axisymmetric", 0.003, frequency=FREQUENCY)
-    by, losses = told.ratio_phase_derivatives, list_loss_factors(scene)
-    assert by is not None
-    assert told.ratio_phase is not None
-    assert told.ratio_phase_error is not None
+    result = evaluate(scene, "axisymmetric", 0.003, frequency=FREQUENCY)
+    derivatives, losses = result.ratio_phase_derivatives, list_loss_factors(scene)
+    assert derivatives is not None
+    assert result.ratio_phase is not None
+    assert result.ratio_phase_error is not None
     names = [name for name in LOSSES if f"{name}.loss_factor" in losses]
     modulus = [_modulus(scene, name) for name in names]
-    slopes = [by[f"{name}.loss_factor"] * (1 + losses[f"{name}.loss_factor"] ** 2) for name in names]
-    turns = [by[f"{name}.youngs_modulus"] * one for name, one in zip(names, modulus, strict=True)]
-    by_losses = [by[f"{name}.loss_factor"] * losses[f"{name}.loss_factor"] for name in names]
+    slopes = [derivatives[f"{name}.loss_factor"] * (1 + losses[f"{name}.loss_factor"] ** 2) for name in names]
+    turns = [derivatives[f"{name}.youngs_modulus"] * change for name, change in zip(names, modulus, strict=True)]
+    by_losses = [derivatives[f"{name}.loss_factor"] * losses[f"{name}.loss_factor"] for name in names]
     jacobian = np.array([[*slopes, *(0.0 for _ in names)], [*turns, *by_losses]])
-    prior = [FREELY if name == "inclusion" else ROUGHLY for name in names] + [LOSSES_ROUGHLY for _ in names]
-    phase_noise = math.hypot(math.radians(DEGREES), told.ratio_phase_error / math.sqrt(3))
+    prior = [WIDE_PRIOR_SD if name == "inclusion" else MODULUS_PRIOR_SD for name in names] + [LOSS_PRIOR_SD for _ in names]
+    phase_noise = math.hypot(math.radians(DEGREES), result.ratio_phase_error / math.sqrt(3))
     noise, which = np.array([NOISE, phase_noise]), names.index("inclusion")
-    alone, both = (_spread(jacobian[:rows], noise[:rows], np.array(prior), which) for rows in (1, 2))
-    return told.ratio_phase, told.ratio_phase_error, alone, both
+    alone, combined = (_spread(jacobian[:rows], noise[:rows], np.array(prior), which) for rows in (1, 2))
+    return result.ratio_phase, result.ratio_phase_error, alone, combined
 
 
 def _modulus(scene: Scene, name: str) -> float:
     bodies = {"tissue": scene.tissue, "inclusion": scene.inclusion[0]}
-    return (bodies | {f"tissue.layer[{k}]": one for k, one in enumerate(scene.tissue.layer)})[name].youngs_modulus
+    return (bodies | {f"tissue.layer[{k}]": layer for k, layer in enumerate(scene.tissue.layer)})[name].youngs_modulus
 
 
 def _spread(jacobian: np.ndarray, noise: np.ndarray, prior: np.ndarray, which: int) -> float:
@@ -64,8 +68,8 @@ def main() -> None:
     """Print the table."""
     print("| scene | phase, rad | its error | sd of ln E_object by the ratio | by ratio and phase |\n|---|---|---|---|---|")
     for name in SCENES:
-        phase, error, alone, both = spreads(lossy(read_scene(ROOT / name)))
-        print(f"| `{name}` | {phase:.4f} | {error:.4f} | {alone:.2f} | {both:.2f} |", flush=True)
+        phase, error, alone, combined = spreads(lossy(read_scene(ROOT / name)))
+        print(f"| `{name}` | {phase:.4f} | {error:.4f} | {alone:.2f} | {combined:.2f} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -44,9 +44,9 @@ def main() -> None:
     print("|" + "---|" * len(headings))
     times = []
     for name, scene in scenes(given.folder or FOLDERS):
-        found = plan(scene, given.accuracy)
-        print("| " + " | ".join((name, str(found.evaluator), *cells(found, scene))) + " |")
-        if found.evaluator == "axisymmetric" and len(scene.inclusion) < 2:
+        chosen_plan = plan(scene, given.accuracy)
+        print("| " + " | ".join((name, str(chosen_plan.evaluator), *cells(chosen_plan, scene))) + " |")
+        if chosen_plan.evaluator == "axisymmetric" and len(scene.inclusion) < 2:
             times.append(cost(scene, given.accuracy))
     if times:
         planning, evaluating = (1e3 * median(each) for each in zip(*times, strict=True))
@@ -59,20 +59,20 @@ def scenes(folders: list[str] | tuple[str, ...]) -> Iterator[tuple[str, Scene]]:
             yield name, read_scene(REFERENCE / folder / f"{name}.toml")
 
 
-def cells(found: Plan, scene: Scene) -> Iterator[str]:
+def cells(chosen_plan: Plan, scene: Scene) -> Iterator[str]:
     """Effects on the ratio: in brackets what is left out, after a dash what no evaluator knows."""
-    bodies = [one for one in found.decisions if one.feature.startswith("inclusion")]
+    bodies = [decision for decision in chosen_plan.decisions if decision.feature.startswith("inclusion")]
     target = scene.target
     yield "" if target is None else cell(bodies[target])
-    yield ", ".join(cell(one) for k, one in enumerate(bodies) if k != target)
+    yield ", ".join(cell(decision) for k, decision in enumerate(bodies) if k != target)
     for feature in COLUMNS:
-        yield ", ".join(cell(one) for one in found.decisions if one.feature.startswith(feature))
+        yield ", ".join(cell(decision) for decision in chosen_plan.decisions if decision.feature.startswith(feature))
 
 
-def cell(one: Decision) -> str:
-    if one.reason.startswith("no evaluator"):
-        return f"- {one.effect:.1g}"
-    return f"{one.effect:.2g}" if one.modelled else f"({one.effect:.1g})"
+def cell(decision: Decision) -> str:
+    if decision.reason.startswith("no evaluator"):
+        return f"- {decision.effect:.1g}"
+    return f"{decision.effect:.2g}" if decision.modelled else f"({decision.effect:.1g})"
 
 
 def cost(scene: Scene, accuracy: float) -> tuple[float, float]:

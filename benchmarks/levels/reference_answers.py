@@ -36,10 +36,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("levels", nargs="*", default=LEVELS)
     parser.add_argument("--folder", default="*", help="of tests/reference")
-    asked = parser.parse_args()
+    options = parser.parse_args()
     digest = hashlib.sha256()
-    for path in sorted(REFERENCE.glob(f"{asked.folder}/*.toml")):
-        for level in asked.levels:
+    for path in sorted(REFERENCE.glob(f"{options.folder}/*.toml")):
+        for level in options.levels:
             line = f"{path.parent.name}/{path.stem} {level}: {answer(path, level)}"
             digest.update(f"{line}\n".encode())
             print(line, flush=True)

@@ -34,7 +34,11 @@ from solver.solid.domain import choose_domain
 from solver.solid.domain_mesh import mesh_domain
 
 TESTS = Path(__file__).parents[2] / "tests"
-BONDED = {0.3: 1.118576, 0.49: 1.502552, 0.4999: 1.544227}  # apparent modulus over modulus, R/h = 1, PHYSICS section 7
+BONDED_MODULUS_RATIOS = {
+    0.3: 1.118576,
+    0.49: 1.502552,
+    0.4999: 1.544227,
+}  # apparent modulus over modulus, R/h = 1, PHYSICS section 7
 SCENE = "flank"
 
 
@@ -51,9 +55,9 @@ def elements() -> MeasuredTable:
     for name in ("bonded-coarse", "bonded-fine"):
         data = np.load(TESTS / "meshes" / f"{name}.npz")
         nodes, tetrahedra = data["nodes"], data["elements"].astype(np.int64)
-        for ratio, known in BONDED.items():
-            found = (apparent_modulus(nodes, tetrahedra, ratio, averaged) / known - 1 for averaged in (False, True))
-            table.add(str(len(tetrahedra)), f"{ratio:g}", *found)
+        for ratio, known in BONDED_MODULUS_RATIOS.items():
+            errors = (apparent_modulus(nodes, tetrahedra, ratio, averaged) / known - 1 for averaged in (False, True))
+            table.add(str(len(tetrahedra)), f"{ratio:g}", *errors)
     return table
 
 
@@ -82,9 +86,9 @@ def correction() -> Iterator[MeasuredTable]:
     for fineness in (ROUGH_FINENESS, COARSE_FINENESS):
         print(f"{SCENE}: meshing and solving", file=sys.stderr, flush=True)
         mesh: TetMesh = mesh_domain(chosen, fineness)
-        found, states = difference(chosen, mesh)
-        alone, added = found.reference + found.forces[0], exact + found.forces[0]
-        table.add(len(mesh.elements), found.unknowns, ratio(scene, alone) / known - 1, ratio(scene, added) / known - 1)
+        change, states = difference(chosen, mesh)
+        alone, added = change.reference + change.forces[0], exact + change.forces[0]
+        table.add(len(mesh.elements), change.unknowns, ratio(scene, alone) / known - 1, ratio(scene, added) / known - 1)
         solvers.append(states)
     yield table
     for states in solvers:
@@ -108,8 +112,8 @@ def solver(states: SolidStates) -> MeasuredTable:
     if find_spec("pymklpardiso"):
         candidates["PARDISO"] = lambda: factorise(full, None)
     for name, make in candidates.items():
-        factor, first = timed(make)
-        table.add(name, first, timed(lambda factor=factor: solve(matrix, loads, factor))[1])  # type: ignore[misc]
+        factor, first = time_runs(make)
+        table.add(name, first, time_runs(lambda factor=factor: solve(matrix, loads, factor))[1])  # type: ignore[misc]
     if find_spec("pyamg"):
         table.add("pyamg, smoothed aggregation and CG", *multigrid(full, loads, states))
     return table
@@ -125,18 +129,18 @@ def multigrid(full: Any, loads: Any, states: SolidStates) -> tuple[float, float]
         rigid[number[free[:, axis], axis], axis] = 1.0
         turn = np.cross(np.eye(3)[axis], x)
         rigid[number[free], 3 + axis] = turn[free]
-    levels, made = timed(lambda: pyamg.smoothed_aggregation_solver(sp.csr_array(full), B=rigid, max_coarse=500))
+    levels, made = time_runs(lambda: pyamg.smoothed_aggregation_solver(sp.csr_array(full), B=rigid, max_coarse=500))
     run = lambda: [levels.solve(loads[:, k], tol=1e-9, accel="cg", maxiter=400) for k in range(loads.shape[1])]  # noqa: E731
-    return made, timed(run)[1]
+    return made, time_runs(run)[1]
 
 
-def timed(run: Callable[[], Any], repeats: int = 3) -> tuple[Any, float]:
+def time_runs(run: Callable[[], Any], repeats: int = 3) -> tuple[Any, float]:
     seconds = []
     for _ in range(repeats):
         start = process_time()
-        found = run()
+        result = run()
         seconds.append(process_time() - start)
-    return found, median(seconds)
+    return result, median(seconds)
 
 
 if __name__ == "__main__":

@@ -62,17 +62,17 @@ def row(scene: Scene, known: dict[str, float], accuracy: float) -> Iterator[Any]
     try:
         level = SolidEvaluator()
         forces = level.solve_forces(scene, accuracy)
-        found = level.build_answer(scene, forces, accuracy).build_result(level.name, scene, 0.0)
+        result = level.build_answer(scene, forces, accuracy).build_result(level.name, scene, 0.0)
     except (Refusal, SolveError) as fault:
         print(f"refused: {fault}", file=sys.stderr)
         yield from [None] * 8
         return
-    yield math.nan if found.ratio is None else abs(found.ratio / known["ratio"] - 1)
-    yield found.error_estimate
+    yield math.nan if result.ratio is None else abs(result.ratio / known["ratio"] - 1)
+    yield result.error_estimate
     yield known["relative_uncertainty"]
-    yield None if found.stiffness is None else abs(found.stiffness / known["stiffness_n_per_m"] - 1)
-    told = known.get("log_sensitivity")
-    yield None if not told or found.log_sensitivity is None else abs(found.log_sensitivity / told - 1)
+    yield None if result.stiffness is None else abs(result.stiffness / known["stiffness_n_per_m"] - 1)
+    true_slope = known.get("log_sensitivity")
+    yield None if not true_slope or result.log_sensitivity is None else abs(result.log_sensitivity / true_slope - 1)
     yield forces.difference.unknowns
     yield len(forces.states.problem.solid.elements)
     yield perf_counter() - start

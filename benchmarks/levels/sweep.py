@@ -28,7 +28,7 @@ SCENE = Path(__file__).parents[2] / "examples" / "scene.toml"
 COUNTS = {"closed-form": 20_000, "equivalent-inclusion": 60, "axisymmetric": 150}
 
 
-def asked(evaluator: str, n: int) -> dict[str, Any]:
+def build_sweep_document(evaluator: str, n: int) -> dict[str, Any]:
     """A sample of new probes over new tumours."""
     variables = {
         "probe.gap": {"from": "0.05 mm", "to": "0.2 mm", "scale": "log"},
@@ -40,7 +40,7 @@ def asked(evaluator: str, n: int) -> dict[str, Any]:
 
 def bare(evaluator: str, n: int) -> float:
     """Rows a second of a loop without a store."""
-    checked = sweep_from_dict(asked(evaluator, n))
+    checked = sweep_from_dict(build_sweep_document(evaluator, n))
     job, designs = Job.from_sweep(checked), [values for _, values in checked.list_designs()]
     list(job.evaluate_parts(designs[:1]))
     begin = time.perf_counter()
@@ -48,20 +48,24 @@ def bare(evaluator: str, n: int) -> float:
     return n / (time.perf_counter() - begin)
 
 
-def swept(evaluator: str, n: int, workers: int) -> tuple[float, float, float]:
+def measure_sweep(evaluator: str, n: int, workers: int) -> tuple[float, float, float]:
     """Rows a second of a sweep; seconds a row beyond the answers themselves, by the clock and of this process."""
     states: list[tuple[float, float, int, float]] = []  # clock, processor time, rows, their seconds
     with tempfile.TemporaryDirectory() as folder:
 
-        def noted(state: Progress) -> None:
+        def note_progress(state: Progress) -> None:
             if state.done and (not states or state.done == n):
                 states.append(
                     (time.perf_counter(), time.process_time(), state.done, sum(row["seconds"] for row in iterate_rows(folder)))
                 )
 
-        found = sweep(asked(evaluator, n), folder, workers=workers, progress=noted)
-    (begin, idle, few, before), (end, used, _, after) = states[0], states[-1]
-    return n / found.seconds, (workers * (end - begin) - (after - before)) / (n - few), (used - idle) / (n - few)
+        summary = sweep(build_sweep_document(evaluator, n), folder, workers=workers, progress=note_progress)
+    (begin, idle, begun, first_answered_s), (end, used, _, last_answered_s) = states[0], states[-1]
+    return (
+        n / summary.seconds,
+        (workers * (end - begin) - (last_answered_s - first_answered_s)) / (n - begun),
+        (used - idle) / (n - begun),
+    )
 
 
 def speed(scale: float) -> Table:
@@ -71,9 +75,9 @@ def speed(scale: float) -> Table:
         table.add_column(heading, justify="left" if heading == "evaluator" else "right")
     for evaluator, count in COUNTS.items():
         n = max(8, int(count * scale))
-        one, two = swept(evaluator, n, 1), swept(evaluator, n, 2)
-        rates = (f"{rate:.3g}" for rate in (bare(evaluator, n), one[0], two[0]))
-        table.add_row(evaluator, str(n), *rates, *(f"{1e3 * cost:.2g}" for cost in one[1:]))
+        single, double = measure_sweep(evaluator, n, 1), measure_sweep(evaluator, n, 2)
+        rates = (f"{rate:.3g}" for rate in (bare(evaluator, n), single[0], double[0]))
+        table.add_row(evaluator, str(n), *rates, *(f"{1e3 * cost:.2g}" for cost in single[1:]))
     return table
 
 
@@ -81,14 +85,23 @@ def store(scale: float) -> Table:
     """Return the second table."""
     n = max(100, int(100_000 * scale))
     with tempfile.TemporaryDirectory() as folder:
-        first = sweep(asked("closed-form", n), folder, workers=2)
+        first = sweep(build_sweep_document("closed-form", n), folder, workers=2)
         size = sum(file.stat().st_size for file in Path(folder).glob("sweep.sqlite*"))
-        again = sweep(asked("closed-form", n), folder, workers=2)
+        repeated = sweep(build_sweep_document("closed-form", n), folder, workers=2)
     table = Table(title=f"{n} closed-form designs, 2 workers")
     for heading in ("ok", "refused", "failed", "s", "rows/s", "store, MB per 1e6 rows", "starting again, s", "rows repeated"):
         table.add_column(heading, justify="right")
-    told = (first.ok, first.refused, first.failed, first.seconds, n / first.seconds, size / n, again.seconds, again.answered)
-    table.add_row(*(f"{one:.4g}" if isinstance(one, float) else str(one) for one in told))
+    cells = (
+        first.ok,
+        first.refused,
+        first.failed,
+        first.seconds,
+        n / first.seconds,
+        size / n,
+        repeated.seconds,
+        repeated.answered,
+    )
+    table.add_row(*(f"{cell:.4g}" if isinstance(cell, float) else str(cell) for cell in cells))
     return table
 
 

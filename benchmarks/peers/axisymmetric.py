@@ -50,12 +50,12 @@ def arguments() -> argparse.Namespace:
 
 def measure(chosen: argparse.Namespace, tell: Callable[[str], None]) -> Iterator[MeasuredTable]:
     """Yield the tables as they are ready."""
-    scenes, points, few = cases(chosen.scene or NAMES), chosen.points, min(chosen.repeats, 3)
+    scenes, points, fewer_repeats = cases(chosen.scene or NAMES), chosen.points, min(chosen.repeats, 3)
     parts: dict[str, Callable[[], Iterator[MeasuredTable]]] = {
         "evaluate": lambda: comparisons.evaluations(scenes, chosen.repeats, tell),
         "calculix": lambda: comparisons.calculix(scenes, tell),
-        "curve": lambda: comparisons.curves(scenes, points, few, tell),
-        "gradients": lambda: comparisons.gradients(scenes, points, few, tell),
+        "curve": lambda: comparisons.curves(scenes, points, fewer_repeats, tell),
+        "gradients": lambda: comparisons.gradients(scenes, points, fewer_repeats, tell),
         "factorisations": lambda: comparisons.factorisations(scenes, points, chosen.repeats, tell),
         "growth": lambda: comparisons.growth(scenes, tell),
     }
@@ -73,13 +73,13 @@ def main() -> None:
     codes = {name: version(name) for name in ("probe-design", "ngsolve", "numpy", "scipy")} | {
         "python": platform.python_version()
     }
-    found: dict[str, Any] = {"codes": codes, "tables": []}
+    document: dict[str, Any] = {"codes": codes, "tables": []}
     with progress.status("starting") as status, tasks:
         for table in measure(chosen, lambda line: status.update(line)):
             table.print(console)
-            found["tables"].append(table.as_json())
+            document["tables"].append(table.as_json())
             if chosen.json is not None:
-                chosen.json.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+                chosen.json.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ ELEMENTS = ("CAX8", "CAX8R")
 ENDS = ("end_inner", "end_outer")
 
 
-def installed() -> bool:
+def is_installed() -> bool:
     """Whether ``ccx`` is on the path."""
     return shutil.which("ccx") is not None
 
@@ -76,6 +76,6 @@ def evaluate(scene: Scene, fineness: Fineness, element: str = "CAX8R") -> PeerAn
 
 def reactions(text: str) -> tuple[float, float]:
     """Return the total axial forces on both ends from CalculiX's ``.dat`` file."""
-    found = re.findall(r"total force \(fx,fy,fz\) for set (\w+) .*\n\s*\S+\s+(\S+)", text)
-    forces = {name.lower(): float(force) for name, force in found}
+    matches = re.findall(r"total force \(fx,fy,fz\) for set (\w+) .*\n\s*\S+\s+(\S+)", text)
+    forces = {name.lower(): float(force) for name, force in matches}
     return forces[ENDS[0]], forces[ENDS[1]]

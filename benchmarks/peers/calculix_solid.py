@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.peers.measured_solid import Laps, SolidAnswer
-from benchmarks.peers.solid_mesh import ENDS, FLAT, MM, SolidSetting, materials, tetrahedra
+from benchmarks.peers.solid_mesh import ENDS, FLAT_TOLERANCE, MM, SolidSetting, materials, tetrahedra
 from geometry import Scene, read_scene
 
 HOW_TO_GET = "ccx not found: `apt-get install calculix-ccx` on Debian and Ubuntu, else www.calculix.de"
@@ -40,9 +40,9 @@ def deck(scene: Scene, mesh: Any, solver: str) -> Iterator[str]:
         chosen = np.flatnonzero(bodies == index)
         yield f"*ELEMENT, TYPE=C3D10, ELSET={mesh.GetMaterial(index)}_{index}"
         yield from (",".join(map(str, [k + 1, *row])) for k, row in zip(chosen.tolist(), rows[chosen].tolist(), strict=True))
-    for name, found in _sets(scene, nodes, np.unique(rows)).items():
+    for name, members in _sets(scene, nodes, np.unique(rows)).items():
         yield f"*NSET, NSET={name}"
-        yield from (f"{k}," for k in found.tolist())
+        yield from (f"{k}," for k in members.tolist())
     known = materials(scene)
     for name, body in known.items():
         yield from (f"*MATERIAL, NAME={name}", "*ELASTIC", f"{body.youngs_modulus:.12g},{body.poisson_ratio:.12g}")
@@ -60,13 +60,13 @@ def _sets(scene: Scene, nodes: Any, used: Any) -> dict[str, Any]:
     x, y, z = nodes[used - 1].T
     probe, inside = scene.probe, np.hypot(x, y) < MM * (scene.probe.inner_radius + scene.probe.hole_radius) / 2
     assert scene.tissue.shape != "half-space"  # no scene here is one
-    where = {
-        "bottom": z < FLAT - MM * scene.tissue.depth,
-        ENDS[0]: inside & (z > MM * probe.core_height - FLAT),
-        ENDS[1]: ~inside & (z > MM * probe.tube_height - FLAT),
+    conditions = {
+        "bottom": z < FLAT_TOLERANCE - MM * scene.tissue.depth,
+        ENDS[0]: inside & (z > MM * probe.core_height - FLAT_TOLERANCE),
+        ENDS[1]: ~inside & (z > MM * probe.tube_height - FLAT_TOLERANCE),
     }
-    where["mirror"] = (np.abs(y) < FLAT) & ~np.any(list(where.values()), axis=0)
-    return {name: used[mask] for name, mask in where.items()}
+    conditions["mirror"] = (np.abs(y) < FLAT_TOLERANCE) & ~np.any(list(conditions.values()), axis=0)
+    return {name: used[mask] for name, mask in conditions.items()}
 
 
 def evaluate(scene: Scene, setting: SolidSetting) -> SolidAnswer:
@@ -89,8 +89,8 @@ def evaluate(scene: Scene, setting: SolidSetting) -> SolidAnswer:
 
 def reactions(text: str) -> tuple[float, float]:
     """Return the total forces along z on both ends from CalculiX's ``.dat`` file."""
-    found = re.findall(r"total force \(fx,fy,fz\) for set (\w+) .*\n\s*\S+\s+\S+\s+(\S+)", text)
-    forces = {name.lower(): float(force) for name, force in found}
+    matches = re.findall(r"total force \(fx,fy,fz\) for set (\w+) .*\n\s*\S+\s+\S+\s+(\S+)", text)
+    forces = {name.lower(): float(force) for name, force in matches}
     return forces[ENDS[0]], forces[ENDS[1]]
 
 

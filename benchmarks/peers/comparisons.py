@@ -13,20 +13,23 @@ import numpy as np
 from benchmarks.peers import calculix_meridian as peer_calculix
 from benchmarks.peers import ours
 from benchmarks.peers.designs import LENGTHS, MATERIALS, VARIABLES
-from benchmarks.peers.measured import KnownScene, PeerAnswer, limited_memory, timed, typical
-from benchmarks.peers.ngsolve_curve import central_difference, looping, reusing
-from benchmarks.peers.ngsolve_meridian import ALL, MeridianSetting
+from benchmarks.peers.measured import KnownScene, PeerAnswer, limit_memory, time_runs, typical
+from benchmarks.peers.ngsolve_curve import central_difference, solve_by_looping, solve_by_reusing
+from benchmarks.peers.ngsolve_meridian import ALL_SINGULAR, MeridianSetting
 from benchmarks.peers.ngsolve_meridian import evaluate as ngsolve_evaluate
 from benchmarks.peers.ngsolve_settings import ACCURACIES, COARSE, EXACT, FINE, cheapest
 from benchmarks.tables import MeasuredTable
 from geometry.common.arrays import Floats
 from solver.axisymmetric.refinement import MESH_LEVELS
 
-STEP = 0.01  # relative, of central differences: smaller ones drown in the changes of the mesh
-DIFFERENCED = {"sphere_depth": len(LENGTHS), "tissue.youngs_modulus": len(MATERIALS)}  # and how many variables each stands for
-GROWTH = (
-    MeridianSetting(2, 2.0, 0.9, 2, singular=ALL),
-    *(MeridianSetting(4, 0.5, 0.3, 3, singular=ALL, halvings=k) for k in range(5)),
+DIFFERENCE_STEP_RELATIVE = 0.01  # relative, of central differences: smaller ones drown in the changes of the mesh
+DIFFERENCED_VARIABLES = {
+    "sphere_depth": len(LENGTHS),
+    "tissue.youngs_modulus": len(MATERIALS),
+}  # and how many variables each stands for
+GROWTH_LEVELS = (
+    MeridianSetting(2, 2.0, 0.9, 2, singular=ALL_SINGULAR),
+    *(MeridianSetting(4, 0.5, 0.3, 3, singular=ALL_SINGULAR, halvings=k) for k in range(5)),
 )
 CURVE_COLUMNS = (
     "scene",
@@ -72,16 +75,16 @@ def evaluations(cases: list[KnownScene], repeats: int, tell: Tell) -> Iterator[M
 def _evaluation(case: KnownScene, accuracy: float, repeats: int, table: MeasuredTable) -> None:
     first = ours.evaluate(case.scene, accuracy)
     mine = typical(partial(ours.evaluate, case.scene, accuracy), repeats)
-    level = next(one for one in MESH_LEVELS if case.error(ours.one_mesh(case.scene, one).ratio) <= accuracy)
+    level = next(mesh_level for mesh_level in MESH_LEVELS if case.error(ours.one_mesh(case.scene, mesh_level).ratio) <= accuracy)
     bare = typical(partial(ours.one_mesh, case.scene, level), repeats)
     table.add(case.name, "ours, one mesh", level.order, bare.unknowns, case.error(bare.ratio), None, None, bare.seconds, None)
     for code, answer in (("ours, first", first), ("ours", mine)):
         table.add(case.name, code, None, None, case.error(answer.ratio), None, None, answer.seconds, None)
     for code, name in (("NGSolve, cheapest", case.name), ("NGSolve, one for all", "all")):
         setting = cheapest(name, f"{accuracy:g}")
-        found = typical(partial(ngsolve_evaluate, case.scene, setting), repeats)
-        error, mesh, factor = case.error(found.ratio), found.stages["mesh"], mine.seconds / found.seconds
-        table.add(case.name, code, setting.order, found.unknowns, error, mesh, found.seconds - mesh, found.seconds, factor)
+        run = typical(partial(ngsolve_evaluate, case.scene, setting), repeats)
+        error, mesh, factor = case.error(run.ratio), run.stages["mesh"], mine.seconds / run.seconds
+        table.add(case.name, code, setting.order, run.unknowns, error, mesh, run.seconds - mesh, run.seconds, factor)
         if error > accuracy:
             table.note(f"{case.name}: {code} misses the accuracy with this release of NGSolve: run ngsolve_settings.py again")
 
@@ -90,15 +93,15 @@ def calculix(cases: list[KnownScene], tell: Tell) -> Iterator[MeasuredTable]:
     """Run CalculiX at each refinement with each of its elements."""
     columns = ("scene", "element", "unknowns, count", "true error, error", "mesh, ms", "write, ms", "ccx, ms", "all, ms")
     table = MeasuredTable("a. one evaluation by CalculiX", columns)
-    if not peer_calculix.installed():
+    if not peer_calculix.is_installed():
         table.note(peer_calculix.HOW_TO_GET)
         cases = []
     for case in cases:
         for element in peer_calculix.ELEMENTS:
             for fineness in peer_calculix.REFINEMENTS:
                 tell(f"CalculiX on {case.name}, {element}")
-                found = peer_calculix.evaluate(case.scene, fineness, element)
-                table.add(case.name, element, found.unknowns, case.error(found.ratio), *found.stages.values(), found.seconds)
+                run = peer_calculix.evaluate(case.scene, fineness, element)
+                table.add(case.name, element, run.unknowns, case.error(run.ratio), *run.stages.values(), run.seconds)
     yield table
 
 
@@ -116,10 +119,10 @@ def curves(cases: list[KnownScene], points: int, repeats: int, tell: Tell) -> It
 
 def _curve(case: KnownScene, moduli: Floats, repeats: int) -> tuple[float, ...]:
     scene, setting = case.scene, cheapest(case.name, "curve")
-    true = reusing(scene, EXACT, moduli).curve
-    mine, seconds = timed(lambda: ours.curve(scene, moduli, COARSE), repeats)
-    loop, reuse = (typical(partial(run, scene, setting, moduli), repeats).seconds for run in (looping, reusing))
-    error = reusing(scene, setting, moduli).curve.largest_difference(true)[0]
+    true = solve_by_reusing(scene, EXACT, moduli).curve
+    mine, seconds = time_runs(lambda: ours.curve(scene, moduli, COARSE), repeats)
+    loop, reuse = (typical(partial(run, scene, setting, moduli), repeats).seconds for run in (solve_by_looping, solve_by_reusing))
+    error = solve_by_reusing(scene, setting, moduli).curve.largest_difference(true)[0]
     return mine.largest_difference(true)[0], seconds, error, loop, reuse, loop / seconds, reuse / seconds
 
 
@@ -130,7 +133,10 @@ def gradients(cases: list[KnownScene], points: int, repeats: int, tell: Tell) ->
     for case in cases:
         tell(f"gradients of {case.name}")
         table.add(case.name, *_gradient(case, case.moduli(points), repeats, table))
-    table.note(f"NGSolve: for each variable two curves, {STEP:g} up and down; timed for one length (with its meshes) and for one")
+    table.note(
+        f"NGSolve: for each variable two curves, {DIFFERENCE_STEP_RELATIVE:g} up and down; timed for one length (with "
+        "its meshes) and for one"
+    )
     table.note(
         f"modulus, multiplied by {len(LENGTHS)} and {len(MATERIALS)}; finer: reusing, with the setting for 0.01 % in all scenes"
     )
@@ -140,22 +146,25 @@ def gradients(cases: list[KnownScene], points: int, repeats: int, tell: Tell) ->
 
 
 def _gradient(case: KnownScene, moduli: Floats, repeats: int, table: MeasuredTable) -> tuple[float | None, ...]:
-    found = seam(lambda: timed(lambda: ours.gradients(case.scene, moduli, COARSE), repeats), table)
-    true = central_difference(reusing, case.scene, EXACT, moduli, "sphere_depth", STEP)[0]
+    timed_gradients = seam(lambda: time_runs(lambda: ours.gradients(case.scene, moduli, COARSE), repeats), table)
+    true = central_difference(solve_by_reusing, case.scene, EXACT, moduli, "sphere_depth", DIFFERENCE_STEP_RELATIVE)[0]
     setting, errors, totals = cheapest(case.name, "curve"), [], []
-    for run, used in ((looping, setting), (reusing, setting), (reusing, cheapest("all", f"{FINE:g}"))):
-        pairs = {name: central_difference(run, case.scene, used, moduli, name, STEP) for name in DIFFERENCED}
-        totals.append(sum(number * pairs[name][1] for name, number in DIFFERENCED.items()))
-        errors.append(_apart(pairs["sphere_depth"][0], true))
+    for run, used in ((solve_by_looping, setting), (solve_by_reusing, setting), (solve_by_reusing, cheapest("all", f"{FINE:g}"))):
+        pairs = {
+            name: central_difference(run, case.scene, used, moduli, name, DIFFERENCE_STEP_RELATIVE)
+            for name in DIFFERENCED_VARIABLES
+        }
+        totals.append(sum(number * pairs[name][1] for name, number in DIFFERENCED_VARIABLES.items()))
+        errors.append(_compute_difference(pairs["sphere_depth"][0], true))
     theirs = (errors[0], totals[0], totals[1], errors[2], totals[2])
-    if found is None:
+    if timed_gradients is None:
         return None, None, *theirs, None, None, None
-    mine, seconds = found
-    return _apart(mine["sphere_depth"], true), seconds, *theirs, *(total / seconds for total in totals)
+    mine, seconds = timed_gradients
+    return _compute_difference(mine["sphere_depth"], true), seconds, *theirs, *(total / seconds for total in totals)
 
 
-def _apart(found: Floats, true: Floats) -> float:
-    return float(np.max(np.abs(found - true)) / np.max(np.abs(true)))
+def _compute_difference(values: Floats, true: Floats) -> float:
+    return float(np.max(np.abs(values - true)) / np.max(np.abs(true)))
 
 
 def factorisations(cases: list[KnownScene], points: int, repeats: int, tell: Tell) -> Iterator[MeasuredTable]:
@@ -172,18 +181,18 @@ def factorisations(cases: list[KnownScene], points: int, repeats: int, tell: Tel
     table = MeasuredTable(f"d. ours at {COARSE * 100:g} % in bare factorisations of its own matrix", columns)
     for case, library in product(cases, ours.libraries()):
         tell(f"factorisations of {case.name} by {library}")
-        with ours.using(library):
-            table.add(case.name, library, *_in_factorisations(case, case.moduli(points), repeats))
+        with ours.use_library(library):
+            table.add(case.name, library, *_count_in_factorisations(case, case.moduli(points), repeats))
     table.note("processor time, all with their error estimates: one mesh or more; the factorisation is that of the matrix of the")
     table.note("last mesh of an evaluation and of a curve, its pattern known")
     yield table
 
 
-def _in_factorisations(case: KnownScene, moduli: Floats, repeats: int) -> list[float]:
+def _count_in_factorisations(case: KnownScene, moduli: Floats, repeats: int) -> list[float]:
     single, bare = ours.bare_factorisation(case.scene, COARSE), ours.bare_factorisation(case.scene, COARSE, moduli)
-    evaluation = timed(partial(ours.evaluate, case.scene, COARSE), repeats, process_time)[1]
+    evaluation = time_runs(partial(ours.evaluate, case.scene, COARSE), repeats, process_time)[1]
     runs = (partial(f, case.scene, moduli, COARSE) for f in (ours.curve, ours.gradients))
-    return [single, evaluation / single, bare, *(timed(run, repeats, process_time)[1] / bare for run in runs)]
+    return [single, evaluation / single, bare, *(time_runs(run, repeats, process_time)[1] / bare for run in runs)]
 
 
 def growth(cases: list[KnownScene], tell: Tell) -> Iterator[MeasuredTable]:
@@ -196,13 +205,13 @@ def growth(cases: list[KnownScene], tell: Tell) -> Iterator[MeasuredTable]:
         times = (answer.stages.get(stage) for stage in stages)
         table.add(code, answer.unknowns, case.error(answer.ratio), *times, answer.seconds)
 
-    ngsolve_evaluate(case.scene, GROWTH[0])  # what is slow the first time only
-    for setting in GROWTH:
+    ngsolve_evaluate(case.scene, GROWTH_LEVELS[0])  # what is slow the first time only
+    for setting in GROWTH_LEVELS:
         tell(f"growth: NGSolve, order {setting.order}, {setting.halvings} halvings")
         add(f"NGSolve, order {setting.order}", ngsolve_evaluate(case.scene, setting))
     tell("growth: ours")
     try:
-        with limited_memory():
+        with limit_memory():
             for answer in ours.growth(case.scene):
                 add("ours", answer)
     except (NotImplementedError, MemoryError, RuntimeError) as why:  # SuperLU raises either for want of memory

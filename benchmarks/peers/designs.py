@@ -29,7 +29,7 @@ MATERIALS: dict[str, Path] = {
 VARIABLES = LENGTHS | MATERIALS
 
 
-def varied(scene: Scene, variable: str, factor: float) -> Scene:
+def vary_design(scene: Scene, variable: str, factor: float) -> Scene:
     """Return the scene with one variable multiplied, all others kept."""
     probe, values = scene.probe, scene.model_dump(exclude_none=True)
     explicit = {
@@ -39,10 +39,10 @@ def varied(scene: Scene, variable: str, factor: float) -> Scene:
         "outer_height": probe.tube_height,
     }
     values["probe"] = {k: v for k, v in values["probe"].items() if k not in ("area_ratio", "height", "gap")} | explicit
-    *above, key = VARIABLES[variable]
-    at = values
-    for step in above:
-        at = at[step]  # type: ignore[index]
-    at[key] *= factor  # type: ignore[index]
+    *parents, key = VARIABLES[variable]
+    node = values
+    for step in parents:
+        node = node[step]  # type: ignore[index]
+    node[key] *= factor  # type: ignore[index]
     values["probe"]["gap"] = values["probe"].pop("hole_radius") - values["probe"]["inner_radius"]
     return Scene.model_validate(values)

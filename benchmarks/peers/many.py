@@ -26,77 +26,79 @@ from solver import Result, Workspace, evaluate, evaluate_many
 from solver.linalg.threads import limit_to_one_thread
 from solver.linalg.workspace import use_workspace
 
-ASKED = {"closed-form": 0.01, "axisymmetric": 0.005, "auto": 0.01}
-NEAR = 1.25  # factor within which designs are drawn
-GAPS = 5  # of the factorial sweep
+ACCURACIES = {"closed-form": 0.01, "axisymmetric": 0.005, "auto": 0.01}
+DRAW_FACTOR = 1.25  # factor within which designs are drawn
+GAP_COUNT = 5  # of the factorial sweep
 
 
-def with_modulus(scene: Scene, modulus: float, **other: float) -> Scene:
+def replace_modulus(scene: Scene, modulus: float, **other: float) -> Scene:
     """The scene with another tumour."""
     body = scene.inclusion[0].model_copy(update={"youngs_modulus": modulus, **other})
     return scene.model_copy(update={"inclusion": (body,)})
 
 
-def with_probe(scene: Scene, **lengths: Any) -> Scene:
+def replace_probe(scene: Scene, **lengths: Any) -> Scene:
     """The scene with another probe."""
     return scene.model_copy(update={"probe": scene.probe.model_copy(update=lengths)})
 
 
 def sets(case: KnownScene, count: int) -> Iterator[tuple[str, list[Scene]]]:
     """Yield what is answered."""
-    scene, gaps = case.scene, case.scene.probe.gap * np.linspace(1 / NEAR, NEAR, count)
-    moduli, few = case.moduli(count).tolist(), case.moduli(count // GAPS).tolist()
-    yield "moduli", [with_modulus(scene, modulus) for modulus in moduli]
+    scene, gaps = case.scene, case.scene.probe.gap * np.linspace(1 / DRAW_FACTOR, DRAW_FACTOR, count)
+    moduli, few_moduli = case.moduli(count).tolist(), case.moduli(count // GAP_COUNT).tolist()
+    yield "moduli", [replace_modulus(scene, modulus) for modulus in moduli]
     pressed = [Load(indentation=float(deep)) for deep in np.linspace(1e-6, 1e-4, count)]
     yield "loads", [scene.model_copy(update={"load": load}) for load in pressed]
-    yield "gap", [with_probe(scene, gap=gap) for gap in gaps.tolist()]
-    chosen = gaps[:: count // GAPS].tolist()
-    yield "gap x modulus", [with_modulus(with_probe(scene, gap=gap), modulus) for gap in chosen for modulus in few]
-    yield "random", [drawn(scene, np.random.default_rng(k)) for k in range(count)]
+    yield "gap", [replace_probe(scene, gap=gap) for gap in gaps.tolist()]
+    chosen = gaps[:: count // GAP_COUNT].tolist()
+    yield "gap x modulus", [replace_modulus(replace_probe(scene, gap=gap), modulus) for gap in chosen for modulus in few_moduli]
+    yield "random", [draw_design(scene, np.random.default_rng(k)) for k in range(count)]
 
 
-def drawn(scene: Scene, rng: np.random.Generator) -> Scene:
+def draw_design(scene: Scene, rng: np.random.Generator) -> Scene:
     """A design near that of a scene."""
 
-    def near(value: float) -> float:
-        return float(value * NEAR ** rng.uniform(-1, 1))
+    def draw_near(value: float) -> float:
+        return float(value * DRAW_FACTOR ** rng.uniform(-1, 1))
 
     probe, body = scene.probe, scene.inclusion[0]
-    blocks = {name: getattr(probe, name).model_copy(update={"youngs_modulus": near(getattr(probe, name).youngs_modulus)})
+    blocks = {name: getattr(probe, name).model_copy(update={"youngs_modulus": draw_near(getattr(probe, name).youngs_modulus)})
               for name in ("inner", "outer")}  # fmt: skip
-    made = with_probe(scene, gap=near(probe.gap), **blocks)
-    return with_modulus(made, near(body.youngs_modulus), diameter=(body.diameter or 0.0) * rng.uniform(0.9, 1.0))
+    made = replace_probe(scene, gap=draw_near(probe.gap), **blocks)
+    return replace_modulus(made, draw_near(body.youngs_modulus), diameter=(body.diameter or 0.0) * rng.uniform(0.9, 1.0))
 
 
 def seconds(run: Callable[[], list[Any]], scenes: list[Scene], name: str) -> tuple[float, list[Any]]:
     """Processor time of a run in a workspace that has answered one design of the topology, and its answers."""
     with use_workspace(Workspace()):
         for gap in (0.99, 0.995):  # twice: the second keeps its factorisations' analyses
-            evaluate(with_probe(scenes[0], gap=gap * scenes[0].probe.gap), name, ASKED[name], linear=True)
+            evaluate(replace_probe(scenes[0], gap=gap * scenes[0].probe.gap), name, ACCURACIES[name], linear=True)
         begin = time.process_time()
         answers = run()
         return time.process_time() - begin, answers
 
 
-def apart(one: Any, other: Any) -> float:
+def compute_largest_difference(value: Any, other_value: Any) -> float:
     """Difference of two answers in shares of their errors; nothing where one has no ratio."""
-    if not (isinstance(one, Result) and isinstance(other, Result)) or one.ratio is None or other.ratio is None:
+    if not (isinstance(value, Result) and isinstance(other_value, Result)) or value.ratio is None or other_value.ratio is None:
         return 0.0
-    return abs(one.ratio / other.ratio - 1) / ((one.error_estimate or 0.0) + (other.error_estimate or 0.0) or np.inf)
+    return abs(value.ratio / other_value.ratio - 1) / (
+        (value.error_estimate or 0.0) + (other_value.error_estimate or 0.0) or np.inf
+    )
 
 
 def row(name: str, what: str, scenes: list[Scene], repeats: int) -> tuple[str, ...]:
     """One line of the table."""
-    asked: dict[str, Any] = {"evaluator": name, "accuracy": ASKED[name], "linear": True}
+    options: dict[str, Any] = {"evaluator": name, "accuracy": ACCURACIES[name], "linear": True}
     times: list[tuple[float, float]] = []
     differ = 0.0
     for _ in range(repeats):
-        alone, ones = seconds(lambda: [evaluate(scene, **asked) for scene in scenes], scenes, name)
-        together, many = seconds(lambda: [*evaluate_many(scenes, **asked)], scenes, name)
+        alone, ones = seconds(lambda: [evaluate(scene, **options) for scene in scenes], scenes, name)
+        together, batch_answers = seconds(lambda: [*evaluate_many(scenes, **options)], scenes, name)
         times.append((alone, together))
-        differ = max([differ, *(apart(*pair) for pair in zip(ones, many, strict=True))])
-    alone, together = (median(one) for one in zip(*times, strict=True))
-    ratio = median(one / other for one, other in times)
+        differ = max([differ, *(compute_largest_difference(*pair) for pair in zip(ones, batch_answers, strict=True))])
+    alone, together = (median(timing) for timing in zip(*times, strict=True))
+    ratio = median(timing / other for timing, other in times)
     return name, what, f"{len(scenes) / alone:.3g}", f"{len(scenes) / together:.3g}", f"{ratio:.1f}", f"{differ:.1g}"
 
 
@@ -105,16 +107,16 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=50)
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--scene", default="shallow", help="one of benchmarks.peers.measured.NAMES")
-    parser.add_argument("--evaluator", action="append", choices=ASKED)
-    asked = parser.parse_args()
-    (case,) = cases([asked.scene])
+    parser.add_argument("--evaluator", action="append", choices=ACCURACIES)
+    options = parser.parse_args()
+    (case,) = cases([options.scene])
     table = Table(title=f"{case.name}, answers a second of processor time, one thread")
     for heading in ("evaluator", "designs", "loop", "evaluate_many", "ratio", "apart, in errors"):
         table.add_column(heading, justify="left" if heading in ("evaluator", "designs") else "right")
     with limit_to_one_thread():
-        for name in asked.evaluator or ASKED:
-            for what, scenes in sets(case, asked.count):
-                table.add_row(*row(name, what, scenes, asked.repeats))
+        for name in options.evaluator or ACCURACIES:
+            for what, scenes in sets(case, options.count):
+                table.add_row(*row(name, what, scenes, options.repeats))
     Console(width=110).print(table)
 
 

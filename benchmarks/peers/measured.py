@@ -106,11 +106,11 @@ S = TypeVar("S", bound=HasSeconds)
 
 def typical(run: Callable[[], S], repeats: int) -> S:
     """Run several times and return the run of median time (the lower of the two middle ones)."""
-    runs = sorted((run() for _ in range(repeats)), key=lambda one: one.seconds)
+    runs = sorted((run() for _ in range(repeats)), key=lambda result: result.seconds)
     return runs[(len(runs) - 1) // 2]
 
 
-def timed(run: Callable[[], T], repeats: int, clock: Callable[[], float] | None = None) -> tuple[T, float]:
+def time_runs(run: Callable[[], T], repeats: int, clock: Callable[[], float] | None = None) -> tuple[T, float]:
     """Run several times; return the last result and the median of the seconds by a clock, or that of all measurements."""
     seconds, clock = [], clock or PeerClock.now
     for _ in range(repeats):
@@ -121,21 +121,23 @@ def timed(run: Callable[[], T], repeats: int, clock: Callable[[], float] | None 
 
 
 @contextmanager
-def limited_memory(share: float = 0.7) -> Iterator[None]:
+def limit_memory(share: float = 0.7) -> Iterator[None]:
     """Let allocations fail beyond a share of the machine's memory, before the system ends the process."""
-    before = resource.getrlimit(resource.RLIMIT_AS)
-    most = int(share * os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
-    resource.setrlimit(resource.RLIMIT_AS, (most, before[1]))
+    old_limits = resource.getrlimit(resource.RLIMIT_AS)
+    max_bytes = int(share * os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    resource.setrlimit(resource.RLIMIT_AS, (max_bytes, old_limits[1]))
     try:
         yield
     finally:
-        resource.setrlimit(resource.RLIMIT_AS, before)
+        resource.setrlimit(resource.RLIMIT_AS, old_limits)
 
 
 def cases(names: Sequence[str] = NAMES) -> list[KnownScene]:
     """Read the scenes and their true values."""
-    found = json.loads((FOLDER / "expected.json").read_text(encoding="utf-8"))
+    expected = json.loads((FOLDER / "expected.json").read_text(encoding="utf-8"))
     return [
-        KnownScene(name, read_scene(FOLDER / f"{name}.toml"), found[name]["ratio"], found[name].get("log_sensitivity", math.nan))
+        KnownScene(
+            name, read_scene(FOLDER / f"{name}.toml"), expected[name]["ratio"], expected[name].get("log_sensitivity", math.nan)
+        )
         for name in names
     ]

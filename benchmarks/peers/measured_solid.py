@@ -19,7 +19,7 @@ ACCURACIES = (0.02, 0.007)
 def folder() -> Path:
     """Return the folder of the scenes and their true values."""
     given = os.environ.get("SOLID_REFERENCE")
-    return next(one for one in ([Path(given)] if given else FOLDERS) if (one / "expected.json").exists())
+    return next(path for path in ([Path(given)] if given else FOLDERS) if (path / "expected.json").exists())
 
 
 def scene_file(name: str) -> Path:
@@ -27,10 +27,10 @@ def scene_file(name: str) -> Path:
     return folder() / f"{name}.toml"
 
 
-def expected(name: str) -> dict[str, float]:
+def read_expected(name: str) -> dict[str, float]:
     """Return a scene's true values."""
-    found: dict[str, float] = json.loads((folder() / "expected.json").read_text(encoding="utf-8"))[name]
-    return found
+    values: dict[str, float] = json.loads((folder() / "expected.json").read_text(encoding="utf-8"))[name]
+    return values
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class SolidAnswer:
         unknowns: of the system.
         elements: of the mesh.
         wall, process: seconds of each stage, by the clock and of the processor, those of other programs started included.
-        more: what else the code tells.
+        details: what else the code tells.
     """
 
     ratio: float
@@ -52,13 +52,13 @@ class SolidAnswer:
     elements: int
     wall: dict[str, float]
     process: dict[str, float]
-    more: dict[str, Any] = field(default_factory=dict)
+    details: dict[str, Any] = field(default_factory=dict)
 
 
 def processor() -> float:
     """Return the processor's seconds of this process and of those it waited for."""
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-    return sum(one.ru_utime + one.ru_stime for one in used)
+    return sum(usage.ru_utime + usage.ru_stime for usage in used)
 
 
 class Laps:
@@ -72,6 +72,6 @@ class Laps:
     def lap(self, stage: str) -> None:
         """Book the time since the last lap to a stage."""
         now = perf_counter(), processor()
-        for found, new, old in zip((self.wall, self.process), now, self._last, strict=True):
-            found[stage] = new - old
+        for laps, new, old in zip((self.wall, self.process), now, self._last, strict=True):
+            laps[stage] = new - old
         self._last = now

@@ -13,7 +13,7 @@ from typing import Any
 import ngsolve as ngs
 import numpy as np
 
-from benchmarks.peers.designs import varied
+from benchmarks.peers.designs import vary_design
 from benchmarks.peers.measured import RatioCurve, Stopwatch
 from benchmarks.peers.ngsolve_meridian import MeridianSetting, NGSolveProblem, make_mesh
 from benchmarks.references.outline import INCLUSION
@@ -38,7 +38,7 @@ class CurveRun:
 Run = Callable[[Scene, MeridianSetting, Floats], CurveRun]
 
 
-def looping(scene: Scene, setting: MeridianSetting, moduli: Floats) -> CurveRun:
+def solve_by_looping(scene: Scene, setting: MeridianSetting, moduli: Floats) -> CurveRun:
     """Assemble and factorise for each modulus anew, on one mesh and one space."""
     watch = Stopwatch()
     problem = _prepare(scene, setting, watch)
@@ -55,7 +55,7 @@ def looping(scene: Scene, setting: MeridianSetting, moduli: Floats) -> CurveRun:
     return _run(problem, moduli, points, watch)
 
 
-def reusing(scene: Scene, setting: MeridianSetting, moduli: Floats) -> CurveRun:
+def solve_by_reusing(scene: Scene, setting: MeridianSetting, moduli: Floats) -> CurveRun:
     """Assemble twice in all, then add, factorise in the ordering found first, and solve for each modulus."""
     watch = Stopwatch()
     problem = _prepare(scene, setting, watch)
@@ -98,11 +98,11 @@ def _point(problem: NGSolveProblem, matrix: Any, inverse: Any, slope: Any) -> tu
     states = [problem.solve(matrix, inverse, lift) for lift in problem.lifts]
     pressed = states[0].CreateVector()
     pressed.data = states[0] + states[1]
-    found = []
+    forces = []
     for operator in (matrix, slope):
         reaction = (operator * pressed).Evaluate()
-        found.append(np.array([ngs.InnerProduct(reaction, state) for state in states]))
-    return found[0], found[1]
+        forces.append(np.array([ngs.InnerProduct(reaction, state) for state in states]))
+    return forces[0], forces[1]
 
 
 def _run(problem: NGSolveProblem, moduli: Floats, points: Sequence[tuple[Floats, Floats]], watch: Stopwatch) -> CurveRun:
@@ -116,6 +116,6 @@ def central_difference(
     run: Run, scene: Scene, setting: MeridianSetting, moduli: Floats, variable: str, step: float
 ) -> tuple[Floats, float]:
     """Return d ln ratio / d ln variable along the curve and the seconds of its two runs."""
-    runs = [run(varied(scene, variable, 1 + sign * step), setting, moduli) for sign in (1, -1)]
-    logs = [np.log(np.abs(one.curve.ratio)) for one in runs]
-    return (logs[0] - logs[1]) / (2 * step), sum(one.seconds for one in runs)
+    runs = [run(vary_design(scene, variable, 1 + sign * step), setting, moduli) for sign in (1, -1)]
+    logs = [np.log(np.abs(curve_run.curve.ratio)) for curve_run in runs]
+    return (logs[0] - logs[1]) / (2 * step), sum(curve_run.seconds for curve_run in runs)

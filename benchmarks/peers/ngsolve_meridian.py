@@ -22,8 +22,8 @@ from geometry import Material, Scene
 from geometry.common.arrays import Floats
 
 Vertex = tuple[float, float]
-HELD = "|".join(["bottom", *ENDS])
-CONTACT, ENDS_TOO, ALL = ("contact",), ("contact", *ENDS), ("contact", *ENDS, "bottom")
+HELD_BOUNDARIES = "|".join(["bottom", *ENDS])
+CONTACT, ENDS_TOO, ALL_SINGULAR = ("contact",), ("contact", *ENDS), ("contact", *ENDS, "bottom")
 
 
 @dataclass(frozen=True)
@@ -94,10 +94,10 @@ def corners(edges: list[Edge], names: tuple[str, ...]) -> set[Vertex]:
 
 def feature(edges: list[Edge], vertex: Vertex) -> float:
     """Return the distance to the nearest edge of the same bodies that does not end at the vertex, or the shortest that does."""
-    own = [edge for edge in edges if vertex in (edge.start, edge.end)]
-    bodies = {body for edge in own for body in (edge.left, edge.right)} - {OUTSIDE}
-    others = [edge for edge in edges if edge not in own and bodies & {edge.left, edge.right}]
-    return min([edge.distance(np.array(vertex)) for edge in others] + [math.dist(edge.start, edge.end) for edge in own])
+    adjacent = [edge for edge in edges if vertex in (edge.start, edge.end)]
+    bodies = {body for edge in adjacent for body in (edge.left, edge.right)} - {OUTSIDE}
+    neighbours = [edge for edge in edges if edge not in adjacent and bodies & {edge.left, edge.right}]
+    return min([edge.distance(np.array(vertex)) for edge in neighbours] + [math.dist(edge.start, edge.end) for edge in adjacent])
 
 
 def energy(u: tuple[Any, Any], v: tuple[Any, Any], mu: Any, lam: Any) -> Any:
@@ -114,7 +114,9 @@ class NGSolveProblem:
 
     def __init__(self, scene: Scene, mesh: ngs.Mesh, order: int) -> None:
         self.scene, self.mesh = scene, mesh
-        self.space = ngs.FESpace([ngs.H1(mesh, order=order, dirichlet=HELD + "|axis"), ngs.H1(mesh, order=order, dirichlet=HELD)])
+        self.space = ngs.FESpace(
+            [ngs.H1(mesh, order=order, dirichlet=HELD_BOUNDARIES + "|axis"), ngs.H1(mesh, order=order, dirichlet=HELD_BOUNDARIES)]
+        )
         self.free = self.space.FreeDofs(coupling=True)
         self.unknowns = int(self.free.NumSet())
         self.lifts = [self._lift(end) for end in ENDS]
@@ -134,16 +136,16 @@ class NGSolveProblem:
         mu = self.mesh.MaterialCF({NAMES[b]: young[b] / (2 * (1 + nu[b])) for b in bodies})
         lam = self.mesh.MaterialCF({NAMES[b]: young[b] * nu[b] / ((1 + nu[b]) * (1 - 2 * nu[b])) for b in bodies})
         u, v = self.space.TnT()
-        where = self.mesh.Materials("|".join(NAMES[b] for b in bodies))
+        region = self.mesh.Materials("|".join(NAMES[b] for b in bodies))
         form = ngs.BilinearForm(self.space, symmetric=True, condense=True)
-        form += energy(u, v, mu, lam) * ngs.dx(definedon=where, bonus_intorder=2)
+        form += energy(u, v, mu, lam) * ngs.dx(definedon=region, bonus_intorder=2)
         return form.Assemble()
 
     def solve(self, matrix: Any, inverse: Any, lift: Any) -> Any:
         """Return the condensed unknowns for given boundary values."""
-        found = lift.CreateVector()
-        found.data = lift - inverse * (matrix * lift).Evaluate()
-        return found
+        solution = lift.CreateVector()
+        solution.data = lift - inverse * (matrix * lift).Evaluate()
+        return solution
 
     def ratio(self, forces: Floats) -> float:
         """Return the ratio of the mean stresses of two film forces."""

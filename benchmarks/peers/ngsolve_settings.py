@@ -22,13 +22,13 @@ from time import process_time
 import ngsolve as ngs
 
 from benchmarks.peers.measured import KnownScene, RatioCurve, cases
-from benchmarks.peers.ngsolve_curve import looping, reusing
-from benchmarks.peers.ngsolve_meridian import ALL, CONTACT, ENDS_TOO, MeridianSetting, evaluate
+from benchmarks.peers.ngsolve_curve import solve_by_looping, solve_by_reusing
+from benchmarks.peers.ngsolve_meridian import ALL_SINGULAR, CONTACT, ENDS_TOO, MeridianSetting, evaluate
 
 FILE = Path(__file__).with_suffix(".json")
 ACCURACIES = COARSE, FINE = (0.005, 0.0001)
-EXACT = MeridianSetting(order=7, size=0.8, grading=0.35, layers=7, singular=ALL)  # what curves are compared with
-SIZES, GRADINGS, SINGULAR = (0.7, 1.0, 1.4, 2.0, 3.0), (0.3, 0.5, 0.7, 0.9), (CONTACT, ENDS_TOO, ALL)
+EXACT = MeridianSetting(order=7, size=0.8, grading=0.35, layers=7, singular=ALL_SINGULAR)  # what curves are compared with
+SIZES, GRADINGS, SINGULAR = (0.7, 1.0, 1.4, 2.0, 3.0), (0.3, 0.5, 0.7, 0.9), (CONTACT, ENDS_TOO, ALL_SINGULAR)
 ORDERS = {COARSE: (2, 3, 4), FINE: (3, 4, 5, 6)}
 LAYERS = {
     COARSE: ((1, 0.125), (2, 0.25), (2, 0.125), (3, 0.25)),
@@ -42,8 +42,8 @@ Trial = Callable[[MeridianSetting], float]
 
 def cheapest(scene: str, kind: str) -> MeridianSetting:
     """Return the cheapest setting found for a scene, or for "all"."""
-    found = json.loads(FILE.read_text(encoding="utf-8"))[scene][kind]
-    return MeridianSetting(**found | {"singular": tuple(found["singular"])})
+    stored = json.loads(FILE.read_text(encoding="utf-8"))[scene][kind]
+    return MeridianSetting(**stored | {"singular": tuple(stored["singular"])})
 
 
 def settings(accuracy: float) -> list[MeridianSetting]:
@@ -61,10 +61,10 @@ def search(name: str, trials: Sequence[Trial], accuracy: float) -> MeridianSetti
     good = [pair for pair in sorted(zip(first, tried, strict=True), key=lambda pair: pair[0]) if pair[0] < math.inf]
     rivals = [replace(setting, smoothing=rounds) for _, setting in good[:FINALISTS] for rounds in (0, 1, 3)]
     turns = [[cost(trials, setting, accuracy) for setting in rivals] for _ in range(ROUNDS)]
-    least = [min(costs) for costs in zip(*turns, strict=True)]
-    best = rivals[least.index(min(least))]
+    lowest = [min(costs) for costs in zip(*turns, strict=True)]
+    best = rivals[lowest.index(min(lowest))]
     error = max(trial(best) for trial in trials)
-    print(f"{name}: {len(good)} of {len(tried)} good; {best}, error {error:.1e}, {min(least) * 1e3:.1f} ms", flush=True)
+    print(f"{name}: {len(good)} of {len(tried)} good; {best}, error {error:.1e}, {min(lowest) * 1e3:.1f} ms", flush=True)
     return best
 
 
@@ -79,22 +79,22 @@ def single(case: KnownScene, setting: MeridianSetting) -> float:
     return case.error(evaluate(case.scene, setting).ratio)
 
 
-def along(case: KnownScene, true: RatioCurve, setting: MeridianSetting) -> float:
-    return looping(case.scene, setting, true.youngs_modulus).curve.largest_difference(true)[0]
+def compute_curve_error(case: KnownScene, true: RatioCurve, setting: MeridianSetting) -> float:
+    return solve_by_looping(case.scene, setting, true.youngs_modulus).curve.largest_difference(true)[0]
 
 
 def main() -> None:
     ngs.SetNumThreads(1)
-    every, found = cases(), dict[str, dict[str, MeridianSetting]]()
+    all_cases, chosen = cases(), dict[str, dict[str, MeridianSetting]]()
     for accuracy in ACCURACIES:
         kind = f"{accuracy:g}"
-        found.setdefault("all", {})[kind] = search(f"all, {kind}", [partial(single, case) for case in every], accuracy)
-        for case in every:
-            found.setdefault(case.name, {})[kind] = search(f"{case.name}, {kind}", [partial(single, case)], accuracy)
-    for case in every:
-        true = reusing(case.scene, EXACT, case.moduli(SAMPLES)).curve
-        found[case.name]["curve"] = search(f"{case.name}, curve", [partial(along, case, true)], COARSE)
-    written = {name: {kind: asdict(setting) for kind, setting in kinds.items()} for name, kinds in found.items()}
+        chosen.setdefault("all", {})[kind] = search(f"all, {kind}", [partial(single, case) for case in all_cases], accuracy)
+        for case in all_cases:
+            chosen.setdefault(case.name, {})[kind] = search(f"{case.name}, {kind}", [partial(single, case)], accuracy)
+    for case in all_cases:
+        true = solve_by_reusing(case.scene, EXACT, case.moduli(SAMPLES)).curve
+        chosen[case.name]["curve"] = search(f"{case.name}, curve", [partial(compute_curve_error, case, true)], COARSE)
+    written = {name: {kind: asdict(setting) for kind, setting in kinds.items()} for name, kinds in chosen.items()}
     FILE.write_text(json.dumps(written, indent=1) + "\n", encoding="utf-8")
 
 

@@ -38,11 +38,13 @@ def system(scene: Scene, mesh: ngs.Mesh, setting: SolidSetting) -> tuple[Any, An
     flags = {"wb_withedges": False} if setting.solver == "vertices" else {}
     space = ngs.VectorH1(mesh, order=setting.order, **held, dirichletz="bottom|end_inner|end_outer", **flags)
     known = materials(scene).items()
-    mu = mesh.MaterialCF({name: one.youngs_modulus / (2 * (1 + one.poisson_ratio)) for name, one in known})
+    mu = mesh.MaterialCF({name: material.youngs_modulus / (2 * (1 + material.poisson_ratio)) for name, material in known})
     lam = mesh.MaterialCF(
         {
-            name: one.youngs_modulus * one.poisson_ratio / ((1 + one.poisson_ratio) * (1 - 2 * one.poisson_ratio))
-            for name, one in known
+            name: material.youngs_modulus
+            * material.poisson_ratio
+            / ((1 + material.poisson_ratio) * (1 - 2 * material.poisson_ratio))
+            for name, material in known
         }
     )
     u, v = space.TnT()
@@ -62,10 +64,10 @@ def evaluate(scene: Scene, setting: SolidSetting, tasks: Callable[[], AbstractCo
     mesh = make_mesh(scene, setting)
     laps.lap("mesh")
     with tasks():
-        return solved(scene, setting, mesh, laps)
+        return solve(scene, setting, mesh, laps)
 
 
-def solved(scene: Scene, setting: SolidSetting, mesh: ngs.Mesh, laps: Laps) -> SolidAnswer:
+def solve(scene: Scene, setting: SolidSetting, mesh: ngs.Mesh, laps: Laps) -> SolidAnswer:
     space, form, condition = system(scene, mesh, setting)
     laps.lap("assemble")
     lifts = []
@@ -95,6 +97,6 @@ def solved(scene: Scene, setting: SolidSetting, mesh: ngs.Mesh, laps: Laps) -> S
 if __name__ == "__main__":
     threads = int(os.environ.get("OMP_NUM_THREADS", "1"))
     ngs.SetNumThreads(threads)
-    told = read_scene(sys.argv[1]), SolidSetting(**json.loads(sys.argv[2]))
-    print(json.dumps(vars(evaluate(*told, ngs.TaskManager if threads > 1 else nullcontext))), flush=True)
+    arguments = read_scene(sys.argv[1]), SolidSetting(**json.loads(sys.argv[2]))
+    print(json.dumps(vars(evaluate(*arguments, ngs.TaskManager if threads > 1 else nullcontext))), flush=True)
     os._exit(0)

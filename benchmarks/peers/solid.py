@@ -28,16 +28,16 @@ from typing import Any
 
 from rich.console import Console
 
-from benchmarks.peers.measured_solid import ACCURACIES, SCENES, expected, scene_file
+from benchmarks.peers.measured_solid import ACCURACIES, SCENES, read_expected, scene_file
 from benchmarks.tables import MeasuredTable
 from geometry import read_scene
 
-HERE = Path(__file__).resolve().parent
-SETTINGS = HERE / "solid_settings.json"
-ALL = " all"  # marks settings that reach the error in both stresses, and so in the stiffness, too
+PEERS_FOLDER = Path(__file__).resolve().parent
+SETTINGS = PEERS_FOLDER / "solid_settings.json"
+ALL_SUFFIX = " all"  # marks settings that reach the error in both stresses, and so in the stiffness, too
 PEERS = {"ngsolve": "benchmarks.peers.ngsolve_solid", "calculix": "benchmarks.peers.calculix_solid"}
 TITLES = {"ours": "ours", "ngsolve": "NGSolve", "calculix": "CalculiX"}
-CODES = ("ours", "ngsolve", "calculix", "ngsolve" + ALL, "calculix" + ALL)
+CODES = ("ours", "ngsolve", "calculix", "ngsolve" + ALL_SUFFIX, "calculix" + ALL_SUFFIX)
 LIBRARIES = "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "RAYON_NUM_THREADS"
 OURS = """
 import json, resource, sys, time
@@ -45,13 +45,13 @@ from geometry import read_scene
 from solver.evaluators import evaluator
 def processor():
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-    return sum(one.ru_utime + one.ru_stime for one in used)
+    return sum(usage.ru_utime + usage.ru_stime for usage in used)
 level, scene = evaluator("solid"), read_scene(sys.argv[1])
 start = time.perf_counter(), processor()
-found = level.evaluate(scene, float(sys.argv[2]))
+result = level.evaluate(scene, float(sys.argv[2]))
 wall, process = time.perf_counter() - start[0], processor() - start[1]
-print(json.dumps({"ratio": found.ratio, "stiffness": found.stiffness, "estimate": found.error_estimate, "wall": wall,
-                  "process": process, "warnings": found.warnings}))
+print(json.dumps({"ratio": result.ratio, "stiffness": result.stiffness, "estimate": result.error_estimate, "wall": wall,
+                  "process": process, "warnings": result.warnings}))
 """
 COLUMNS = (
     "scene",
@@ -74,7 +74,7 @@ COLUMNS = (
 class Run:
     """What one process printed, and the most memory it held, MB."""
 
-    found: dict[str, Any]
+    output: dict[str, Any]
     peak: float
 
 
@@ -84,16 +84,16 @@ class FailedError(RuntimeError):
 
 def run(command: Sequence[str], threads: int, cache: str | None = None) -> Run:
     """Run a process; its last line is JSON."""
-    environment = os.environ | dict.fromkeys(LIBRARIES, str(threads)) | {"PYTHONPATH": str(HERE.parents[1])}
+    environment = os.environ | dict.fromkeys(LIBRARIES, str(threads)) | {"PYTHONPATH": str(PEERS_FOLDER.parents[1])}
     if cache is not None:
         environment["PROBE_DESIGN_CACHE"] = cache
-    with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
-        child = subprocess.Popen(command, stdout=out, stderr=err, env=environment)
+    with tempfile.TemporaryFile() as stdout, tempfile.TemporaryFile() as err:
+        child = subprocess.Popen(command, stdout=stdout, stderr=err, env=environment)
         _, status, used = os.wait4(child.pid, 0)
         child.returncode = os.waitstatus_to_exitcode(status)
-        for file in (out, err):
+        for file in (stdout, err):
             file.seek(0)
-        text, trouble = out.read().decode(), err.read().decode()
+        text, trouble = stdout.read().decode(), err.read().decode()
     if child.returncode:
         raise FailedError((trouble.strip() or f"exit {child.returncode}").splitlines()[-1][-200:])
     return Run(json.loads(text.strip().splitlines()[-1]), used.ru_maxrss / 1024)
@@ -107,46 +107,46 @@ def ours(name: str, accuracy: float, chosen: argparse.Namespace) -> dict[str, An
         with tempfile.TemporaryDirectory() as cache:
             cold.append(run(command, chosen.threads, cache))
             warm.append(run(command, chosen.threads, cache))
-    first = {key: median(one.found[key] for one in cold) for key in ("wall", "process")}
-    later = median(one.found["wall"] for one in warm)
-    return cold[0].found | {
+    first = {key: median(process_run.output[key] for process_run in cold) for key in ("wall", "process")}
+    later = median(process_run.output["wall"] for process_run in warm)
+    return cold[0].output | {
         "mesh": max(first["wall"] - later, 0.0),
         "solve": later,
         "all": first["wall"],
         "process": first["process"],
-        "peak": max(one.peak for one in cold),
+        "peak": max(process_run.peak for process_run in cold),
         "unit": 1.0,
     }
 
 
-def stored(code: str, name: str, accuracy: float) -> dict[str, Any] | None:
+def read_setting(code: str, name: str, accuracy: float) -> dict[str, Any] | None:
     """Return a peer's setting, or None."""
     peer, _, kind = code.partition(" ")
     scenes = json.loads(SETTINGS.read_text(encoding="utf-8"))[peer]
-    found: dict[str, Any] | None = scenes.get(name, {}).get(f"{accuracy:g} {kind}".strip())
-    return found
+    setting: dict[str, Any] | None = scenes.get(name, {}).get(f"{accuracy:g} {kind}".strip())
+    return setting
 
 
 def peer(code: str, name: str, setting: dict[str, Any], chosen: argparse.Namespace) -> dict[str, Any]:
     """Run a peer."""
     command = [chosen.peers, "-m", PEERS[code], str(scene_file(name)), json.dumps(setting)]
     runs = [run(command, chosen.threads) for _ in range(chosen.repeats)]
-    mesh = median(one.found["wall"]["mesh"] for one in runs)
-    whole = median(sum(one.found["wall"].values()) for one in runs)
-    return runs[0].found | {
+    mesh = median(process_run.output["wall"]["mesh"] for process_run in runs)
+    whole = median(sum(process_run.output["wall"].values()) for process_run in runs)
+    return runs[0].output | {
         "order": setting["order"],
         "mesh": mesh,
-        "solve": median(sum(one.found["wall"].values()) - one.found["wall"]["mesh"] for one in runs),
+        "solve": median(sum(process_run.output["wall"].values()) - process_run.output["wall"]["mesh"] for process_run in runs),
         "all": whole,
-        "process": median(sum(one.found["process"].values()) for one in runs),
-        "peak": max(one.peak for one in runs),
+        "process": median(sum(process_run.output["process"].values()) for process_run in runs),
+        "peak": max(process_run.peak for process_run in runs),
         "unit": 1e-3,  # m over the peers' unit of length
     }
 
 
 def worst(name: str, ratio: float, stiffness: float) -> float:
     """Return the larger relative error of both stresses at the scene's indentation."""
-    true, area = expected(name), read_scene(scene_file(name)).probe
+    true, area = read_expected(name), read_scene(scene_file(name)).probe
     part = ratio * area.inner_area / area.outer_area
     whole = true["ratio"] * area.inner_area / area.outer_area
     relative = stiffness / true["stiffness_n_per_m"] * (1 + whole) / (1 + part)
@@ -157,30 +157,30 @@ def measure(accuracy: float, chosen: argparse.Namespace, tell: Callable[[str], N
     """Return the table of one accuracy."""
     table = MeasuredTable(f"one evaluation at {accuracy * 100:g} %, threads: {chosen.threads}", COLUMNS)
     for name in chosen.scene or SCENES:
-        true, mine = expected(name), None
+        true, mine = read_expected(name), None
         for code in CODES:
-            which, setting = code.removesuffix(ALL), None if code == "ours" else stored(code, name, accuracy)
-            if which in (chosen.skip or ()) or (code.endswith(ALL) and setting is None):
+            which, setting = code.removesuffix(ALL_SUFFIX), None if code == "ours" else read_setting(code, name, accuracy)
+            if which in (chosen.skip or ()) or (code.endswith(ALL_SUFFIX) and setting is None):
                 continue
-            title = TITLES[which] + (", stresses too" if code.endswith(ALL) else "")
+            title = TITLES[which] + (", stresses too" if code.endswith(ALL_SUFFIX) else "")
             tell(f"{title} on {name} at {accuracy:g}")
             try:
-                found = ours(name, accuracy, chosen) if code == "ours" else peer(which, name, setting or {}, chosen)
+                outcome = ours(name, accuracy, chosen) if code == "ours" else peer(which, name, setting or {}, chosen)
             except (FailedError, OSError) as why:
                 table.note(f"{title} on {name}: not measured: {why}")
                 continue
-            mine = found if code == "ours" else mine
-            error = abs(found["ratio"] / true["ratio"] - 1)
+            mine = outcome if code == "ours" else mine
+            error = abs(outcome["ratio"] / true["ratio"] - 1)
             table.add(
                 name,
                 title,
-                found.get("order"),
-                found.get("unknowns"),
+                outcome.get("order"),
+                outcome.get("unknowns"),
                 error,
-                worst(name, found["ratio"], found["stiffness"] * found["unit"]),
-                *(found[key] for key in ("mesh", "solve", "all", "process")),
-                round(found["peak"]),
-                *(None if mine is None or code == "ours" else found[key] / mine[key] for key in ("all", "process")),
+                worst(name, outcome["ratio"], outcome["stiffness"] * outcome["unit"]),
+                *(outcome[key] for key in ("mesh", "solve", "all", "process")),
+                round(outcome["peak"]),
+                *(None if mine is None or code == "ours" else outcome[key] / mine[key] for key in ("all", "process")),
             )
             if error > accuracy:
                 table.note(f"{title} on {name} misses the accuracy: with another release, run solid_settings.py again")

@@ -16,7 +16,7 @@ from netgen.meshing import MeshingParameters
 from geometry import Material, Scene
 
 MM = 1e3
-FLAT = 1e-4  # more than the margins of the shapes' bounding boxes, less than their sizes
+FLAT_TOLERANCE = 1e-4  # more than the margins of the shapes' bounding boxes, less than their sizes
 ENDS = ("end_inner", "end_outer")
 
 
@@ -59,15 +59,15 @@ def spheres(scene: Scene) -> list[tuple[float, float, float]]:
     Raises:
         ValueError: the scene is not its own mirror image.
     """
-    found = []
+    solids = []
     for body in scene.inclusion:
         x, y = body.x - scene.placement.x, body.y - scene.placement.y
         if len(scene.inclusion) == 1 and scene.probe.groove is None and scene.tissue.shape == "cylinder":
             x, y = math.hypot(x, y), 0.0
         if abs(y) > 1e-9 or body.diameter is None:
             raise ValueError("the peers take spheres in the plane of symmetry y = 0")
-        found.append((MM * x, MM * body.depth, MM * body.diameter / 2))
-    return found
+        solids.append((MM * x, MM * body.depth, MM * body.diameter / 2))
+    return solids
 
 
 def materials(scene: Scene) -> dict[str, Material]:
@@ -117,22 +117,22 @@ def shape(scene: Scene, setting: SolidSetting) -> Any:
         face.name = _name(low, high, hole, top, MM * scene.probe.core_height)
     for edge in glued.edges:
         low, high = edge.bounding_box
-        if high[1] > FLAT and high[0] < 1.001 * tube and low[2] > -FLAT:
-            edge.maxh = min(edge.maxh, setting.rim if high[2] < FLAT else setting.end)
-            edge.hpref = float(high[2] < FLAT)
+        if high[1] > FLAT_TOLERANCE and high[0] < 1.001 * tube and low[2] > -FLAT_TOLERANCE:
+            edge.maxh = min(edge.maxh, setting.rim if high[2] < FLAT_TOLERANCE else setting.end)
+            edge.hpref = float(high[2] < FLAT_TOLERANCE)
     return glued
 
 
 def _name(low: Any, high: Any, hole: float, tube_top: float, core_top: float) -> str:
-    if high[1] < FLAT:
+    if high[1] < FLAT_TOLERANCE:
         return "mirror"
-    if high[2] - low[2] > FLAT:
+    if high[2] - low[2] > FLAT_TOLERANCE:
         return "free"
-    if high[0] < hole and abs(low[2] - core_top) < FLAT:
+    if high[0] < hole and abs(low[2] - core_top) < FLAT_TOLERANCE:
         return ENDS[0]
-    if high[0] > hole and abs(low[2] - tube_top) < FLAT:
+    if high[0] > hole and abs(low[2] - tube_top) < FLAT_TOLERANCE:
         return ENDS[1]
-    return "bottom" if high[2] < -FLAT else "free"
+    return "bottom" if high[2] < -FLAT_TOLERANCE else "free"
 
 
 def tetrahedra(scene: Scene, setting: SolidSetting) -> Any:

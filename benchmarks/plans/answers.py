@@ -41,8 +41,8 @@ def outcome(scene: Scene, accuracy: float, solid: bool) -> tuple[str, str]:
         if planned.refusal is None:
             return OUTCOMES[4], f"{planned.evaluator}: {fault}"
         return OUTCOMES[1 if str(planned.refusal) == str(fault) else 5], str(fault)
-    same = result.evaluator == planned.evaluator
-    return OUTCOMES[0 if same else 5], f"{planned.evaluator}, {result.evaluator} {result.error_estimate}"
+    is_same = result.evaluator == planned.evaluator
+    return OUTCOMES[0 if is_same else 5], f"{planned.evaluator}, {result.evaluator} {result.error_estimate}"
 
 
 def main() -> None:
@@ -57,11 +57,11 @@ def main() -> None:
     for kind in given.kind or KINDS:
         counts, solids = Counter[str](), 0
         for number, scene in enumerate(islice(scenes(kind, given.seed), given.scenes)):
-            found, said = outcome(scene, given.accuracy, solids < given.solid)
+            result_kind, said = outcome(scene, given.accuracy, solids < given.solid)
             solids += said.startswith("solid")
-            counts[found] += 1
-            print(kind, number, found, said, file=sys.stderr, flush=True)
-        table.add(kind, *(counts[one] for one in OUTCOMES))
+            counts[result_kind] += 1
+            print(kind, number, result_kind, said, file=sys.stderr, flush=True)
+        table.add(kind, *(counts[outcome_name] for outcome_name in OUTCOMES))
     table.print(Console(width=160))
 
 

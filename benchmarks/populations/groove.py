@@ -24,7 +24,7 @@ from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.results.result import Result
 
 LIMITS = Limits(seconds=1200.0)
-COVER = 1.5e-3  # m, least tissue above a drawn tumour
+MIN_COVER_M = 1.5e-3  # m, least tissue above a drawn tumour
 
 
 @dataclass(frozen=True)
@@ -32,14 +32,14 @@ class Compared:
     """One tumour under one grooved probe.
 
     Attributes:
-        at: its x, m; the groove lies at +x.
+        position: its x, m; the groove lies at +x.
         signals: of ln ratio and ln stiffness without the groove, shape (2,).
         changes: what the groove changes of them, shape (2,).
         blank: what it changes of ln ratio without the tumour, and what eq. PO.14 allows.
         allowed: eq. PO.12's groove at a factor of 1, shape (2,).
     """
 
-    at: float
+    position: float
     signals: Floats
     changes: Floats
     blank: Floats
@@ -51,7 +51,7 @@ class Compared:
         return np.asarray(np.abs(self.changes) / self.allowed)
 
 
-def drawn(rng: np.random.Generator) -> tuple[Scene, list[Inclusion]]:
+def draw_probe(rng: np.random.Generator) -> tuple[Scene, list[Inclusion]]:
     """Draw a grooved probe on tissue, and one tumour on each side of its axis along the groove."""
     inner, gap, wall = rng.uniform(2e-3, 6e-3), rng.uniform(0.1e-3, 0.5e-3), rng.uniform(1e-3, 4e-3)
     height, tissue = rng.uniform(1.25e-3, 6e-3), rng.uniform(3e3, 10e3)
@@ -68,7 +68,7 @@ def drawn(rng: np.random.Generator) -> tuple[Scene, list[Inclusion]]:
     bodies = []
     for side in (1.0, -1.0):
         diameter = rng.uniform(4e-3, 12e-3)
-        depth = diameter / 2 + COVER + rng.uniform(0, 8e-3)
+        depth = diameter / 2 + MIN_COVER_M + rng.uniform(0, 8e-3)
         bodies.append(
             Inclusion(
                 diameter=diameter,
@@ -83,7 +83,7 @@ def drawn(rng: np.random.Generator) -> tuple[Scene, list[Inclusion]]:
     return scene, bodies
 
 
-def compared(scene: Scene, bodies: list[Inclusion]) -> Iterator[Compared]:
+def compare_grooved(scene: Scene, bodies: list[Inclusion]) -> Iterator[Compared]:
     """Evaluate both with and without the groove."""
     plain = scene.model_copy(update={"probe": scene.probe.model_copy(update={"groove": None})})
     base = EquivalentInclusion().solve_alone(plain, 1e-3).films
@@ -98,19 +98,19 @@ def compared(scene: Scene, bodies: list[Inclusion]) -> Iterator[Compared]:
         inner, outer = (result.ratio or 0.0) * scene.probe.inner_area, scene.probe.outer_area
         return (result.stiffness or 0.0) * np.array([inner, outer]) / (inner + outer)
 
-    blanks = [evaluate(one, level, a, limits=LIMITS) for one, level, a in _asked(scene, plain)]
+    blanks = [evaluate(evaluated, level, a, limits=LIMITS) for evaluated, level, a in _list_levels(scene, plain)]
     for body in bodies:
-        over = [
-            evaluate(one.model_copy(update={"inclusion": (body,)}), level, a, limits=LIMITS)
-            for one, level, a in _asked(scene, plain)
+        pressed = [
+            evaluate(evaluated.model_copy(update={"inclusion": (body,)}), level, a, limits=LIMITS)
+            for evaluated, level, a in _list_levels(scene, plain)
         ]
-        grooved, without = (logs(one) - logs(blank) for one, blank in zip(over, blanks, strict=True))
-        each = share * np.abs(forces(over[1]) / forces(blanks[1]) - 1)
+        grooved, ungrooved = (logs(evaluated) - logs(blank) for evaluated, blank in zip(pressed, blanks, strict=True))
+        each = share * np.abs(forces(pressed[1]) / forces(blanks[1]) - 1)
         blank = np.array([abs(logs(blanks[0])[0] - logs(blanks[1])[0]), share.max()])
-        yield Compared(body.x, without, grooved - without, blank, np.array([each.sum(), each.max()]))
+        yield Compared(body.x, ungrooved, grooved - ungrooved, blank, np.array([each.sum(), each.max()]))
 
 
-def _asked(scene: Scene, plain: Scene) -> tuple[tuple[Scene, str, float], tuple[Scene, str, float]]:
+def _list_levels(scene: Scene, plain: Scene) -> tuple[tuple[Scene, str, float], tuple[Scene, str, float]]:
     return (scene, "solid", 5e-3), (plain, "equivalent-inclusion", 3e-3)
 
 
@@ -125,21 +125,24 @@ def main() -> None:
         "groove | moduli of tube, tissue, kPa | without: change, allowed | x of R | signals | changes | factor: ratio | stiffness"
     )
     for _ in range(given.probes):
-        scene, bodies = drawn(rng)
+        scene, bodies = draw_probe(rng)
         probe = scene.probe
         assert probe.groove is not None
         name = f"{1e3 * probe.groove.width:.1f} x {1e3 * probe.groove.depth:.1f} of {1e3 * probe.tube_height:.1f} mm"
         try:
-            for one in compared(scene, bodies):
-                factors.append(one.factors)
-                told = [" ".join(f"{value:.4f}" for value in values) for values in (one.blank, one.signals, one.changes)]
+            for comparison in compare_grooved(scene, bodies):
+                factors.append(comparison.factors)
+                cell_texts = [
+                    " ".join(f"{value:.4f}" for value in values)
+                    for values in (comparison.blank, comparison.signals, comparison.changes)
+                ]
                 moduli = " ".join(f"{value / 1e3:.3g}" for value in (probe.outer.youngs_modulus, scene.tissue.youngs_modulus))
-                cells = (name, moduli, told[0], f"{one.at / probe.tube_radius:.2f}", *told[1:])
-                print(*cells, f"{one.factors[0]:.3f} | {one.factors[1]:.3f}", sep=" | ", flush=True)
+                cells = (name, moduli, cell_texts[0], f"{comparison.position / probe.tube_radius:.2f}", *cell_texts[1:])
+                print(*cells, f"{comparison.factors[0]:.3f} | {comparison.factors[1]:.3f}", sep=" | ", flush=True)
         except ProbeError as fault:
             print(f"{name} | refused: {fault}", flush=True)
-    every = np.array(factors)
-    print(f"{len(every)} tumours: largest factor {every.max(axis=0)}, median {np.median(every, axis=0)}")
+    all_factors = np.array(factors)
+    print(f"{len(all_factors)} tumours: largest factor {all_factors.max(axis=0)}, median {np.median(all_factors, axis=0)}")
 
 
 if __name__ == "__main__":

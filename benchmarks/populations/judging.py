@@ -24,7 +24,7 @@ from probe_design.populations.judge import examine, score
 from probe_design.populations.noise import build_difference_covariance, compute_film_charges
 
 
-def simulated(scan: Examination, design: Design, scans: int) -> tuple[Floats, Ints]:
+def simulate_scans(scan: Examination, design: Design, scans: int) -> tuple[Floats, Ints]:
     """Return the errors of scans with a blank, part by part, and numbers of the tumours that they are over."""
     rng, noise, readings = np.random.default_rng(2024), design.noise, scan.readings
     p, forces = readings.positions, np.vstack([np.exp(np.log(readings.blank).mean(axis=0)), readings.mean_forces])
@@ -34,18 +34,18 @@ def simulated(scan: Examination, design: Design, scans: int) -> tuple[Floats, In
         ratio += (1 - 2 * film) * noise.charge / charges[:, film] * rng.standard_normal((scans, p + 1))
     stiffness = noise.stiffness_white * rng.standard_normal((scans, p + 1))
     stiffness += noise.stiffness_gain * rng.standard_normal((scans, 1))
-    less = np.hstack([one[:, 1:] - one[:, :1] for one in (ratio, stiffness)])
-    return np.asarray(less, dtype=float), rng.integers(len(scan.draw), size=scans)
+    differences = np.hstack([quantity[:, 1:] - quantity[:, :1] for quantity in (ratio, stiffness)])
+    return np.asarray(differences, dtype=float), rng.integers(len(scan.draw), size=scans)
 
 
-def found(scan: Examination, design: Design, scans: int) -> tuple[float, float]:
+def compute_detection_rates(scan: Examination, design: Design, scans: int) -> tuple[float, float]:
     """Return the share of simulated scans in which the detector finds the tumour, and of those without one."""
     blank = np.exp(np.log(scan.readings.blank).mean(axis=0))
     C = build_difference_covariance(
         design.noise, design.protocol, scan.draw.scene, blank, tumour_forces=scan.readings.mean_forces
     )
     detector = Detector.train(scan.reference, C, design.protocol.false_alarm)
-    errors, tumour = simulated(scan, design, scans)
+    errors, tumour = simulate_scans(scan, design, scans)
     shares = []
     for readings in (errors + scan.readings.signal[tumour], errors):
         statistic = compute_log_likelihood_ratio(detector.templates, whiten(detector.factor, readings))
@@ -68,7 +68,7 @@ def main() -> None:
         scan = examine(design.scene, design, samples=given.tumours, unseen=True)
         judgement = scan.evaluate(design)
         took, spent = perf_counter() - start, process_time() - spent
-        simulation, alarms = found(scan, design, given.scans)
+        simulation, alarms = compute_detection_rates(scan, design, given.scans)
         print(
             f"{name} | {formulas.seconds:.1f} | {took:.1f} ({spent:.1f}) | {formulas.detection:.3f} | "
             f"{judgement.detection:.3f} +- {judgement.detection_error:.3f} | {simulation:.3f} | {alarms:.3f} | "

@@ -38,41 +38,41 @@ def signals(scene: Scene, design: Design, count: int, rng: np.random.Generator) 
     """Draw tumours; return ln ratio over them at all positions less that without, (count, p), and film forces without, (2,)."""
     base = EquivalentInclusion().prepare(scene.model_copy(update={"inclusion": ()}), ACCURACY)
     p = design.population
-    logs = [np.log(one.values) for one in (p.depth, p.diameter, p.object) if one is not None]
+    logs = [np.log(values.values) for values in (p.depth, p.diameter, p.object) if values is not None]
     kept = np.empty((0, 3))
     while len(kept) < count:
         drawn = np.exp(np.stack([rng.uniform(low, high, count) for low, high in logs], axis=1))
         kept = np.concatenate([kept, drawn[drawn[:, 0] - drawn[:, 1] / 2 >= p.least_cover]])[:count]
     x = rng.uniform(-4e-3, 4e-3, count)
-    along = np.abs(x[:, None] - design.protocol.places)
-    depth, diameter, modulus = (np.repeat(one, along.shape[1])[:, None] for one in kept.T)
+    distances = np.abs(x[:, None] - design.protocol.places)
+    depth, diameter, modulus = (np.repeat(values, distances.shape[1])[:, None] for values in kept.T)
     nu = scene.inclusion[0].poisson_ratio
-    nothing = np.zeros((along.size, 1))
-    tumours = Tumours(along.reshape(-1, 1), nothing, depth, diameter, modulus, nothing + nu)
-    totals = compute_readings(base, tumours, 0, reflect=True).totals.reshape(*along.shape, 2)
+    nothing = np.zeros((distances.size, 1))
+    tumours = Tumours(distances.reshape(-1, 1), nothing, depth, diameter, modulus, nothing + nu)
+    totals = compute_readings(base, tumours, 0, reflect=True).totals.reshape(*distances.shape, 2)
     return np.log(totals[..., 0] / totals[..., 1]) - np.log(base.films.totals[0] / base.films.totals[1]), base.films.totals
 
 
 def monte_carlo(scene: Scene, design: Design, count: int) -> tuple[float, float]:
     """Return the detection and its standard error."""
     rng, p, noise = np.random.default_rng(7), len(design.protocol.positions), design.noise
-    every, films = signals(scene, design, 2 * count, rng)
-    known, tried = every[:count], every[count:]
+    all_signals, films = signals(scene, design, 2 * count, rng)
+    known, tried = all_signals[:count], all_signals[count:]
     charge = 20e-12 * films / films.sum() * (scene.load.force or 0.0)  # |d33| = 20 pC/N
-    own = np.sqrt(noise.white**2 + ((noise.charge / charge) ** 2).sum())
+    noise_sd = np.sqrt(noise.white**2 + ((noise.charge / charge) ** 2).sum())
 
     def scans(number: int) -> Floats:
-        each = own * rng.standard_normal((number, p + 1)) + np.sqrt(2) * noise.gain * rng.standard_normal((number, 1))
+        each = noise_sd * rng.standard_normal((number, p + 1)) + np.sqrt(2) * noise.gain * rng.standard_normal((number, 1))
         return np.asarray(each[:, :p] - each[:, p:])
 
-    inverse = np.linalg.inv(own**2 * (np.eye(p) + np.ones((p, p))))
+    inverse = np.linalg.inv(noise_sd**2 * (np.eye(p) + np.ones((p, p))))
 
     def statistic(y: Floats) -> Floats:
         return np.asarray(logsumexp(y @ inverse @ known.T - ((known @ inverse) * known).sum(axis=1) / 2, axis=1))
 
     threshold = np.quantile(statistic(scans(BLANKS)), 1 - design.protocol.false_alarm)
-    found = np.array([(statistic(one + scans(SCANS)) > threshold).mean() for one in tried])
-    return float(found.mean()), float(found.std(ddof=1) / np.sqrt(count))
+    rates = np.array([(statistic(signal + scans(SCANS)) > threshold).mean() for signal in tried])
+    return float(rates.mean()), float(rates.std(ddof=1) / np.sqrt(count))
 
 
 def main() -> None:
@@ -85,9 +85,12 @@ def main() -> None:
     scene = optimum(design)
     print("| tumours | detection | sampling error | model error | both |\n|---|---|---|---|---|")
     for samples in given.samples:
-        one = verify(scene, design, samples=samples)
-        error = one.errors["detection"]
-        print(f"| {samples} | {one.detection:.3f} | {error.sampling:.4f} | {error.model:.4f} | {error.total:.4f} |", flush=True)
+        verification = verify(scene, design, samples=samples)
+        error = verification.errors["detection"]
+        print(
+            f"| {samples} | {verification.detection:.3f} | {error.sampling:.4f} | {error.model:.4f} | {error.total:.4f} |",
+            flush=True,
+        )
     truth, spread = monte_carlo(scene, design, given.tumours)
     print(f"| independent, {given.tumours} | {truth:.3f} | {spread:.4f} | | |")
 

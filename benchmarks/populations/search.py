@@ -45,13 +45,17 @@ def design(name: str) -> Design:
     return design_from_dict({"scene": scene, **tables})
 
 
-def evolved(steered: DesignObjective, found: SearchSpace) -> float:
+def find_evolved_objective(steered: DesignObjective, search_space: SearchSpace) -> float:
     """Return the best objective that differential evolution finds in ``EVALUATIONS``; designs beyond constraints are worth 0."""
-    space = found.space
+    space = search_space.space
 
     def worth(x: Floats) -> float:
-        one = np.exp(x)[:, None]
-        return -float(steered.evaluate_designs(one, found.start_poisson)[0]) if space.admits(one)[0] else 0.0
+        design_column = np.exp(x)[:, None]
+        return (
+            -float(steered.evaluate_designs(design_column, search_space.start_poisson)[0])
+            if space.admits(design_column)[0]
+            else 0.0
+        )
 
     bounds = list(zip(np.log(space.low), np.log(space.high), strict=True))
     settings: dict[str, Any] = {"polish": False, "tol": 0.0, "seed": 1, "popsize": MEMBERS // 6}
@@ -63,33 +67,35 @@ def closed_form() -> MeasuredTable:
     columns = ("population", "this search", "time, s", "differential evolution", "its time, s", "faster, times")
     table = MeasuredTable(f"closed-form stage against {EVALUATIONS} evaluations of differential evolution", columns)
     for name in POPULATIONS:
-        asked = design(name)
-        found = build_search_space(asked)
-        steered = DesignObjective.from_design(asked, found.space.outer_radius)
+        population_design = design(name)
+        search_space = build_search_space(population_design)
+        steered = DesignObjective.from_design(population_design, search_space.space.outer_radius)
         start = perf_counter()
-        mine = search_combinations(steered, found, lambda done, total: None).choices[0].value
+        mine = search_combinations(steered, search_space, lambda done, total: None).choices[0].value
         middle = perf_counter()
-        theirs = evolved(steered, found)
+        theirs = find_evolved_objective(steered, search_space)
         end = perf_counter()
         table.add(name, round(mine, 5), middle - start, round(theirs, 5), end - middle, (end - middle) / (middle - start))
     return table
 
 
-def judged() -> MeasuredTable:
+def judge_populations() -> MeasuredTable:
     """Answer the three populations and judge on unseen tumours."""
     columns = ("population", "start", "one tumour", "population optimum", "gain", "error of the gain", "search, s", "all, s")
     table = MeasuredTable("probability of detection on tumours that the search has not seen", columns)
     for name in POPULATIONS:
-        found = optimize(design(name))
-        told = [
-            "-" if one is None else "{:.3f} +- {:.3f}".format(*one.get_objective(found.design))
-            for one in (found.start, found.single, found.best_tried)
+        optimum = optimize(design(name))
+        cells = [
+            "-" if candidate is None else "{:.3f} +- {:.3f}".format(*candidate.get_objective(optimum.design))
+            for candidate in (optimum.start, optimum.single, optimum.best_tried)
         ]
-        table.add(name, *told, *(round(one, 3) for one in found.gain), found.seconds["search"], found.seconds["all"])
+        table.add(
+            name, *cells, *(round(candidate, 3) for candidate in optimum.gain), optimum.seconds["search"], optimum.seconds["all"]
+        )
     return table
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--judged", action="store_true", help="whole searches")
-    (judged() if parser.parse_args().judged else closed_form()).print(Console(width=160))
+    (judge_populations() if parser.parse_args().judged else closed_form()).print(Console(width=160))

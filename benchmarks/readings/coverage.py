@@ -35,11 +35,11 @@ class FaultOutcome:
     reason: str
 
 
-def told(samples: Samples) -> tuple[float, float]:
+def measure_charge_ratio(samples: Samples) -> tuple[float, float]:
     """Return the ratio of the charges' parts in phase and its standard deviation. Raises ``HardwareError``."""
-    found = measure(samples, AMPLIFIER, round(FREQUENCY), SENSITIVITY)
-    spread = propagate_covariance(lambda x: x[:1] / x[1:], found.in_phase, found.in_phase_covariance)
-    return float(found.in_phase[0] / found.in_phase[1]), float(np.sqrt(spread[0, 0]))
+    measured = measure(samples, AMPLIFIER, round(FREQUENCY), SENSITIVITY)
+    spread = propagate_covariance(lambda x: x[:1] / x[1:], measured.in_phase, measured.in_phase_covariance)
+    return float(measured.in_phase[0] / measured.in_phase[1]), float(np.sqrt(spread[0, 0]))
 
 
 def outcome(name: str, draws: int) -> FaultOutcome:
@@ -48,7 +48,7 @@ def outcome(name: str, draws: int) -> FaultOutcome:
     for seed in range(draws):
         random = np.random.default_rng([seed, 5])
         try:
-            ratio, spread = told(FAULTS[name](good(random), random))
+            ratio, spread = measure_charge_ratio(FAULTS[name](good(random), random))
         except HardwareError as why:
             refused, reason = refused + 1, str(why)
             continue
@@ -64,13 +64,13 @@ def main() -> None:
     parser.add_argument("--only", default="", help="faults whose names hold this")
     given = parser.parse_args()
     print(f"{'':34} refused   rms z   max z   stated sd")
-    for name in (one for one in FAULTS if given.only in one):
-        found = outcome(name, given.draws)
-        left = f"{'-':>7} {'-':>7} {'-':>9}  {found.reason[:90]}"
-        if found.z:
-            rms, most = np.sqrt(np.mean(np.square(found.z))), np.abs(found.z).max()
-            left = f"{rms:7.2f} {most:7.2f} {100 * median(found.stated):9.3f} %"
-        print(f"{name:34} {found.refused:7d} {left}", flush=True)
+    for name in (fault_name for fault_name in FAULTS if given.only in fault_name):
+        result = outcome(name, given.draws)
+        left = f"{'-':>7} {'-':>7} {'-':>9}  {result.reason[:90]}"
+        if result.z:
+            rms, largest = np.sqrt(np.mean(np.square(result.z))), np.abs(result.z).max()
+            left = f"{rms:7.2f} {largest:7.2f} {100 * median(result.stated):9.3f} %"
+        print(f"{name:34} {result.refused:7d} {left}", flush=True)
 
 
 if __name__ == "__main__":

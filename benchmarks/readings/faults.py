@@ -49,11 +49,13 @@ def good(
 def samples(volts: Floats, rate: float = RATE) -> Samples:
     """Return volts (n, 3) as samples without a gap."""
     index = np.arange(len(volts))
-    none = np.zeros(volts.shape, bool)
-    return Samples(rate, ("inner", "outer", "force"), index=index, volts=volts, saturated=none, gaps=(), overruns=0, source={})
+    unsaturated = np.zeros(volts.shape, bool)
+    return Samples(
+        rate, ("inner", "outer", "force"), index=index, volts=volts, saturated=unsaturated, gaps=(), overruns=0, source={}
+    )
 
 
-def on_channel(channel: int, change: Callable[[Floats, Floats], Floats]) -> Fault:
+def change_channel(channel: int, change: Callable[[Floats, Floats], Floats]) -> Fault:
     """Return a fault of one channel: ``change`` of its volts at times from 0 to 1."""
 
     def fault(whole: Samples, random: np.random.Generator) -> Samples:
@@ -64,7 +66,7 @@ def on_channel(channel: int, change: Callable[[Floats, Floats], Floats]) -> Faul
     return fault
 
 
-def clipped(share: float, *, below: bool = True) -> Callable[[Floats, Floats], Floats]:
+def clip(share: float, *, below: bool = True) -> Callable[[Floats, Floats], Floats]:
     """Return what cuts off what exceeds a share of the largest swing, above and, if so told, below."""
 
     def change(v: Floats, t: Floats) -> Floats:
@@ -74,7 +76,7 @@ def clipped(share: float, *, below: bool = True) -> Callable[[Floats, Floats], F
     return change
 
 
-def replugged(seconds: float) -> Fault:
+def replug(seconds: float) -> Fault:
     """Return a fault: unplugged half-way, an unknown time that really is ``seconds``."""
 
     def fault(whole: Samples, random: np.random.Generator) -> Samples:
@@ -86,18 +88,18 @@ def replugged(seconds: float) -> Fault:
     return fault
 
 
-def swapped(rows: int) -> Fault:
+def swap_films(rows: int) -> Fault:
     """Return a fault: both films exchanged in so many consecutive rows."""
 
     def fault(whole: Samples, random: np.random.Generator) -> Samples:
-        volts, at = whole.volts.copy(), int(random.integers(0, len(whole) - rows))
-        volts[at : at + rows, :2] = volts[at : at + rows, 1::-1]
+        volts, start = whole.volts.copy(), int(random.integers(0, len(whole) - rows))
+        volts[start : start + rows, :2] = volts[start : start + rows, 1::-1]
         return replace(whole, volts=volts)
 
     return fault
 
 
-def slipped(rows: int) -> Fault:
+def drop_rows(rows: int) -> Fault:
     """Return a fault: rows that are missing half-way, and nobody says so."""
 
     def fault(whole: Samples, random: np.random.Generator) -> Samples:
@@ -107,7 +109,7 @@ def slipped(rows: int) -> Fault:
     return fault
 
 
-def modulated(load: Callable[[Floats], Floats] | None = None, phase: Callable[[Floats], Floats] | None = None) -> Fault:
+def modulate(load: Callable[[Floats], Floats] | None = None, phase: Callable[[Floats], Floats] | None = None) -> Fault:
     """Return a fault of the load itself, by its amplitude and phase at times from 0 to 1."""
 
     def fault(whole: Samples, random: np.random.Generator) -> Samples:
@@ -118,7 +120,7 @@ def modulated(load: Callable[[Floats], Floats] | None = None, phase: Callable[[F
     return fault
 
 
-def wandering(reach: float) -> Fault:
+def wander_mains(reach: float) -> Fault:
     """Return a fault: mains whose phase walks by ``reach`` rad in a second, five times as strong as usual."""
 
     def fault(whole: Samples, random: np.random.Generator) -> Samples:
@@ -129,7 +131,7 @@ def wandering(reach: float) -> Fault:
     return fault
 
 
-def spiked(count: int) -> Fault:
+def add_spikes(count: int) -> Fault:
     """Return a fault: so many rows that hold anything within a volt."""
 
     def fault(whole: Samples, random: np.random.Generator) -> Samples:
@@ -140,7 +142,7 @@ def spiked(count: int) -> Fault:
     return fault
 
 
-def after(share: float, low: float, high: float) -> Callable[[Floats, Floats], Floats]:
+def scale_after(share: float, low: float, high: float) -> Callable[[Floats, Floats], Floats]:
     """Return what multiplies a signal by ``low`` before a share of the time, by ``high`` after it."""
     return lambda v, t: v * np.where(t < share, low, high)
 
@@ -152,33 +154,33 @@ def hold(begin: float, end: float) -> Callable[[Floats, Floats], Floats]:
 
 FAULTS: dict[str, Fault] = {
     "good": lambda whole, random: whole,
-    "replugged after 3.33 s": replugged(3.33),
-    "inner clips at 90 %": on_channel(0, clipped(0.9)),
-    "inner clips at 60 %": on_channel(0, clipped(0.6)),
-    "outer clips at 70 % above alone": on_channel(1, clipped(0.7, below=False)),
-    "inner compressed by a cube": on_channel(0, lambda v, t: v - 0.02 * v**3 / np.abs(v).max() ** 2),
-    "dead zone of 5 %": on_channel(0, lambda v, t: np.sign(v) * np.maximum(np.abs(v) - 0.05 * np.abs(v).max(), 0)),
-    "inner clips at 90 % of mains": lambda whole, random: on_channel(0, clipped(0.9))(good(random, hum=4e-3), random),
-    "outer clips at 70 % of mains": lambda whole, random: on_channel(1, clipped(0.7))(good(random, hum=4e-3), random),
+    "replugged after 3.33 s": replug(3.33),
+    "inner clips at 90 %": change_channel(0, clip(0.9)),
+    "inner clips at 60 %": change_channel(0, clip(0.6)),
+    "outer clips at 70 % above alone": change_channel(1, clip(0.7, below=False)),
+    "inner compressed by a cube": change_channel(0, lambda v, t: v - 0.02 * v**3 / np.abs(v).max() ** 2),
+    "dead zone of 5 %": change_channel(0, lambda v, t: np.sign(v) * np.maximum(np.abs(v) - 0.05 * np.abs(v).max(), 0)),
+    "inner clips at 90 % of mains": lambda whole, random: change_channel(0, clip(0.9))(good(random, hum=4e-3), random),
+    "outer clips at 70 % of mains": lambda whole, random: change_channel(1, clip(0.7))(good(random, hum=4e-3), random),
     "strong mains alone": lambda whole, random: good(random, hum=4e-3),
-    "load stops half-way": modulated(lambda t: np.where(t < 0.5, 1.0, 0.0)),
-    "load ramps to half": modulated(lambda t: 1 - 0.5 * t),
-    "frequency sweeps by 2 %": modulated(phase=lambda t: 2 * np.pi * 50 * 0.02 * (t - 0.5) ** 2 / 2),
-    "frequency hops by 1 %": modulated(phase=lambda t: 2 * np.pi * 50 * 0.01 * np.maximum(t - 0.5, 0)),
-    "inner dead": on_channel(0, lambda v, t: 1e-5 * np.random.default_rng(1).standard_normal(len(v))),
-    "inner gain ramps by 1 %": on_channel(0, lambda v, t: v * (1 + 0.01 * t)),
-    "outer gain steps by 2 %": on_channel(1, after(0.6, 1.0, 1.02)),
-    "outer gain steps by 20 %": on_channel(1, after(0.3, 1.0, 1.2)),
-    "offset steps": on_channel(0, lambda v, t: v + 2e-3 * (t > 0.37)),
-    "inner drops out for 0.3 s": on_channel(0, lambda v, t: np.where((t > 0.4) & (t < 0.43), 0.0, v)),
-    "inner stuck for 0.1 s": on_channel(0, hold(0.6, 0.61)),
-    "force stuck for 1 s": on_channel(2, hold(0.2, 0.3)),
-    "films swapped in 122 rows": swapped(122),
-    "films swapped in 10 rows": swapped(10),
-    "37 rows missing unsaid": slipped(37),
-    "a second load at 7.3 Hz": on_channel(0, lambda v, t: v + 1e-3 * np.cos(2 * np.pi * 73 * t)),
-    "a second load at 5.2 Hz": on_channel(0, lambda v, t: v + 3e-4 * np.cos(2 * np.pi * 52 * t)),
-    "wandering mains": wandering(2.0),
-    "spikes in 20 rows": spiked(20),
-    "drift of 50 mV": on_channel(0, lambda v, t: v + 0.05 * t**3),
+    "load stops half-way": modulate(lambda t: np.where(t < 0.5, 1.0, 0.0)),
+    "load ramps to half": modulate(lambda t: 1 - 0.5 * t),
+    "frequency sweeps by 2 %": modulate(phase=lambda t: 2 * np.pi * 50 * 0.02 * (t - 0.5) ** 2 / 2),
+    "frequency hops by 1 %": modulate(phase=lambda t: 2 * np.pi * 50 * 0.01 * np.maximum(t - 0.5, 0)),
+    "inner dead": change_channel(0, lambda v, t: 1e-5 * np.random.default_rng(1).standard_normal(len(v))),
+    "inner gain ramps by 1 %": change_channel(0, lambda v, t: v * (1 + 0.01 * t)),
+    "outer gain steps by 2 %": change_channel(1, scale_after(0.6, 1.0, 1.02)),
+    "outer gain steps by 20 %": change_channel(1, scale_after(0.3, 1.0, 1.2)),
+    "offset steps": change_channel(0, lambda v, t: v + 2e-3 * (t > 0.37)),
+    "inner drops out for 0.3 s": change_channel(0, lambda v, t: np.where((t > 0.4) & (t < 0.43), 0.0, v)),
+    "inner stuck for 0.1 s": change_channel(0, hold(0.6, 0.61)),
+    "force stuck for 1 s": change_channel(2, hold(0.2, 0.3)),
+    "films swapped in 122 rows": swap_films(122),
+    "films swapped in 10 rows": swap_films(10),
+    "37 rows missing unsaid": drop_rows(37),
+    "a second load at 7.3 Hz": change_channel(0, lambda v, t: v + 1e-3 * np.cos(2 * np.pi * 73 * t)),
+    "a second load at 5.2 Hz": change_channel(0, lambda v, t: v + 3e-4 * np.cos(2 * np.pi * 52 * t)),
+    "wandering mains": wander_mains(2.0),
+    "spikes in 20 rows": add_spikes(20),
+    "drift of 50 mV": change_channel(0, lambda v, t: v + 0.05 * t**3),
 }  # fmt: skip

@@ -27,8 +27,8 @@ from probe_design.estimation.model import TargetModel
 from probe_design.estimation.profile import Track
 from probe_design.estimation.strength import Interval
 
-CHECKED = 4  # points at which the truth is computed anew
-ASKED = 5  # readings of each case that `estimate` itself is given
+CHECKED_POINTS = 4  # points at which the truth is computed anew
+ESTIMATED_READINGS = 5  # readings of each case that `estimate` itself is given
 COLUMNS = ("kind", "case", "truth by", "covered", "share", "p", "below", "above", "bounded", "unexplained", "interpolation, sd")
 
 
@@ -50,26 +50,32 @@ class CoverageOutcome:
     count: int
 
     @property
-    def covered(self) -> int:
+    def count_covered(self) -> int:
         """How many intervals hold the truth."""
         return self.count - self.below - self.above
 
     @property
     def p_value(self) -> float:
         """Of the exact two-sided binomial test that 95 % are covered."""
-        return float(binomtest(self.covered, self.count, 0.95).pvalue)
+        return float(binomtest(self.count_covered, self.count, 0.95).pvalue)
 
 
-def row_of(truth: ReadingTruth, out: CoverageOutcome, defect: float) -> str:
+def build_row(truth: ReadingTruth, coverage: CoverageOutcome, defect: float) -> str:
     """Return a line of the table."""
-    case, share = truth.case, 100 / out.count
-    shares = (f"{share * out.bounded:.0f} %", f"{share * out.unexplained:.1f} %", f"{defect:.1g}")
-    covered = (f"{out.covered} of {out.count}", f"{share * out.covered:.1f} %", f"{out.p_value:.2g}", out.below, out.above)
+    case, share = truth.case, 100 / coverage.count
+    shares = (f"{share * coverage.bounded:.0f} %", f"{share * coverage.unexplained:.1f} %", f"{defect:.1g}")
+    covered = (
+        f"{coverage.count_covered} of {coverage.count}",
+        f"{share * coverage.count_covered:.1f} %",
+        f"{coverage.p_value:.2g}",
+        coverage.below,
+        coverage.above,
+    )
     cells = (case.kind, case.name, case.evaluator, *covered, *shares)
     return f"| {' | '.join(map(str, cells))} |"
 
 
-def fitted(case: ReadingCase, row: Floats) -> Likelihood:
+def build_likelihood(case: ReadingCase, row: Floats) -> Likelihood:
     """Return what `estimate` holds readings against: predictions depend on places, noise and signs, not on values."""
     data = Measurements.from_readings(readings(case, row))
     model = TargetModel(case.scene, data, choose_accuracy(None, data))
@@ -93,12 +99,12 @@ def readings(case: ReadingCase, row: Floats) -> tuple[Reading, ...]:
     )
 
 
-def simulated(truth: ReadingTruth, draws: int, seed: int) -> tuple[Floats, Floats]:
+def simulate_readings(truth: ReadingTruth, draws: int, seed: int) -> tuple[Floats, Floats]:
     """Return points of the box and, of each, readings with noise."""
     case = truth.case
     random = np.random.default_rng([seed, crc32(case.name.encode())])
-    points = truth.drawn(draws, random)
-    exact = truth.at(points)
+    points = truth.draw_points(draws, random)
+    exact = truth.interpolate(points)
     return points, exact + np.log1p(case.noises * random.normal(size=exact.shape))
 
 
@@ -109,14 +115,14 @@ def outcome(truth: ReadingTruth, draws: int, seed: int) -> CoverageOutcome:
         RuntimeError: ``estimate`` itself gives another interval for one of the first readings.
     """
     case = truth.case
-    points, rows = simulated(truth, draws, seed)
-    fit, values = fitted(case, rows[0]), np.exp(points[:, 0])
-    found = compute_hulls(fit, rows)
-    for row, interval in zip(rows[:ASKED], found, strict=False):
-        own = estimate(case.scene, readings(case, row), case.unknown, nuisances=case.nuisances).interval
-        if not np.allclose(_numbers(own), _numbers(interval), rtol=1e-3):
-            raise RuntimeError(f"{case.name}: estimate says {own}, the benchmark {interval}")
-    low, high = np.array([_numbers(one) for one in found]).T
+    points, rows = simulate_readings(truth, draws, seed)
+    fit, values = build_likelihood(case, rows[0]), np.exp(points[:, 0])
+    hulls = compute_hulls(fit, rows)
+    for row, interval in zip(rows[:ESTIMATED_READINGS], hulls, strict=False):
+        estimated_interval = estimate(case.scene, readings(case, row), case.unknown, nuisances=case.nuisances).interval
+        if not np.allclose(_numbers(estimated_interval), _numbers(interval), rtol=1e-3):
+            raise RuntimeError(f"{case.name}: estimate says {estimated_interval}, the benchmark {interval}")
+    low, high = np.array([_numbers(hull) for hull in hulls]).T
     bounded = int((np.isfinite(high) & (low > 0)).sum())
     return CoverageOutcome(
         int((high < values).sum()), int((low > values).sum()), bounded, int(fit.find_unexplained(rows).sum()), draws
@@ -143,9 +149,9 @@ def main() -> None:
     print(f"| {' | '.join(COLUMNS)} |\n{'|---' * len(COLUMNS)}|", flush=True)
     for case in cases():
         if given.only in f"{case.kind}: {case.name}":
-            truth = ReadingTruth.of(case, tell)
-            defect = (truth.defect(CHECKED, np.random.default_rng([given.seed, 36])) / case.noises).max()
-            print(row_of(truth, outcome(truth, given.draws, given.seed), float(defect)), flush=True)
+            truth = ReadingTruth.from_case(case, tell)
+            defect = (truth.defect(CHECKED_POINTS, np.random.default_rng([given.seed, 36])) / case.noises).max()
+            print(build_row(truth, outcome(truth, given.draws, given.seed), float(defect)), flush=True)
 
 
 if __name__ == "__main__":

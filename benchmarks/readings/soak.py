@@ -24,7 +24,7 @@ from hw.signal.measure import build_measurement
 from hw.signal.running_fit import RunningFit
 from hw.simulation.virtual import make_virtual_probe
 
-EVERY = 300.0  # s between two lines
+REPORT_INTERVAL_S = 300.0  # s between two lines
 
 
 def signals(seed: int = 0) -> Callable[[Floats], Floats]:
@@ -46,23 +46,25 @@ def memory() -> float:
 
 def soak(seconds: float, rate: float, path: Path) -> None:
     """Read, record and fit for so long, and print what came of it."""
-    begun, before, running, shown = time.monotonic(), memory(), RunningFit(round(FREQUENCY), force=True), 0.0
-    print(f"{before:.0f} MB before the first sample")
+    begun, start_memory, running, shown = time.monotonic(), memory(), RunningFit(round(FREQUENCY), force=True), 0.0
+    print(f"{start_memory:.0f} MB before the first sample")
     rows, last, gaps = 0, 0, 0
     notes: tuple[str, ...] = ()
     with Reader.open(make_virtual_probe(signals(), rate, channels=3, scale=1e-6)) as reader:
         for block in reader.blocks(seconds, path):
             running.add(block)
             rows, last, gaps, notes = rows + len(block), int(block.index[-1]), gaps + len(block.gaps), block.notes
-            if last / rate >= shown + EVERY:
+            if last / rate >= shown + REPORT_INTERVAL_S:
                 shown = last / rate
                 print(f"{shown:6.0f} s of samples after {time.monotonic() - begun:4.0f} s: {memory():.0f} MB", flush=True)
-    found = build_measurement(running.fit(), running.losses, AMPLIFIER, SENSITIVITY)
-    off = abs(found.charges * AMPLIFIER.response(found.fit.frequency)) / np.abs(AMPLITUDES[:2]) - 1
-    spread = np.sqrt(np.diag(found.covariance)[::2]) / abs(found.charges)
+    measurement = build_measurement(running.fit(), running.losses, AMPLIFIER, SENSITIVITY)
+    gain_error = abs(measurement.charges * AMPLIFIER.response(measurement.fit.frequency)) / np.abs(AMPLITUDES[:2]) - 1
+    spread = np.sqrt(np.diag(measurement.covariance)[::2]) / abs(measurement.charges)
     print(f"{rows} rows of {last + 1}, {gaps} gaps; the process held {memory():.0f} MB at most")
-    print(f"inner off by {off[0]:.1e} (sd {spread[0]:.1e}), outer by {off[1]:.1e} (sd {spread[1]:.1e})")
-    print(f"on disk {path.stat().st_size / 1e6:.0f} MB, cut: {told_by(path)}; {time.monotonic() - begun:.0f} s; {notes}")
+    print(f"inner off by {gain_error[0]:.1e} (sd {spread[0]:.1e}), outer by {gain_error[1]:.1e} (sd {spread[1]:.1e})")
+    print(
+        f"on disk {path.stat().st_size / 1e6:.0f} MB, cut: {describe_recording(path)}; {time.monotonic() - begun:.0f} s; {notes}"
+    )
 
 
 def verb(seconds: float, rate: float, path: Path) -> None:
@@ -70,7 +72,7 @@ def verb(seconds: float, rate: float, path: Path) -> None:
     from probe_design.cli import hardware_sources
     from probe_design.cli.hardware import read
 
-    vars(hardware_sources)["RATE"] = rate
+    vars(hardware_sources)["SAMPLE_RATE_HZ"] = rate
     begun = time.monotonic()
     words = ["examples/scene.toml", "--virtual", "--seconds", f"{seconds:g}", "--record", str(path), "--json"]
     read.main(words, standalone_mode=False)
@@ -78,7 +80,7 @@ def verb(seconds: float, rate: float, path: Path) -> None:
     print(f"the process held {memory():.0f} MB at most; on disk {size:.0f} MB; {took:.0f} s")
 
 
-def told_by(path: Path) -> str:
+def describe_recording(path: Path) -> str:
     """Return how many bytes of frames a recording holds, and whether it was cut."""
     recording = Recording(path)
     size = sum(len(chunk.data) for chunk in recording.read_chunks())

@@ -91,8 +91,8 @@ class ReadingCase:
 
     def scene_at(self, point: Sequence[float]) -> Scene:
         """Return the scene at a point of the box."""
-        told, priors = list_values(self.scene), self.nuisances.items()
-        new = {name: told[name] * math.exp(sd * eta) for (name, sd), eta in zip(priors, point[1:], strict=True)}
+        values, priors = list_values(self.scene), self.nuisances.items()
+        new = {name: values[name] * math.exp(sd * eta) for (name, sd), eta in zip(priors, point[1:], strict=True)}
         return replace_values(self.scene, new | {self.key: math.exp(point[0])})
 
     def readings(self, point: Sequence[float], moduli: Floats | None = None) -> Floats:
@@ -102,13 +102,13 @@ class ReadingCase:
             point: of the box.
             moduli: n of the target, in place of the point's; left out: the scene's own, n = 1.
         """
-        scene, found = self.scene_at(point), dict[tuple[float, bool], Floats]()
+        scene, readings_by_key = self.scene_at(point), dict[tuple[float, bool], Floats]()
         for press in self.presses:
             key = (abs(press.x), press.blank)  # one body on the tissue's axis looks the same from both sides
-            if key not in found:
-                there = scene.model_copy(update={"placement": Placement(x=abs(press.x))})
-                found[key] = self._answers(there, press.blank, moduli)
-        pairs = [found[abs(press.x), press.blank] for press in self.presses]
+            if key not in readings_by_key:
+                moved = scene.model_copy(update={"placement": Placement(x=abs(press.x))})
+                readings_by_key[key] = self._answers(moved, press.blank, moduli)
+        pairs = [readings_by_key[abs(press.x), press.blank] for press in self.presses]
         stiff = [pair[1] for pair, press in zip(pairs, self.presses, strict=True) if press.stiff]
         n = 1 if moduli is None else len(moduli)
         return np.stack([np.broadcast_to(row, n) for row in [pair[0] for pair in pairs] + stiff], axis=1)
@@ -136,26 +136,26 @@ class ReadingTruth:
     coefficients: Floats
 
     @classmethod
-    def of(cls, case: ReadingCase, tell: Callable[[str], None] = lambda text: None) -> ReadingTruth:
+    def from_case(cls, case: ReadingCase, tell: Callable[[str], None] = lambda text: None) -> ReadingTruth:
         """Compute the readings at the points."""
         axes = [chebyshev.chebpts1(count) for _, _, count in case.box]
         by_curve = case.unknown == "youngs_modulus"  # one solution serves all moduli
         first = [np.zeros(1)] if by_curve else [axes[0]]
-        points = [_within(case.box, point) for point in product(*first, *axes[1:])]
-        moduli = np.exp([_within(case.box[:1], [share])[0] for share in axes[0]]) if by_curve else None
+        points = [_scale_to_box(case.box, point) for point in product(*first, *axes[1:])]
+        moduli = np.exp([_scale_to_box(case.box[:1], [share])[0] for share in axes[0]]) if by_curve else None
         rows = []
         for k, point in enumerate(points):
             rows.append(case.readings(point, moduli))
             tell(f"{case.name}: {k + 1} of {len(points)} points")
-        others = [len(axis) for axis in axes[1:]]
-        table = np.array(rows).reshape(-1, *others, *rows[0].shape)
+        counts = [len(axis) for axis in axes[1:]]
+        table = np.array(rows).reshape(-1, *counts, *rows[0].shape)
         table = np.moveaxis(table[0], -2, 0) if by_curve else table[..., 0, :]
-        for axis, where in enumerate(axes):
-            inverse = np.linalg.inv(chebyshev.chebvander(where, len(where) - 1))
+        for axis, nodes in enumerate(axes):
+            inverse = np.linalg.inv(chebyshev.chebvander(nodes, len(nodes) - 1))
             table = np.moveaxis(np.tensordot(inverse, table, axes=(1, axis)), 0, axis)
         return cls(case, table)
 
-    def at(self, points: Floats) -> Floats:
+    def interpolate(self, points: Floats) -> Floats:
         """Return the readings at points of shape (s, coordinates), shape (s, k)."""
         rows = [
             chebyshev.chebvander((2 * column - low - high) / (high - low), count - 1)
@@ -170,22 +170,22 @@ class ReadingTruth:
 
     def defect(self, draws: int, random: np.random.Generator) -> Floats:
         """Return the largest errors of ln ratios and ln stiffnesses at drawn points, shape (k,)."""
-        points = self.drawn(draws, random)
+        points = self.draw_points(draws, random)
         real = np.concatenate([self.case.readings(point) for point in points])
-        return np.asarray(np.abs(self.at(points) - real).max(axis=0))
+        return np.asarray(np.abs(self.interpolate(points) - real).max(axis=0))
 
-    def drawn(self, draws: int, random: np.random.Generator) -> Floats:
+    def draw_points(self, draws: int, random: np.random.Generator) -> Floats:
         """Draw points of the box, shape (draws, coordinates): the unknown evenly, nuisances from their priors."""
-        (low, high, _), *others = self.case.box
-        normal = np.stack([_normal(draws, random) for _ in others], axis=1) if others else np.empty((draws, 0))
+        (low, high, _), *nuisance_axes = self.case.box
+        normal = np.stack([_normal(draws, random) for _ in nuisance_axes], axis=1) if nuisance_axes else np.empty((draws, 0))
         return np.column_stack([random.uniform(low, high, draws), normal])
 
 
 def _normal(draws: int, random: np.random.Generator) -> Floats:
     """Draw normal numbers within REACH_SD."""
-    found = random.normal(size=2 * draws + 100)
-    return np.asarray(found[np.abs(found) < REACH_SD][:draws])
+    numbers = random.normal(size=2 * draws + 100)
+    return np.asarray(numbers[np.abs(numbers) < REACH_SD][:draws])
 
 
-def _within(box: Sequence[tuple[float, float, int]], point: Sequence[float]) -> tuple[float, ...]:
+def _scale_to_box(box: Sequence[tuple[float, float, int]], point: Sequence[float]) -> tuple[float, ...]:
     return tuple((low + high + share * (high - low)) / 2 for share, (low, high, _) in zip(point, box, strict=True))

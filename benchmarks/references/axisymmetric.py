@@ -54,7 +54,7 @@ from geometry import Material, Scene, read_scene
 FILM_POISSON = 0.3  # of film and adhesive
 SENSITIVITY_FLOOR = 1e-4  # below it the error of log_sensitivity counts relative to this, see ``difference``
 LADDER = (Refinement(0.9, 6, 6), Refinement(0.7, 8, 8), Refinement(0.55, 10, 10), Refinement(0.4, 12, 12))
-BLOCKS, ABOVE, AROUND = "inner|outer", "film|adhesive|base", "tissue|layer."
+BLOCKS, ABOVE_BLOCKS, TISSUE_PATTERN = "inner|outer", "film|adhesive|base", "tissue|layer."
 SHIFTS = 3  # solutions with the inclusion's shift from the one before
 
 Part = tuple[str, int, tuple[int, ...]]
@@ -78,16 +78,16 @@ class ReferenceAnswer:
 def materials(scene: Scene) -> dict[int, Material]:
     """Return the material of each body."""
     probe = scene.probe
-    found: dict[int, Material] = {TISSUE: scene.tissue, INNER: probe.inner, OUTER: probe.outer}
-    found |= dict(zip(LAYERS, scene.tissue.layer, strict=False))
+    bodies: dict[int, Material] = {TISSUE: scene.tissue, INNER: probe.inner, OUTER: probe.outer}
+    bodies |= dict(zip(LAYERS, scene.tissue.layer, strict=False))
     if scene.inclusion:
-        found[INCLUSION] = scene.inclusion[0]
+        bodies[INCLUSION] = scene.inclusion[0]
     if probe.film is not None:
         moduli = {FILM: probe.film.youngs_modulus, ADHESIVE: probe.film.adhesive_modulus or probe.film.youngs_modulus}
-        found |= {k: Material(youngs_modulus=modulus, poisson_ratio=FILM_POISSON) for k, modulus in moduli.items()}
+        bodies |= {k: Material(youngs_modulus=modulus, poisson_ratio=FILM_POISSON) for k, modulus in moduli.items()}
     if probe.base.youngs_modulus is not None and probe.base.poisson_ratio is not None:
-        found[BASE] = Material(youngs_modulus=probe.base.youngs_modulus, poisson_ratio=probe.base.poisson_ratio)
-    return found
+        bodies[BASE] = Material(youngs_modulus=probe.base.youngs_modulus, poisson_ratio=probe.base.poisson_ratio)
+    return bodies
 
 
 class ReferenceProblem:
@@ -101,9 +101,14 @@ class ReferenceProblem:
     def __init__(self, scene: Scene, refinement: Refinement, mesher: Mesher = make_mesh) -> None:
         self.mesh, self.order, self.filled = mesher(scene, refinement), refinement.order, bool(scene.inclusion)
         self.fill(scene)
-        regions = [".*"] if scene.contact.interface == "bonded" else [f"{AROUND}|inclusion", f"{BLOCKS}|{ABOVE}"]
-        above = len(regions) + 2
-        self.parts: list[Part] = [(AROUND, 3, (0, 2)), ("inclusion", 3, (0,)), (BLOCKS, above, (0, 1)), (ABOVE, above, (0,))]
+        regions = [".*"] if scene.contact.interface == "bonded" else [f"{TISSUE_PATTERN}|inclusion", f"{BLOCKS}|{ABOVE_BLOCKS}"]
+        film_number = len(regions) + 2
+        self.parts: list[Part] = [
+            (TISSUE_PATTERN, 3, (0, 2)),
+            ("inclusion", 3, (0,)),
+            (BLOCKS, film_number, (0, 1)),
+            (ABOVE_BLOCKS, film_number, (0,)),
+        ]
         self.space = ngs.FESpace(self.spaces("|".join(held(scene.probe)), regions))
 
     def fill(self, scene: Scene) -> None:
@@ -113,18 +118,20 @@ class ReferenceProblem:
         poisson = self.mesh.MaterialCF({NAMES[k]: body.poisson_ratio for k, body in bodies.items()})
         self.mu, self.lam = young / (2 * (1 + poisson)), young * poisson / ((1 + poisson) * (1 - 2 * poisson))
 
-    def spaces(self, rest: str, regions: list[str]) -> list[ngs.H1]:
+    def spaces(self, held_boundaries: str, regions: list[str]) -> list[ngs.H1]:
         """Return the spaces of u_z, jump, shift and u_r of each region."""
-        within = [self.mesh.Materials(region) for region in regions]
-        given = [ngs.H1(self.mesh, order=1, definedon=self.mesh.Materials(region)) for region in (BLOCKS, AROUND)]
-        radial = [ngs.H1(self.mesh, order=self.order, dirichlet=rest + "|axis", definedon=region) for region in within]
-        return [ngs.H1(self.mesh, order=self.order, dirichlet=rest), *given, *radial]
+        domains = [self.mesh.Materials(region) for region in regions]
+        given = [ngs.H1(self.mesh, order=1, definedon=self.mesh.Materials(region)) for region in (BLOCKS, TISSUE_PATTERN)]
+        radial = [
+            ngs.H1(self.mesh, order=self.order, dirichlet=held_boundaries + "|axis", definedon=region) for region in domains
+        ]
+        return [ngs.H1(self.mesh, order=self.order, dirichlet=held_boundaries), *given, *radial]
 
     def strain(self, components: Any, part: Part) -> tuple[Any, Any]:
         """Return (e_r, e_theta, e_z) and the engineering shear in a part."""
-        _, radial, (axial, *more) = part
+        _, radial, (axial, *rest_of_part) = part
         across, along = (ngs.grad(components[k]) for k in (radial, axial))
-        along = sum((ngs.grad(components[k]) for k in more), along)
+        along = sum((ngs.grad(components[k]) for k in rest_of_part), along)
         return (across[0], components[radial] / ngs.x, along[1]), across[1] + along[0]
 
     def energy(self, u: Any, v: Any) -> Any:
@@ -138,8 +145,8 @@ class ReferenceProblem:
         u, v = self.space.TnT()
         form = ngs.BilinearForm(self.space, symmetric=True, condense=True)
         for part in self.parts:
-            where = ngs.dx(definedon=self.mesh.Materials(part[0]), bonus_intorder=4)
-            form += self.energy(self.strain(u, part), self.strain(v, part)) * where
+            measure = ngs.dx(definedon=self.mesh.Materials(part[0]), bonus_intorder=4)
+            form += self.energy(self.strain(u, part), self.strain(v, part)) * measure
         form.Assemble()
         free = self.space.FreeDofs(coupling=True)
         for given in (1, 2):
@@ -151,24 +158,24 @@ class ReferenceProblem:
         """Solve for one jump; again with the inclusion's shift, once it is known."""
         shift, inclusion = 0.0, self.mesh.Materials("inclusion")
         for _ in range(SHIFTS if self.filled else 1):
-            found = ngs.GridFunction(self.space)
-            found.components[1].Set(-1.0, definedon=self.mesh.Boundaries(end))
+            displacement = ngs.GridFunction(self.space)
+            displacement.components[1].Set(-1.0, definedon=self.mesh.Boundaries(end))
             if self.filled:
-                found.components[2].Set(shift, definedon=self.mesh.Boundaries("sphere"))
+                displacement.components[2].Set(shift, definedon=self.mesh.Boundaries("sphere"))
             for _ in range(2):  # the second pass is iterative refinement
-                found.vec.data -= inverse * (form.mat * found.vec).Evaluate()
-            found.vec.data += form.harmonic_extension * found.vec
+                displacement.vec.data -= inverse * (form.mat * displacement.vec).Evaluate()
+            displacement.vec.data += form.harmonic_extension * displacement.vec
             if self.filled:
                 area = ngs.Integrate(1.0, self.mesh, definedon=inclusion)
-                shift += ngs.Integrate(found.components[0], self.mesh, order=2 * self.order, definedon=inclusion) / area
-        return found
+                shift += ngs.Integrate(displacement.components[0], self.mesh, order=2 * self.order, definedon=inclusion) / area
+        return displacement
 
     def work(self, states: list[ngs.GridFunction], part: Part) -> np.ndarray:
         """Return a(u_i, u_j) over a part, in N per m of displacement and per inner radius."""
         u, v = (self.strain(state.components, part) for state in states)
         densities = ngs.CoefficientFunction((self.energy(u, u), self.energy(u, v), self.energy(v, v))).Compile()
-        found = ngs.Integrate(densities, self.mesh, order=2 * self.order + 5, definedon=self.mesh.Materials(part[0]))
-        return np.array([[found[0], found[1]], [found[1], found[2]]])
+        energies = ngs.Integrate(densities, self.mesh, order=2 * self.order + 5, definedon=self.mesh.Materials(part[0]))
+        return np.array([[energies[0], energies[1]], [energies[1], energies[2]]])
 
 
 def film_forces(scene: Scene, refinement: Refinement, mesher: Mesher = make_mesh) -> tuple[np.ndarray, np.ndarray]:
@@ -197,10 +204,10 @@ def summary(scene: Scene, forces: np.ndarray, slopes: np.ndarray) -> ReferenceAn
 
 def difference(a: ReferenceAnswer, b: ReferenceAnswer) -> float:
     """Return the largest relative difference; the log-sensitivity's is relative to at least ``SENSITIVITY_FLOOR``."""
-    found = [abs(getattr(a, key) / getattr(b, key) - 1) for key in ("stress_inner", "stress_outer", "ratio", "stiffness")]
+    differences = [abs(getattr(a, key) / getattr(b, key) - 1) for key in ("stress_inner", "stress_outer", "ratio", "stiffness")]
     if a.log_sensitivity is not None and b.log_sensitivity is not None:
-        found.append(abs(a.log_sensitivity - b.log_sensitivity) / max(abs(b.log_sensitivity), SENSITIVITY_FLOOR))
-    return float(max(found))
+        differences.append(abs(a.log_sensitivity - b.log_sensitivity) / max(abs(b.log_sensitivity), SENSITIVITY_FLOOR))
+    return float(max(differences))
 
 
 def reference(scene: Scene, tolerance: float = 1e-6) -> ReferenceAnswer:
@@ -215,17 +222,17 @@ def reference(scene: Scene, tolerance: float = 1e-6) -> ReferenceAnswer:
     return replace(fine, relative_uncertainty=uncertainty, seconds=time.perf_counter() - start)
 
 
-def printed(path: Path) -> ReferenceAnswer:
+def print_reference(path: Path) -> ReferenceAnswer:
     """Find the reference of a scene file and print it as one JSON object."""
-    found = reference(read_scene(path))
-    print(json.dumps({"scene": path.stem} | asdict(found)), flush=True)
-    return found
+    answer = reference(read_scene(path))
+    print(json.dumps({"scene": path.stem} | asdict(answer)), flush=True)
+    return answer
 
 
-def entry(found: ReferenceAnswer) -> dict[str, float]:
+def entry(answer: ReferenceAnswer) -> dict[str, float]:
     """Return the values as ``expected.json`` names them."""
     units = {"stress_inner": "_pa", "stress_outer": "_pa", "stiffness": "_n_per_m"}
-    values = {f"{key}{units.get(key, '')}": value for key, value in asdict(found).items() if key != "seconds"}
+    values = {f"{key}{units.get(key, '')}": value for key, value in asdict(answer).items() if key != "seconds"}
     return {key: value for key, value in values.items() if value is not None}
 
 
@@ -234,10 +241,10 @@ def main(paths: list[Path]) -> None:
     ngs.SetNumThreads(1)
     for path in paths:
         if path.is_dir():
-            entries = {scene.stem: entry(printed(scene)) for scene in sorted(path.glob("*.toml"))}
+            entries = {scene.stem: entry(print_reference(scene)) for scene in sorted(path.glob("*.toml"))}
             (path / "expected.json").write_text(json.dumps(entries, indent=1) + "\n", encoding="utf-8")
         else:
-            printed(path)
+            print_reference(path)
 
 
 if __name__ == "__main__":

@@ -22,9 +22,9 @@ from geometry import Inclusion, Material, Scene
 from geometry.scenes.fit_check import compute_semi_axes
 
 LAYER = 0.125  # thickness of the layer of elements at the rims, over that of the elements it is cut from
-FLAT = 1e-4  # more than the margins of the shapes' bounding boxes, less than their sizes
-CUT = 0.15  # least size at an interface, where it cuts a tumour
-THIN = 3.0  # thicknesses of a layer that elements near tumours and probe may be long
+FLAT_TOLERANCE = 1e-4  # more than the margins of the shapes' bounding boxes, less than their sizes
+CUT_SIZE = 0.15  # least size at an interface, where it cuts a tumour
+THIN_LAYER_FACTOR = 3.0  # thicknesses of a layer that elements near tumours and probe may be long
 
 
 @dataclass(frozen=True)
@@ -109,13 +109,13 @@ def shape(scene: Scene) -> Any:
     glued = occ.Glue(bodies)
     for face in glued.faces:
         low, high = face.bounding_box
-        level = high[2] - low[2] < FLAT
-        bottom = level and high[2] < FLAT - deep
-        tests = {"mirror": high[1] < FLAT, "bottom": bottom, "end": level and low[2] > FLAT, "free": True}
-        face.name = next(name for name, found in tests.items() if found)
+        level = high[2] - low[2] < FLAT_TOLERANCE
+        bottom = level and high[2] < FLAT_TOLERANCE - deep
+        tests = {"mirror": high[1] < FLAT_TOLERANCE, "bottom": bottom, "end": level and low[2] > FLAT_TOLERANCE, "free": True}
+        face.name = next(name for name, is_match in tests.items() if is_match)
     for edge in glued.edges:
         low, high = edge.bounding_box
-        rim = max(abs(low[2]), abs(high[2])) < FLAT and high[1] > FLAT and high[0] < 1.001 * r3
+        rim = max(abs(low[2]), abs(high[2])) < FLAT_TOLERANCE and high[1] > FLAT_TOLERANCE and high[0] < 1.001 * r3
         edge.hpref = float(rim)
     return glued
 
@@ -125,24 +125,24 @@ def sizes(scene: Scene, size: float) -> list[tuple[float, float, float, float]]:
     unit, probe = scene.probe.inner_radius, scene.probe
     r2, r3 = probe.hole_radius / unit, probe.tube_radius / unit
     clouds = [surface_points(body, unit) for body in scene.inclusion]
-    found = []
+    point_sizes = []
     for k, (body, cloud) in enumerate(zip(scene.inclusion, clouds, strict=True)):
-        near = -cloud[:, 2]
+        distance = -cloud[:, 2]
         for other in clouds[:k] + clouds[k + 1 :]:
-            near = np.minimum(near, KDTree(other).query(cloud)[0])
+            distance = np.minimum(distance, KDTree(other).query(cloud)[0])
         radius = min(body.diameters or (body.diameter or 0.0,)) / 2 / unit
-        found.append(np.column_stack([cloud, np.minimum(1.2 * near, 0.8 * radius)]))
+        point_sizes.append(np.column_stack([cloud, np.minimum(1.2 * distance, 0.8 * radius)]))
     tree = KDTree(np.concatenate(clouds))
     for radius, count in ((1.0, 240), (r2, 240), (r3, 300)):  # the rims
         angle = np.linspace(0, math.pi, count)
         rim = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), 0 * angle])
-        found.append(np.column_stack([rim, np.clip(0.7 * tree.query(rim)[0], 0.02, 0.3)]))
+        point_sizes.append(np.column_stack([rim, np.clip(0.7 * tree.query(rim)[0], 0.02, 0.3)]))
     x, y = np.meshgrid(np.linspace(-2 * r3, 2 * r3, 241), np.linspace(0, 2 * r3, 121))
     for slab in slabs(scene):
         top = np.column_stack([x.ravel(), y.ravel(), slab.top + 0 * x.ravel()])
-        near = np.maximum(tree.query(top)[0], CUT)
-        found.append(np.column_stack([top, np.minimum(1.2 * near, THIN * (slab.top - slab.bottom))]))
-    return [(a, b, c, h * size) for a, b, c, h in np.concatenate(found) if b >= 0]
+        distance = np.maximum(tree.query(top)[0], CUT_SIZE)
+        point_sizes.append(np.column_stack([top, np.minimum(1.2 * distance, THIN_LAYER_FACTOR * (slab.top - slab.bottom))]))
+    return [(a, b, c, h * size) for a, b, c, h in np.concatenate(point_sizes) if b >= 0]
 
 
 def make_mesh(scene: Scene, refinement: Refinement) -> ngs.Mesh:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.references.generate_extra_scenes import rounded, toml
+from benchmarks.references.generate_extra_scenes import round_significant, toml
 from geometry import read_scene
 
 Numbers = dict[str, Any]
@@ -144,7 +144,7 @@ def corner(name: str) -> Numbers:
     for block in ("inner", "outer"):
         drawn[f"{block}_height"] = drawn.pop(f"{block}_slenderness") * drawn["inner_radius"]
     tube = ((drawn["inner_radius"] + drawn["gap"]) ** 2 + drawn["inner_radius"] ** 2 / drawn["area_ratio"]) ** 0.5
-    size = rounded(2 * max(tube, drawn["diameter"] + drawn["cover"]))
+    size = round_significant(2 * max(tube, drawn["diameter"] + drawn["cover"]))
     return drawn | {"tissue_radius": size, "tissue_depth": size}
 
 

@@ -44,14 +44,14 @@ class Draw:
     def __init__(self, name: str, wishes: Wishes) -> None:
         self.wishes, self.random = wishes, np.random.default_rng(zlib.crc32(name.encode()) + 20261121)
 
-    def between(self, low: float, high: float) -> float:
+    def draw_log_uniform(self, low: float, high: float) -> float:
         """Draw log-uniformly."""
-        return rounded(math.exp(self.random.uniform(math.log(low), math.log(high))))
+        return round_significant(math.exp(self.random.uniform(math.log(low), math.log(high))))
 
-    def wished(self, key: str, limits: tuple[float, float] | None = None) -> Any:
+    def draw_wished(self, key: str, limits: tuple[float, float] | None = None) -> Any:
         """Return the wish, or draw from the wished range or from the usual one."""
         wish = self.wishes.get(key, limits or RANGES.get(key))
-        return self.between(*wish) if isinstance(wish, tuple) else wish
+        return self.draw_log_uniform(*wish) if isinstance(wish, tuple) else wish
 
     def poisson(self, key: str) -> float:
         """Draw a Poisson's ratio, that of the tissue above 0.2; drawn and dropped where there is a wish."""
@@ -59,16 +59,16 @@ class Draw:
         return float(self.wishes.get(key, drawn))
 
 
-def rounded(value: float, digits: int = 4) -> float:
+def round_significant(value: float, digits: int = 4) -> float:
     """Round to significant digits."""
     return float(f"{value:.{digits}g}")
 
 
-def attempt(draw: Draw) -> dict[str, Any] | None:
+def draw_scene(draw: Draw) -> dict[str, Any] | None:
     """Draw one scene; None if its bodies do not fit."""
     keys = ("inner_radius", "area_ratio", "inner_modulus", "outer_modulus", "tissue_modulus")
-    scene = {key: draw.wished(key) for key in keys}
-    scene["gap"] = draw.wished("gap", (SMALLEST_GAP, min(LARGEST_GAP, scene["inner_radius"])))
+    scene = {key: draw.draw_wished(key) for key in keys}
+    scene["gap"] = draw.draw_wished("gap", (SMALLEST_GAP, min(LARGEST_GAP, scene["inner_radius"])))
     scene |= heights(draw, scene["inner_radius"])
     hole = scene["inner_radius"] + scene["gap"]
     tube = math.sqrt(hole**2 + scene["inner_radius"] ** 2 / scene["area_ratio"])
@@ -77,24 +77,24 @@ def attempt(draw: Draw) -> dict[str, Any] | None:
     scene["tissue_radius"] = tissue_size(draw, "tissue_radius", tube, (1.1 * tube, LARGEST_RADIUS))
     scene["tissue_depth"] = tissue_size(draw, "tissue_depth", tube, (0.3 * tube, LARGEST_DEPTH))
     scene |= {f"{body}_poisson": draw.poisson(f"{body}_poisson") for body in ("tissue", "inner", "outer", "inclusion")}
-    scene["contrast"] = draw.wished("contrast")
-    scene["diameter"], cover = draw.wished("diameter"), draw.wished("cover")
-    scene["depth"] = rounded(scene["diameter"] / 2 + cover * scene["diameter"], 6)
+    scene["contrast"] = draw.draw_wished("contrast")
+    scene["diameter"], cover = draw.draw_wished("diameter"), draw.draw_wished("cover")
+    scene["depth"] = round_significant(scene["diameter"] / 2 + cover * scene["diameter"], 6)
     return scene if fits(scene, tube) else None
 
 
 def heights(draw: Draw, unit: float) -> dict[str, float]:
     """Draw both heights: in three scenes of five the same one, unless either is wished for."""
-    inner, same = rounded(draw.wished("inner_slenderness") * unit), draw.random.uniform() < 0.6
-    if same and not {"inner_slenderness", "outer_slenderness"} & draw.wishes.keys():
+    inner, is_same_height = round_significant(draw.draw_wished("inner_slenderness") * unit), draw.random.uniform() < 0.6
+    if is_same_height and not {"inner_slenderness", "outer_slenderness"} & draw.wishes.keys():
         return {"inner_height": inner, "outer_height": inner}
-    return {"inner_height": inner, "outer_height": rounded(draw.wished("outer_slenderness") * unit)}
+    return {"inner_height": inner, "outer_height": round_significant(draw.draw_wished("outer_slenderness") * unit)}
 
 
 def tissue_size(draw: Draw, key: str, tube: float, limits: tuple[float, float]) -> float:
     """Return the wished size, that from the wished ratio to the outer radius, or a random one."""
     ratio = draw.wishes.get(f"{key}_ratio")
-    return float(draw.wished(key, limits)) if ratio is None else rounded(ratio * tube)
+    return float(draw.draw_wished(key, limits)) if ratio is None else round_significant(ratio * tube)
 
 
 def fits(scene: dict[str, Any], tube: float) -> bool:
@@ -119,7 +119,7 @@ def toml(scene: dict[str, Any], wishes: Wishes) -> str:
         + material(scene["tissue_modulus"], scene["tissue_poisson"]),
     }
     if scene["contrast"] is not None:
-        modulus = rounded(scene["contrast"] * scene["tissue_modulus"])
+        modulus = round_significant(scene["contrast"] * scene["tissue_modulus"])
         sections["[[inclusion]]"] = f"diameter = {mm(scene['diameter'])}\ndepth = {mm(scene['depth'])}\n" + material(
             modulus, scene["inclusion_poisson"]
         )
@@ -141,9 +141,9 @@ def material(modulus: float, poisson: float) -> str:
 def load(scene: dict[str, Any], by_force: bool) -> str:
     """Write a load that keeps the strains small."""
     if by_force:
-        return f'force = "{rounded(scene["tissue_modulus"] * scene["inner_radius"] ** 2 * 2e-9, 2):.6g} N"'
-    least = min(scene["inner_radius"], scene["inner_height"], scene["outer_height"])
-    return f'indentation = "{rounded(1e-3 * least, 2) * 1e3:.6g} um"'
+        return f'force = "{round_significant(scene["tissue_modulus"] * scene["inner_radius"] ** 2 * 2e-9, 2):.6g} N"'
+    smallest = min(scene["inner_radius"], scene["inner_height"], scene["outer_height"])
+    return f'indentation = "{round_significant(1e-3 * smallest, 2) * 1e3:.6g} um"'
 
 
 def main(folder: Path) -> None:
@@ -151,9 +151,9 @@ def main(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for name, wishes in SETS[folder.name].items():
         draw = Draw(name, wishes)
-        found = next(scene for scene in (attempt(draw) for _ in range(5000)) if scene is not None)
+        drawn_scene = next(scene for scene in (draw_scene(draw) for _ in range(5000)) if scene is not None)
         path = folder / f"{name}.toml"
-        path.write_text(toml(found, wishes), encoding="utf-8")
+        path.write_text(toml(drawn_scene, wishes), encoding="utf-8")
         read_scene(path)
 
 

@@ -41,8 +41,8 @@ SCENES = (
     "tests/reference/extra/incompressible-everything-shallow.toml",
 )
 RESULTS = ("ratio", "stress_inner", "stress_outer", "log_sensitivity")
-STEPS = (0.4, 0.2, 0.1)  # of the inclusion's ln E
-TINY = 1e-9
+LOG_MODULUS_STEPS = (0.4, 0.2, 0.1)  # of the inclusion's ln E
+MIN_ERROR = 1e-9
 
 Derivatives = dict[str, np.ndarray]
 """By parameter: the derivatives of ``RESULTS``."""
@@ -52,24 +52,24 @@ def lengths(scene: Scene) -> dict[str, float]:
     """Return the scene's lengths in inner radii."""
     probe, tissue, body = scene.probe, scene.tissue, scene.inclusion[0]
     assert tissue.shape == "cylinder"
-    found = {"inner_radius": probe.inner_radius, "hole_radius": probe.hole_radius, "tube_radius": probe.tube_radius}
-    found |= {"inner_height": probe.core_height, "outer_height": probe.tube_height}
-    found |= {"tissue_radius": tissue.radius, "tissue_depth": tissue.depth}
-    found |= {"inclusion_radius": (body.diameter or 0.0) / 2, "inclusion_depth": body.depth}
-    return {name: length / probe.inner_radius for name, length in found.items()}
+    values = {"inner_radius": probe.inner_radius, "hole_radius": probe.hole_radius, "tube_radius": probe.tube_radius}
+    values |= {"inner_height": probe.core_height, "outer_height": probe.tube_height}
+    values |= {"tissue_radius": tissue.radius, "tissue_depth": tissue.depth}
+    values |= {"inclusion_radius": (body.diameter or 0.0) / 2, "inclusion_depth": body.depth}
+    return {name: length / probe.inner_radius for name, length in values.items()}
 
 
 def velocity(x: dict[str, float], name: str) -> tuple[Any, Any, bool]:
     """Return V_r and V_z on the edges per unit of a length, and whether they are meant for the sphere or for all the rest."""
     knots = [0.0, *(x[key] for key in ("inner_radius", "hole_radius", "tube_radius", "tissue_radius"))]
-    above, middle = ngs.y + TINY, (knots[1] + knots[2]) / 2
+    above, middle = ngs.y + MIN_ERROR, (knots[1] + knots[2]) / 2
     up = ngs.IfPos(ngs.y, ngs.y, 0.0)
     if name.startswith("inclusion"):
         radius, depth = x["inclusion_radius"], x["inclusion_depth"]
         return (0.0, -1.0, True) if name == "inclusion_depth" else (ngs.x / radius, (ngs.y + depth) / radius, True)
     if name.endswith("height"):
-        own = middle - ngs.x if name == "inner_height" else ngs.x - middle
-        return 0.0, ngs.IfPos(own, up / x[name], 0.0), False
+        axial = middle - ngs.x if name == "inner_height" else ngs.x - middle
+        return 0.0, ngs.IfPos(axial, up / x[name], 0.0), False
     if name == "tissue_depth":
         return 0.0, ngs.IfPos(above, 0.0, ngs.y / x[name]), False
     below = smooth(ngs.x / x[name]) if name == "tissue_radius" else 0.0
@@ -96,11 +96,11 @@ def extension(problem: ReferenceProblem, on_edges: Any, sphere: bool, names: set
     space = ngs.H1(problem.mesh, order=problem.order, dirichlet="|".join(names))
     u, v = space.TnT()
     form = ngs.BilinearForm(ngs.grad(u) * ngs.grad(v) * ngs.dx).Assemble()
-    found = ngs.GridFunction(space)
+    field = ngs.GridFunction(space)
     edges = "sphere" if sphere else "|".join(names - {"sphere"})
-    found.Set(ngs.CoefficientFunction(on_edges), definedon=problem.mesh.Boundaries(edges))
-    found.vec.data -= form.mat.Inverse(space.FreeDofs(), "sparsecholesky") * (form.mat * found.vec).Evaluate()
-    return found
+    field.Set(ngs.CoefficientFunction(on_edges), definedon=problem.mesh.Boundaries(edges))
+    field.vec.data -= form.mat.Inverse(space.FreeDofs(), "sparsecholesky") * (form.mat * field.vec).Evaluate()
+    return field
 
 
 def fields(problem: ReferenceProblem, x: dict[str, float], name: str) -> tuple[ngs.GridFunction, ngs.GridFunction]:
@@ -124,11 +124,11 @@ def strains(problem: ReferenceProblem, state: ngs.GridFunction, part: Any, moved
 def integral(problem: ReferenceProblem, densities: list[Any], bodies: str) -> np.ndarray:
     """Integrate the densities of 00, 01 and 11 and return the row sums of the symmetric matrix."""
     compiled, order = ngs.CoefficientFunction(tuple(densities)).Compile(), 2 * problem.order + 5
-    found = ngs.Integrate(compiled, problem.mesh, order=order, definedon=problem.mesh.Materials(bodies))
-    return np.array([found[0] + found[1], found[1] + found[2]])
+    value = ngs.Integrate(compiled, problem.mesh, order=order, definedon=problem.mesh.Materials(bodies))
+    return np.array([value[0] + value[1], value[1] + value[2]])
 
 
-def by_length(problem: ReferenceProblem, states: list[ngs.GridFunction], moved: tuple[Any, Any]) -> np.ndarray:
+def differentiate_by_length(problem: ReferenceProblem, states: list[ngs.GridFunction], moved: tuple[Any, Any]) -> np.ndarray:
     """Return the derivative of the films' total forces by a length."""
     total, (across, along) = np.zeros(2), moved
     growth = ngs.grad(across)[0] + ngs.grad(along)[1] + across / ngs.x
@@ -140,20 +140,20 @@ def by_length(problem: ReferenceProblem, states: list[ngs.GridFunction], moved: 
     return total
 
 
-def by_materials(problem: ReferenceProblem, states: list[ngs.GridFunction], scene: Scene) -> Derivatives:
+def differentiate_by_materials(problem: ReferenceProblem, states: list[ngs.GridFunction], scene: Scene) -> Derivatives:
     """Return the derivatives of the films' total forces by ln E and by nu of each body."""
-    found, lam, mu = {}, problem.lam, problem.mu
+    derivatives, lam, mu = {}, problem.lam, problem.mu
     for number, body in materials(scene).items():
         modulus, nu, name = body.youngs_modulus, body.poisson_ratio, NAMES[number]
         part = (name, *next(part for part in problem.parts if name in part[0].split("|"))[1:])
         e, f = (problem.strain(state.components, part) for state in states)
         pairs = [(e, e), (e, f), (f, f)]
-        found[f"{name}_youngs_modulus"] = integral(problem, [problem.energy(*pair) for pair in pairs], name)
+        derivatives[f"{name}_youngs_modulus"] = integral(problem, [problem.energy(*pair) for pair in pairs], name)
         problem.lam = ngs.CoefficientFunction(modulus * (1 + 2 * nu**2) / ((1 + nu) * (1 - 2 * nu)) ** 2)
         problem.mu = ngs.CoefficientFunction(-modulus / (2 * (1 + nu) ** 2))
-        found[f"{name}_poisson_ratio"] = integral(problem, [problem.energy(*pair) for pair in pairs], name)
+        derivatives[f"{name}_poisson_ratio"] = integral(problem, [problem.energy(*pair) for pair in pairs], name)
         problem.lam, problem.mu = lam, mu
-    return found
+    return derivatives
 
 
 def log_areas(x: dict[str, float], name: str) -> np.ndarray:
@@ -169,8 +169,8 @@ def first_order(problem: ReferenceProblem, scene: Scene, moved: dict[str, Any]) 
     problem.fill(scene)
     states, x = problem.states(), lengths(scene)
     totals = np.sum([problem.work(states, part) for part in problem.parts], axis=(0, 2))
-    logs = {name: change / totals for name, change in by_materials(problem, states, scene).items()}
-    logs |= {name: x[name] * by_length(problem, states, moved[name]) / totals - log_areas(x, name) for name in x}
+    logs = {name: change / totals for name, change in differentiate_by_materials(problem, states, scene).items()}
+    logs |= {name: x[name] * differentiate_by_length(problem, states, moved[name]) / totals - log_areas(x, name) for name in x}
     return {name: np.array([inner - outer, inner, outer]) for name, (inner, outer) in logs.items()}
 
 
@@ -179,19 +179,19 @@ def all_orders(scene: Scene, refinement: Refinement) -> tuple[Derivatives, Deriv
     problem, body, x = ReferenceProblem(scene, refinement), scene.inclusion[0], lengths(scene)
     moved = {name: fields(problem, x, name) for name in x}
 
-    def stiffened(step: float) -> Derivatives:
+    def compute_stiffened(step: float) -> Derivatives:
         changed = body.model_copy(update={"youngs_modulus": body.youngs_modulus * math.exp(step)})
         other = scene.model_copy(update={"inclusion": (changed,)})
         return first_order(problem, other, moved)
 
-    here, around = stiffened(0.0), [(stiffened(h), stiffened(-h), h) for h in STEPS]
-    found, change = {}, {}
-    for name, slopes in here.items():
+    centre, around = compute_stiffened(0.0), [(compute_stiffened(h), compute_stiffened(-h), h) for h in LOG_MODULUS_STEPS]
+    derivatives, change = {}, {}
+    for name, slopes in centre.items():
         first = [(up[name][0] - down[name][0]) / (2 * h) for up, down, h in around]
         second = [(4 * b - a) / 3 for a, b in pairwise(first)]
         third = (16 * second[1] - second[0]) / 15
-        found[name], change[name] = np.array([*slopes, third]), np.array([0.0, 0.0, 0.0, abs(third - second[1])])
-    return found, change
+        derivatives[name], change[name] = np.array([*slopes, third]), np.array([0.0, 0.0, 0.0, abs(third - second[1])])
+    return derivatives, change
 
 
 def gradients(scene: Scene) -> dict[str, Any]:
@@ -199,14 +199,16 @@ def gradients(scene: Scene) -> dict[str, Any]:
     (coarse, _), (middle, change) = (all_orders(scene, refinement) for refinement in LADDER[1:3])
     problem, x = ReferenceProblem(scene, LADDER[3]), lengths(scene)
     fine = first_order(problem, scene, {name: fields(problem, x, name) for name in x})
-    found = {}
+    derivatives = {}
     for name, slopes in fine.items():
-        best, before = np.array([*slopes, middle[name][3]]), np.array([*middle[name][:3], coarse[name][3]])
-        found[name] = named(best) | {"error": named(np.maximum(np.maximum(abs(best - before), change[name]), TINY))}
-    return found
+        best, previous = np.array([*slopes, middle[name][3]]), np.array([*middle[name][:3], coarse[name][3]])
+        derivatives[name] = name_results(best) | {
+            "error": name_results(np.maximum(np.maximum(abs(best - previous), change[name]), MIN_ERROR))
+        }
+    return derivatives
 
 
-def named(values: np.ndarray) -> dict[str, Any]:
+def name_results(values: np.ndarray) -> dict[str, Any]:
     """Return the values by the results' names."""
     return dict(zip(RESULTS, values.tolist(), strict=True))
 
@@ -214,11 +216,11 @@ def named(values: np.ndarray) -> dict[str, Any]:
 def main(path: Path) -> None:
     """Write the file."""
     ngs.SetNumThreads(1)
-    found = {}
+    document = {}
     for scene in SCENES:
-        found[scene] = gradients(read_scene(ROOT / scene))
+        document[scene] = gradients(read_scene(ROOT / scene))
         print(scene, file=sys.stderr, flush=True)
-    path.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    path.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

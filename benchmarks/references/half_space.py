@@ -28,7 +28,7 @@ from geometry import CylinderTissue, Scene, read_scene
 REACHES = (8.0, 16.0, 32.0, 64.0, 128.0, 256.0)
 
 
-def bounded(scene: Scene, reach: float) -> Scene:
+def bound_tissue(scene: Scene, reach: float) -> Scene:
     """Return the scene with a cylinder of tissue as deep as its radius."""
     far = max([scene.probe.tube_radius, *(body.depth + (body.diameter or 0.0) / 2 for body in scene.inclusion)])
     size: dict[str, Any] = {"radius": reach * far, "depth": reach * far}
@@ -44,16 +44,16 @@ def endless(values: list[np.ndarray]) -> np.ndarray:
     return column[0]
 
 
-def extrapolated(scene: Scene, refinement: Refinement) -> tuple[ReferenceAnswer, ReferenceAnswer]:
+def extrapolate_results(scene: Scene, refinement: Refinement) -> tuple[ReferenceAnswer, ReferenceAnswer]:
     """Return the results on the half-space without and with the largest cylinder."""
-    found = [np.array(film_forces(bounded(scene, reach), refinement)) for reach in REACHES]
-    return summary(scene, *endless(found[:-1])), summary(scene, *endless(found))
+    forces = [np.array(film_forces(bound_tissue(scene, reach), refinement)) for reach in REACHES]
+    return summary(scene, *endless(forces[:-1])), summary(scene, *endless(forces))
 
 
 def reference(scene: Scene) -> ReferenceAnswer:
     """Extrapolate on two refinements."""
     start = time.perf_counter()
-    (_, coarse), (smaller, fine) = (extrapolated(scene, refinement) for refinement in LADDER[-2:])
+    (_, coarse), (smaller, fine) = (extrapolate_results(scene, refinement) for refinement in LADDER[-2:])
     uncertainty = max(difference(coarse, fine), difference(smaller, fine), 1e-9)
     return replace(fine, relative_uncertainty=uncertainty, seconds=time.perf_counter() - start)
 
@@ -63,9 +63,9 @@ def main(folder: Path) -> None:
     ngs.SetNumThreads(1)
     entries = {}
     for path in sorted(folder.glob("*.toml")):
-        found = reference(read_scene(path))
-        entries[path.stem] = entry(found)
-        print(json.dumps({"scene": path.stem} | asdict(found)), flush=True)
+        answer = reference(read_scene(path))
+        entries[path.stem] = entry(answer)
+        print(json.dumps({"scene": path.stem} | asdict(answer)), flush=True)
     (folder / "expected.json").write_text(json.dumps(entries, indent=1) + "\n", encoding="utf-8")
 
 

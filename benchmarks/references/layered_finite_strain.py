@@ -15,7 +15,7 @@ from pathlib import Path
 
 import ngsolve as ngs
 
-from benchmarks.references.shallow_tissue import EXAMPLE, MESHES, SMALL, VALUES, FiniteStrain
+from benchmarks.references.shallow_tissue import EXAMPLE, LINEAR_INDENTATION, MESHES, VALUES, FiniteStrain
 from geometry import CylinderTissue, Scene, read_scene
 from geometry.scenes.scene import Layer
 
@@ -32,8 +32,8 @@ class LayeredCase:
 
 
 CASES = tuple(
-    LayeredCase(*one)
-    for one in (
+    LayeredCase(*base_case)
+    for base_case in (
         (0.23, 9.3, 0.01),
         (0.23, 9.3, 0.03),
         (0.23, 100.0, 0.01),
@@ -44,33 +44,33 @@ CASES = tuple(
 )
 
 
-def scene_of(case: LayeredCase) -> Scene:
+def build_scene(case: LayeredCase) -> Scene:
     """Return the example, its sphere included, on a case's tissue, whose softer material is the example's."""
     scene = read_scene(EXAMPLE)
     unit, soft = scene.probe.tube_radius, scene.tissue.youngs_modulus
-    own = soft * max(1.0, 1 / case.stiffer)
+    base_modulus = soft * max(1.0, 1 / case.stiffer)
     nu = scene.tissue.poisson_ratio
-    layer = Layer(thickness=case.thickness * unit, youngs_modulus=case.stiffer * own, poisson_ratio=nu)
+    layer = Layer(thickness=case.thickness * unit, youngs_modulus=case.stiffer * base_modulus, poisson_ratio=nu)
     tissue = CylinderTissue(
-        shape="cylinder", radius=WIDTH * unit, depth=DEPTH * unit, youngs_modulus=own, poisson_ratio=nu, layer=(layer,)
+        shape="cylinder", radius=WIDTH * unit, depth=DEPTH * unit, youngs_modulus=base_modulus, poisson_ratio=nu, layer=(layer,)
     )
     return scene.model_copy(update={"tissue": tissue})
 
 
 def entry(case: LayeredCase) -> dict[str, float]:
     """Return a row: relative changes on the finer mesh, and what the last refinement changed of them."""
-    found = []
+    entries = []
     for mesh in MESHES:
-        scene = scene_of(case)
+        scene = build_scene(case)
         problem, unit = FiniteStrain(scene, mesh), scene.probe.tube_radius / scene.probe.inner_radius
-        problem.press(0.0, SMALL * unit)
-        linear, small = problem.values(SMALL), problem.sensitivity()
-        problem.press(SMALL * unit, case.indentation * unit)
+        problem.press(0.0, LINEAR_INDENTATION * unit)
+        linear, small = problem.values(LINEAR_INDENTATION), problem.sensitivity()
+        problem.press(LINEAR_INDENTATION * unit, case.indentation * unit)
         changes = problem.values(case.indentation) / linear - 1
-        found.append([*changes.tolist(), math.log(problem.sensitivity() / small)])
-    off = max(abs(a - b) for a, b in zip(*found, strict=True))
+        entries.append([*changes.tolist(), math.log(problem.sensitivity() / small)])
+    difference = max(abs(a - b) for a, b in zip(*entries, strict=True))
     names = (*VALUES, "ln_sensitivity", "uncertainty")
-    return asdict(case) | dict(zip(names, (round(value, 6) for value in (*found[-1], off)), strict=True))
+    return asdict(case) | dict(zip(names, (round(value, 6) for value in (*entries[-1], difference)), strict=True))
 
 
 def main(path: Path) -> None:

@@ -92,36 +92,39 @@ def tissue(scene: Scene) -> list[Edge]:
     assert body.shape == "cylinder"  # outline has asked
     r2, r3, rt, bottom = (x / unit for x in (scene.probe.hole_radius, scene.probe.tube_radius, body.radius, -body.depth))
     planes = [-depth / unit for depth in accumulate(layer.thickness for layer in body.layer)]
-    top = below(planes, 0.0)
+    top = count_planes_below(planes, 0.0)
     edges = [
         Edge((0, 0), (1, 0), INNER, top, "contact"),
         Edge((1, 0), (r2, 0), OUTSIDE, top),
         Edge((r2, 0), (r3, 0), OUTER, top, "contact"),
         Edge((r3, 0), (rt, 0), OUTSIDE, top),
-        *(Edge((rt, a), (rt, b), OUTSIDE, below(planes, a)) for a, b in pairwise([0, *planes, bottom])),
+        *(Edge((rt, a), (rt, b), OUTSIDE, count_planes_below(planes, a)) for a, b in pairwise([0, *planes, bottom])),
         Edge((rt, bottom), (0, bottom), OUTSIDE, TISSUE, "bottom"),
     ]
     if not scene.inclusion:
-        edges += [Edge((0, z), (rt, z), LAYERS[k], below(planes, z), "interface") for k, z in enumerate(planes)]
-        return [*edges, *(Edge((0, b), (0, a), OUTSIDE, below(planes, a), "axis") for a, b in pairwise([0, *planes, bottom]))]
+        edges += [Edge((0, z), (rt, z), LAYERS[k], count_planes_below(planes, z), "interface") for k, z in enumerate(planes)]
+        return [
+            *edges,
+            *(Edge((0, b), (0, a), OUTSIDE, count_planes_below(planes, a), "axis") for a, b in pairwise([0, *planes, bottom])),
+        ]
     radius, centre = scene.inclusion[0].diameter / 2 / unit, -scene.inclusion[0].depth / unit  # type: ignore[operator]
-    return [*edges, *around(radius, centre, planes, rt, bottom)]
+    return [*edges, *draw_sphere_edges(radius, centre, planes, rt, bottom)]
 
 
-def around(radius: float, centre: float, planes: list[float], rt: float, bottom: float) -> list[Edge]:
+def draw_sphere_edges(radius: float, centre: float, planes: list[float], rt: float, bottom: float) -> list[Edge]:
     """Return the edges of a sphere, of the axis and of the interfaces, which end at the sphere where they meet it."""
     reach = {z: math.sqrt(max(0.0, radius**2 - (z - centre) ** 2)) for z in planes}
-    edges = [Edge((reach[z], z), (rt, z), LAYERS[k], below(planes, z), "interface") for k, z in enumerate(planes)]
+    edges = [Edge((reach[z], z), (rt, z), LAYERS[k], count_planes_below(planes, z), "interface") for k, z in enumerate(planes)]
     ends = sorted({0, bottom, centre - radius, centre + radius, *(z for z in planes if reach[z] == 0)})
     for a, b in pairwise(ends):
-        edges.append(Edge((0, a), (0, b), OUTSIDE, INCLUSION if a == centre - radius else below(planes, b), "axis"))
+        edges.append(Edge((0, a), (0, b), OUTSIDE, INCLUSION if a == centre - radius else count_planes_below(planes, b), "axis"))
     ring = {centre - radius: 0.0, centre: radius, centre + radius: 0.0} | {z: r for z, r in reach.items() if r}
     for a, b in pairwise(sorted(ring)):
-        edges.append(Edge((ring[a], a), (ring[b], b), INCLUSION, below(planes, b), "sphere", centre))
+        edges.append(Edge((ring[a], a), (ring[b], b), INCLUSION, count_planes_below(planes, b), "sphere", centre))
     return edges
 
 
-def below(planes: list[float], z: float) -> int:
+def count_planes_below(planes: list[float], z: float) -> int:
     """Return the body of the tissue under a height."""
     k = sum(plane >= z for plane in planes)
     return LAYERS[k] if k < len(planes) else TISSUE
@@ -134,12 +137,14 @@ def blocks(probe: Probe) -> list[Edge]:
     edges, tops = [], []
     for body, height, (a, b), end in zip((INNER, OUTER), (probe.core_height, probe.tube_height), radii, ENDS, strict=True):
         bodies, levels = [body, *layers(probe.film)], [0.0, height / unit]
-        levels += [(height + above) / unit for above in stack(probe.film)]
-        for this, low, high, above in zip(bodies, levels, levels[1:], [*bodies[1:], BASE if elastic else OUTSIDE], strict=False):
-            name = end if this == body else "layer" if above not in (OUTSIDE, BASE) else "top" if not elastic else "layer"
-            edges.append(Edge((a, low), (a, high), OUTSIDE, this, "free" if a else "axis"))
-            edges.append(Edge((a, high), (b, high), above, this, name))
-            edges.append(Edge((b, high), (b, low), OUTSIDE, this))
+        levels += [(height + upper) / unit for upper in stack(probe.film)]
+        for current, low, high, upper in zip(
+            bodies, levels, levels[1:], [*bodies[1:], BASE if elastic else OUTSIDE], strict=False
+        ):
+            name = end if current == body else "layer" if upper not in (OUTSIDE, BASE) else "top" if not elastic else "layer"
+            edges.append(Edge((a, low), (a, high), OUTSIDE, current, "free" if a else "axis"))
+            edges.append(Edge((a, high), (b, high), upper, current, name))
+            edges.append(Edge((b, high), (b, low), OUTSIDE, current))
         tops.append(levels[-1])
     return edges + (base(probe, tops) if elastic else [])
 
@@ -177,24 +182,24 @@ def held(probe: Probe) -> list[str]:
 
 def sizes(edges: list[Edge], size: float) -> list[tuple[float, float, float]]:
     """Return mesh sizes (r, z, h) along the edges: ``size`` times the distance to the next edge of the same body."""
-    found: list[tuple[float, float, float]] = []
+    point_sizes: list[tuple[float, float, float]] = []
     for edge in edges:
         t, bodies, length = 0.0, {edge.left, edge.right} - {OUTSIDE}, math.dist(edge.start, edge.end)
-        others = [o for o in edges if bodies & {o.left, o.right} and not {edge.start, edge.end} & {o.start, o.end}]
+        neighbours = [o for o in edges if bodies & {o.left, o.right} and not {edge.start, edge.end} & {o.start, o.end}]
         while t < 1.0:
             for s in (t, 1.0 - t):  # from both ends, for an end may have the smaller features
                 p = edge.point(s)
-                found.append((float(p[0]), float(p[1]), size * min([0.5 * length, *(o.distance(p) for o in others)])))
-            t += 0.3 * min(found[-1][2], found[-2][2]) / length
-    return found
+                point_sizes.append((float(p[0]), float(p[1]), size * min([0.5 * length, *(o.distance(p) for o in neighbours)])))
+            t += 0.3 * min(point_sizes[-1][2], point_sizes[-2][2]) / length
+    return point_sizes
 
 
 def make_mesh(scene: Scene, refinement: Refinement) -> ngs.Mesh:
     """Build the mesh of a scene with a sphere or none."""
-    return meshed(outline(scene), refinement)
+    return build_mesh(outline(scene), refinement)
 
 
-def meshed(edges: list[Edge], refinement: Refinement) -> ngs.Mesh:
+def build_mesh(edges: list[Edge], refinement: Refinement) -> ngs.Mesh:
     """Build the graded, curved mesh with geometric layers at every corner of the probe and of the tissue's bottom.
 
     Likewise where interfaces meet the sphere.

@@ -34,10 +34,10 @@ from geometry import CylinderTissue, Scene, read_scene
 EXAMPLE = Path(__file__).resolve().parents[2] / "tests" / "reference" / "contact" / "example.toml"
 MESHES = (Refinement(0.7, 4, 0), Refinement(0.55, 5, 0))
 INDENTATIONS = (0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.28)  # outer radii
-SMALL = 1e-4  # the indentation that is linear
-LARGEST = 0.3  # of indentation * sqrt(1 + (25 / depth^2)^2), lengths in outer radii: rows end here
-LEAST_STEP = 1e-3  # of the indentation, inner radii
-STEP = 0.02  # of the logarithm of the sphere's modulus
+LINEAR_INDENTATION = 1e-4  # the indentation that is linear
+MAX_LOAD_MEASURE = 0.3  # of indentation * sqrt(1 + (25 / depth^2)^2), lengths in outer radii: rows end here
+MIN_STEP = 1e-3  # of the indentation, inner radii
+LOG_MODULUS_STEP = 0.02  # of the logarithm of the sphere's modulus
 VALUES = ("stiffness", "stress_inner", "stress_outer", "ratio")
 
 
@@ -67,13 +67,13 @@ CASES = [
 ]
 
 
-def scene_of(one: Case) -> Scene:
+def build_scene(case: Case) -> Scene:
     """Return the example with the tissue and the sphere of a case."""
     scene = read_scene(EXAMPLE)
     unit, soft = scene.probe.tube_radius, scene.tissue.youngs_modulus
-    material: dict[str, Any] = {"poisson_ratio": one.poisson_ratio}
-    sphere = {"diameter": 2 * one.radius * unit, "depth": one.centre * unit, "youngs_modulus": one.stiffer * soft}
-    size: dict[str, Any] = {"radius": max(8.0, 6 * one.depth) * unit, "depth": one.depth * unit}
+    material: dict[str, Any] = {"poisson_ratio": case.poisson_ratio}
+    sphere = {"diameter": 2 * case.radius * unit, "depth": case.centre * unit, "youngs_modulus": case.stiffer * soft}
+    size: dict[str, Any] = {"radius": max(8.0, 6 * case.depth) * unit, "depth": case.depth * unit}
     tissue = CylinderTissue(shape="cylinder", youngs_modulus=soft, **size, **material)
     body = scene.inclusion[0].model_copy(update=sphere | material)
     return scene.model_copy(update={"tissue": tissue, "inclusion": (body,)})
@@ -107,9 +107,9 @@ class FiniteStrain:
 
     def lift(self, end: str) -> ngs.BaseVector:
         """Return the displacement by one that touches a block's end alone."""
-        found = ngs.GridFunction(self.space)
-        found.components[1].Set(1.0, definedon=self.mesh.Boundaries(end))
-        return found.vec
+        displacement = ngs.GridFunction(self.space)
+        displacement.components[1].Set(1.0, definedon=self.mesh.Boundaries(end))
+        return displacement.vec
 
     def balance(self) -> None:
         """Take Newton steps until they change nothing; raise ``ArithmeticError`` where they do not end."""
@@ -137,14 +137,14 @@ class FiniteStrain:
         """Return d ln(ratio) / d ln E of the sphere by central differences."""
         kept, logs = self.state.vec.FV().NumPy().copy(), []
         for sign in (1, -1):
-            self.stiffening.Set(math.exp(sign * STEP))
+            self.stiffening.Set(math.exp(sign * LOG_MODULUS_STEP))
             self.balance()
             logs.append(math.log(self.values(1.0)[3]))
             self.state.vec.FV().NumPy()[:] = kept
         self.stiffening.Set(1.0)
-        return (logs[0] - logs[1]) / (2 * STEP)
+        return (logs[0] - logs[1]) / (2 * LOG_MODULUS_STEP)
 
-    def press(self, before: float, indentation: float) -> None:
+    def press(self, last_indentation: float, indentation: float) -> None:
         """Go on from one indentation to another, in proportion, where Newton's method fails in two steps.
 
         Raises:
@@ -152,48 +152,51 @@ class FiniteStrain:
         """
         kept = self.state.vec.FV().NumPy().copy()
         try:
-            if before:
-                self.state.vec.data *= indentation / before
+            if last_indentation:
+                self.state.vec.data *= indentation / last_indentation
             else:
                 self.state.vec.data -= indentation * (self.lifts[0] + self.lifts[1])
             self.balance()
         except (ArithmeticError, NgException):
-            if indentation - before < LEAST_STEP:
+            if indentation - last_indentation < MIN_STEP:
                 raise
             self.state.vec.FV().NumPy()[:] = kept
-            self.press(before, (before + indentation) / 2)
-            self.press((before + indentation) / 2, indentation)
+            self.press(last_indentation, (last_indentation + indentation) / 2)
+            self.press((last_indentation + indentation) / 2, indentation)
 
 
-def rows(one: Case, refinement: Refinement) -> Iterator[tuple[float, np.ndarray]]:
+def rows(case: Case, refinement: Refinement) -> Iterator[tuple[float, np.ndarray]]:
     """Yield indentations with the relative changes of ``VALUES`` and ln(S / S0)."""
-    scene, before = scene_of(one), 0.0
+    scene, last_indentation = build_scene(case), 0.0
     problem, unit = FiniteStrain(scene, refinement), scene.probe.tube_radius / scene.probe.inner_radius
-    for indentation in (SMALL, *(x for x in INDENTATIONS if x * math.hypot(1, 25 / one.depth**2) <= LARGEST)):
-        problem.press(before, indentation * unit)
-        found, slope = problem.values(indentation), problem.sensitivity()
-        if indentation == SMALL:
-            linear, small = found, slope
+    for indentation in (
+        LINEAR_INDENTATION,
+        *(x for x in INDENTATIONS if x * math.hypot(1, 25 / case.depth**2) <= MAX_LOAD_MEASURE),
+    ):
+        problem.press(last_indentation, indentation * unit)
+        values, slope = problem.values(indentation), problem.sensitivity()
+        if indentation == LINEAR_INDENTATION:
+            linear, small = values, slope
         else:
-            yield indentation, np.append(found / linear - 1, math.log(slope / small))
-        before = indentation * unit
+            yield indentation, np.append(values / linear - 1, math.log(slope / small))
+        last_indentation = indentation * unit
 
 
-def entries(one: Case) -> list[dict[str, float]]:
+def entries(case: Case) -> list[dict[str, float]]:
     """Return the rows of a case as the file names them, those of the finer mesh."""
-    found = []
-    for (indentation, coarse), (_, fine) in zip(*(rows(one, mesh) for mesh in MESHES), strict=True):
+    results = []
+    for (indentation, coarse), (_, fine) in zip(*(rows(case, mesh) for mesh in MESHES), strict=True):
         numbers = [indentation, *fine.tolist(), float(abs(fine - coarse).max())]
         names = ("indentation", *VALUES, "ln_sensitivity", "uncertainty")
-        found.append(asdict(one) | dict(zip(names, (round(number, 6) for number in numbers), strict=True)))
-    return found
+        results.append(asdict(case) | dict(zip(names, (round(number, 6) for number in numbers), strict=True)))
+    return results
 
 
 def main(path: Path) -> None:
     """Write the file, one row a line."""
     ngs.SetNumThreads(1)
-    found = [json.dumps(row) for one in CASES for row in entries(one)]
-    path.write_text("[\n" + ",\n".join(found) + "\n]\n", encoding="utf-8")
+    lines = [json.dumps(row) for case in CASES for row in entries(case)]
+    path.write_text("[\n" + ",\n".join(lines) + "\n]\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -72,12 +72,12 @@ class MeridianStates:
 
     def strains(self, points: np.ndarray) -> list[np.ndarray]:
         """Return each state's e_r, e_theta, e_z and engineering shear rz at points x, y, z of the tissue."""
-        where = self.problem.mesh(np.hypot(points[:, 0], points[:, 1]), points[:, 2])
-        found = []
+        mesh_points = self.problem.mesh(np.hypot(points[:, 0], points[:, 1]), points[:, 2])
+        fields = []
         for state in self.states:
             normal, shear = self.problem.strain(state.components, self.problem.parts[0])
-            found.append(np.asarray(ngs.CoefficientFunction((*normal, shear))(where)))
-        return found
+            fields.append(np.asarray(ngs.CoefficientFunction((*normal, shear))(mesh_points)))
+        return fields
 
 
 def cartesian(meridian: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -117,7 +117,10 @@ class ScatteredFields:
         """Return u_x, u_y, u_z of all and, if they slide, u_x and u_y of the blocks instead."""
         held = ("bottom|end", "bottom|end|mirror")
         bodies = [self.mesh.Materials(name) for name, _ in self.parts] if self.slides else [self.mesh.Materials(".*")]
-        pairs = [[ngs.H1(self.mesh, order=self.order, dirichlet=rest, definedon=body) for rest in held] for body in bodies]
+        pairs = [
+            [ngs.H1(self.mesh, order=self.order, dirichlet=held_boundary, definedon=body) for held_boundary in held]
+            for body in bodies
+        ]
         pairs[0].append(ngs.H1(self.mesh, order=self.order, dirichlet=held[0]))
         return ngs.FESpace([space for spaces in pairs for space in spaces])
 
@@ -126,7 +129,7 @@ class ScatteredFields:
         gradient = ngs.CoefficientFunction(tuple(ngs.grad(components[k]) for k in part[1]), dims=(3, 3))
         return (gradient + gradient.trans) / 2
 
-    def given(self) -> tuple[list[Any], Any]:
+    def evaluate_given_strains(self) -> tuple[list[Any], Any]:
         """Return the strains without tumours as fields at the quadrature points of the tumours, and these points' rules."""
         space = IntegrationRuleSpace(self.mesh, order=2 * self.order + EXTRA_POINTS, definedon=self.tumours)
         axes = [ngs.GridFunction(space) for _ in range(3)]
@@ -150,7 +153,7 @@ class ScatteredFields:
             form += work(self.mu, self.lam, *pair) * ngs.dx(definedon=self.mesh.Materials(part[0]))
         form.Assemble()
         inverse = form.mat.Inverse(self.space.FreeDofs(coupling=True), "sparsecholesky")
-        strains, rules = self.given()
+        strains, rules = self.evaluate_given_strains()
         inside = ngs.dx(definedon=self.tumours, intrules=rules)
         loads, scattered = list[Any](), list[ngs.GridFunction]()
         for strain in strains:
@@ -169,13 +172,13 @@ class ScatteredFields:
 
     def solve(self, form: ngs.BilinearForm, inverse: Any, load: Any) -> ngs.GridFunction:
         """Solve a(w, v) = -l(v)."""
-        found, right = ngs.GridFunction(self.space), load.CreateVector()
+        solution, right = ngs.GridFunction(self.space), load.CreateVector()
         right.data = -load
         right.data += form.harmonic_extension_trans * right
-        found.vec.data = inverse * right
-        found.vec.data += form.harmonic_extension * found.vec
-        found.vec.data += form.inner_solve * right
-        return found
+        solution.vec.data = inverse * right
+        solution.vec.data += form.harmonic_extension * solution.vec
+        solution.vec.data += form.inner_solve * right
+        return solution
 
     def matrix(self, entry: Any) -> np.ndarray:
         """Return a symmetric 2 x 2 matrix by its entries."""
@@ -191,13 +194,13 @@ def work(mu: Any, lam: Any, e: Any, f: Any) -> Any:
 def reference(scene: Scene, ladder: tuple[Refinement, ...] = LADDER) -> dict[str, Any]:
     """Find the entry of ``expected.json``: the finest mesh's values."""
     check(scene)
-    plane, found = MeridianStates(scene), list[ReferenceAnswer]()
+    plane, steps = MeridianStates(scene), list[ReferenceAnswer]()
     for refinement in ladder:
         start = time.perf_counter()
         forces = ScatteredFields(scene, refinement, plane).forces()
-        found.append(summarised(scene, forces.present, forces.slopes))
-        print(refinement, forces.unknowns, found[-1], f"{time.perf_counter() - start:.0f} s", file=sys.stderr, flush=True)
-    coarse, fine = found[-2:]
+        steps.append(build_reference_answer(scene, forces.present, forces.slopes))
+        print(refinement, forces.unknowns, steps[-1], f"{time.perf_counter() - start:.0f} s", file=sys.stderr, flush=True)
+    coarse, fine = steps[-2:]
     slopes = [each.log_sensitivity for each in (coarse, fine) if each.log_sensitivity is not None]
     return {
         "stress_inner_pa": fine.stress_inner,
@@ -207,13 +210,13 @@ def reference(scene: Scene, ladder: tuple[Refinement, ...] = LADDER) -> dict[str
         "log_sensitivity": fine.log_sensitivity,
         "relative_uncertainty": difference(replace(coarse, log_sensitivity=None), fine),
         "log_sensitivity_uncertainty": abs(slopes[0] - slopes[-1]) if slopes else None,
-        "ratio_without": summarised(scene, forces.without, None).ratio,
+        "ratio_without": build_reference_answer(scene, forces.without, None).ratio,
         "forces_n_per_m": forces.present.tolist(),
         "forces_without_n_per_m": forces.without.tolist(),
     }
 
 
-def summarised(scene: Scene, forces: np.ndarray, slopes: np.ndarray | None) -> ReferenceAnswer:
+def build_reference_answer(scene: Scene, forces: np.ndarray, slopes: np.ndarray | None) -> ReferenceAnswer:
     """Return the stresses of a common displacement; the log-sensitivity is None where there is no target."""
     if slopes is None:
         return summary(scene.model_copy(update={"inclusion": ()}), forces, np.zeros((2, 2)))

@@ -30,14 +30,14 @@ def probe() -> Any:
     groove = Box(Pnt(0, -1, 2), Pnt(12, 1, 3)) * tube
     sphere = Sphere(Pnt(3, 0, -6), 2.5)
     tissue = Cylinder((0, 0, -16), Z, 16, 16)
-    beyond = Cylinder((0, 0, -16), Z, 20, 16) - tissue
+    margin = Cylinder((0, 0, -16), Z, 20, 16) - tissue
     bodies = {
         INNER_BODY: Cylinder((0, 0, 0), Z, 4, 3),
         OUTER_BODY: tube - groove,
         GROOVE_BODY: groove,
         TISSUE_BODY: tissue - sphere,
     }
-    shape = Glue(list(_named({**bodies, BEYOND_BODY: beyond, FIRST_INCLUSION_BODY: sphere})))
+    shape = Glue(list(_name_bodies({**bodies, BEYOND_BODY: margin, FIRST_INCLUSION_BODY: sphere})))
     for edge in shape.edges:
         low, high = edge.bounding_box
         if max(abs(low.z), abs(high.z)) < 1e-6 and max(abs(low.x), abs(high.x)) < 6.01:
@@ -45,7 +45,7 @@ def probe() -> Any:
     return shape
 
 
-def _named(bodies: dict[int, Any]) -> Iterable[Any]:
+def _name_bodies(bodies: dict[int, Any]) -> Iterable[Any]:
     for label, body in bodies.items():
         for part in (body * HALF).solids:
             part.mat(str(label))
@@ -65,13 +65,13 @@ def cylinder(size: float) -> Any:
 
 
 def write(name: str, shape: Any, size: float, unit: float = 1.0, half: bool = False) -> None:
-    found = OCCGeometry(shape).GenerateMesh(maxh=size, grading=0.6 if half else 0.4, optsteps3d=3)
-    mesh = Mesh(found)
+    netgen_mesh = OCCGeometry(shape).GenerateMesh(maxh=size, grading=0.6 if half else 0.4, optsteps3d=3)
+    mesh = Mesh(netgen_mesh)
     mesh.Curve(2)
-    found.SecondOrder()
-    points = np.array([point.p for point in found.Points()])
-    elements = np.array([[node.nr - 1 for node in one.points] for one in found.Elements3D()])
-    body = np.array([int(mesh.GetMaterials()[one.index - 1]) for one in found.Elements3D()])
+    netgen_mesh.SecondOrder()
+    points = np.array([point.p for point in netgen_mesh.Points()])
+    elements = np.array([[node.nr - 1 for node in item.points] for item in netgen_mesh.Elements3D()])
+    body = np.array([int(mesh.GetMaterials()[item.index - 1]) for item in netgen_mesh.Elements3D()])
     used, numbers = np.unique(_vtk(points, elements), return_inverse=True)
     data = {
         "nodes": unit * points[used],
@@ -84,8 +84,8 @@ def write(name: str, shape: Any, size: float, unit: float = 1.0, half: bool = Fa
 def _vtk(points: Any, elements: Any) -> Any:
     """Netgen's corners turned to the right hand, and its middles sorted to VTK's edges by where they are."""
     corners = elements[:, [0, 2, 1, 3]]
-    away = points[corners][:, EDGE_CORNERS].mean(axis=2)[:, :, None] - points[elements[:, 4:]][:, None]
-    nearest = np.linalg.norm(away, axis=3).argmin(axis=2)
+    distances = points[corners][:, EDGE_CORNERS].mean(axis=2)[:, :, None] - points[elements[:, 4:]][:, None]
+    nearest = np.linalg.norm(distances, axis=3).argmin(axis=2)
     return np.hstack([corners, np.take_along_axis(elements[:, 4:], nearest, axis=1)])
 
 

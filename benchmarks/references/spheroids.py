@@ -21,7 +21,7 @@ import numpy as np
 
 from benchmarks.references import outline as reference_outline
 from benchmarks.references.axisymmetric import LADDER, ReferenceAnswer, difference, entry, solve
-from benchmarks.references.outline import Edge, Refinement, meshed
+from benchmarks.references.outline import Edge, Refinement, build_mesh
 from geometry import Inclusion, Scene, read_scene
 
 MESHES = LADDER[-2:]
@@ -57,10 +57,10 @@ def outline(scene: Scene) -> list[Edge]:
     equator, pole = semi_axes(body)
     sphere = body.model_copy(update={"diameter": 2 * pole, "diameters": None})
     edges = reference_outline.outline(scene.model_copy(update={"inclusion": (sphere,)}))
-    return [edge if edge.centre is None else stretched(edge, equator / pole) for edge in edges]
+    return [edge if edge.centre is None else stretch_arc(edge, equator / pole) for edge in edges]
 
 
-def stretched(edge: Edge, factor: float) -> Arc:
+def stretch_arc(edge: Edge, factor: float) -> Arc:
     """Return a quarter circle with every distance from the axis times a factor."""
     start, end = ((r * factor, z) for r, z in (edge.start, edge.end))
     return Arc(start, end, edge.left, edge.right, edge.name, edge.centre)
@@ -68,7 +68,7 @@ def stretched(edge: Edge, factor: float) -> Arc:
 
 def make_mesh(scene: Scene, refinement: Refinement) -> ngs.Mesh:
     """Build the mesh of the spheroid's outline."""
-    return meshed(outline(scene), refinement)
+    return build_mesh(outline(scene), refinement)
 
 
 def reference(scene: Scene) -> ReferenceAnswer:
@@ -83,9 +83,9 @@ def main(folder: Path) -> None:
     ngs.SetNumThreads(1)
     entries = {}
     for path in sorted(folder.glob("*.toml")):
-        found = reference(read_scene(path))
-        entries[path.stem] = entry(found)
-        print(json.dumps({"scene": path.stem} | asdict(found)), flush=True)
+        answer = reference(read_scene(path))
+        entries[path.stem] = entry(answer)
+        print(json.dumps({"scene": path.stem} | asdict(answer)), flush=True)
     (folder / "expected.json").write_text(json.dumps(entries, indent=1) + "\n", encoding="utf-8")
 
 

@@ -18,40 +18,40 @@ import time
 from collections import Counter
 from pathlib import Path
 
-from benchmarks.robustness.attempt import asked, failures, prepare
+from benchmarks.robustness.attempt import failures, prepare, run_attempt
 from benchmarks.robustness.kinds import KINDS
-from benchmarks.robustness.ordeals import LOST, ORDEALS, Ordeal
+from benchmarks.robustness.ordeals import LOST_ROWS, ORDEALS, Ordeal
 from benchmarks.robustness.samples import remove
 
-WRONG = ("signal", "hang", "traceback", "defect", "exit code", "stray lines", "JSON", LOST)
+WRONG = ("signal", "hang", "traceback", "defect", "exit code", "stray lines", "JSON", LOST_ROWS)
 COLUMNS = ("tries", "answered", "refused", *WRONG, "slowest, s")
 
 
-def tried(kind: str, number: int, seed: int) -> Ordeal:
+def try_once(kind: str, number: int, seed: int) -> Ordeal:
     """One try of a kind, in a folder of its own."""
     folder, draw = Path(tempfile.mkdtemp(prefix="attack-")), random.Random(f"{seed} {kind} {number}")
     try:
         if kind in ORDEALS:
             return ORDEALS[kind](draw, folder)
         attempt = KINDS[kind](draw, folder)
-        ended = asked(attempt, folder)
+        ended = run_attempt(attempt, folder)
         words = " ".join(word[:80] for word in attempt.words)
         return Ordeal(f"{attempt.said}: {words!r}", ended, tuple(failures(attempt, ended)))
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def attacked(kind: str, numbers: range, seed: int) -> Counter[str]:
+def attack(kind: str, numbers: range, seed: int) -> Counter[str]:
     """Try a kind, print what fails, and count."""
     counts: Counter[str] = Counter()
     for number in numbers:
-        found = tried(kind, number, seed)
-        ended, outcome = found.ended, {0: ["answered"], 2: ["refused"]}
-        counts.update(["tries", *found.wrong, *outcome.get(-1 if ended.code is None else ended.code, [])])
+        ordeal = try_once(kind, number, seed)
+        ended, outcome = ordeal.ended, {0: ["answered"], 2: ["refused"]}
+        counts.update(["tries", *ordeal.wrong, *outcome.get(-1 if ended.code is None else ended.code, [])])
         counts["slowest, s"] = max(counts["slowest, s"], round(ended.seconds))
-        if found.wrong:
+        if ordeal.wrong:
             said = " | ".join(ended.errors.splitlines()[-3:])
-            print(f"{kind} {number}: {', '.join(found.wrong)}: {found.said}: {said[:300]!r}", file=sys.stderr, flush=True)
+            print(f"{kind} {number}: {', '.join(ordeal.wrong)}: {ordeal.said}: {said[:300]!r}", file=sys.stderr, flush=True)
     return counts
 
 
@@ -71,7 +71,7 @@ def main() -> int:
     print(f"seed {options.seed}, tries {options.first} to {options.first + options.tries - 1} of each kind\n")
     print(f"| kind | {' | '.join(COLUMNS)} |\n|{'---|' * (len(COLUMNS) + 1)}", flush=True)
     for kind in options.kind or [*KINDS, *ORDEALS]:
-        counts = attacked(kind, range(options.first, options.first + options.tries), options.seed)
+        counts = attack(kind, range(options.first, options.first + options.tries), options.seed)
         print(f"| {kind} | {' | '.join(str(counts[column]) for column in COLUMNS)} |", flush=True)
         total.update(counts)
     shutil.rmtree(os.environ["PROBE_DESIGN_CACHE"], ignore_errors=True)

@@ -12,27 +12,27 @@ from benchmarks.robustness.files import FILE, LIMITS, ROOT, SCENE, VIRTUAL, Read
 from geometry.provenance.texts import format_html_script, format_toml_comment
 
 NAME = str(ROOT / "examples" / "scene.toml")
-AGAIN = ("rerun", FILE, "--json")
+RERUN_WORDS = ("rerun", FILE, "--json")
 
 
 def answers() -> dict[str, Readable]:
     """Return every kind of them by its name."""
-    made = printed("evaluate", NAME, "--evaluator", "closed-form", "--json")
+    made = read_printed("evaluate", NAME, "--evaluator", "closed-form", "--json")
     page = "<!doctype html><title>Answer</title>" + format_html_script("answer", made)
     design = format_toml_comment(made["provenance"]) + Readable(".toml", (), SCENE).content.decode()
-    reading = printed("read", NAME, *VIRTUAL, "--json")
+    reading = read_printed("read", NAME, *VIRTUAL, "--json")
     return {
-        "an answer": Readable(".json", AGAIN, made),
-        "its block": Readable(".json", AGAIN, {key: made[key] for key in ("ratio", "error_estimate", "provenance")}),
-        "a page": Readable(".html", AGAIN, page.encode()),
-        "a design with its block": Readable(".toml", AGAIN, design.encode()),
+        "an answer": Readable(".json", RERUN_WORDS, made),
+        "its block": Readable(".json", RERUN_WORDS, {key: made[key] for key in ("ratio", "error_estimate", "provenance")}),
+        "a page": Readable(".html", RERUN_WORDS, page.encode()),
+        "a design with its block": Readable(".toml", RERUN_WORDS, design.encode()),
         "a reading": Readable(".json", ("estimate", NAME, "--reading", FILE, *LIMITS, "--json"), reading),
     }
 
 
 @cache
-def printed(*words: str) -> dict[str, Any]:
+def read_printed(*words: str) -> dict[str, Any]:
     """Return the object that the program prints for these words."""
     ended = subprocess.run([sys.executable, "-m", "probe_design", *words], capture_output=True, check=True, cwd=ROOT)
-    found: dict[str, Any] = json.loads(ended.stdout)
-    return found
+    document: dict[str, Any] = json.loads(ended.stdout)
+    return document

@@ -20,17 +20,19 @@ from pathlib import Path
 
 from probe_design.cli.main import main
 
-NEEDED = (
+NEEDED_MODULES = (
     "h5py", "hw.reader", "matplotlib.figure", "probe_design.design_search.optimize", "probe_design.doctor.self_test",
     "probe_design.estimation.estimate", "probe_design.maps.scan", "probe_design.probe_check.check", "probe_design.sweeps.run",
     "probe_design.terminal.console", "probe_design.tolerances.budget", "solver.closed_form.level", "solver.contact.level",
     "solver.equivalent_inclusion.level", "solver.planning.plan",
 )  # fmt: skip
-GOOD = (0, 2, 130)  # answered, refused, interrupted
-FEW = 1  # of some verbs: data that are whole and say too little, such as a part of a cycle, or an answer that is no
+EXPECTED_CODES = (0, 2, 130)  # answered, refused, interrupted
+TOO_LITTLE_DATA_CODE = (
+    1  # of some verbs: data that are whole and say too little, such as a part of a cycle, or an answer that is no
+)
 SAYING_NO = ("read", "estimate", "calibrate", "check", "doctor", "rerun", "optimize")
-USUAL = 20.0  # s that an answer may take, --time
-START = 40.0  # s that are no answer's: reading, planning and drawing, on a machine that is busy
+ANSWER_SECONDS = 20.0  # s that an answer may take, --time
+STARTUP_SECONDS = 40.0  # s that are no answer's: reading, planning and drawing, on a machine that is busy
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,7 @@ class Attempt:
 
     words: tuple[str, ...]
     said: str = ""
-    seconds: float = USUAL + START
+    seconds: float = ANSWER_SECONDS + STARTUP_SECONDS
     held: dict[str, int] = field(default_factory=dict)
 
 
@@ -62,23 +64,23 @@ class Ended:
 
 def prepare() -> None:
     """Import what most attempts need; nothing is computed, so that no library has begun threads that a fork would lose."""
-    for name in NEEDED:
+    for name in NEEDED_MODULES:
         import_module(name)
 
 
-def asked(attempt: Attempt, folder: Path) -> Ended:
+def run_attempt(attempt: Attempt, folder: Path) -> Ended:
     """Ask the program in a folder, whose files ``output`` and ``errors`` take what it prints."""
     start = time.perf_counter()
     sys.stdout.flush()
     child = os.fork()
     if child == 0:
         _run(attempt, folder)
-    code = _waited(child, start + attempt.seconds)
+    code = _wait_for_child(child, start + attempt.seconds)
     output, errors = ((folder / name).read_text(encoding="utf-8", errors="replace") for name in ("output", "errors"))
     return Ended(code, output, errors, time.perf_counter() - start)
 
 
-def _waited(child: int, end: float) -> int | None:
+def _wait_for_child(child: int, end: float) -> int | None:
     """The exit code of a child, which is ended with all that it started if it does not end in time."""
     while time.perf_counter() < end:
         ended, status = os.waitpid(child, os.WNOHANG)
@@ -120,7 +122,7 @@ def failures(attempt: Attempt, ended: Ended) -> Iterator[str]:
         yield "hang"
     elif ended.code < 0:
         yield "signal"
-    elif ended.code not in GOOD and not (ended.code == FEW and attempt.words[0] in SAYING_NO):
+    elif ended.code not in EXPECTED_CODES and not (ended.code == TOO_LITTLE_DATA_CODE and attempt.words[0] in SAYING_NO):
         yield "exit code"
     if "Traceback" in ended.errors or "stack backtrace" in ended.errors:
         yield "traceback"
@@ -135,13 +137,13 @@ def failures(attempt: Attempt, ended: Ended) -> Iterator[str]:
 
 def _whole(ended: Ended) -> bool:
     """Whether an answer is one JSON object without NaN or infinity, and everything else prints none."""
-    if ended.code != 0 and not (ended.code == FEW and ended.output):
+    if ended.code != 0 and not (ended.code == TOO_LITTLE_DATA_CODE and ended.output):
         return not ended.output
     try:
-        return isinstance(json.loads(ended.output, parse_constant=_refused), dict)
+        return isinstance(json.loads(ended.output, parse_constant=_refuse_import), dict)
     except ValueError:
         return False
 
 
-def _refused(name: str) -> None:
+def _refuse_import(name: str) -> None:
     raise ValueError(name)

@@ -9,8 +9,8 @@ from functools import cache
 from pathlib import Path
 
 from benchmarks.robustness.attempt import Attempt
-from benchmarks.robustness.damage import Random, garbled
-from benchmarks.robustness.files import scene_with
+from benchmarks.robustness.damage import Random, garble
+from benchmarks.robustness.files import write_scene
 
 VALUES = (b"0.", b"1.E+30", b"-1.", b"1.E-30", b"NaN", b"1.E+400", b"")
 FLOATS = (float("nan"), float("inf"), 0.0, -0.0, 1e30, 1e-38)
@@ -21,7 +21,7 @@ def step(draw: Random, folder: Path) -> Attempt:
     content = draw.choice(steps())
     for _ in range(draw.randint(1, 3)):
         content = _step_damaged(content, draw)
-    return _asked(content, ".step", folder)
+    return _build_plan_attempt(content, ".step", folder)
 
 
 def stl(draw: Random, folder: Path) -> Attempt:
@@ -29,15 +29,15 @@ def stl(draw: Random, folder: Path) -> Attempt:
     binary = draw.random() < 0.6
     content = stls()[binary]
     for _ in range(draw.randint(1, 3)):
-        damage = draw.choice([_stl_damaged if binary else _step_damaged, garbled])
+        damage = draw.choice([_stl_damaged if binary else _step_damaged, garble])
         content = damage(content, draw)
-    return _asked(content, draw.choice([".stl", ".STL"]), folder)
+    return _build_plan_attempt(content, draw.choice([".stl", ".STL"]), folder)
 
 
-def _asked(content: bytes, suffix: str, folder: Path) -> Attempt:
+def _build_plan_attempt(content: bytes, suffix: str, folder: Path) -> Attempt:
     """Plan the scene, which reads the body, unless the limits of ``evaluate`` refuse it sooner."""
     (folder / f"body{suffix}").write_bytes(content)
-    words = ("plan", scene_with(folder, {"surface": f"body{suffix}"}), "--json")
+    words = ("plan", write_scene(folder, {"surface": f"body{suffix}"}), "--json")
     return Attempt(words, f"a body of {len(content)} bytes", 150.0)  # the reader has 60 s, which are not the answer's
 
 
@@ -46,16 +46,16 @@ def _step_damaged(content: bytes, draw: Random) -> bytes:
     if kind in ("number", "reference"):
         places = list(re.finditer(rb"-?\d+\.\d*(?:[Ee][-+]?\d+)?" if kind == "number" else rb"#\d+", content))
         if places:
-            one = draw.choice(places)
-            other = draw.choice(VALUES) if kind == "number" else draw.choice(places)[0]
-            return content[: one.start()] + other + content[one.end() :]
+            place = draw.choice(places)
+            replacement = draw.choice(VALUES) if kind == "number" else draw.choice(places)[0]
+            return content[: place.start()] + replacement + content[place.end() :]
     if kind == "line":
         lines = content.split(b"\n")
         lines.insert(draw.randrange(len(lines)), draw.choice(lines))
         return b"\n".join(lines)
     if kind == "deep":
         return content.replace(b"(", b"(" * draw.choice([50, 100_000]), 1)
-    return garbled(content, draw)
+    return garble(content, draw)
 
 
 def _stl_damaged(content: bytes, draw: Random) -> bytes:
@@ -63,11 +63,11 @@ def _stl_damaged(content: bytes, draw: Random) -> bytes:
     count = (len(content) - 84) // 50
     if count < 1 or draw.random() < 0.2:
         return content[:80] + struct.pack("<I", draw.choice([0, 1, count - 1, count + 1, 2**32 - 1]) % 2**32) + content[84:]
-    at = 84 + 50 * draw.randrange(count)
+    offset = 84 + 50 * draw.randrange(count)
     kind = draw.choice(["number", "flat", "lost", "turned", "far"])
     if kind == "lost":
-        return content[:80] + struct.pack("<I", count - 1) + content[84:at] + content[at + 50 :]
-    numbers = list(struct.unpack("<12f", content[at : at + 48]))
+        return content[:80] + struct.pack("<I", count - 1) + content[84:offset] + content[offset + 50 :]
+    numbers = list(struct.unpack("<12f", content[offset : offset + 48]))
     if kind == "number":
         numbers[draw.randrange(12)] = draw.choice(FLOATS)
     elif kind == "flat":
@@ -75,8 +75,8 @@ def _stl_damaged(content: bytes, draw: Random) -> bytes:
     elif kind == "turned":
         numbers[3:9] = numbers[6:9] + numbers[3:6]
     else:
-        numbers[3:6] = [100 * one for one in numbers[3:6]]
-    return content[:at] + struct.pack("<12f", *numbers) + content[at + 48 :]
+        numbers[3:6] = [100 * number for number in numbers[3:6]]
+    return content[:offset] + struct.pack("<12f", *numbers) + content[offset + 48 :]
 
 
 @cache

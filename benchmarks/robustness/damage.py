@@ -32,11 +32,11 @@ def value(draw: Random) -> Any:
     if kind == "date":
         return datetime.date(2020, 2, 29)
     if kind == "nested":
-        return nested(draw.random() < 0.5, draw.choice([1, 2, 5, 40]))
+        return build_nested(draw.random() < 0.5, draw.choice([1, 2, 5, 40]))
     return [value(draw) for _ in range(draw.randint(0, 3))]
 
 
-def nested(lists: bool, depth: int) -> Any:
+def build_nested(lists: bool, depth: int) -> Any:
     """Lists in lists, or tables in tables."""
     deep: Any = 1
     for _ in range(depth):
@@ -44,7 +44,7 @@ def nested(lists: bool, depth: int) -> Any:
     return deep
 
 
-def mutated(tables: Any, draw: Random) -> Any:
+def mutate(tables: Any, draw: Random) -> Any:
     """A copy with one to three changes anywhere: another value, a key lost, added or doubled."""
     tables = copy.deepcopy(tables)
     for _ in range(draw.randint(1, 3)):
@@ -83,19 +83,26 @@ def _places(data: Any) -> list[Any]:
     return [data, *(place for part in parts for place in _places(part))]
 
 
-def garbled(content: bytes, draw: Random) -> bytes:
+def garble(content: bytes, draw: Random) -> bytes:
     """Bytes cut, overwritten in places, doubled, in another encoding, with long runs, or any at all."""
-    kind, at = draw.choice(["cut", "other", "other", "flip", "doubled", "utf-16", "run", "any"]), draw.randint(0, len(content))
+    kind, offset = (
+        draw.choice(["cut", "other", "other", "flip", "doubled", "utf-16", "run", "any"]),
+        draw.randint(0, len(content)),
+    )
     if kind == "cut":
-        return content[:at]
+        return content[:offset]
     if kind == "other":
-        return content[:at] + draw.randbytes(draw.randint(0, 20)) + content[at + draw.randint(0, 20) :]
+        return content[:offset] + draw.randbytes(draw.randint(0, 20)) + content[offset + draw.randint(0, 20) :]
     if kind == "flip":
-        return content[:at] + bytes(one ^ (1 << draw.randint(0, 7)) for one in content[at : at + 1]) + content[at + 1 :]
+        return (
+            content[:offset]
+            + bytes(byte ^ (1 << draw.randint(0, 7)) for byte in content[offset : offset + 1])
+            + content[offset + 1 :]
+        )
     if kind == "doubled":
         return content + content
     if kind == "utf-16":
         return content.decode("latin-1").encode("utf-16")
     if kind == "run":
-        return content[:at] + draw.choice(RUNS) * draw.choice([30, 3000]) + content[at:]
+        return content[:offset] + draw.choice(RUNS) * draw.choice([30, 3000]) + content[offset:]
     return draw.randbytes(draw.randint(0, 300))

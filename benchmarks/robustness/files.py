@@ -10,11 +10,11 @@ from typing import Any
 
 import tomli_w
 
-from benchmarks.robustness.attempt import START, USUAL
+from benchmarks.robustness.attempt import ANSWER_SECONDS, STARTUP_SECONDS
 
 ROOT = Path(__file__).parents[2]
 FILE = "FILE"  # stands for the file's name in words
-LIMITS = ("--time", f"{USUAL:g} s")
+LIMITS = ("--time", f"{ANSWER_SECONDS:g} s")
 
 
 @dataclass(frozen=True)
@@ -31,14 +31,14 @@ class Readable:
     suffix: str
     words: tuple[str, ...]
     right: Any
-    seconds: float = USUAL + START
+    seconds: float = ANSWER_SECONDS + STARTUP_SECONDS
 
     @property
     def content(self) -> bytes:
         """The right one's bytes."""
-        return self.right if isinstance(self.right, bytes) else self.dumped(self.right)
+        return self.right if isinstance(self.right, bytes) else self.dump(self.right)
 
-    def dumped(self, tables: Any) -> bytes:
+    def dump(self, tables: Any) -> bytes:
         """Return other tables as such a file; integers of more digits than Python writes are left to the bytes."""
         try:
             text = json.dumps(tables, default=str) if self.suffix == ".json" else tomli_w.dumps(tables)
@@ -56,8 +56,8 @@ SCENE = example("scene.toml")
 VIRTUAL = ("--virtual", "--seconds", "4")
 
 
-def scene_with(folder: Path, body: dict[str, Any], name: str = "scene.toml", **more: Any) -> str:
+def write_scene(folder: Path, body: dict[str, Any], name: str = "scene.toml", **tables: Any) -> str:
     """Write the example's scene with another inclusion, of the same depth and material, and return its name."""
-    own = {key: value for key, value in SCENE["inclusion"][0].items() if key != "diameter"}
-    (folder / name).write_text(tomli_w.dumps(SCENE | {"inclusion": [own | body]} | more), encoding="utf-8")
+    inclusion = {key: value for key, value in SCENE["inclusion"][0].items() if key != "diameter"}
+    (folder / name).write_text(tomli_w.dumps(SCENE | {"inclusion": [inclusion | body]} | tables), encoding="utf-8")
     return name

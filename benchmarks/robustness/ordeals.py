@@ -29,10 +29,10 @@ from tests.support.interrupted import Leftovers, left, moments
 from tests.support.paths import ROOT, SCENE
 from tests.support.sweeps import command, stored, toml, wait_for_rows
 
-DESIGNS, PATIENCE = 200, 120.0
-LOST, LINES = "lost rows", "stray lines"
+DESIGNS, PATIENCE_S = 200, 120.0
+LOST_ROWS, STRAY_LINES = "lost rows", "stray lines"
 NOWHERE = ("tls://127.0.0.1:9", "ucx://127.0.0.1:9", "nowhere", "tcp://127.0.0.1:1", "")
-SLOWLY = "from probe_design.__main__ import main; from probe_design.sweeps import run; run.SECONDS = 0.02; main()"
+SLOW_SWEEP_SCRIPT = "from probe_design.__main__ import main; from probe_design.sweeps import run; run.BATCH_TIME_S = 0.02; main()"
 VERBS = (
     ("evaluate", str(SCENE), "--json"), ("plan", str(SCENE)), ("export", str(SCENE), "-o", "OUT"), ("tradeoff", "-o", "OUT"),
     ("curve", str(SCENE), "--points", "5", "--plot", "OUT/curve.png"), ("read", str(SCENE), "--virtual", "--seconds", "3"),
@@ -50,33 +50,33 @@ class Ordeal:
 
 def kill(draw: Random, folder: Path) -> Ordeal:
     """A sweep that is killed at any moment, up to three times, and started again."""
-    path, out, kills = toml(folder, n=DESIGNS), folder / "out", draw.randint(1, 3)
+    path, output_folder, kills = toml(folder, n=DESIGNS), folder / "out", draw.randint(1, 3)
     for _ in range(kills):
-        words = [sys.executable, "-c", SLOWLY, "sweep", str(path), "-o", str(out), "--workers", "1"]
+        words = [sys.executable, "-c", SLOW_SWEEP_SCRIPT, "sweep", str(path), "-o", str(output_folder), "--workers", "1"]
         process = subprocess.Popen(words, cwd=ROOT, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         if draw.random() < 0.6:
-            wait_for_rows(out, draw.randint(1, DESIGNS // 2), process)
+            wait_for_rows(output_folder, draw.randint(1, DESIGNS // 2), process)
         time.sleep(draw.random())
         with suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
         process.wait()
-    return _resumed(f"{kills} kills", path, out)
+    return _check_resumed(f"{kills} kills", path, output_folder)
 
 
 def full_disk(draw: Random, folder: Path) -> Ordeal:
     """A sweep whose files may not grow beyond some kB, and then may."""
-    path, out, room = toml(folder, n=DESIGNS), folder / "out", draw.randint(4, 60) * 1000
-    first = _swept(path, out, lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (room, room)))
-    resumed = _resumed(f"files of {room} bytes at most", path, out)
+    path, output_folder, room = toml(folder, n=DESIGNS), folder / "out", draw.randint(4, 60) * 1000
+    first = _sweep_again(path, output_folder, lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (room, room)))
+    resumed = _check_resumed(f"files of {room} bytes at most", path, output_folder)
     wrong = () if first.code in (0, 1, 2) else ("exit code",)
     return Ordeal(resumed.said, resumed.ended, (*_lines(first), *wrong, *resumed.wrong))
 
 
 def store(draw: Random, folder: Path) -> Ordeal:
     """A store with other bits, or cut: mended or refused, and never a table that is another."""
-    path, out = toml(folder, n=DESIGNS), folder / "out"
-    shutil.copytree(_whole()[0], out)
-    content = bytearray((out / STORE_FILE).read_bytes())
+    path, output_folder = toml(folder, n=DESIGNS), folder / "out"
+    shutil.copytree(_whole()[0], output_folder)
+    content = bytearray((output_folder / STORE_FILE).read_bytes())
     kind = draw.choice(["bits", "bits", "cut", "sector"])
     if kind == "bits":
         for _ in range(draw.choice([1, 1, 30])):
@@ -84,10 +84,10 @@ def store(draw: Random, folder: Path) -> Ordeal:
     elif kind == "cut":
         del content[draw.randrange(len(content)) :]
     else:
-        at = draw.randrange(len(content) // 512) * 512
-        content[at : at + 512] = bytes(512)
-    (out / STORE_FILE).write_bytes(content)
-    return _resumed(kind, path, out, refusable=True)
+        offset = draw.randrange(len(content) // 512) * 512
+        content[offset : offset + 512] = bytes(512)
+    (output_folder / STORE_FILE).write_bytes(content)
+    return _check_resumed(kind, path, output_folder, refusable=True)
 
 
 def scheduler(draw: Random, folder: Path) -> Ordeal:
@@ -97,17 +97,17 @@ def scheduler(draw: Random, folder: Path) -> Ordeal:
         given = (
             address if behaviour else draw.choice(["tls://127.0.0.1:9", "ucx://127.0.0.1:9", "nowhere", "tcp://127.0.0.1:1", ""])
         )
-        ended = _swept(toml(folder, n=4), folder / "out", lambda: None, "--scheduler", given)
+        ended = _sweep_again(toml(folder, n=4), folder / "out", lambda: None, "--scheduler", given)
     return Ordeal(str(behaviour or given), ended, (*_lines(ended), *(() if ended.code == 2 else ("exit code",))))
 
 
 def interrupt(draw: Random, folder: Path) -> Ordeal:
     """A signal at any moment of any verb."""
     words = draw.choice(VERBS)
-    (delay, number), start = next(moments(_undisturbed(words).seconds, 1, draw.randrange(2**32))), time.perf_counter()
-    found = left(words, delay, number)
-    fault = found.wrong(number, _undisturbed(words))
-    ended = Ended(found.code, "", found.said, time.perf_counter() - start)
+    (delay, number), start = next(moments(_find_undisturbed(words).seconds, 1, draw.randrange(2**32))), time.perf_counter()
+    leftovers = left(words, delay, number)
+    fault = leftovers.wrong(number, _find_undisturbed(words))
+    ended = Ended(leftovers.code, "", leftovers.said, time.perf_counter() - start)
     return Ordeal(f"signal {number} after {delay:.2f} s: {fault}", ended, ("exit code",) if fault else ())
 
 
@@ -116,21 +116,21 @@ ORDEALS: dict[str, Callable[[Random, Path], Ordeal]] = {
 }  # fmt: skip
 
 
-def _swept(path: Path, out: Path, before: Callable[[], Any], *more: str) -> Ended:
-    start, words = time.perf_counter(), command(path, "-o", out, "--workers", "1", *more)
+def _sweep_again(path: Path, output_folder: Path, prepare: Callable[[], Any], *extra_words: str) -> Ended:
+    start, words = time.perf_counter(), command(path, "-o", output_folder, "--workers", "1", *extra_words)
     try:
-        done = subprocess.run(words, capture_output=True, text=True, cwd=ROOT, timeout=PATIENCE, preexec_fn=before)
+        done = subprocess.run(words, capture_output=True, text=True, cwd=ROOT, timeout=PATIENCE_S, preexec_fn=prepare)
     except subprocess.TimeoutExpired:
         return Ended(None, "", "", time.perf_counter() - start)
     return Ended(done.returncode, done.stdout, done.stderr, time.perf_counter() - start)
 
 
-def _resumed(said: str, path: Path, out: Path, refusable: bool = False) -> Ordeal:
-    ended = _swept(path, out, lambda: None)
+def _check_resumed(said: str, path: Path, output_folder: Path, refusable: bool = False) -> Ordeal:
+    ended = _sweep_again(path, output_folder, lambda: None)
     if ended.code == 2 and refusable:
         return Ordeal(said, ended, tuple(_lines(ended)))
-    same = ended.code == 0 and stored(out) == _whole()[1]
-    return Ordeal(said, ended, (*_lines(ended), *(() if same else (LOST,))))
+    is_same = ended.code == 0 and stored(output_folder) == _whole()[1]
+    return Ordeal(said, ended, (*_lines(ended), *(() if is_same else (LOST_ROWS,))))
 
 
 def _lines(ended: Ended) -> Iterator[str]:
@@ -143,19 +143,19 @@ def _lines(ended: Ended) -> Iterator[str]:
     if "a defect of the program" in ended.errors:
         yield "defect"
     if any(not line.startswith("probe-design: ") for line in ended.errors.splitlines()):
-        yield LINES
+        yield STRAY_LINES
 
 
 @cache
 def _whole() -> tuple[Path, list[tuple[Any, ...]]]:
     """The store of a sweep that nobody disturbed, and its rows."""
     folder = Path(tempfile.mkdtemp(prefix="attack-whole-"))
-    assert _swept(toml(folder, n=DESIGNS), folder / "out", lambda: None).code == 0
+    assert _sweep_again(toml(folder, n=DESIGNS), folder / "out", lambda: None).code == 0
     return folder / "out", stored(folder / "out")
 
 
 @cache
-def _undisturbed(words: tuple[str, ...]) -> Leftovers:
+def _find_undisturbed(words: tuple[str, ...]) -> Leftovers:
     return left(words)
 
 
@@ -181,7 +181,7 @@ def _server(behaviour: Callable[[socket.socket, Random], None], draw: Random) ->
 
 
 def _silent(peer: socket.socket, _: Random) -> None:
-    peer.settimeout(PATIENCE)
+    peer.settimeout(PATIENCE_S)
     while peer.recv(65536):
         pass
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.robustness.attempt import Attempt
-from benchmarks.robustness.damage import NUMBERS, TEXTS, Random, garbled, mutated
+from benchmarks.robustness.damage import NUMBERS, TEXTS, Random, garble, mutate
 from benchmarks.robustness.files import FILE, LIMITS, ROOT, VIRTUAL, Readable
 from benchmarks.robustness.readables import SCENES, readables
 from benchmarks.robustness.samples import recordings
@@ -29,7 +29,7 @@ OPTIONS = (
     "--nuisance", "--reading", "--column", "--rate", "--frequency", "--step", "--tolerance", "--shrinkage", "--draft",
     "--material", "--samples", "--stiffness-noise", "--report", "--wait", "--thinner", "--pareto",
 )  # fmt: skip
-ALONE = (
+LONE_VERBS = (
     ("material", "show"), ("material", "show", "ecoflex-00-10"), ("material", "list"), ("tissue", "show", "breast"), ("rerun",),
     ("optimize", "none.toml", "-o", "out"), ("doctor", "--virtual", "--seconds", "1"), ("check", "--virtual", "--seconds", "1"),
 )  # fmt: skip
@@ -40,32 +40,32 @@ def scene(draw: Random, folder: Path) -> Attempt:
     """A scene with other tables, asked of any verb and level."""
     right = draw.choice(SCENES)
     words = draw.choice([*VERBS, *(("evaluate", FILE, "--evaluator", level, *CHEAP) for level in LEVELS)])
-    return _asked(Readable(".toml", (*words, "--json"), right), mutated(right, draw), folder)
+    return _build_attempt(Readable(".toml", (*words, "--json"), right), mutate(right, draw), folder)
 
 
 def other_tables(draw: Random, folder: Path) -> Attempt:
     """Any other file of tables with other values, keys or depths."""
-    some = draw.choice([one for one in readables().values() if not isinstance(one.right, bytes)])
-    return _asked(some, mutated(some.right, draw), folder)
+    chosen = draw.choice([readable for readable in readables().values() if not isinstance(readable.right, bytes)])
+    return _build_attempt(chosen, mutate(chosen.right, draw), folder)
 
 
 def other_bytes(draw: Random, folder: Path) -> Attempt:
     """Any file with other bytes, recordings twice as often as others."""
-    some = draw.choice([*readables().values(), *recordings().values()])
-    return _asked(some, garbled(some.content, draw), folder)
+    chosen = draw.choice([*readables().values(), *recordings().values()])
+    return _build_attempt(chosen, garble(chosen.content, draw), folder)
 
 
 def options(draw: Random, folder: Path) -> Attempt:
     """Options with values that are seldom allowed, also of verbs that do not have them."""
-    words = [str(ROOT / "examples" / "scene.toml") if word == FILE else word for word in draw.choice((*VERBS, *ALONE))]
+    words = [str(ROOT / "examples" / "scene.toml") if word == FILE else word for word in draw.choice((*VERBS, *LONE_VERBS))]
     for _ in range(draw.randint(1, 2)):
         value = draw.choice([*TEXTS, *map(str, NUMBERS[:7]), "nan", "-inf", "1e400", *PATHS]).replace("\udce9", "?")
         words += [draw.choice(OPTIONS), value]
     return Attempt((*words, "--json"), "options")
 
 
-def _asked(some: Readable, damaged: Any, folder: Path) -> Attempt:
-    name, content = f"it{some.suffix}", damaged if isinstance(damaged, bytes) else some.dumped(damaged)
+def _build_attempt(readable: Readable, damaged: Any, folder: Path) -> Attempt:
+    name, content = f"it{readable.suffix}", damaged if isinstance(damaged, bytes) else readable.dump(damaged)
     (folder / name).write_bytes(content)
     shutil.copy(ROOT / "examples" / "scene.toml", folder)  # what rerun asks about
-    return Attempt(tuple(name if word == FILE else word for word in some.words), f"{len(content)} bytes", some.seconds)
+    return Attempt(tuple(name if word == FILE else word for word in readable.words), f"{len(content)} bytes", readable.seconds)

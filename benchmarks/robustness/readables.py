@@ -28,13 +28,13 @@ DESIGN = {
         "inner_modulus": "fixed", "outer_modulus": "fixed",
     },
 }  # fmt: skip
-SEARCH = 300.0  # s: of a small search from its start to its report, on a machine that is busy
+SEARCH_SECONDS = 300.0  # s: of a small search from its start to its report, on a machine that is busy
 LAYERS = example("skin.toml")
 PRESSED = SCENE | {"contact": {"interface": "unilateral", "friction": 0.3, "edge_radius": "0.05 mm"}, "load": {"force": "40 mN"}}
-TWO = example("two-tumours.toml") | {"noise": {"white": 0.01, "gain": 0.05, "charge": "0.01 pC", "tilt": 0.001}}
+TWO_TUMOURS = example("two-tumours.toml") | {"noise": {"white": 0.01, "gain": 0.05, "charge": "0.01 pC", "tilt": 0.001}}
 
 
-SCENES = (SCENE, SCENE, TWO, LAYERS, PRESSED)
+SCENES = (SCENE, SCENE, TWO_TUMOURS, LAYERS, PRESSED)
 
 
 @cache
@@ -54,7 +54,7 @@ def _tables() -> dict[str, Readable]:
         "readings": Readable(".toml", ("estimate", *scene, "--readings", FILE, *LIMITS, "--json"), READINGS),
         "readings as CSV": Readable(".csv", ("estimate", *scene, "--readings", FILE, *LIMITS, "--json"), CSV),
         "calibration": Readable(".toml", ("read", *scene, *VIRTUAL, "--calibration", FILE, "--json"), _calibration(bench)),
-        "design file": Readable(".toml", ("optimize", FILE, "-o", "out", *LIMITS, "--json"), DESIGN, SEARCH),
+        "design file": Readable(".toml", ("optimize", FILE, "-o", "out", *LIMITS, "--json"), DESIGN, SEARCH_SECONDS),
         "bench of doctor": Readable(".toml", ("doctor", *scene, *VIRTUAL, "--bench", FILE, "--json"), bench),
         "bench of tolerances": Readable(".toml", ("tolerances", *scene, "--samples", "64", "--bench", FILE, "--json"), bench),
         "bench of calibrate": Readable(

@@ -11,7 +11,7 @@ from benchmarks.robustness.attempt import Attempt
 from benchmarks.robustness.damage import Random
 from benchmarks.robustness.files import SCENE
 
-STATED = 120.0  # s that an answer may take unless --time says otherwise
+ANSWER_SECONDS = 120.0  # s that an answer may take unless --time says otherwise
 GIGABYTES = (0.15, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)  # the first is too little to load libraries with
 
 
@@ -25,13 +25,13 @@ def little_memory(draw: Random, folder: Path) -> Attempt:
     allowed = draw.choice([(), ("--memory", "1 TB"), ("--memory", f"{size:g} GB")])
     held = draw.choice(["RLIMIT_AS", "RLIMIT_DATA"])
     words = ("evaluate", "scene.toml", "--evaluator", level, "--json", *allowed)
-    return Attempt(words, f"{len(bodies)} bodies, {held} {size:g} GB", STATED + 60.0, {held: int(size * 2**30)})
+    return Attempt(words, f"{len(bodies)} bodies, {held} {size:g} GB", ANSWER_SECONDS + 60.0, {held: int(size * 2**30)})
 
 
 def _lattice(side: int) -> list[dict[str, Any]]:
     places = [(i, j, k) for i in range(side) for j in range(side) for k in range(side)]
-    away = [4.0 * (i - (side - 1) / 2) for i in range(side)]
-    return [_body(away[i], away[j], 3.0 + 4.0 * k) | {"diameter": "1.5 mm"} for i, j, k in places]
+    positions = [4.0 * (i - (side - 1) / 2) for i in range(side)]
+    return [_body(positions[i], positions[j], 3.0 + 4.0 * k) | {"diameter": "1.5 mm"} for i, j, k in places]
 
 
 def _ellipsoid(draw: Random) -> dict[str, Any]:

@@ -12,18 +12,18 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.robustness.answers import printed
+from benchmarks.robustness.answers import read_printed
 from benchmarks.robustness.files import FILE, LIMITS, ROOT, VIRTUAL, Readable
 from hw.reader import Reader
 
 SCENE = str(ROOT / "examples" / "scene.toml")
-STEP = 2e-6  # V a count of the sound
+VOLTS_PER_COUNT = 2e-6  # V a count of the sound
 COLUMNS = {"rate": "1 kHz", "range": "1 V", "inner": "A mV", "outer": {"column": "B", "unit": "mV"}}
 
 
 def recordings() -> dict[str, Readable]:
     """Return every kind of them by its name."""
-    folder, read = written(), ("read", SCENE, "--replay")
+    folder, read = write_samples(), ("read", SCENE, "--replay")
     columns = ("--column", "inner=A mV", "--column", "outer=B mV", "--rate", "1 kHz")
     sound = tuple(word for key, n in (("inner", 1), ("outer", 2)) for word in ("--column", f"{key}={n} 65.536 mV"))
     return {
@@ -38,15 +38,15 @@ def recordings() -> dict[str, Readable]:
 
 
 def _bytes(name: str) -> bytes:
-    return (written() / name).read_bytes()
+    return (write_samples() / name).read_bytes()
 
 
 @cache
-def written() -> Path:
+def write_samples() -> Path:
     """Return the folder of one short reading as all of these files."""
     folder = Path(tempfile.mkdtemp(prefix="attack-samples-"))
     for name in ("run.probe", "run.h5"):
-        printed("read", SCENE, *VIRTUAL, "--record", str(folder / name), "--json")
+        read_printed("read", SCENE, *VIRTUAL, "--record", str(folder / name), "--json")
     with Reader.open(f"replay:{folder / 'run.h5'}") as reader:
         samples = reader.collect()
     _as_others(folder, samples.volts[:, :2], round(samples.rate))
@@ -55,7 +55,7 @@ def written() -> Path:
 
 def remove() -> None:
     """Remove that folder."""
-    shutil.rmtree(written(), ignore_errors=True)
+    shutil.rmtree(write_samples(), ignore_errors=True)
 
 
 def _as_others(folder: Path, volts: NDArray[np.float64], rate: int) -> None:
@@ -67,4 +67,4 @@ def _as_others(folder: Path, volts: NDArray[np.float64], rate: int) -> None:
         sound.setnchannels(volts.shape[1])
         sound.setsampwidth(2)
         sound.setframerate(rate)
-        sound.writeframes(np.clip(volts / STEP, -32768, 32767).astype("<i2").tobytes())
+        sound.writeframes(np.clip(volts / VOLTS_PER_COUNT, -32768, 32767).astype("<i2").tobytes())

@@ -9,10 +9,10 @@ from pathlib import Path
 
 from benchmarks.robustness.attempt import Attempt
 from benchmarks.robustness.damage import Random
-from benchmarks.robustness.files import FILE, scene_with
+from benchmarks.robustness.files import FILE, write_scene
 from benchmarks.robustness.readables import readables
 
-SPARSE = 10 * 2**30  # bytes, none of them on the disk
+SPARSE_BYTES = 10 * 2**30  # bytes, none of them on the disk
 
 
 def special(draw: Random, folder: Path) -> Attempt:
@@ -20,7 +20,7 @@ def special(draw: Random, folder: Path) -> Attempt:
     kind, what = draw.choice(sorted(FILES)), draw.choice(["surface", "surface", *readables()])
     if what == "surface":
         name = _made(kind, folder, draw.choice([".stl", ".step"]))
-        words: tuple[str, ...] = (draw.choice(["plan", "evaluate"]), scene_with(folder, {"surface": name}), "--json")
+        words: tuple[str, ...] = (draw.choice(["plan", "evaluate"]), write_scene(folder, {"surface": name}), "--json")
     else:
         name = _made(kind, folder, readables()[what].suffix)
         words = tuple(name if word == FILE else word for word in readables()[what].words)
@@ -41,11 +41,11 @@ def _pipe(path: Path) -> None:
 
 
 def _socket(path: Path) -> None:
-    with socket.socket(socket.AF_UNIX) as one:
-        here = Path.cwd()
+    with socket.socket(socket.AF_UNIX) as server:
+        folder = Path.cwd()
         os.chdir(path.parent)  # its address is short
-        one.bind(path.name)
-        os.chdir(here)
+        server.bind(path.name)
+        os.chdir(folder)
 
 
 def _unreadable(path: Path) -> None:
@@ -55,7 +55,7 @@ def _unreadable(path: Path) -> None:
 
 def _sparse(path: Path) -> None:
     with path.open("wb") as file:
-        file.truncate(SPARSE)
+        file.truncate(SPARSE_BYTES)
 
 
 FILES: dict[str, Callable[[Path], str | None]] = {

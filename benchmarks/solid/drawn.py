@@ -28,9 +28,13 @@ from solver.solid.level import SolidEvaluator
 
 COLUMNS = ("scene", "accuracy", "true, error", "stated, error", "worst share", "log-sensitivity, share", "meshes", "processor, s")
 QUANTITIES = "ratio", "stress_inner", "stress_outer", "stiffness"
-TRUE = {"axisymmetric": 1e-3, "equivalent-inclusion": 3e-3}  # their accuracies
-WALL, HEIGHT, LAYER = 0.06, 0.3, 0.15  # of the outer or the solid cylinder's radius: the least that is drawn
-TUMOUR = 0.3, 2.5  # of the outer radius
+TRUE_ACCURACIES = {"axisymmetric": 1e-3, "equivalent-inclusion": 3e-3}  # their accuracies
+MIN_WALL_RELATIVE, MIN_HEIGHT_RELATIVE, MIN_LAYER_RELATIVE = (
+    0.06,
+    0.3,
+    0.15,
+)  # of the outer or the solid cylinder's radius: the least that is drawn
+TUMOUR_DIAMETER_RANGE = 0.3, 2.5  # of the outer radius
 
 
 def main() -> None:
@@ -41,9 +45,9 @@ def main() -> None:
     given = parser.parse_args()
     table, count = MeasuredTable("drawn scenes", COLUMNS), 0
     for name, scene, judge in draws(given.seed):
-        for found in rows(scene, judge, given.accuracy or [0.02, 0.01]):
-            print(name, *found, file=sys.stderr, flush=True)
-            table.add(name, *found)
+        for cells in rows(scene, judge, given.accuracy or [0.02, 0.01]):
+            print(name, *cells, file=sys.stderr, flush=True)
+            table.add(name, *cells)
             count += 1
         if count >= given.scenes * len(given.accuracy or [0.02, 0.01]):
             break
@@ -59,8 +63,8 @@ def draws(seed: int) -> Iterator[tuple[str, Scene, str]]:
         drawn = _usual((draw_layered if kind == "layers" else draw)(seed, number))
         outer = float(np.hypot(drawn.inner_radius + drawn.gap, drawn.area_ratio**0.5 * drawn.inner_radius))
         wall, size = (outer - drawn.inner_radius - drawn.gap) / outer, drawn.diameter / outer
-        thin = any(height < LAYER * drawn.inner_radius for height, _, _ in drawn.layers)
-        if wall < WALL or thin or not TUMOUR[0] < size < TUMOUR[1]:
+        thin = any(height < MIN_LAYER_RELATIVE * drawn.inner_radius for height, _, _ in drawn.layers)
+        if wall < MIN_WALL_RELATIVE or thin or not TUMOUR_DIAMETER_RANGE[0] < size < TUMOUR_DIAMETER_RANGE[1]:
             continue
         try:
             scene = drawn.scene()
@@ -75,43 +79,43 @@ def draws(seed: int) -> Iterator[tuple[str, Scene, str]]:
 
 def _usual(drawn: DrawnScene) -> DrawnScene:
     """The drawn scene within the range of probes that are built."""
-    least = HEIGHT * drawn.inner_radius
+    min_height = MIN_HEIGHT_RELATIVE * drawn.inner_radius
     return replace(
         drawn,
         cover=max(drawn.cover, 0.08),
         gap=max(drawn.gap, 0.02 * drawn.inner_radius),
         area_ratio=float(np.clip(drawn.area_ratio, 0.3, 4.0)),
-        inner_height=max(drawn.inner_height, least),
-        outer_height=max(drawn.outer_height, least),
+        inner_height=max(drawn.inner_height, min_height),
+        outer_height=max(drawn.outer_height, min_height),
     )
 
 
 def rows(scene: Scene, judge: str, accuracies: list[float]) -> Iterator[tuple[Any, ...]]:
     try:
         with use_limits(Limits(seconds=60.0)):
-            true = evaluate(scene, judge, TRUE[judge])
-        if true.error_estimate is None or true.error_estimate > 2 * TRUE[judge]:
+            true = evaluate(scene, judge, TRUE_ACCURACIES[judge])
+        if true.error_estimate is None or true.error_estimate > 2 * TRUE_ACCURACIES[judge]:
             return
         for accuracy in accuracies:
             meshes, start = list[str](), processor()
             with use_limits(Limits(seconds=90.0)):
                 level = SolidEvaluator(tell=meshes.append)
                 forces = level.solve_forces(scene, accuracy)
-                found = level.build_answer(scene, forces, accuracy).build_result(level.name, scene, 0.0)
+                result = level.build_answer(scene, forces, accuracy).build_result(level.name, scene, 0.0)
             seconds = processor() - start
-            every = shares(found, true, forces.films[0].sensitivity_error)
-            yield (accuracy, *every, sum(text.startswith("solving") for text in meshes), seconds)
+            scene_shares = shares(result, true, forces.films[0].sensitivity_error)
+            yield (accuracy, *scene_shares, sum(text.startswith("solving") for text in meshes), seconds)
     except (Refusal, SolveError, LimitReached) as fault:
         print(f"passed over: {fault}", file=sys.stderr)
 
 
-def shares(found: Result, true: Result, bound: float) -> tuple[float, float, float, float | None]:
+def shares(result: Result, true: Result, bound: float) -> tuple[float, float, float, float | None]:
     """The largest true error of all quantities, what is stated, the one over the other, and the same of log_sensitivity."""
-    errors = [abs(getattr(found, name) / getattr(true, name) - 1) for name in QUANTITIES]
-    stated, own = found.error_estimate or 0.0, true.error_estimate or 0.0
-    one, other = found.log_sensitivity, true.log_sensitivity
-    share = None if one is None or other is None else abs(one - other) / (bound + own * abs(other))
-    return max(errors), stated, round(max(errors) / (stated + own), 2), None if share is None else round(share, 2)
+    errors = [abs(getattr(result, name) / getattr(true, name) - 1) for name in QUANTITIES]
+    stated, true_error = result.error_estimate or 0.0, true.error_estimate or 0.0
+    slope, true_slope = result.log_sensitivity, true.log_sensitivity
+    share = None if slope is None or true_slope is None else abs(slope - true_slope) / (bound + true_error * abs(true_slope))
+    return max(errors), stated, round(max(errors) / (stated + true_error), 2), None if share is None else round(share, 2)
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ from typing import Any
 from rich.console import Console
 
 from benchmarks.levels.solid_references import scenes
-from benchmarks.solid.changes import processor, with_first
+from benchmarks.solid.changes import processor, replace_first
 from benchmarks.tables import MeasuredTable
 from geometry import Refusal, Scene
 from geometry.common.errors import InputError
@@ -41,23 +41,23 @@ def main() -> None:
     for name, scene, known in scenes(given.folder or ["solid", "off-axis"], given.name):
         for what, start in starts(scene, given.by):
             print(f"{name} from {what} ...", file=sys.stderr, flush=True)
-            found = list(row(scene, start, known, given.accuracy))
-            print(*found, file=sys.stderr, flush=True)
-            table.add(name, what, *found)
+            cells = list(row(scene, start, known, given.accuracy))
+            print(*cells, file=sys.stderr, flush=True)
+            table.add(name, what, *cells)
     table.print(Console(width=150))
 
 
-def starts(scene: Scene, by: float) -> Iterator[tuple[str, Scene]]:
+def starts(scene: Scene, offset: float) -> Iterator[tuple[str, Scene]]:
     """Scenes whose first tumour lies elsewhere."""
     body = scene.inclusion[0]
-    step = by * min(body.diameters or (body.diameter or 0.0,)) / 2
+    step = offset * min(body.diameters or (body.diameter or 0.0,)) / 2
     for what, place in (
         ("above", {"depth": body.depth - step}),
         ("below", {"depth": body.depth + step}),
         ("aside", {"x": body.x + step}),
     ):
         try:
-            yield what, Scene.model_validate(with_first(scene, **place).model_dump())
+            yield what, Scene.model_validate(replace_first(scene, **place).model_dump())
         except (InputError, Refusal, ValueError):  # no room for it there
             continue
 
@@ -72,16 +72,16 @@ def row(scene: Scene, start: Scene, known: dict[str, float], accuracy: float) ->
             print(f"refused: {fault}", file=sys.stderr)
             yield from [None] * 5
             return
-        made, before = len(list(Path(empty).iterdir())), processor()
-        found = level.evaluate(scene, accuracy)
-        seconds = processor() - before
-        more = len(list(Path(empty).iterdir())) - made
-    yield abs((found.ratio or 0.0) / known["ratio"] - 1)
-    yield found.error_estimate
-    told = known.get("log_sensitivity")
-    yield None if not told or found.log_sensitivity is None else abs(found.log_sensitivity / told - 1)
+        made, start_seconds = len(list(Path(empty).iterdir())), processor()
+        result = level.evaluate(scene, accuracy)
+        seconds = processor() - start_seconds
+        added = len(list(Path(empty).iterdir())) - made
+    yield abs((result.ratio or 0.0) / known["ratio"] - 1)
+    yield result.error_estimate
+    true_slope = known.get("log_sensitivity")
+    yield None if not true_slope or result.log_sensitivity is None else abs(result.log_sensitivity / true_slope - 1)
     yield seconds
-    yield "moved" if not more else f"{more} made"
+    yield "moved" if not added else f"{added} made"
 
 
 if __name__ == "__main__":

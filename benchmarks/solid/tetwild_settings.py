@@ -34,21 +34,21 @@ FINENESS = {"rough": ROUGH_FINENESS, "coarse": COARSE_FINENESS}
 SIZES = "rim", "block", "wall", "sphere", "layer", "growth"
 SETTINGS: Mapping[str, tuple[dict[str, float], float]] = {  # constants of the mesher, and a factor on all sizes
     "as it is": ({}, 1.0),
-    "envelope halved": ({"_ENVELOPE": 0.075}, 1.0),
-    "envelope doubled": ({"_ENVELOPE": 0.3}, 1.0),
-    "envelope four times": ({"_ENVELOPE": 0.6}, 1.0),
-    "stop energy 30": ({"_ENERGY": 30.0}, 1.0),
-    "stop energy 100": ({"_ENERGY": 100.0}, 1.0),
-    "10 iterations": ({"_ITERATIONS": 10}, 1.0),
+    "envelope halved": ({"_ENVELOPE_FRACTION": 0.075}, 1.0),
+    "envelope doubled": ({"_ENVELOPE_FRACTION": 0.3}, 1.0),
+    "envelope four times": ({"_ENVELOPE_FRACTION": 0.6}, 1.0),
+    "stop energy 30": ({"_TETWILD_STOP_ENERGY": 30.0}, 1.0),
+    "stop energy 100": ({"_TETWILD_STOP_ENERGY": 100.0}, 1.0),
+    "10 iterations": ({"_TETWILD_MAX_ITERATIONS": 10}, 1.0),
     "edges 1.25 times": ({}, 1.25),
     "netgen": ({}, 1.0),
 }
 
 
 def trials(scene: Scene, fineness: TetraFineness, true: float) -> Iterator[tuple[Any, ...]]:
-    of = choose_domain(scene, compute_reach(scene), None)
-    layout = build_layout(of.scene, of.half, find_extent(of.scene, None), of.radius)
-    exact = compute_converged_forces(of.reference, 1e-4).films[0].forces
+    domain = choose_domain(scene, compute_reach(scene), None)
+    layout = build_layout(domain.scene, domain.half, find_extent(domain.scene, None), domain.radius)
+    exact = compute_converged_forces(domain.reference, 1e-4).films[0].forces
     for name, (constants, factor) in SETTINGS.items():
         sizes = replace(fineness, **{key: factor * getattr(fineness, key) for key in SIZES})
         with ExitStack() as stack:
@@ -63,18 +63,18 @@ def trials(scene: Scene, fineness: TetraFineness, true: float) -> Iterator[tuple
         seconds, passed = processor() - start, "passed"
         try:
             check_mesh(mesh, layout)
-            found, _ = difference(of, mesh)
+            change, _ = difference(domain, mesh)
         except SolveError as fault:
             yield name, seconds, len(mesh.elements), find_max_error(mesh, layout), None, str(fault)[:60]
             continue
-        inner, outer = (exact + found.forces[0]).sum(axis=1)
-        off = abs(float(inner / outer) * scene.probe.outer_area / scene.probe.inner_area / true - 1)
+        inner, outer = (exact + change.forces[0]).sum(axis=1)
+        error = abs(float(inner / outer) * scene.probe.outer_area / scene.probe.inner_area / true - 1)
         yield (
             name,
             seconds,
             len(mesh.elements),
             find_max_error(mesh, layout),
-            off,
+            error,
             f"{passed}, quality {np.min(mesh.quality):.2f}",
         )
 

@@ -141,15 +141,15 @@ def _draw_section(axes: Any, probe: Probe, edge_radius: float) -> None:
             inch=inch,
         )
     if has_flange(probe):
-        text = DIAMETER_SIGN + _mark_assumed(probe, "base.flange_radius", 2 * rf)
+        text = DIAMETER_SIGN + _format_length(probe, "base.flange_radius", 2 * rf)
         _draw_dimension(axes, (-rf, top), (rf, top), line_position=top + step, text=text, inch=inch)
-        text, low = _mark_assumed(probe, "base.step_height", base.step_height * solids.MM_PER_M), max(h1, h2) + t
+        text, low = _format_length(probe, "base.step_height", base.step_height * solids.MM_PER_M), max(h1, h2) + t
         _draw_dimension(axes, (ro, flange_bottom), (ro, low), line_position=rf + 2 * step, text=text, inch=inch, upright=True)
     whole = format_number(top) + ASSUMED_MARK * (assumed_sizes(probe).keys() - {"probe.base.flange_radius"} != set())
     lefts = [((-ro, h1), format_number(h1)), ((-r2, h2), format_number(h2)), ((-rf, top), whole)]
     for level, (corner, text) in enumerate(lefts if h1 != h2 else lefts[::2], start=1):
         _draw_dimension(axes, (-ro, 0), corner, line_position=-rf - level * step, text=text, inch=inch, upright=True)
-    text = _mark_assumed(probe, "base.thickness", top - flange_bottom)
+    text = _format_length(probe, "base.thickness", top - flange_bottom)
     _draw_dimension(axes, (rf, flange_bottom), (rf, top), line_position=rf + step, text=text, inch=inch, upright=True)
     _draw_leader(
         axes, (-(r2 + ri) / 2, edge_radius * solids.MM_PER_M), (-rf - step, -2.2 * step), f"gap {format_number(ri - r2)}"
@@ -237,12 +237,12 @@ def _draw_detail(axes: Any, probe: Probe, edge_radius: float) -> None:
     _draw_leader(axes, (tip, height), (x - 0.5 * reach, z - 0.85 * reach), text)
     if probe.film is not None:
         film = -ri - min(reach - gap / 2, ro - ri) / 2  # the middle of what is seen of it
-        _draw_leader(axes, (film, z), (film, z + 0.7 * reach), f"film {_mark_assumed(probe, 'film.thickness', t)}")
+        _draw_leader(axes, (film, z), (film, z + 0.7 * reach), f"film {_format_length(probe, 'film.thickness', t)}")
 
 
 def _build_notes(probe: Probe, edge_radius: float) -> list[tuple[str, Any]]:
     """Return lines of text, those of the parts with their colour."""
-    thick = f"{_mark_assumed(probe, 'film.thickness', solids.film_thickness(probe) * solids.MM_PER_M)} thick"
+    thick = f"{_format_length(probe, 'film.thickness', solids.film_thickness(probe) * solids.MM_PER_M)} thick"
     cut, step = probe.groove_footprint, DIAMETER_SIGN + format_number(2 * probe.tube_radius * solids.MM_PER_M)
     materials = find_part_materials(probe)
     texts = {
@@ -267,7 +267,7 @@ def _build_notes(probe: Probe, edge_radius: float) -> list[tuple[str, Any]]:
     return lines
 
 
-def _mark_assumed(probe: Probe, key: str, length: float) -> str:
+def _format_length(probe: Probe, key: str, length: float) -> str:
     """Return a length in mm as text, with a mark if it is assumed because the scene leaves ``key`` of the probe open."""
     return format_number(length) + (ASSUMED_MARK if f"probe.{key}" in assumed_sizes(probe) else "")
 

@@ -64,14 +64,14 @@ def _add_shapes(document: Any, shapes: dict[str, Any], stamp: Stamp) -> None:
     from OCP.XCAFDoc import XCAFDoc_ColorType, XCAFDoc_DocumentTool
 
     tool, colours = XCAFDoc_DocumentTool.ShapeTool_s(document.Main()), XCAFDoc_DocumentTool.ColorTool_s(document.Main())
-    whole = _set_name(tool.NewShape(), ASSEMBLY_NAME) if len(shapes) > 1 else None
+    assembly = _set_name(tool.NewShape(), ASSEMBLY_NAME) if len(shapes) > 1 else None
     for name, shape in shapes.items():
         # the solid itself: wrapped in a compound, as cadquery's exporter has it, it reads back as a nameless assembly
         label = _set_name(tool.AddShape(shape.wrapped, False), name)
         colours.SetColor(label, find_colour(name), XCAFDoc_ColorType.XCAFDoc_ColorSurf)
         _set_material(document, label, stamp.materials.get(name))
-        if whole is not None:
-            _set_name(tool.AddComponent(whole, label, TopLoc_Location()), name)
+        if assembly is not None:
+            _set_name(tool.AddComponent(assembly, label, TopLoc_Location()), name)
     tool.UpdateAssemblies()
 
 

@@ -65,7 +65,7 @@ class MouldSizes:
         return self.outer[1] + WALL_THICKNESS_MM
 
     @property
-    def middle(self) -> float:
+    def hole_circle_radius(self) -> float:
         """Radius, mm, of the circle of the tube's pouring hole and vents; 0 for the solid block, poured at its centre."""
         return (self.inner[1] + self.outer[1]) / 2 if self.inner[1] else 0.0
 

@@ -91,10 +91,12 @@ def build_upper(mould: MouldSizes) -> Any:
 
 def list_holes(mould: MouldSizes) -> list[tuple[float, Point]]:
     """Return the radius and place of the hole to pour through and of two vents; none of them above the rib, which lies at +x."""
-    if not mould.middle:
+    if not mould.hole_circle_radius:
         offset = 0.8 * mould.outer[1]
         return [(mould.pour, (0.0, 0.0)), (mould.vent, (0.0, offset)), (mould.vent, (0.0, -offset))]
-    places = [(mould.middle * math.cos(angle), mould.middle * math.sin(angle)) for angle in (math.pi, 2.1, -2.1)]
+    places = [
+        (mould.hole_circle_radius * math.cos(angle), mould.hole_circle_radius * math.sin(angle)) for angle in (math.pi, 2.1, -2.1)
+    ]
     return list(zip((mould.pour, mould.vent, mould.vent), places, strict=True))
 
 

@@ -162,7 +162,7 @@ def _read_names(head: list[list[str]], first: list[str], delimited: bool) -> tup
     if len(filled_rows) > 1 and _are_units(filled_rows[-1][:width]):
         units = [cell.strip("()[] ") for cell in filled_rows.pop()]
     last = filled_rows[-1][filled_rows[-1][0] == "#" :]  # a header of numpy.savetxt begins with "#"
-    name_count, cell_count = _count_filled(last), _count_filled(first)
+    name_count, cell_count = _find_row_length(last), _find_row_length(first)
     if name_count < cell_count or (name_count > cell_count and not delimited):
         return ("",) * width, ("",) * width
     names = [cell.lstrip("# ") for cell in [*last, *[""] * width][:width]]
@@ -172,7 +172,7 @@ def _read_names(head: list[list[str]], first: list[str], delimited: bool) -> tup
     return tuple(bare), tuple(([*units, *[""] * width][:width]) if units else bracketed)
 
 
-def _count_filled(cells: list[str]) -> int:
+def _find_row_length(cells: list[str]) -> int:
     """Return the length of a row without its empty last cells."""
     return max((k for k, cell in enumerate(cells, 1) if cell), default=0)
 

@@ -73,7 +73,7 @@ def optimize(
     candidates = _search_candidates(run, starts)
     if any(map(needs_contact, (baseline, *candidates))):
         candidates = merge_candidates((*candidates, *_search_loaded(run, scene, starts)))
-        baseline = _load_start(run, baseline, candidates)
+        baseline = _press_baseline(run, baseline, candidates)
     return _build_optimum(run, baseline, candidates)
 
 
@@ -149,7 +149,7 @@ def _label_progress(progress: Progress) -> Progress:
     return lambda stage, done, total: progress(f"{stage}, at any load", done, total)
 
 
-def _load_start(run: SearchRun, baseline: Candidate, candidates: tuple[Candidate, ...]) -> Candidate:
+def _press_baseline(run: SearchRun, baseline: Candidate, candidates: tuple[Candidate, ...]) -> Candidate:
     """Return the initial design under its best load up to the scene's.
 
     Where the best candidate is evaluated by ``contact``, so is the initial design: both then have errors of the same model.

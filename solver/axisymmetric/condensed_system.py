@@ -80,15 +80,15 @@ class System:
             loads = self.stiffness @ values
             unbalanced = forces - self.assemble_forces(loads)
         diagonal = np.diagonal(self.stiffness, axis1=1, axis2=2)[..., None]
-        residual = self._compute_share(unbalanced, diagonal * np.abs(local), forces)
+        residual = self._compute_relative_residual(unbalanced, diagonal * np.abs(local), forces)
         if not residual <= MAX_LOOSE_RESIDUAL:
-            residual = self._compute_share(unbalanced, np.abs(self.stiffness) @ np.abs(local), forces)
+            residual = self._compute_relative_residual(unbalanced, np.abs(self.stiffness) @ np.abs(local), forces)
         if not residual <= largest:
             allowed = f"relative residual {residual:.1e}, allowed {largest:.0e}"
             raise SolveError(f"the linear system was not solved: {allowed}")
         return Solution(v, values, shift, loads=loads, unbalanced=unbalanced, residual=residual)
 
-    def _compute_share(self, unbalanced: Floats, magnitude: Floats, forces: Floats) -> float:
+    def _compute_relative_residual(self, unbalanced: Floats, magnitude: Floats, forces: Floats) -> float:
         """Return the largest relative residual of k solutions.
 
         Args:

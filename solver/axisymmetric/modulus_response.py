@@ -105,8 +105,8 @@ class _BodyEnergy:
         self.states, self.stiffness = states, system.stiffness[inside]
         self.gather = system.numbering.gather[(inside[:, None] * size + np.arange(size)).ravel()]
         self.local = states.edge[inside]  # u_1, u_2, v_1 ... in the body
-        self.last = self.stiffness @ self.local  # K_b of the newest of them
-        self.energy = sum_products(self.local, self.last)
+        self.newest_loads = self.stiffness @ self.local  # K_b of the newest of them
+        self.energy = sum_products(self.local, self.newest_loads)
         self.basis = KrylovBasis(system.matrix, system.factor.solve, len(states.v), MIN_NEW_ENERGY_SHARE)
 
     def grow(self) -> bool:
@@ -115,12 +115,12 @@ class _BodyEnergy:
         Returns:
             Whether any of the new vectors was independent of the basis; otherwise nothing changes.
         """
-        new = self.basis.grow(np.asarray(self.gather.T @ self.last.reshape(-1, self.last.shape[2])))
+        new = self.basis.grow(np.asarray(self.gather.T @ self.newest_loads.reshape(-1, self.newest_loads.shape[2])))
         if not new.shape[1]:
             return False
         local = self.states.model.system.remove_shift((self.gather @ new).reshape(*self.local.shape[:2], -1))[0]
-        self.last = self.stiffness @ local
-        across, corner = sum_products(self.local, self.last), sum_products(local, self.last)
+        self.newest_loads = self.stiffness @ local
+        across, corner = sum_products(self.local, self.newest_loads), sum_products(local, self.newest_loads)
         self.local = np.concatenate([self.local, local], axis=2)
         self.energy = np.concatenate([np.hstack([self.energy, across]), np.hstack([across.T, corner])])
         return True

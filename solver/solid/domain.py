@@ -119,9 +119,9 @@ def _build_reference(scene: Scene, tissue: CylinderTissue) -> Scene:
 
     The probe has a rigid base, no films, groove or tilt; the tissue is a coaxial cylinder without inclusions.
     """
-    alone = remove_asymmetry(scene)
-    probe = alone.probe.model_copy(update={"film": None, "base": Base(rigid=True)})
-    return alone.model_copy(update={"probe": probe, "tissue": tissue, "placement": Placement()})
+    symmetric_scene = remove_asymmetry(scene)
+    probe = symmetric_scene.probe.model_copy(update={"film": None, "base": Base(rigid=True)})
+    return symmetric_scene.model_copy(update={"probe": probe, "tissue": tissue, "placement": Placement()})
 
 
 def _move_to_axis(scene: Scene, tissue: CylinderTissue) -> Scene:

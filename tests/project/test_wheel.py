@@ -36,17 +36,17 @@ SMOKE = """
 import json, sys
 from pathlib import Path
 import geometry, hw, probe_design, solver
-from probe_design.data.builtin import builtin_reading
-from probe_design.reports.page import Text, Chapter, page
-from geometry.provenance.block import provenance
+from probe_design.data.builtin import read_loaded_builtin_scene
+from probe_design.reports.page import Text, Chapter, build_page
+from geometry.provenance.block import build_provenance
 from geometry.scenes.scene_file import scene_to_toml
 for package in (geometry, hw, probe_design, solver):
     assert sys.argv[1] in package.__file__, package.__file__
-scene = builtin_reading()
+scene = read_loaded_builtin_scene()
 Path("scene.toml").write_text(scene_to_toml(scene))
 found = probe_design.evaluate("scene.toml", evaluator="closed-form", accuracy=0.1)
-answer = {"ratio": found.ratio, "provenance": provenance(scene)}
-assert "WebGL" in page("Smoke", "It works.", [Chapter("One", (Text("text"),))], answer)
+answer = {"ratio": found.ratio, "provenance": build_provenance(scene)}
+assert "WebGL" in build_page("Smoke", "It works.", [Chapter("One", (Text("text"),))], answer)
 """
 
 

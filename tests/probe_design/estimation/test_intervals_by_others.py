@@ -25,7 +25,7 @@ TISSUE, BLOCK = "tissue.youngs_modulus", "probe.outer.youngs_modulus"
 @pytest.mark.parametrize("name", ["modulus, 1 %", "modulus, 5 %"])
 def test_intervals_cover_what_the_axisymmetric_evaluator_reads(name: str) -> None:
     (case,) = (candidate for candidate in cases() if candidate.name == name)
-    coverage = outcome(ReadingTruth.of(case), 1000, seed=3)
+    coverage = outcome(ReadingTruth.from_case(case), 1000, seed=3)
     assert coverage.p_value > 0.001
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.populations.judging import found
+from benchmarks.populations.judging import compute_detection_rates
 from geometry.common.arrays import Floats
 from probe_design.populations.closed_form_scan import ClosedFormScan
 from probe_design.populations.design_file import Design
@@ -126,7 +126,7 @@ def test_as_many_simulated_scans_find_the_tumour_as_is_stated() -> None:
     design = example_design(population={**SUPERFICIAL, "samples": 64}, protocol=THREE, noise=noise)
     scan = examine(design.scene, design)
     stated = scan.evaluate(design).detection
-    shares = found(scan, design, 10_000)
+    shares = compute_detection_rates(scan, design, 10_000)
     assert 0.2 < stated < 0.9
     assert abs(shares[0] - stated) < 0.02
     assert abs(shares[1] - design.protocol.false_alarm) < 0.01

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.closed_form.error import SHARES, JudgedScene, references, rows
+from benchmarks.closed_form.error import QUANTILE_LEVELS, JudgedScene, references, rows
 from benchmarks.closed_form.random_scenes import draw
 from geometry import InputError, Scene, read_scene
 from solver import evaluate
@@ -48,7 +48,7 @@ def test_audit_is_of_other_scenes_and_found_none_above() -> None:
     audit = FILE["audit"]
     assert not audit["seeds"].keys() & FILE["origin"]["seeds"].keys()
     assert sum(audit["seeds"].values()) >= audit["answered"] + audit["refused"]
-    assert audit["shares"] == list(SHARES)
+    assert audit["shares"] == list(QUANTILE_LEVELS)
     for kind in BOUNDED_QUANTITIES:
         bound = audit["all"][kind]
         assert bound["scenes"] <= audit["answered"]
