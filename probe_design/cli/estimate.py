@@ -37,8 +37,8 @@ if TYPE_CHECKING:
     multiple=True,
     help="In place of --ratio: recordings or output of read --json, each with its place: 'run.probe, x=-8 mm'.",
 )
-@click.option("--calibration", type=FILE_NAME, help="Of recordings: calibration file that calibrate has written.")
-@click.option("--bench", type=FILE_NAME, help="Of recordings: TOML file of load and amplifier.")
+@click.option("--calibration", type=FILE_NAME, help="With --reading: calibration file, written by calibrate.")
+@click.option("--bench", type=FILE_NAME, help="With --reading: TOML file of load and amplifier.")
 @click.option("--column", multiple=True, help="Of recordings by other programs: 'inner=CH1 mV'; see read --help.")
 @click.option("--rate", help="Of recordings without times: samples per second, '10 kHz'.")
 @click.option(

@@ -92,7 +92,12 @@ def scan(
 @click.command()
 @SCENE_ARGUMENT
 @add_noise_option
-@click.option("--seen", default="3", show_default=True, help="Change of the ratio over noise from which a tumour is detected.")
+@click.option(
+    "--seen",
+    default="3",
+    show_default=True,
+    help="Change of the ratio, in multiples of the noise, from which a tumour is detected.",
+)
 @click.option(
     "--resolved",
     default=f"{MAX_RESOLVED_LOG_SD:g}",

@@ -35,7 +35,7 @@ DEFAULT_STARTS = 8  # local searches for a scene
     "--pareto",
     multiple=True,
     type=click.Choice(["outer_radius", "force", "positions"]),
-    help="For a design file: compute also the gain from more of this, as a front; may be repeated.",
+    help="With a DESIGN file: compute how the objective improves as this limit grows; may be repeated.",
 )
 @click.option("--outer-radius", help="Limit of the probe's outer radius, such as '8 mm'.  [default: 1.4 times the start's]")
 @click.option("--starts", type=click.IntRange(1, 100), help="Local searches for a SCENE.  [default: 8]")
