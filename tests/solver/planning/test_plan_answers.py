@@ -20,14 +20,14 @@ from tests.support.program import run
 from tests.support.slow import slow_unless
 
 EXAMPLE = read_scene(SCENE)
-ANSWERED, REFUSED, NOT_ASKED = OUTCOMES[:3]
+ANSWERED, REFUSED, NOT_ASKED, STOPPED = OUTCOMES[:4]
 
 
 @pytest.mark.parametrize("kind", slow_unless(lambda kind: kind not in ("several in layers", "ellipsoid"), list(KINDS)))
 def test_scenes_of_every_kind_are_answered_as_planned_or_refused_by_both(kind):
     for scene in islice(scenes(kind, 1), 2):
         error, said = outcome(scene, 0.01, solid=False)
-        assert error in (ANSWERED, REFUSED, NOT_ASKED), said
+        assert error in (ANSWERED, REFUSED, NOT_ASKED, STOPPED), said  # stopped: solid takes more memory than is allowed
 
 
 def ellipsoid(force):
