@@ -49,7 +49,7 @@ def test_unlike_scenes_do_not_add_up() -> None:
 @linux
 @pytest.mark.slow
 def test_readme_s_scan_takes_less_than_850_megabytes() -> None:
-    """Seven runs took 791 to 801 MB: how memory is returned differs from run to run."""
+    """Five runs took 791 to 801 MB: how memory is returned differs from run to run."""
     (peak,) = re.findall(r"VmHWM:\s*(\d+) kB", said(SCAN, *LINE))
     assert 1024 * int(peak) < 0.85e9
 
