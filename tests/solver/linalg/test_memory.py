@@ -48,10 +48,10 @@ def test_unlike_scenes_do_not_add_up() -> None:
 
 @linux
 @pytest.mark.slow
-def test_readme_s_scan_takes_less_than_850_megabytes() -> None:
-    """Five runs took 791 to 801 MB: how memory is returned differs from run to run."""
-    (peak,) = re.findall(r"VmHWM:\s*(\d+) kB", said(SCAN, *LINE))
-    assert 1024 * int(peak) < 0.85e9
+def test_readme_s_scan_takes_less_than_800_megabytes() -> None:
+    """What the allocator keeps differs from run to run by a hundredth and only adds: the least of three is the scan's own."""
+    peaks = [int(re.findall(r"VmHWM:\s*(\d+) kB", said(SCAN, *LINE))[0]) for _ in range(3)]
+    assert 1024 * min(peaks) < 0.8e9
 
 
 @linux
