@@ -1,1 +1,1 @@
-"""Built probes drawn at random: what calibration and check make of them, counted."""
+"""Calibration and check measured on built probes that are drawn at random."""

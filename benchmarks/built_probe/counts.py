@@ -1,4 +1,4 @@
-"""What a study of built probes comes to: shares with their intervals, beside what is stated."""
+"""Summarise a study of built probes: observed fractions with their intervals, beside the stated ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Solved probes in a file, a line each as they come: a study that was interrupted goes on from there."""
+"""Keep solved probes in a file, one line each, so that an interrupted study can go on."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Coverage and false alarms of calibration and check, over probes drawn within the workshop's tolerances and out of them.
+"""Measure coverage and false alarms of `calibrate` and `check` on probes within and outside their tolerances.
 
 Each probe is solved anew as it was built, read with noise on references off by their tolerances (the same blocks for calibration
 and check, as in a laboratory), calibrated, and checked against its drawing at another temperature. Out of tolerance is one

@@ -1,4 +1,4 @@
-"""The closed form's true error scene by scene, and its speed.
+"""Print the closed form's true and stated error for each reference scene, and its speed.
 
 ``python -m benchmarks.closed_form.accuracy`` prints for all scenes of tests/reference that it takes the error of ratio and
 log-sensitivity and the stated error (all relative), those on layers apart, then designs per second on one core, also on skins.
@@ -49,7 +49,7 @@ def main() -> None:
         skins = ", ".join(
             f"{speed:.0f} under a skin of {thickness:g} Ro" for speed, thickness in zip(rates[1:], SKINS, strict=True)
         )
-        print(f"{folder}/{name}: {rates[0]:.0f} designs a second, {skins}")
+        print(f"{folder}/{name}: {rates[0]:.0f} designs per second, {skins}")
 
 
 def add_skin(scene: Scene, thickness: float) -> Scene:

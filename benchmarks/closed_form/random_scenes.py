@@ -1,4 +1,4 @@
-"""Random scenes from the closed form's range: half of them ordinary probes on ordinary tissue, a third of all on layers."""
+"""Draw random scenes within the closed form's range: half of them ordinary probes on ordinary tissue, a third with layers."""
 
 from __future__ import annotations
 

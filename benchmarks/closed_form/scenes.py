@@ -1,4 +1,4 @@
-"""Random scenes with their converged answers, kept in a file: what the closed form's stated errors are fitted to and audited on.
+"""Draw random scenes, compute their converged results and keep both in a file for fits and audits of stated errors.
 
 ``python -m benchmarks.closed_form.scenes FILE --scenes N --seed K`` draws ``random_scenes``, has ``axisymmetric`` or, beside the
 axis, ``equivalent-inclusion`` answer each, and appends scene and answer as a line of JSON. Started again it goes on; about one

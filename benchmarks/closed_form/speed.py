@@ -1,6 +1,6 @@
-"""How many designs a second the closed form answers, what they cannot do without, and where the time goes.
+"""Measure how many designs per second the closed form evaluates, and where the time goes.
 
-``python -m benchmarks.closed_form.speed`` prints designs a second with their derivatives by E_object, and with those by all
+``python -m benchmarks.closed_form.speed`` prints designs per second with their derivatives by E_object, and with those by all
 parameters, on one thread and on two (halves of the designs); all is processor time; also designs that differ in
 their inclusion alone. Beside them what one design needs of Bessel functions and of systems of equations, at the speed of these
 alone; then the shares of the parts.
@@ -38,7 +38,7 @@ PARTS = {
     "_add_end_compliances": "blocks' ends", "_compute_works": "half-space under rings", "_choose_waves": "transforms of loads",
     "_compute_sides": "sides",
     "build_sphere_in_layer": "sphere's waves, image in floor and surface",
-    "compute_off_axis_response": "answer of the blocks beside the axis",
+    "compute_off_axis_response": "answer of the blocks off the axis",
     "compute_higher_moments": "sphere beyond its moments", "_interpolate": "of all: Bessel functions",
     "solve": "of all: systems of equations",
 }  # fmt: skip
@@ -80,7 +80,7 @@ def measure() -> None:
 
 def scenes() -> Iterator[tuple[str, Scene]]:
     """Yield scenes on the axis, beside it, and both between near sides."""
-    for folder, name, text in (("axisymmetric", "shallow", "on the axis"), ("solid", "flank", "beside the axis")):
+    for folder, name, text in (("axisymmetric", "shallow", "on the axis"), ("solid", "flank", "off the axis")):
         scene = read_scene(REFERENCE / folder / f"{name}.toml")
         yield text, scene
         tissue, far = scene.tissue, NEAR_SIDE_OUTER_RADII * scene.probe.tube_radius

@@ -1,4 +1,4 @@
-"""The closed form's constant tables: stored, so that evaluating a scene needs no scipy.
+"""Compute the closed form's constant tables, which are stored so that evaluating a scene needs no SciPy.
 
 Usage: ``python -m benchmarks.closed_form.tables``. Writes ``solver/closed_form/bessel.npy`` anew and prints the coefficients of
 ``solver/closed_form/half_space.py``.

@@ -1,1 +1,1 @@
-"""Level contact beside other codes, and references by one of them."""
+"""The evaluator ``contact`` compared with other codes, and the references that these codes give."""

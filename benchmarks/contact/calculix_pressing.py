@@ -1,4 +1,4 @@
-"""CalculiX (``ccx``) pressing a probe at finite strain, with contact: quadrilaterals of eight nodes, CAX8R.
+"""Press a probe at finite strain with contact by CalculiX (``ccx``): quadrilaterals of eight nodes, CAX8R.
 
 The mesh is that of ``benchmarks/peers/calculix_mesh.py``. Contact is face to face, with a linear penalty, between the gap's walls
 and between each wall and the tissue beside it. Its neo-Hookean law stores K/2 (J - 1)^2, which moves a ratio by about 0.01 %.

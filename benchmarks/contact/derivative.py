@@ -1,4 +1,4 @@
-"""The log-sensitivity under load beside differences of whole paths: ours on one mesh and NGSolve's, on examples/scene.toml.
+"""Compare the log-sensitivity under load with differences of whole load paths, by this project and by NGSolve.
 
     python -m benchmarks.contact.derivative
 

@@ -1,4 +1,4 @@
-"""What `optimize` chooses where the load is a variable, against where linear elasticity limits it.
+"""Compare the designs that `optimize` chooses with the load as a variable and with a load limited by linear elasticity.
 
     python -m benchmarks.contact.designs [--scene example|nodule|gel]... [--force 0.25]... [--starts 2]
 

@@ -1,4 +1,4 @@
-"""How far the walls at the gap near each other per indentation, by NGSolve, independent of ``solver``.
+"""Compute with NGSolve how far the walls at the gap approach each other per indentation, independently of ``solver``.
 
 Linear elasticity of the probe on its tissue without tumours, as ``benchmarks.references.axisymmetric`` solves it, both blocks
 pressed alike. The radial displacements of both walls are taken at ``HEIGHT_COUNT`` even heights between the tissue and the lower

@@ -1,4 +1,4 @@
-"""NGSolve pressing a probe at finite strain, with contact, as its best user would.
+"""Press a probe at finite strain with contact by NGSolve, used as its best user would.
 
 Curved triangles, refined at the blocks' corners; displacements alone or with pressures of their own; what lies inside elements
 condensed; ``ContactBoundary`` with penalties for the gap's walls and for each wall with the tissue beside it; each load's start

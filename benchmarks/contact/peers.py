@@ -1,9 +1,9 @@
-"""Level ``contact`` beside NGSolve's ``ContactBoundary`` and CalculiX: twenty loads on examples/scene.toml, in one run.
+"""Compare ``contact`` with NGSolve's ``ContactBoundary`` and CalculiX: twenty loads on examples/scene.toml, in one run.
 
     pip install -e '.[bench]'; apt-get install calculix-ccx
     python -m benchmarks.contact.peers [--part ours|ngsolve|calculix] [--repeats 3] [--json FILE]
 
-Each presses to 2 mm in twenty loads and tells ratio and log-sensitivity at all; CalculiX presses to four of them and tells no
+Each presses to 2 mm in twenty loads and gives ratio and log-sensitivity at all; CalculiX presses to four of them and gives no
 log-sensitivity. Errors are the largest at the indentations of ``tests/reference/contact``, whose own uncertainty is up to 0.13 %
 of the ratio and 1.3 % of the log-sensitivity. Seconds are the processor's, on one thread, the least of the repeats, from the
 scene to the last load, mesh included. NGSolve's settings are the cheapest of some that were tried with the

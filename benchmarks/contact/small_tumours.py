@@ -1,13 +1,13 @@
-"""How exact tumour effects are that are added to a loaded state without a tumour: a trial for tumours beside the axis.
+"""Measure how exact tumour effects are that are added to a loaded state without a tumour, for off-axis tumours.
 
     python -m benchmarks.contact.small_tumours
 
 About the loaded state of tissue alone a tumour whose modulus is hardly another changes ln ratio by S1 (k - 1), k the moduli's
 ratio: the tangent's exact derivative, by reciprocity an integral of two axisymmetric fields over the tumour, wherever it lies.
-Two ways from there to a real tumour, both of which could be had beside the axis:
+Two ways from there to a real tumour, both of which could be had off the axis:
 
 - dipole: Eshelby's sphere in the loaded tissue, (k - 1) / (1 + beta (k - 1)) for k - 1;
-- carried: the linear level's answer, reflections and all, times what the load makes of S1.
+- carried: the linear evaluator's result, reflections and all, times what the load makes of S1.
 
 On the axis ``contact`` knows the truth. Each row is a tumour under examples/scene.toml's probe and one force: the truth's change
 of ln ratio and log-sensitivity, and what both ways are off by, relative. One mesh for all, so that its error cancels.
@@ -172,7 +172,7 @@ def main() -> None:
         "0.2",
         "0.3 outer radii",
     )
-    table = MeasuredTable("S1 over S1 at rest, beside the axis, by indentation", columns)
+    table = MeasuredTable("S1 over S1 at rest, off the axis, by indentation", columns)
     for diameter in DIAMETERS:
         for offset in OFFSETS:
             table.add(*row_beside(diameter, 0.5, offset))

@@ -1,1 +1,1 @@
-"""Every level at the limits of the range of designs; writes ``docs/evidence/extremes.md``."""
+"""Every evaluator at the limits of the range of designs; writes ``docs/evidence/extremes.md``."""

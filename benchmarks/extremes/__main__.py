@@ -1,4 +1,4 @@
-"""The matrix of extremes: scenes at the limits by every evaluator, each answer right, refused, null or wrong.
+"""Run scenes at the limits of the range of designs by every evaluator, and classify each result: right, refused, null or wrong.
 
 ``python -m benchmarks.extremes -o FOLDER --document docs/evidence/extremes.md`` runs what FOLDER does not hold yet and writes the
 document; ``--only TEXT`` runs those cells whose name ("group/scene evaluator") contains a text.
@@ -19,7 +19,7 @@ from tests.support.extremes.rows import Row, rows
 
 
 def read_answers(path: Path) -> dict[tuple[str, str], Answer]:
-    """Return the answers that a file of JSON lines holds, by row and evaluator."""
+    """Return the results that a file of JSON lines holds, by row and evaluator."""
     if not path.exists():
         return {}
     replies = [Answer(**json.loads(line)) for line in path.read_text(encoding="utf-8").splitlines()]
@@ -27,7 +27,7 @@ def read_answers(path: Path) -> dict[tuple[str, str], Answer]:
 
 
 def run(path: Path, wanted: list[tuple[Row, str]]) -> None:
-    """Append each answer to the file as soon as it is known."""
+    """Append each result to the file as soon as it is known."""
     path.parent.mkdir(parents=True, exist_ok=True)
     for k, (row, level) in enumerate(wanted, 1):
         reply = answer(row, level)

@@ -1,4 +1,4 @@
-"""Spheres that interfaces of the tissue cross or nearly touch: whether all mesh, and whether bounds hold.
+"""Check that spheres which interfaces of the tissue cross or nearly touch can be meshed, and that their bounds hold.
 
 Every drawn scene has one sphere on the axis, one to three interfaces across it, up to two elsewhere, contrasts of layers and
 sphere to 1000 both ways, both contacts. Of every other scene interfaces lie near a pole: by 1e-4 to 0.1 of the radius inside or

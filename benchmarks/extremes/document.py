@@ -1,4 +1,4 @@
-"""docs/evidence/extremes.md from the rows and cells of the matrix."""
+"""Write docs/evidence/extremes.md from the rows and cells of the matrix."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TITLES = FOLDERS | {
 }
 INTRODUCTION = f"""# The extremes
 
-Scenes at the limits of the range of designs, by every level, at an accuracy of {ACCURACY:g}. `{COMMAND}`
+Scenes at the limits of the range of designs, by every evaluator, at an accuracy of {ACCURACY:g}. `{COMMAND}`
 printed this page; a run that was interrupted goes on where it ended.
 
 - **right**: the ratio is off by no more than the stated error; both stresses and the stiffness by no more than the

@@ -1,4 +1,4 @@
-"""Whether interpolated answers keep their errors: drawn sweeps of one number, as ``evaluate_many`` answers them and one by one.
+"""Check the errors of interpolated results: drawn sweeps of one number, by ``evaluate_many`` and one by one.
 
 A sweep takes a drawn scene (``inclusion_draws``, every third with layers of tissue), one of its lengths, moduli or Poisson's
 ratios, a width from 2 % to two decades and 12 to 40 values, even or at random. Of every interpolated member the ratio, both film
@@ -19,7 +19,7 @@ import numpy as np
 from rich.console import Console
 from threadpoolctl import threadpool_limits
 
-from benchmarks.levels.inclusion_draws import draw, draw_layered
+from benchmarks.evaluators.inclusion_draws import draw, draw_layered
 from benchmarks.tables import MeasuredTable
 from geometry import InputError, Scene
 from geometry.common.errors import ProbeError

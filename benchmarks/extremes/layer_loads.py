@@ -1,4 +1,4 @@
-"""Whether the rule for loads holds, and is not too careful, over layers of tissue: drawn scenes, pressed by level contact.
+"""Check the rule for loads on layered tissue: drawn scenes, pressed by ``contact``.
 
     python -m benchmarks.extremes.layer_loads --scenes 64 --seed 0 [--first N] [--bonded]
 
@@ -85,7 +85,7 @@ def draws(seed: int) -> Iterator[Scene]:
 
 @dataclass(frozen=True)
 class LoadedLayers:
-    """What a load changes on the way, as level ``contact`` says.
+    """What a load changes on the way, as ``contact`` says.
 
     Attributes:
         indentation: m, rising from 0, shape (k,).
@@ -243,7 +243,7 @@ def main() -> None:
 
 
 def summarise(audits: list[LayerAudit]) -> None:
-    """Print what all scenes say; those that level contact cannot press to the stated limit say nothing of it."""
+    """Print what all scenes say; those that ``contact`` cannot press to the stated limit say nothing of it."""
     known = [outcome for outcome in audits if outcome.ends or outcome.room >= 1]
     taken, ends = np.array([outcome.taken for outcome in known]), np.array([outcome.room for outcome in known if outcome.ends])
     print(

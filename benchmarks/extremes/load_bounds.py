@@ -1,4 +1,4 @@
-"""Whether the plan's cheap bounds on loads hold: scenes drawn on the axis, pressed by level contact as far as the rule knows.
+"""Check the plan's cheap bounds on loads: drawn scenes on the axis, pressed by ``contact`` as far as the rule applies.
 
     python -m benchmarks.extremes.load_bounds --scenes 60 --seed 0 [--light] [--narrow] [--layered]
 
@@ -39,7 +39,7 @@ from solver.planning.loads import (
 
 LOAD_SHARES, LIGHT_LOAD_SHARES = (0.1, 0.3, 1.0), (0.15,)  # of the largest load of which the rule says anything
 NEAR_CLOSURE = 0.4  # of the force by eq. PL.4
-MIN_SLOPE_DIFFERENCE = 1e-5  # log-sensitivities that differ by less are alike: what every level promises
+MIN_SLOPE_DIFFERENCE = 1e-5  # log-sensitivities that differ by less are alike: what every evaluator promises
 
 
 @dataclass(frozen=True)

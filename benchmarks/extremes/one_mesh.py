@@ -1,4 +1,4 @@
-"""Whether one mesh tells its own error: bounds of eqs. AX.10, AX.11 against order 8, on drawn scenes and on all references.
+"""Check the error bounds that one mesh states (eqs. AX.10, AX.11) against order 8, on drawn scenes and all references.
 
 Every drawn scene has one tumour on the axis (``inclusion_draws``) and, where that is asked, one to three layers of tissue. What
 order 8 itself is off counts against the bounds; bounds of the light mesh above 1 % are not believed, and left out. One line for
@@ -24,7 +24,7 @@ import numpy as np
 from rich.console import Console
 from threadpoolctl import threadpool_limits
 
-from benchmarks.levels.inclusion_draws import draw, draw_skins
+from benchmarks.evaluators.inclusion_draws import draw, draw_skins
 from benchmarks.tables import MeasuredTable
 from geometry import InputError, Scene, read_scene
 from geometry.common.arrays import Floats

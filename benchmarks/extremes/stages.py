@@ -1,4 +1,4 @@
-"""Where one evaluation by ``axisymmetric`` spends its time: the stages on the light mesh and on that of order 6.
+"""Profile one evaluation by ``axisymmetric``: the stages on the light mesh and on that of order 6.
 
 ``python -m benchmarks.extremes.stages`` prints the least processor time of 25 runs of each, on one thread, on the peers' first
 scene; operations in millions where they are counted, and how fast products of many matrices of 48 x 48 are.

@@ -1,1 +1,1 @@
-"""NGSolve and CalculiX beside the levels, in one run."""
+"""NGSolve and CalculiX compared with the evaluators, in one run."""

@@ -1,4 +1,4 @@
-"""True error against time: the evaluator ``axisymmetric``, NGSolve and CalculiX on the same scenes, in one run.
+"""Measure true error against time: ``axisymmetric``, NGSolve and CalculiX on the same scenes, in one run.
 
 Usage: ``pip install -e '.[bench]'`` and ``apt-get install calculix-ccx``, then ``python -m benchmarks.peers.axisymmetric``. All
 of it takes about ten minutes on a quiet core; ``--part`` and ``--scene`` (both may be repeated) restrict it. Everything

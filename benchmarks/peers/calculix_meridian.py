@@ -1,4 +1,4 @@
-"""CalculiX (``ccx``) on the scenes of ``axisymmetric.py``: quadrilaterals of eight nodes, CAX8 or CAX8R.
+"""Solve the scenes of ``axisymmetric.py`` by CalculiX (``ccx``): quadrilaterals of eight nodes, CAX8 or CAX8R.
 
 ``ccx`` reads the mesh from a file; the film forces are the reactions RF of the nodes at the blocks' ends, the base moved by
 one inner radius. One thread. Times: mesh; writing the file; ``ccx`` with its reading, assembly, SPOOLES and writing, which

@@ -1,4 +1,4 @@
-"""CalculiX (``ccx``) on the scenes of ``solid.py``: netgen's tetrahedra with ten nodes (C3D10), the middles on the true surfaces.
+"""Solve the scenes of ``solid.py`` by CalculiX (``ccx``): netgen's tetrahedra with ten nodes (C3D10), mid nodes on the surfaces.
 
 The film forces are the reactions RF of the nodes at the blocks' ends, the base moved by 1 mm. Run as a program it takes a
 scene's file and a ``SolidSetting`` as JSON, and prints ratio, unknowns and seconds as JSON; ``ccx`` with its reading, assembly,

@@ -1,6 +1,8 @@
-"""Answers a second of a loop and of ``evaluate_many``, in one run: ``python -m benchmarks.peers.many [--count 50]``.
+"""Compare results per second of a loop and of ``evaluate_many``, in one run.
 
-Of each evaluator and set of designs: answers a second of processor time by ``evaluate`` one by one and by ``evaluate_many``, each
+    python -m benchmarks.peers.many [--count 50]
+
+For each evaluator and set of designs: results per processor second by ``evaluate`` one by one and by ``evaluate_many``, each
 from a workspace that knows the topology and nothing of the designs, in turn ``--repeats`` times, medians; their ratio; and the
 largest difference of a ratio, in shares of the two ``error_estimate`` together.
 
@@ -110,7 +112,7 @@ def main() -> None:
     parser.add_argument("--evaluator", action="append", choices=ACCURACIES)
     options = parser.parse_args()
     (case,) = cases([options.scene])
-    table = Table(title=f"{case.name}, answers a second of processor time, one thread")
+    table = Table(title=f"{case.name}, results per second of processor time, one thread")
     for heading in ("evaluator", "designs", "loop", "evaluate_many", "ratio", "apart, in errors"):
         table.add_column(heading, justify="left" if heading in ("evaluator", "designs") else "right")
     with limit_to_one_thread():

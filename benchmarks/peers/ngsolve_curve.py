@@ -1,4 +1,4 @@
-"""Curves over the inclusion's modulus by NGSolve, and their gradients by central differences.
+"""Compute curves over the inclusion's modulus by NGSolve, and their gradients by central differences.
 
 Element by element, condensing the inner unknowns commutes with scaling by Young's modulus, so that the condensed matrix
 too is K_0 + E_object K_o. Film forces are F_ij = u_i.K u_j of the two base states, dF_ij/dE_object = u_i.K_o u_j.

@@ -1,4 +1,4 @@
-"""NGSolve as its best user would use it on the scenes of ``axisymmetric.py``.
+"""Solve the scenes of ``axisymmetric.py`` by NGSolve, used as its best user would.
 
 Triangles of high order, graded to the local feature size, geometric layers at the singular corners; the inner unknowns
 condensed; ``sparsecholesky``; reactions in place of stresses. Times are those of one thread. Lengths are in inner radii.

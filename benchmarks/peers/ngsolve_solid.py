@@ -1,4 +1,4 @@
-"""NGSolve as its best user would use it on the scenes of ``solid.py``: curved elements, graded by hand.
+"""Solve the scenes of ``solid.py`` by NGSolve, used as its best user would: curved elements, graded by hand.
 
 Run as a program it takes a scene's file and a ``SolidSetting`` as JSON, and prints ratio, unknowns and seconds as JSON. Its task
 manager has ``OMP_NUM_THREADS`` threads, one if that is not set; meshing has one, which is faster.

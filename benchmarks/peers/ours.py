@@ -1,4 +1,4 @@
-"""This project's side of ``axisymmetric.py``, all in one place."""
+"""Run this project's side of ``axisymmetric.py``."""
 
 from __future__ import annotations
 

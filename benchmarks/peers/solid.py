@@ -1,4 +1,4 @@
-"""Same scene, same true error: the evaluator ``solid``, NGSolve and CalculiX in three dimensions, timed in one run.
+"""Time ``solid``, NGSolve and CalculiX on the same scenes at the same true error in three dimensions, in one run.
 
 Usage: ``apt-get install calculix-ccx``, ``pip install -e '.[bench]'``, then ``python -m benchmarks.peers.solid``. ``--skip``
 leaves out a code; ``--peers PYTHON`` runs both peers by another interpreter (one with ngsolve, whose netgen makes CalculiX's

@@ -1,1 +1,1 @@
-"""Whether `plan` and `evaluate` agree: scenes on which `auto` has to decide."""
+"""Scenes on which ``auto`` has to decide, given to `plan` and to `evaluate`."""

@@ -1,4 +1,4 @@
-"""Random scenes of the kinds between which ``auto`` has to decide, each told by a kind, a seed and a number."""
+"""Draw random scenes of the kinds between which ``auto`` has to decide, each determined by a kind, a seed and a number."""
 
 from __future__ import annotations
 

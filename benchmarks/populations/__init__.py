@@ -1,1 +1,1 @@
-"""Populations of tumours: what judging a probe takes, and whether simulated scans find as many as it says."""
+"""Populations of tumours: the cost of verifying a probe, and simulated scans against the stated detection."""

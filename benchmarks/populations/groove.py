@@ -1,4 +1,4 @@
-"""What the groove, which the evaluator of a population leaves out, changes of a tumour's signals against a baseline reading.
+"""Measure how much the groove, which the evaluator of a population leaves out, changes the signals of a tumour.
 
 Usage: ``python -m benchmarks.populations.groove [--probes 24] [--seed 0]``, from the repository's root; a minute for each probe.
 Probes, grooves and tumours are drawn. A signal is ln of a reading over the tumour less ln of the baseline reading, by ``solid``

@@ -1,4 +1,4 @@
-"""What errors a population's mean states with more and more tumours, and an independent Monte Carlo beside it.
+"""Compare the stated error of a population's mean, for more and more tumours, with an independent Monte Carlo study.
 
 Usage: ``python -m benchmarks.populations.mean_errors [--samples 40 80 200 400] [--tumours 400]``, from the repository's root.
 The probe is the recommended design of the built-in run. The Monte Carlo has tumours of its own from numpy's generator, readings

@@ -1,4 +1,4 @@
-"""The closed-form stage of `optimize DESIGN` against scipy's differential evolution on the same objective; and whole searches.
+"""Compare the closed-form stage of `optimize DESIGN` with SciPy's differential evolution, and run whole searches.
 
 python -m benchmarks.populations.search            # the closed-form stage, both searches, three populations
 python -m benchmarks.populations.search --judged   # the whole loop: start, one-tumour optimum, population optimum, judged

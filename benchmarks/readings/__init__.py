@@ -1,1 +1,1 @@
-"""Simulated readings, good and faulty: is what they state believed rightly, and can hours be read?"""
+"""Simulated readings, good and faulty: whether their stated errors hold, and whether hours can be read."""

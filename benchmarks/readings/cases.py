@@ -1,4 +1,4 @@
-"""Cases of `benchmarks.readings.intervals`: probes and tissues of the examples, at loads that linear elasticity answers for."""
+"""Cases of `benchmarks.readings.intervals`: probes and tissues of the examples, at loads within linear elasticity."""
 
 from __future__ import annotations
 

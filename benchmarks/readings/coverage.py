@@ -1,4 +1,6 @@
-"""Stated against true errors of the ratio, reading by reading: `nice python -m benchmarks.readings.coverage [--draws N]`.
+"""Compare stated and true errors of the ratio, reading by reading.
+
+    nice python -m benchmarks.readings.coverage [--draws N]
 
 A row counts what came of a fault: how many readings were refused; of the others, how many were told with a warning, the root
 mean square of error over stated standard deviation, the largest, and the stated standard deviation.

@@ -1,4 +1,4 @@
-"""Readings of a known load, and what can go wrong with one: each fault takes good samples and returns those that come of it."""
+"""Make readings of a known load and put faults into them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""How often the 95 % intervals of `estimate` cover the truth: `nice python -m benchmarks.readings.intervals [--draws N]`.
+"""Measure how often the 95 % intervals of `estimate` cover the truth.
+
+    nice python -m benchmarks.readings.intervals [--draws N]
 
 Readings are another evaluator's (``truths.py``) with noise as it is stated. The unknown is drawn evenly in its logarithm from a
 broad range, nuisances are drawn from their priors. The intervals are those of ``estimate``, found for all readings of a case at

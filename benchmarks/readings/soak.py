@@ -1,7 +1,9 @@
-"""An hour at 10 kS/s, faster than it would last: `nice python -m benchmarks.readings.soak [--seconds 3600] [--rate 10000]`.
+"""Stream an hour at 10 kS/s, faster than real time.
 
-A virtual probe streams through decoder, recorder and fit as a real one does. Told are the largest memory, samples lost, what is
-on disk, and how far the result is off. `--full MB` lets the disk be full after so much. `--verb` runs `probe-design read` itself,
+    nice python -m benchmarks.readings.soak [--seconds 3600] [--rate 10000]
+
+A virtual probe streams through decoder, recorder and fit as a real one does. It prints the largest memory, samples lost, what is
+on disk, and how far the result is off. `--full MB` lets the disk be full after so much. `--command` runs `probe-design read`,
 with its prediction, its lines and its JSON object.
 """
 
@@ -93,12 +95,12 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=3600.0)
     parser.add_argument("--rate", type=float, default=10_000.0)
     parser.add_argument("--full", type=float, help="MB after which the disk is full")
-    parser.add_argument("--verb", action="store_true", help="run the verb read")
+    parser.add_argument("--command", action="store_true", help="run the command read")
     given = parser.parse_args()
     if given.full:
         resource.setrlimit(resource.RLIMIT_FSIZE, (int(given.full * 1e6), resource.RLIM_INFINITY))
     with tempfile.TemporaryDirectory() as folder:
-        (verb if given.verb else soak)(given.seconds, given.rate, Path(folder) / "run.probe")
+        (verb if given.command else soak)(given.seconds, given.rate, Path(folder) / "run.probe")
 
 
 if __name__ == "__main__":

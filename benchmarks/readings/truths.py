@@ -1,4 +1,4 @@
-"""Readings as another evaluator computes them: smooth functions of the unknown and of what is known roughly.
+"""Compute readings by another evaluator: smooth functions of the unknown and of the nuisances.
 
 The evaluator computes all readings at the Chebyshev points of a box, whose coordinates are the logarithm of the unknown and the
 nuisances in standard deviations. Between these points stands the polynomial through them; ``defect`` holds it to the evaluator at

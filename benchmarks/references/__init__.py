@@ -1,1 +1,1 @@
-"""What makes ``tests/reference``: independent codes and the scenes they are asked."""
+"""The programs that make ``tests/reference``: independent codes and their scenes."""

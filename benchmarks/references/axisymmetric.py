@@ -1,4 +1,4 @@
-"""Reference solutions of axisymmetric scenes by NGSolve, independent of ``solver``.
+"""Compute reference solutions of axisymmetric scenes by NGSolve, independently of ``solver``.
 
 The problem: linear elasticity of a cylinder of tissue bonded at its bottom, two concentric blocks, a bonded or
 frictionless interface, at most one sphere on the axis (PHYSICS.md sections 5 and 7). Between each block and the base lie,

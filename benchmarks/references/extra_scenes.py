@@ -1,4 +1,4 @@
-"""What each scene of ``generate_extra_scenes.py`` wishes for; the rest it draws."""
+"""The numbers that each scene of ``generate_extra_scenes.py`` fixes; the rest is drawn."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""The new scenes of the matrix of extremes: an ordinary one, then its numbers at their limits, alone and together.
+"""Write the new scenes of the matrix of extremes: an ordinary one, then its numbers at their limits, alone and together.
 
 ``python -m benchmarks.references.extremes_scenes tests/reference/extremes`` writes them; then ``axisymmetric.py`` on
-that folder for the answers.
+that folder for the results.
 """
 
 from __future__ import annotations

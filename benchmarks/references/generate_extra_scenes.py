@@ -4,7 +4,7 @@ What a scene does not wish for is drawn log-uniformly from ``RANGES`` (Poisson's
 fit, by a generator seeded with the scene's name, so that adding scenes changes no other.
 
 Usage: ``python -m benchmarks.references.generate_extra_scenes FOLDER``, a folder named ``extra`` or ``extreme``; then
-``python -m benchmarks.references.axisymmetric FOLDER`` for the answers.
+``python -m benchmarks.references.axisymmetric FOLDER`` for the results.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Write the scenes of ``tests/reference/off-axis``: tumours beside the axis of two probes, for ``solid``.
+"""Write the scenes of ``tests/reference/off-axis``: off-axis tumours under two probes, for ``solid``.
 
 Usage: ``python -m benchmarks.references.generate_off_axis_scenes tests/reference/off-axis``
 """

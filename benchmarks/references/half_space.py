@@ -1,4 +1,4 @@
-"""Reference solutions on a half-space: NGSolve on growing cylinders of tissue, extrapolated to an endless one.
+"""Compute reference solutions on a half-space: NGSolve on growing cylinders of tissue, extrapolated to an infinite one.
 
 A cylinder as deep as its radius R reflects the probe's field back on it; far away the field is a series of multipoles, so
 the film forces are a power series in 1/R. Neville's scheme takes it to 1/R = 0 from radii of ``REACHES`` times the reach of

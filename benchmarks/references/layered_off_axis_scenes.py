@@ -1,7 +1,7 @@
-"""Make the scenes of ``tests/reference/tissue-layers-off-axis``: tumours beside the axis of a probe on tissue of layers.
+"""Make the scenes of ``tests/reference/tissue-layers-off-axis``: off-axis tumours in layered tissue.
 
 Usage: ``python -m benchmarks.references.layered_off_axis_scenes FOLDER``, then ``python -m benchmarks.references.solid FOLDER``
-for the answers.
+for the results.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Make the scenes of ``tests/reference/tissue-layers``: the probe of examples/scene.toml on tissue of layers.
+"""Make the scenes of ``tests/reference/tissue-layers``: the probe of examples/scene.toml on layered tissue.
 
 Usage: ``python -m benchmarks.references.layered_scenes FOLDER``, then ``python -m benchmarks.references.axisymmetric FOLDER``
-for the answers.
+for the results.
 """
 
 from __future__ import annotations

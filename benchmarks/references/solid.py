@@ -1,4 +1,4 @@
-"""Reference solutions of scenes with tumours off the probe's axis by NGSolve in three dimensions, independent of ``solver``.
+"""Compute reference solutions of off-axis scenes by NGSolve in three dimensions, independently of ``solver``.
 
 The problem: that of ``axisymmetric``, but with any number of spheres and ellipsoids whose centres and axes lie in
 the plane y = 0 of symmetry; tissue of any layers in a cylinder about the probe's axis, rigid base, no film, no groove,
@@ -24,7 +24,7 @@ is the largest change of stresses, ratio and stiffness from the mesh before, whi
 left 2.7e-5.
 
 Usage, after ``pip install ngsolve``: ``python -m benchmarks.references.solid SCENE.toml ...``, a folder means all its scenes;
-each answer goes into ``expected.json`` beside its scene as soon as it is known
+each result goes into ``expected.json`` beside its scene as soon as it is known
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Reference solutions for a spheroid on the probe's axis, diameters [a, a, c], by NGSolve.
+"""Compute reference solutions for a spheroid on the probe's axis, diameters [a, a, c], by NGSolve.
 
 The problem and its discretisation are those of ``axisymmetric``; only the mesh differs: the sphere's two quarter
 circles become quarters of an ellipse, which netgen's rational splines are exactly and along which it grades the mesh by

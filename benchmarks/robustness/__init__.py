@@ -1,1 +1,1 @@
-"""Attacks on the program: damaged files, bad values and too little memory, each asked as a user does, and what fails counted."""
+"""Robustness tests: damaged files, bad values and too little memory, given to the program as a user would."""

@@ -1,4 +1,4 @@
-"""Attack the program and count what fails.
+"""Run the robustness tests and count failures.
 
 Every try is drawn from the seed, its kind and its number alone, so that ``--first`` repeats one of them.
 
@@ -20,7 +20,7 @@ from pathlib import Path
 
 from benchmarks.robustness.attempt import failures, prepare, run_attempt
 from benchmarks.robustness.kinds import KINDS
-from benchmarks.robustness.ordeals import LOST_ROWS, ORDEALS, Ordeal
+from benchmarks.robustness.multi_step import LOST_ROWS, ORDEALS, Ordeal
 from benchmarks.robustness.samples import remove
 
 WRONG = ("signal", "hang", "traceback", "defect", "exit code", "stray lines", "JSON", LOST_ROWS)

@@ -1,4 +1,4 @@
-"""One attempt: what is asked of the program, how it ended, and what of that is a failure.
+"""Run one robustness test: the command, how it ended, and which part of that is a failure.
 
 The program is asked in a forked child of a process that has imported it, which saves its start, in a folder that is removed
 afterwards. What it prints is taken where the operating system has it, so that what libraries in C say is there too.
@@ -28,7 +28,7 @@ NEEDED_MODULES = (
 )  # fmt: skip
 EXPECTED_CODES = (0, 2, 130)  # answered, refused, interrupted
 TOO_LITTLE_DATA_CODE = (
-    1  # of some verbs: data that are whole and say too little, such as a part of a cycle, or an answer that is no
+    1  # of some commands: data that are whole and say too little, such as a part of a cycle, or an answer that is no
 )
 SAYING_NO = ("read", "estimate", "calibrate", "check", "doctor", "rerun", "optimize")
 ANSWER_SECONDS = 20.0  # s that an answer may take, --time

@@ -1,4 +1,4 @@
-"""Damaged bodies: STEP and STL files mutated, each the surface of an inclusion."""
+"""Damaged STEP and STL files, each the surface of an inclusion."""
 
 from __future__ import annotations
 

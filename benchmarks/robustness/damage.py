@@ -1,4 +1,4 @@
-"""Files that are nearly right: tables with other values, keys and depths; bytes cut, overwritten, doubled or re-encoded."""
+"""Damage valid files: tables with other values, keys and nesting; bytes cut, overwritten, doubled or re-encoded."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a file is that the program reads: right content, as tables or bytes, and the words that have it read one."""
+"""Describe a file that the program reads: valid content, as tables or bytes, and the command that reads it."""
 
 from __future__ import annotations
 

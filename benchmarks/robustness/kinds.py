@@ -1,4 +1,4 @@
-"""All kinds of attack by their names: each a function that draws one attempt, its files written into the given folder."""
+"""List all kinds of robustness tests by name: each a function that draws one test and writes its files."""
 
 from __future__ import annotations
 

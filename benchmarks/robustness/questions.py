@@ -1,4 +1,4 @@
-"""Damaged scenes and other files, and bad values of options, asked of every verb as cheaply as it can be."""
+"""Give damaged scenes, other files and bad values of options to every command, as cheaply as possible."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ PATHS = ("/", "/dev/full", "/proc/x.png", "none/x.png", "out", ".", "x.png", "x.
 
 
 def scene(draw: Random, folder: Path) -> Attempt:
-    """A scene with other tables, asked of any verb and level."""
+    """A scene with other tables, asked of any command and level."""
     right = draw.choice(SCENES)
     words = draw.choice([*VERBS, *(("evaluate", FILE, "--evaluator", level, *CHEAP) for level in LEVELS)])
     return _build_attempt(Readable(".toml", (*words, "--json"), right), mutate(right, draw), folder)
@@ -56,7 +56,7 @@ def other_bytes(draw: Random, folder: Path) -> Attempt:
 
 
 def options(draw: Random, folder: Path) -> Attempt:
-    """Options with values that are seldom allowed, also of verbs that do not have them."""
+    """Options with values that are seldom allowed, also of commands that do not have them."""
     words = [str(ROOT / "examples" / "scene.toml") if word == FILE else word for word in draw.choice((*VERBS, *LONE_VERBS))]
     for _ in range(draw.randint(1, 2)):
         value = draw.choice([*TEXTS, *map(str, NUMBERS[:7]), "nan", "-inf", "1e400", *PATHS]).replace("\udce9", "?")

@@ -6,9 +6,9 @@ import tomllib
 from functools import cache
 from typing import Any
 
-from benchmarks.robustness.answers import answers
 from benchmarks.robustness.files import FILE, LIMITS, ROOT, SCENE, VIRTUAL, Readable, example
 from benchmarks.robustness.samples import recordings
+from benchmarks.robustness.written_files import answers
 
 SWEEP = {
     "scene": SCENE, "evaluator": "closed-form", "accuracy": 0.1, "time_limit": "9 s",

@@ -1,4 +1,4 @@
-"""Scenes that take much, under limits that the system or the user sets."""
+"""Scenes that take much memory or time, under limits that the system or the user sets."""
 
 from __future__ import annotations
 

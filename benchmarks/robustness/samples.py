@@ -1,4 +1,4 @@
-"""Recordings as this program and others write them, and what tells the columns of the latter."""
+"""Make recordings as this program and others write them, with descriptions of the columns."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.robustness.answers import read_printed
 from benchmarks.robustness.files import FILE, LIMITS, ROOT, VIRTUAL, Readable
+from benchmarks.robustness.written_files import read_printed
 from hw.reader import Reader
 
 SCENE = str(ROOT / "examples" / "scene.toml")

@@ -1,4 +1,4 @@
-"""Paths that are no such file: absent, folders, pipes, devices, sockets, loops, unreadable, endless, huge, or badly named."""
+"""Paths that are not ordinary files: absent, folders, pipes, devices, sockets, loops, unreadable, endless, huge, badly named."""
 
 from __future__ import annotations
 

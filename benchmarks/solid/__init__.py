@@ -1,1 +1,1 @@
-"""What scenes that follow one another cost the level ``solid``."""
+"""The cost of similar scenes one after another in ``solid``."""

@@ -1,7 +1,7 @@
-"""What a change of a scene costs the evaluator ``solid``: answered alone, and after the scene that it is a change of.
+"""Measure the cost of a changed scene in ``solid``: evaluated alone, and after the scene from which it was changed.
 
 Usage: ``python -m benchmarks.solid.changes [SCENE.toml] [--accuracy 0.01] [--cache FOLDER]``; some minutes. Meshes are made where
-the folder, else an empty one for each answer, has none. Seconds are the processor's, of the processes that mesh, too.
+the folder, else an empty one for each result, has none. Seconds are the processor's, of the processes that mesh, too.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Drawn scenes with one tumour on or beside the axis against levels that answer them exactly: true over stated errors.
+"""Compare true and stated errors of ``solid`` on drawn scenes that other evaluators solve exactly.
 
 Usage: ``python -m benchmarks.solid.drawn [--scenes 30] [--seed 4] [--accuracy 0.02 --accuracy 0.01]``; ten seconds a scene and
 accuracy. On the axis ``axisymmetric`` says what is true, with layers in every third scene; beside it, in every other third,
@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from benchmarks.levels.inclusion_draws import DrawnScene, draw, draw_layered
+from benchmarks.evaluators.inclusion_draws import DrawnScene, draw, draw_layered
 from benchmarks.solid.changes import processor
 from benchmarks.tables import MeasuredTable
 from geometry import Refusal, Scene, SolveError

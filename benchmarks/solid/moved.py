@@ -1,4 +1,4 @@
-"""Meshes that tumours carry along, against converged results of independent codes: true and stated errors.
+"""Compare moved meshes with converged results of independent codes: true and stated errors.
 
 Usage: ``python -m benchmarks.solid.moved [--folder off-axis ...] [--name NAME ...] [--by 0.25]``; some ten seconds a scene. Each
 reference is answered after a scene whose first tumour lay elsewhere, by a share ``--by`` of its least radius: deeper, shallower
@@ -17,7 +17,7 @@ from typing import Any
 
 from rich.console import Console
 
-from benchmarks.levels.solid_references import scenes
+from benchmarks.evaluators.solid_references import scenes
 from benchmarks.solid.changes import processor, replace_first
 from benchmarks.tables import MeasuredTable
 from geometry import Refusal, Scene

@@ -1,4 +1,4 @@
-"""What pytetwild's settings trade on one scene, and what netgen does: seconds, the mesh's checks, the film forces' true error.
+"""Measure the trade of pytetwild's settings on one scene, beside netgen: seconds, mesh checks, true error of the film forces.
 
 Usage: ``python -m benchmarks.solid.tetwild_settings [--name flank] [--fineness rough]``; some minutes. One trial each, never
 repeated where a check fails. Seconds are the processor's while meshing; the error is that of the ratio on this one mesh.
@@ -16,7 +16,7 @@ from unittest.mock import patch
 import numpy as np
 from rich.console import Console
 
-from benchmarks.levels.solid_references import scenes
+from benchmarks.evaluators.solid_references import scenes
 from benchmarks.solid.changes import processor
 from benchmarks.tables import MeasuredTable
 from geometry import Scene

@@ -11,7 +11,7 @@ from solver.inclusions.strata import Strata
 from solver.inclusions.tumours import Tumours
 
 # rho of a sphere ten times as stiff as the tissue whose centre lies one radius deep is about 0.94 (PHYSICS section 4); random
-# scenes against ``axisymmetric`` (benchmarks/levels/equivalent_inclusion.py) need up to 1.1 for shallow and 1.7 for deep ones
+# scenes against ``axisymmetric`` (benchmarks/evaluators/equivalent_inclusion.py) need up to 1.1 for shallow and 1.7 for deep ones
 SURFACE_REFLECTION_FACTOR = 1.5
 MIN_SHARE = 0.003  # of the effect: minimum of the bound
 REFERENCE_STRENGTH = 1.96  # the strength k_d / (2 mu) of that sphere

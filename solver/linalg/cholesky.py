@@ -1,7 +1,7 @@
 """Sparse Cholesky factors: by PARDISO where it is installed, else by scipy's SuperLU.
 
 PARDISO (``pip install 'probe-design[fast]'``) analyses a pattern once and then factorises 5 to 10 times faster than
-SuperLU (benchmarks/levels/factorisations.py). Of matrices of one ``Pattern`` it keeps the factors of the last;
+SuperLU (benchmarks/evaluators/factorisations.py). Of matrices of one ``Pattern`` it keeps the factors of the last;
 older ones are factorised again when they are used.
 """
 

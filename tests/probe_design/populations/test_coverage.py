@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.populations.judging import compute_detection_rates
+from benchmarks.populations.verification import compute_detection_rates
 from geometry.common.arrays import Floats
 from probe_design.populations.closed_form_scan import ClosedFormScan
 from probe_design.populations.design_file import Design

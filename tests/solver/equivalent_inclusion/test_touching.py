@@ -2,8 +2,8 @@
 
 import pytest
 
-from benchmarks.levels.inclusion_audit import judge
-from benchmarks.levels.inclusion_draws import draw_near
+from benchmarks.evaluators.inclusion_audit import judge
+from benchmarks.evaluators.inclusion_draws import draw_near
 from geometry import Inclusion, read_scene
 from geometry.scenes.scene import CylinderTissue, Layer
 from solver.axisymmetric.level import Axisymmetric

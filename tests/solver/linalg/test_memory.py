@@ -16,7 +16,9 @@ from solver.linalg.memory import give_back
 from solver.linalg.workspace import LIMIT_VARIABLE
 from tests.support.paths import EXAMPLES, ROOT
 
-UNLIKE = "import json; from benchmarks.levels.memory import measure_memory; print(json.dumps(measure_memory(120, each=20).rows))"
+UNLIKE = (
+    "import json; from benchmarks.evaluators.memory import measure_memory; print(json.dumps(measure_memory(120, each=20).rows))"
+)
 SCAN = """
 import sys
 from pathlib import Path

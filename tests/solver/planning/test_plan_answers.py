@@ -6,7 +6,7 @@ from itertools import islice
 
 import pytest
 
-from benchmarks.plans.answers import OUTCOMES, outcome
+from benchmarks.plans.agreement import OUTCOMES, outcome
 from benchmarks.plans.draws import KINDS, scenes
 from geometry import Load, Refusal, read_scene, scene_to_toml
 from geometry.scenes.scene import Placement

@@ -1,4 +1,6 @@
-"""Time sparse Cholesky factorisations: ``python -m benchmarks.levels.factorisations [matrix.npz ...] [--threads 1]``.
+"""Time sparse Cholesky factorisations.
+
+    python -m benchmarks.evaluators.factorisations [matrix.npz ...] [--threads 1]
 
 Matrices come from ``scipy.sparse.save_npz`` (symmetric, positive definite, both triangles); without any, a
 plane grid of dense blocks stands for a condensed mesh. Candidates that are not installed (py-mkl-pardiso, cvxopt, rslab)

@@ -1,4 +1,6 @@
-"""What a bench does wrong in a calibration, and what then comes of a reading: `nice python -m benchmarks.built_probe.careless`.
+"""Measure what a calibration and a later reading state after a mistake at the bench.
+
+    nice python -m benchmarks.built_probe.bench_mistakes
 
 Each draw is another probe on another bench: gains, cross-talk, amplifiers, force sensor, leaks, blocks, and by the predictions'
 derivatives the probe's dimensions are off by their tolerances. It is read under 10 mN with noise, hum and drift, calibrated,

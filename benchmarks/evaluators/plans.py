@@ -1,6 +1,6 @@
-"""The plan of every reference scene, as the table of docs/explanation/plan.md, and what a plan costs beside an evaluation.
+"""Print the plan of every reference scene as the table of docs/explanation/plan.md, and the cost of a plan beside an evaluation.
 
-Usage: ``python -m benchmarks.levels.plans [--accuracy 0.01] [--folder axisymmetric --folder solid ...]``; seconds.
+Usage: ``python -m benchmarks.evaluators.plans [--accuracy 0.01] [--folder axisymmetric --folder solid ...]``; seconds.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Level contact: true and stated errors on other codes' solutions, what it costs, gaps of several widths, faces, a picture.
+"""Measure true errors, stated errors and cost of ``contact`` against the solutions of other codes.
 
-    python -m benchmarks.contact.level [--part references|gaps|faces|section] [-o docs/pictures/contact-section.png]
+    python -m benchmarks.contact.accuracy [--part references|gaps|faces|section] [-o docs/pictures/contact-section.png]
 
 Costs are the processor's, of one process. The references' own uncertainties stand beside the errors.
 """

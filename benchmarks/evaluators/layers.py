@@ -1,6 +1,6 @@
-"""Tissue in layers by every level: true and stated errors on NGSolve's scenes, and what layers cost.
+"""Evaluate layered tissue by every evaluator: true and stated errors on NGSolve's scenes, and the cost of layers.
 
-    python -m benchmarks.levels.layers [--part references|cost] [--levels closed-form axisymmetric ...] [--accuracy 0.01]
+    python -m benchmarks.evaluators.layers [--part references|cost] [--evaluators closed-form axisymmetric ...] [--accuracy 0.01]
 
 True errors are relative, of the ratio, and of the log-sensitivity where there is a target; one above its stated error is marked.
 Costs are the processor's, medians of several in one process, against the same scene without its layers.
@@ -86,13 +86,13 @@ def main() -> None:
     """Print one part or both."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--part", choices=("references", "cost"))
-    parser.add_argument("--levels", nargs="+", choices=LEVELS, default=LEVELS)
+    parser.add_argument("--evaluators", nargs="+", choices=LEVELS, default=LEVELS)
     parser.add_argument("--accuracy", type=float, default=0.01, help="of the costs")
     options = parser.parse_args()
     if options.part != "cost":
-        references(options.levels)
+        references(options.evaluators)
     if options.part != "references":
-        cost([level for level in options.levels if level != "solid"], options.accuracy)
+        cost([level for level in options.evaluators if level != "solid"], options.accuracy)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""Judge the start for three populations, and simulate scans that the same detector reads.
+"""Verify the initial design for three populations, and simulate scans that the same detector reads.
 
-Usage: ``python -m benchmarks.populations.judging [--scans 10000] [--tumours 64] [--only deep] [--pictures FOLDER]``, from the
-repository's root.
+    python -m benchmarks.populations.verification [--scans 10000] [--tumours 64] [--only deep] [--pictures FOLDER]
+
 Each simulated scan draws a tumour of the judge's, the errors of every reading, both gains of the scan and a blank.
 """
 

@@ -1,6 +1,6 @@
-"""Whether ``evaluate`` does what ``plan`` says: random scenes of several kinds, each asked of both.
+"""Check that ``evaluate`` does what ``plan`` states, on random scenes of several kinds.
 
-Usage: ``python -m benchmarks.plans.answers --scenes 12 --seed 0``, so many of each kind; ``--solid 0`` leaves out what only
+Usage: ``python -m benchmarks.plans.agreement --scenes 12 --seed 0``, so many of each kind; ``--solid 0`` leaves out what only
 ``solid`` answers beyond so many scenes of each kind (some 20 to 60 s each). Printed are the scenes on which both differ.
 """
 

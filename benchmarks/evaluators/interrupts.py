@@ -1,9 +1,9 @@
-"""Whether a signal at any moment ends the program with one line, its exit code and no files that are not whole.
+"""Check that a signal at any moment ends the program with one line, its exit code and no partial files.
 
-python -m benchmarks.levels.interrupts --tries 20 --seed 0
+python -m benchmarks.evaluators.interrupts --tries 20 --seed 0
 
-For each verb so many signals, half of them Ctrl-C, the others SIGTERM and SIGHUP, at random moments between the program's first
-instruction and its end. A run that had finished may keep its own exit code and files.
+For each command so many signals are sent, half of them Ctrl-C, the others SIGTERM and SIGHUP, at random moments between the
+program's first instruction and its end. A run that had finished may keep its own exit code and files.
 """
 
 from __future__ import annotations
@@ -46,12 +46,12 @@ VERBS = {
 def main() -> None:
     """Interrupt, judge, count."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--tries", type=int, default=20, help="for each verb")
+    parser.add_argument("--tries", type=int, default=20, help="for each command")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("verbs", nargs="*", metavar="VERB", help=f"of {', '.join(VERBS)}; all without")
+    parser.add_argument("commands", nargs="*", metavar="VERB", help=f"of {', '.join(VERBS)}; all without")
     options = parser.parse_args()
     print("| verb | tries | interrupted | finished | wrong | longest wait, s |\n|---|---|---|---|---|---|", flush=True)
-    for verb in options.verbs or VERBS:
+    for verb in options.commands or VERBS:
         print(row(verb, options.tries, options.seed), flush=True)
 
 

@@ -1,6 +1,6 @@
-"""What the ratio's phase adds to the ratio on three scenes: the standard deviation of ln E_object by one reading.
+"""Compute what the ratio's phase adds to the ratio on three scenes: the standard deviation of ln E_object by one reading.
 
-``python -m benchmarks.levels.phase`` prints the table of docs/explanation/phase.md. Beside the tumour's modulus the
+``python -m benchmarks.evaluators.phase`` prints the table of docs/explanation/phase.md. Beside the tumour's modulus the
 tissue's is known to 30 % and each loss factor to 20 %, by Fisher's information of ratio and phase from the derivatives
 that ``evaluate`` returns.
 """

@@ -1,7 +1,7 @@
-"""The evaluator ``solid`` against converged results of independent codes: true and stated errors, seconds, sizes.
+"""Compare ``solid`` with converged results of independent codes: true and stated errors, seconds, sizes.
 
-Usage: ``python -m benchmarks.levels.solid_references [--accuracy 0.01] [--folder solid --folder axisymmetric ...] [--name flank
-...]``; about half a minute a scene. Meshes come from the cache where they were made before (``PROBE_DESIGN_CACHE``).
+Usage: ``python -m benchmarks.evaluators.solid_references [--accuracy 0.01] [--folder solid ...] [--name flank]``;
+about half a minute per scene. Meshes come from the cache where they were made before (``PROBE_DESIGN_CACHE``).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Random scenes: are the error bounds of ``equivalent-inclusion`` true? Judged by ``axisymmetric`` at a tenth of the accuracy."""
+"""Check the error bounds of ``equivalent-inclusion`` on random scenes, by ``axisymmetric`` at a tenth of the accuracy."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from benchmarks.levels.inclusion_draws import DrawnScene, draw, draw_layered, draw_near
+from benchmarks.evaluators.inclusion_draws import DrawnScene, draw, draw_layered, draw_near
 from benchmarks.tables import MeasuredTable
 from geometry import InputError, Refusal
 from geometry.common.errors import SolveError

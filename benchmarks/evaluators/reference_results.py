@@ -1,7 +1,7 @@
-"""Every level's answer to every reference scene, to the last digit: what a change that moves code only must not change.
+"""Print the result of every evaluator for every reference scene to the last digit, to show that a change only moves code.
 
-Usage: ``python -m benchmarks.levels.reference_answers [LEVEL ...] [--folder NAME]``: a line a scene and level, and at the end
-the SHA-256 of all lines. Run it before and after the change, and compare. The levels' own seconds are left out; the solid level,
+Usage: ``python -m benchmarks.evaluators.reference_results [LEVEL ...] [--folder NAME]``: a line a scene and level, and at the end
+the SHA-256 of all lines. Run it before and after the change, and compare. The evaluators' seconds are left out; ``solid``,
 whose meshes take minutes where they are not cached, is asked for by name.
 """
 
@@ -32,7 +32,7 @@ def answer(path: Path, level: str) -> str:
 
 
 def main() -> None:
-    """Print all answers and their digest."""
+    """Print all results and their digest."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("levels", nargs="*", default=LEVELS)
     parser.add_argument("--folder", default="*", help="of tests/reference")

@@ -1,4 +1,4 @@
-"""Attacks of more than one step: on a sweep's work and store, its cluster, and any verb's ends.
+"""Robustness tests of more than one step: a sweep's work and store, its cluster, and how any command ends.
 
 Each asks the program in processes of its own, and compares what is left with what nobody disturbed leaves.
 """
@@ -102,7 +102,7 @@ def scheduler(draw: Random, folder: Path) -> Ordeal:
 
 
 def interrupt(draw: Random, folder: Path) -> Ordeal:
-    """A signal at any moment of any verb."""
+    """A signal at any moment of any command."""
     words = draw.choice(VERBS)
     (delay, number), start = next(moments(_find_undisturbed(words).seconds, 1, draw.randrange(2**32))), time.perf_counter()
     leftovers = left(words, delay, number)

@@ -1,6 +1,6 @@
-"""The evaluator ``equivalent-inclusion``: true errors, honesty of its bounds, seconds. Nothing but the project itself is needed.
+"""Measure the evaluator ``equivalent-inclusion``: true errors, validity of its bounds, seconds. Needs no other code.
 
-Usage: ``python -m benchmarks.levels.equivalent_inclusion``, about twenty minutes on a quiet core; ``--part`` (may be
+Usage: ``python -m benchmarks.evaluators.equivalent_inclusion``, about twenty minutes on a quiet core; ``--part`` (may be
 repeated) restricts it:
 
 - references: against the scenes of ``tests/reference`` (``--folder``, may be repeated; ``--single`` prints each scene);
@@ -24,9 +24,9 @@ from pathlib import Path
 
 from rich.console import Console
 
-from benchmarks.levels.inclusion_audit import audit
-from benchmarks.levels.inclusion_references import FOLDERS, references
-from benchmarks.levels.inclusion_speed import one_map, speed
+from benchmarks.evaluators.inclusion_audit import audit
+from benchmarks.evaluators.inclusion_references import FOLDERS, references
+from benchmarks.evaluators.inclusion_speed import one_map, speed
 from benchmarks.tables import MeasuredTable
 
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
@@ -80,7 +80,7 @@ if __name__ == "__main__":
     if any(os.environ.get(key) != value for key, value in ONE_THREAD.items()):  # they count when libraries are loaded
         os.execve(
             sys.executable,
-            [sys.executable, "-m", "benchmarks.levels.equivalent_inclusion", *sys.argv[1:]],
+            [sys.executable, "-m", "benchmarks.evaluators.equivalent_inclusion", *sys.argv[1:]],
             os.environ | ONE_THREAD,
         )
     main()

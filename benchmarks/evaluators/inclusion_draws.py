@@ -1,4 +1,4 @@
-"""Random scenes with one tumour on the axis, with or without layers of tissue, each told by a seed and a number."""
+"""Draw random scenes with one tumour on the axis, with or without layers, each determined by a seed and a number."""
 
 from __future__ import annotations
 

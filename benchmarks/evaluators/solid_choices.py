@@ -1,6 +1,8 @@
-"""Why the solid level is as it is: elements, correction and solver measured; docs/explanation/solid.md quotes what this prints.
+"""Measure the choices made in ``solid``: elements, correction and solver; docs/explanation/solid.md quotes what this prints.
 
-Usage: ``python -m benchmarks.levels.solid_choices``, some minutes; meshes of the scene come from the cache where they were made
+    python -m benchmarks.evaluators.solid_choices
+
+It takes some minutes; meshes of the scene come from the cache where they were made
 before. pyamg is tried where it is installed. Seconds are of the processor, on one thread, medians of three.
 """
 

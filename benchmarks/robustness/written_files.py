@@ -1,4 +1,4 @@
-"""What the program itself writes and reads again: answers, pages and designs with their provenance, of which ``rerun`` asks."""
+"""Files that the program itself writes and reads again: results, pages and designs with their provenance, for ``rerun``."""
 
 from __future__ import annotations
 

@@ -1,6 +1,8 @@
-"""What a process holds that answers many unlike scenes: its memory must stop growing once the workspace is full.
+"""Check that the memory of a process that evaluates many unlike scenes stops growing once the workspace is full.
 
-Usage: ``python -m benchmarks.levels.memory [--answers 300]``: random scenes, each level in turn, at three accuracies in turn;
+    python -m benchmarks.evaluators.memory [--answers 300]
+
+Random scenes are evaluated by each evaluator in turn, at three accuracies in turn;
 after every fifty a line with the memory of the process, the most in between, the bytes that the workspace holds, and the
 processor's seconds. Linux alone tells a process's memory so.
 """
@@ -47,7 +49,7 @@ def draw_scenes(count: int, **kind: Any) -> list[Scene]:
 
 
 def questions(count: int) -> Iterator[tuple[Scene, str, float]]:
-    """Yield scenes with the level and the accuracy that they are asked with; each level sees every accuracy."""
+    """Yield scenes with the level and the accuracy that they are asked with; each evaluator sees every accuracy."""
     kinds = {True: draw_scenes(count), False: draw_scenes(count, farthest=1.0, tumours=2)}
     each = {on_axis: cycle(scenes) for on_axis, scenes in kinds.items()}
     for number, level in enumerate(islice(cycle(LEVELS), count)):

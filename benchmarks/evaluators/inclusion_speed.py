@@ -1,4 +1,4 @@
-"""Seconds of ``equivalent-inclusion``: the probe once, tumours to first order and with reflections, one map. One thread.
+"""Time ``equivalent-inclusion``: the probe once, tumours to first order and with reflections, one map. One thread.
 
 Everything is timed under one probe (``SCENE``), in one run; wall-clock and process time side by side tell how
 busy the machine is.

@@ -1,4 +1,4 @@
-"""``equivalent-inclusion`` on scenes whose true values independent codes have found: errors, bounds on them, seconds."""
+"""Compare ``equivalent-inclusion`` with independent codes' reference values: errors, bounds, seconds."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
-"""Whether a probe anywhere on its tissue meshes: scenes drawn near edges and corners, with tumours near floor and sides.
+"""Check that a probe anywhere on its tissue can be meshed, near edges and corners, with tumours near floor and sides.
 
 Each line: number, distance of the probe's rim from the nearest edge in outer radii, bodies, groove, tilt; tetrahedra, trials and
-seconds of both first meshes of the level ``solid``, or what failed.
+seconds of both first meshes of ``solid``, or what failed.
 
-    python -m benchmarks.levels.mesh_draws --scenes 60 --seed 0
+    python -m benchmarks.evaluators.mesh_draws --scenes 60 --seed 0
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""How well it is known by how much the walls at the gap near each other, in linear elasticity and without tumours.
+"""Measure how accurately linear elasticity without tumours predicts the approach of the walls at the gap.
 
-    python -m benchmarks.extremes.nearing --scenes 250 --seed 0 --seed 1 --seed 2
+    python -m benchmarks.extremes.gap_closing --scenes 250 --seed 0 --seed 1 --seed 2
 
-All reference scenes, then drawn ones of ``load_bounds`` and of ``benchmarks.levels.inclusion_draws``, with layers and without.
+Reference scenes, then drawn ones of ``load_bounds`` and of ``benchmarks.evaluators.inclusion_draws``, with layers and without.
 Of each the largest nearing by the coarsest mesh, which the rule for loads takes: over that by a fine one, and over eq. PL.4.
 """
 
@@ -14,8 +14,8 @@ from itertools import islice
 
 import numpy as np
 
+from benchmarks.evaluators.inclusion_draws import draw, draw_layered
 from benchmarks.extremes.load_bounds import draws
-from benchmarks.levels.inclusion_draws import draw, draw_layered
 from geometry import ProbeError, Scene, read_scene
 from geometry.common.errors import InputError, SolveError
 from geometry.common.resources import start_clock

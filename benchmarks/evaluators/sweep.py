@@ -1,6 +1,8 @@
-"""What a sweep costs beside a bare loop: ``python -m benchmarks.levels.sweep [--scale 1]``.
+"""Measure the cost of a sweep beside a bare loop.
 
-First table: rows a second of each evaluator in a bare loop in this process (the same designs, after a first one; ``closed-form``
+    python -m benchmarks.evaluators.sweep [--scale 1]
+
+First table: rows per second of each evaluator in a bare loop (the same designs, after a first one; ``closed-form``
 on arrays of 128), and of a sweep with 1 and 2 workers, start of the processes counted; overhead: what a row of the one-worker
 sweep takes beyond its own ``seconds``, by the clock, after the first rows are there; of which in the process that hands out and
 writes: its processor time a row, with one worker. Second table: 1e5 closed-form designs swept with 2 workers, size of the store,
@@ -49,7 +51,7 @@ def bare(evaluator: str, n: int) -> float:
 
 
 def measure_sweep(evaluator: str, n: int, workers: int) -> tuple[float, float, float]:
-    """Rows a second of a sweep; seconds a row beyond the answers themselves, by the clock and of this process."""
+    """Rows a second of a sweep; seconds a row beyond the results themselves, by the clock and of this process."""
     states: list[tuple[float, float, int, float]] = []  # clock, processor time, rows, their seconds
     with tempfile.TemporaryDirectory() as folder:
 
@@ -70,7 +72,7 @@ def measure_sweep(evaluator: str, n: int, workers: int) -> tuple[float, float, f
 
 def speed(scale: float) -> Table:
     """Return the first table."""
-    table = Table(title="rows a second")
+    table = Table(title="rows per second")
     for heading in ("evaluator", "rows", "bare loop", "1 worker", "2 workers", "overhead a row, ms", "of this process, ms"):
         table.add_column(heading, justify="left" if heading == "evaluator" else "right")
     for evaluator, count in COUNTS.items():

@@ -1,8 +1,8 @@
-"""Whether any scene ends the program, or passes its limits: scenes made by mutation, each asked of ``auto`` as a user does.
+"""Check that no scene ends the program or passes its limits: mutated scenes, each given to ``auto``.
 
 Each line: number, what was changed, how it ended (answered, refused, SIGNAL or code), seconds, peak memory, and what was said.
 
-    python -m benchmarks.levels.auto_draws --scenes 60 --seed 0
+    python -m benchmarks.evaluators.auto_draws --scenes 60 --seed 0
 """
 
 from __future__ import annotations
@@ -137,7 +137,7 @@ def main() -> None:
     parser.add_argument("--scenes", type=int, default=60)
     parser.add_argument("--first", type=int, default=0, help="the number of the first that is asked")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--time", type=float, default=Limits().seconds, help="s that each answer may take")
+    parser.add_argument("--time", type=float, default=Limits().seconds, help="s that each result may take")
     options = parser.parse_args()
     counts: Counter[str] = Counter()
     for number, (words, scene) in zip(range(options.first + options.scenes), draws(options.seed), strict=False):

@@ -1,0 +1,1 @@
+"""The evaluators one by one: off-axis tumours, solids, plans, sweeps, factorisations."""

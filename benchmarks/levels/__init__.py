@@ -1,1 +1,0 @@
-"""The levels one by one: tumours off the axis, solids, plans, sweeps, factorisations."""
