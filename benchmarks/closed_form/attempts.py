@@ -99,6 +99,7 @@ def fit_product(table: Floats, true: Floats) -> Callable[[Floats], Floats]:
     log_target = np.log(np.maximum(true, np.median(true) / 30))
     bounds = [(None, None)] + [(0, None)] * table.shape[1]
     powers = linprog(rows_of.mean(axis=0), A_ub=-rows_of, b_ub=-log_target, bounds=bounds).x
+    assert powers is not None
     return lambda features: np.exp(logarithms(features) @ powers)
 
 

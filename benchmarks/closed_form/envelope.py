@@ -37,5 +37,7 @@ def _descend(table: Floats, lower_bound: Floats, floor: float, start: Floats) ->
     w = start
     for _ in range(DESCENT_ROUNDS):
         price = table.T @ (1 / (table @ w + floor))
-        w = linprog(price, A_ub=-table, b_ub=-lower_bound, bounds=(0, MAX_WEIGHT)).x
+        solution = linprog(price, A_ub=-table, b_ub=-lower_bound, bounds=(0, MAX_WEIGHT)).x
+        assert solution is not None
+        w = solution
     return w

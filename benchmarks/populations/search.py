@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from scipy.optimize import differential_evolution
+from scipy.optimize import Bounds, differential_evolution
 
 from benchmarks.tables import MeasuredTable
 from geometry.common.arrays import Floats
@@ -57,7 +57,7 @@ def find_evolved_objective(steered: DesignObjective, search_space: SearchSpace) 
             else 0.0
         )
 
-    bounds = list(zip(np.log(space.low), np.log(space.high), strict=True))
+    bounds = Bounds(np.log(space.low), np.log(space.high))
     settings: dict[str, Any] = {"polish": False, "tol": 0.0, "seed": 1, "popsize": MEMBERS // 6}
     return -float(differential_evolution(worth, bounds, maxiter=EVALUATIONS // MEMBERS - 1, **settings).fun)
 

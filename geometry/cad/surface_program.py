@@ -44,4 +44,4 @@ def _read_step(name: str) -> Any:
     shape = load_cadquery().importers.importStep(name).val()
     vertices, triangles = shape.tessellate(RELATIVE_DEFLECTION * shape.BoundingBox().DiagonalLength, MAX_TURN_RAD)
     points = np.array([vertex.toTuple() for vertex in vertices], dtype=float)
-    return pyvista.PolyData.from_regular_faces(points, np.array(triangles, dtype=np.int64))
+    return pyvista.PolyData.from_regular_faces(points, triangles)

@@ -84,8 +84,13 @@ def _minimise(points: Points, patch: Indices, rows: Indices, surfaces: list[Surf
         np.add.at(total, patch.ravel(), slope.reshape(-1, 3))
         return float(value.sum()), scale * np.einsum("nij,nj->ni", tangent, total[rows]).ravel()
 
-    limits = {"maxiter": _MAX_MINIMISER_STEPS, "maxfun": 2 * _MAX_MINIMISER_STEPS}
-    best = minimize(compute_energy, np.zeros(3 * len(rows)), jac=True, method="L-BFGS-B", options=limits)
+    best = minimize(
+        compute_energy,
+        np.zeros(3 * len(rows)),
+        jac=True,
+        method="L-BFGS-B",
+        options={"maxiter": _MAX_MINIMISER_STEPS, "maxfun": 2 * _MAX_MINIMISER_STEPS},
+    )
     result = points.copy()
     result[rows] += scale * np.einsum("nij,nj->ni", tangent, best.x.reshape(-1, 3))
     return result

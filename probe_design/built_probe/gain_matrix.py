@@ -154,14 +154,15 @@ def estimate_gains(observed: Sequence[Observation], shares: BlockPredictions, be
         ftol=1e-12,
         max_nfev=max_evaluations,
     )
-    information = solved.jac.T @ solved.jac
+    jacobian = np.asarray(solved.jac)
+    information = jacobian.T @ jacobian
     scale = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
     if np.linalg.cond(information / np.outer(scale, scale)) > 1e14:
         raise _build_unresolved_error(np.inf)
     whole = np.linalg.inv(information / np.outer(scale, scale)) / np.outer(scale, scale)
     matrix, derivatives = problem.compute_matrix(solved.x), problem.compute_matrix_derivatives(solved.x)
     covariance = derivatives @ whole @ derivatives.T
-    slopes = derivatives @ whole @ solved.jac.T @ problem.compute_shift(shares.slopes)
+    slopes = derivatives @ whole @ jacobian.T @ problem.compute_shift(shares.slopes)
     spread = np.sqrt(np.diag(covariance))
     if max(spread[[0, 3]] / np.abs(np.diag(matrix))) > MAX_RESOLVED_GAIN_SD:
         raise _build_unresolved_error(max(spread[[0, 3]]))

@@ -165,14 +165,15 @@ def refine_by_ipopt(
     constraints = ca.vertcat(radius / space.outer_radius, (radius - v[0] - v[2]) / space.wall, margin)
     choices: dict[str, Any] = {"ipopt.hessian_approximation": "limited-memory", "ipopt.max_iter": steps, "ipopt.tol": 1e-5}
     solver = ca.nlpsol("population", "ipopt", {"x": x, "f": -value, "g": constraints}, IPOPT_QUIET_OPTIONS | choices)
-    bounds = {
-        "lbx": np.log(space.low[free]),
-        "ubx": np.log(space.high[free]),
-        "lbg": [0.0, 1.0, 0.0],
-        "ubg": [1.0, np.inf, np.inf],
-    }
+    solution = solver(
+        x0=np.log(start[free]),
+        lbx=np.log(space.low[free]),
+        ubx=np.log(space.high[free]),
+        lbg=[0.0, 1.0, 0.0],
+        ubg=[1.0, np.inf, np.inf],
+    )
     optimum = start.copy()
-    optimum[free] = np.exp(np.array(solver(x0=np.log(start[free]), **bounds)["x"]).ravel())
+    optimum[free] = np.exp(np.array(solution["x"]).ravel())
     raise_user_interrupt(solver)
     return np.clip(optimum, space.low, space.high)
 

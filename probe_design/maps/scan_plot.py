@@ -213,10 +213,13 @@ def _draw_probe(axes: Any, scene: Scene, position: float) -> None:
 
     probe = scene.probe
     inner, hole, outer = (radius * MM_PER_M for radius in (probe.inner_radius, probe.hole_radius, probe.tube_radius))
-    edge = {"edgecolor": "0.2", "linewidth": 0.6, "zorder": 6}
+
+    def draw_block(left: float, width: float, height: float, colour: str) -> None:
+        axes.add_patch(Rectangle((left, 0), width, height * MM_PER_M, facecolor=colour, edgecolor="0.2", linewidth=0.6, zorder=6))
+
     for start in (position - outer, position + hole):
-        axes.add_patch(Rectangle((start, 0), outer - hole, probe.tube_height * MM_PER_M, facecolor=OUTER_COLOUR, **edge))
-    axes.add_patch(Rectangle((position - inner, 0), 2 * inner, probe.core_height * MM_PER_M, facecolor=INNER_COLOUR, **edge))
+        draw_block(start, outer - hole, probe.tube_height, OUTER_COLOUR)
+    draw_block(position - inner, 2 * inner, probe.core_height, INNER_COLOUR)
     axes.axvline(position, color="0.5", linestyle="--", linewidth=0.8)
 
 

@@ -125,22 +125,19 @@ def _slice_elements(nodes: Floats, elements: Ints, body: int, values: Mapping[st
     """Cut elements, split into eight flat tetrahedra each, slightly off y = 0, where no node lies."""
     import pyvista
 
-    plane = {
-        "normal": "y",
-        "origin": (0, SECTION_OFFSET_RELATIVE * float(np.ptp(nodes, axis=0).max()), 0),
-        "generate_triangles": True,
-    }
+    origin = (0.0, SECTION_OFFSET_RELATIVE * float(np.ptp(nodes, axis=0).max()), 0.0)
     sides = elements[:, _TETRAHEDRON_FACES].reshape(-1, 6)
     _, first = np.unique(np.sort(sides[:, :3], axis=1), axis=0, return_index=True)
     grid = pyvista.UnstructuredGrid({pyvista.CellType.TETRA: elements[:, FLAT_TETRAHEDRA].reshape(-1, 4)}, nodes)
-    faces = pyvista.PolyData.from_regular_faces(nodes, sides[first][:, FLAT_TRIANGLES].reshape(-1, 3))
+    triangles = sides[first][:, FLAT_TRIANGLES].reshape(-1, 3)
+    faces = pyvista.PolyData.from_regular_faces(nodes, triangles)  # type: ignore[arg-type]  # pyvista says int for integers
     for name, node_values in values.items():
         grid.point_data[name] = faces.point_data[name] = node_values
-    area, rims = grid.slice(**plane), faces.slice(**plane)
-    triangles = area.regular_faces if area.n_cells else np.zeros((0, 3), dtype=np.int64)
+    area, rims = (part.slice(normal="y", origin=origin, generate_triangles=True) for part in (grid, faces))
+    section = area.regular_faces if area.n_cells else np.zeros((0, 3), dtype=np.int64)
     lines = area.n_points + (rims.lines.reshape(-1, 3)[:, 1:] if rims.n_cells else np.zeros((0, 2), dtype=np.int64))
-    cut_values = {name: np.concatenate([part.point_data[name] for part in (area, rims)]) for name in values if len(triangles)}
-    return Faces(np.vstack([area.points, rims.points]), triangles, np.full(len(triangles), body), lines, cut_values)
+    cut_values = {name: np.concatenate([part.point_data[name] for part in (area, rims)]) for name in values if len(section)}
+    return Faces(np.vstack([area.points, rims.points]), section, np.full(len(section), body), lines, cut_values)
 
 
 def _merge_faces(parts: list[Faces]) -> Faces:

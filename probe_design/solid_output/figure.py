@@ -145,7 +145,7 @@ def _draw_gap(axes: Any, cut: Faces, sizes: MeshSizes) -> None:
     reach = max(min(8 * gap, (sizes.tube - sizes.hole) * MM_PER_M, sizes.inner * MM_PER_M), 1.5 * gap)
     flat = cut.points[:, [0, 2]] * MM_PER_M
     axes.add_collection(
-        PolyCollection(flat[cut.triangles], facecolors=[find_colour(b) for b in cut.body.tolist()], antialiased=False)
+        PolyCollection(list(flat[cut.triangles]), facecolors=[find_colour(b) for b in cut.body.tolist()], antialiased=False)
     )
     draw_mesh_lines(axes, flat, cut.lines, 0.7)
     axes.set(xlim=(middle - reach, middle + reach), ylim=(-0.9 * reach, 0.9 * reach), aspect="equal")

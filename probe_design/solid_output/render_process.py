@@ -36,14 +36,14 @@ def render(arrays: str, picture: str) -> None:
     edges.points = edges.points + LINE_OFFSET_RELATIVE * np.ptp(points, axis=0).max() * np.array(VIEW_DIRECTION)
     plotter = pyvista.Plotter(off_screen=True, window_size=[width, height], lighting="none")
     plotter.add_light(pyvista.Light(position=LIGHT_POSITION, focal_point=(0, 0, 0), light_type="scene light"))
-    plotter.set_background("white")
+    plotter.renderer.set_background("white")
     plotter.add_mesh(surface, scalars="colour", rgb=True, ambient=0.45, diffuse=0.75, specular=0.0)
     plotter.add_mesh(edges, color="black", line_width=3.0 if half_height else 1.6, opacity=0.6)
-    plotter.enable_parallel_projection()
+    plotter.renderer.enable_parallel_projection()
     plotter.enable_anti_aliasing("ssaa")
     plotter.camera_position = [tuple(np.add(surface.center, VIEW_DIRECTION)), surface.center, (0, 0, 1)]
-    plotter.reset_camera()
-    plotter.camera.zoom(1.25)
+    plotter.renderer.reset_camera()
+    plotter.camera.Zoom(1.25)
     if half_height > 0:
         plotter.camera.focal_point, plotter.camera.parallel_scale = (0, 0, -0.3 * half_height), half_height
         plotter.camera.position = tuple(2 * np.ptp(points, axis=0).max() * np.array(VIEW_DIRECTION))

@@ -104,7 +104,10 @@ def _compute_indices(
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Compute first-order and total indices (4, d) and their intervals (4, d, 2); 0 for outputs that no variable affects."""
     indices = sobol_indices(
-        func=lambda eta: compute_outputs(eta)[moving], n=samples, dists=[norm()] * d, rng=np.random.default_rng(seed)
+        func=lambda eta: compute_outputs(eta)[moving],
+        n=samples,
+        dists=[norm()] * d,  # type: ignore[list-item]  # the stubs want a function of one number
+        rng=np.random.default_rng(seed),
     )
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a variable without effect gives NaN: its interval is its index

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from geometry.common.errors import escape_unprintable
 from probe_design.pictures.formats import save_figure
@@ -127,7 +127,9 @@ def _draw_legend(figure: Any, study: Tradeoff) -> None:
     """Draw the legend below the panels."""
     from matplotlib.lines import Line2D
 
-    def build_handle(label: str, marker: str = "", colour: str = "0.3", style: str = "", **options: Any) -> Line2D:
+    def build_handle(
+        label: str, marker: str = "", colour: str = "0.3", style: Literal["", "-", ":"] = "", **options: Any
+    ) -> Line2D:
         return Line2D([], [], marker=marker, color=colour, linestyle=style, label=label, **options)
 
     evaluators = dict.fromkeys(row.evaluator for row in study.rows if row.ratio is not None)

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import TypeAlias
 
 import casadi
 import numpy as np
 
 from geometry.common.arrays import Floats
 
+Option: TypeAlias = bool | int | float | str | casadi.Function | Sequence["Option"] | Mapping[str, "Option"] | None
+"""Value of an option of casadi."""
 
-class DifferentiableFunction(casadi.Callback):  # type: ignore[misc]
+
+class DifferentiableFunction(casadi.Callback):
     """A casadi function from a vector x to a vector y with dy/dx; subclasses define ``compute`` and then call ``begin``.
 
     Values at the last x are kept. Set IPOPT's option ``hessian_approximation = "limited-memory"``; keep a reference as long as
@@ -28,7 +32,7 @@ class DifferentiableFunction(casadi.Callback):  # type: ignore[misc]
         """Return y and dy/dx, shapes (outputs,) and (outputs, inputs); NaN where undefined, so that IPOPT steps back."""
         raise NotImplementedError
 
-    def compute_cached(self, argument: Any) -> tuple[Floats, Floats]:
+    def compute_cached(self, argument: casadi.DM) -> tuple[Floats, Floats]:
         """Return ``compute`` at x, from memory for the last x."""
         x = np.array(argument, dtype=float).ravel()
         if self.last is None or not np.array_equal(self.last[0], x):
@@ -41,28 +45,30 @@ class DifferentiableFunction(casadi.Callback):  # type: ignore[misc]
     def get_n_out(self) -> int:  # noqa: D102
         return 1
 
-    def get_sparsity_in(self, i: int) -> Any:  # noqa: D102
+    def get_sparsity_in(self, i: int) -> casadi.Sparsity:  # noqa: D102
         return casadi.Sparsity.dense(self.inputs, 1)
 
-    def get_sparsity_out(self, i: int) -> Any:  # noqa: D102
+    def get_sparsity_out(self, i: int) -> casadi.Sparsity:  # noqa: D102
         return casadi.Sparsity.dense(self.outputs, 1)
 
-    def eval(self, arg: list[Any]) -> list[Any]:
+    def eval(self, arg: Sequence[casadi.DM]) -> list[casadi.DM]:
         """Return y at x."""
         return [casadi.DM(self.compute_cached(arg[0])[0])]
 
     def has_jacobian(self) -> bool:  # noqa: D102
         return True
 
-    def get_jacobian(self, name: str, inames: list[str], onames: list[str], opts: dict[str, Any]) -> Any:  # noqa: D102
+    def get_jacobian(  # noqa: D102
+        self, name: str, inames: Sequence[str], onames: Sequence[str], opts: Mapping[str, Option]
+    ) -> casadi.Function:
         self.jacobians.append(_Jacobian(self, name, opts))
         return self.jacobians[-1]
 
 
-class _Jacobian(casadi.Callback):  # type: ignore[misc]
+class _Jacobian(casadi.Callback):
     """The Jacobian dy/dx as a casadi function of x and y."""
 
-    def __init__(self, function: DifferentiableFunction, name: str, options: dict[str, Any]) -> None:
+    def __init__(self, function: DifferentiableFunction, name: str, options: Mapping[str, Option]) -> None:
         super().__init__()
         self.function = function
         self.construct(name, options)
@@ -73,11 +79,11 @@ class _Jacobian(casadi.Callback):  # type: ignore[misc]
     def get_n_out(self) -> int:
         return 1
 
-    def get_sparsity_in(self, i: int) -> Any:
+    def get_sparsity_in(self, i: int) -> casadi.Sparsity:
         return self.function.get_sparsity_in(0) if i == 0 else self.function.get_sparsity_out(0)
 
-    def get_sparsity_out(self, i: int) -> Any:
+    def get_sparsity_out(self, i: int) -> casadi.Sparsity:
         return casadi.Sparsity.dense(self.function.outputs, self.function.inputs)
 
-    def eval(self, arg: list[Any]) -> list[Any]:
+    def eval(self, arg: Sequence[casadi.DM]) -> list[casadi.DM]:
         return [casadi.DM(self.function.compute_cached(arg[0])[1])]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 
@@ -19,7 +20,7 @@ TABLE_STEP = 0.035  # step of the table in asinh(length / scale)
 TABLE_SCALE_OUTER_RADII = 0.3  # outer radii
 MIN_TABLE_DEPTH_OUTER_RADII = 0.15  # outer radii: above this depth the blocks' corners matter and elements are evaluated
 MAX_TABLE_REACH_OUTER_RADII = 12.0  # outer radii
-SPLINE_ORDER = 3  # of the splines
+SPLINE_ORDER: Final = 3  # of the splines
 SPARE_TABLE_LINES = 4  # lines above the minimum depth, which keep the splines' end conditions away
 
 
