@@ -12,6 +12,8 @@ and the gains then serve a reading on the scene without noise. A row is one faul
 * the mean stated standard deviations of ratio and sum, %.
 
 ``--weight 0.01`` adds a weight to the bench: a pin reading whose load is known to 1 %.
+
+Duration: minutes.
 """
 
 from __future__ import annotations

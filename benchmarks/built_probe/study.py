@@ -6,6 +6,8 @@ variable, by 5 to 15 of its tolerances; the others stay within. ``--explain N`` 
 are found. What is solved is kept in ``--solved FILE``, from which an interrupted study goes on; all else takes a second.
 
     python -m benchmarks.built_probe.study --within 200 --out 100 --explain 10
+
+Duration: hours.
 """
 
 from __future__ import annotations

@@ -9,6 +9,8 @@ all but one in a thousand of the scenes ask for when a quarter at a time is left
 - a product: of powers of 0.01 + feature / its largest, no power negative;
 - ordinary scenes apart: a sum of its own for scenes without layers whose blocks are 4 to 400 times as stiff as the tissue, whose
   sides are 2.4 outer radii away or more and whose spheres are covered by a quarter of their diameter or more.
+
+Duration: minutes.
 """
 
 from __future__ import annotations

@@ -7,6 +7,8 @@ Random blocks on ground a million times stiffer, by ``axisymmetric``: by how muc
     (2 nu)^power / (tall h/w (w/radius)^(3/2) + constant + flat w/h)
 
 to it for discs and tubes, bonded and frictionless, with what is left.
+
+Duration: minutes.
 """
 
 from __future__ import annotations

@@ -4,6 +4,8 @@
 twice those for near sides, change of ln(ratio), of the logarithms of both totals and of the log-sensitivity, over the stated
 error of each: the median, the value that three in a hundred pass, and the largest, for the scenes themselves and for designs
 that differ from them by up to 5 % in every number but have their nodes, as in a search.
+
+Duration: minutes.
 """
 
 from __future__ import annotations

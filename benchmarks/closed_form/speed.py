@@ -4,6 +4,8 @@
 parameters, on one thread and on two (halves of the designs); all is processor time; also designs that differ in
 their inclusion alone. Beside them what one design needs of Bessel functions and of systems of equations, at the speed of these
 alone; then the shares of the parts.
+
+Duration: minutes.
 """
 
 from __future__ import annotations

@@ -2,6 +2,8 @@
 
 Usage: ``python -m benchmarks.closed_form.tables``. Writes ``solver/closed_form/bessel.npy`` anew and prints the coefficients of
 ``solver/closed_form/half_space.py``.
+
+Duration: seconds.
 """
 
 from __future__ import annotations

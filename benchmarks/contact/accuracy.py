@@ -3,6 +3,8 @@
     python -m benchmarks.contact.accuracy [--part references|gaps|faces|section] [-o docs/pictures/contact-section.png]
 
 Costs are the processor's, of one process. The references' own uncertainties stand beside the errors.
+
+Duration: minutes.
 """
 
 from __future__ import annotations

@@ -4,6 +4,8 @@
 
 Differences are those of ln ratio at one force between moduli ``MODULUS_STEP_RELATIVE`` below and above, over those of ln E;
 values are those of each code's mesh, nothing taken off at rest.
+
+Duration: minutes.
 """
 
 from __future__ import annotations

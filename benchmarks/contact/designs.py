@@ -5,6 +5,8 @@
 Three scenes: examples/scene.toml, a shallow nodule under a small probe, and a phantom of 5 kPa with a deeper tumour. Each row is
 one run under one largest force: the best design within linear elasticity, and the best where the load is a variable, whose gain
 over the other it tells. Costs are the processor's.
+
+Duration: half an hour.
 """
 
 from __future__ import annotations

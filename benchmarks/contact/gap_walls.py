@@ -6,6 +6,8 @@ block's upper end, and again where the largest is. The value is that of the fine
 the other; ``tests/reference/gap-walls.json`` is what it writes.
 
     python -m benchmarks.contact.gap_walls
+
+Duration: minutes.
 """
 
 from __future__ import annotations

@@ -8,6 +8,8 @@ log-sensitivity. Errors are the largest at the indentations of ``tests/reference
 of the ratio and 1.3 % of the log-sensitivity. Seconds are the processor's, on one thread, the least of the repeats, from the
 scene to the last load, mesh included. NGSolve's settings are the cheapest of some that were tried with the
 true values known, and some of smaller error.
+
+Duration: half an hour.
 """
 
 from __future__ import annotations

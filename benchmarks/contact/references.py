@@ -5,6 +5,8 @@ differ in order, mesh and penalties. What a mesh is off at rest is taken off as 
 elements of order 7 with seven layers at all corners. The value is their median, its uncertainty the largest difference from it.
 
 Usage: ``python -m benchmarks.contact.references FILE``
+
+Duration: an hour.
 """
 
 from __future__ import annotations

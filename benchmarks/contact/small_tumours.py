@@ -14,6 +14,8 @@ of ln ratio and log-sensitivity, and what both ways are off by, relative. One me
 
 Beside the axis a sphere counts by its share of each circle about the axis. The second table tells S1 there, at rest beside
 ``equivalent-inclusion``, and what loads make of it.
+
+Duration: minutes.
 """
 
 from __future__ import annotations

@@ -3,6 +3,8 @@
 Each line: number, what was changed, how it ended (answered, refused, SIGNAL or code), seconds, peak memory, and what was said.
 
     python -m benchmarks.evaluators.auto_draws --scenes 60 --seed 0
+
+Duration: minutes.
 """
 
 from __future__ import annotations

@@ -11,6 +11,8 @@ repeated) restricts it:
 - map: 50 x 50 depths and diameters against ``axisymmetric`` point by point.
 
 Everything runs on one thread. ``--accuracy`` is that of audit and map.
+
+Duration: twenty minutes.
 """
 
 from __future__ import annotations

@@ -4,6 +4,8 @@ python -m benchmarks.evaluators.interrupts --tries 20 --seed 0
 
 For each command so many signals are sent, half of them Ctrl-C, the others SIGTERM and SIGHUP, at random moments between the
 program's first instruction and its end. A run that had finished may keep its own exit code and files.
+
+Duration: half an hour.
 """
 
 from __future__ import annotations

@@ -5,6 +5,8 @@
 Random scenes are evaluated by each evaluator in turn, at three accuracies in turn;
 after every fifty a line with the memory of the process, the most in between, the bytes that the workspace holds, and the
 processor's seconds. Linux alone tells a process's memory so.
+
+Duration: minutes.
 """
 
 from __future__ import annotations

@@ -1,6 +1,8 @@
 """Print the plan of every reference scene as the table of docs/explanation/plan.md, and the cost of a plan beside an evaluation.
 
 Usage: ``python -m benchmarks.evaluators.plans [--accuracy 0.01] [--folder axisymmetric --folder solid ...]``; seconds.
+
+Duration: minutes.
 """
 
 from __future__ import annotations

@@ -3,6 +3,8 @@
 Usage: ``python -m benchmarks.evaluators.reference_results [LEVEL ...] [--folder NAME]``: a line a scene and level, and at the end
 the SHA-256 of all lines. Run it before and after the change, and compare. The evaluators' seconds are left out; ``solid``,
 whose meshes take minutes where they are not cached, is asked for by name.
+
+Duration: minutes.
 """
 
 from __future__ import annotations

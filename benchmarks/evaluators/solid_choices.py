@@ -4,6 +4,8 @@
 
 It takes some minutes; meshes of the scene come from the cache where they were made
 before. pyamg is tried where it is installed. Seconds are of the processor, on one thread, medians of three.
+
+Duration: minutes.
 """
 
 from __future__ import annotations

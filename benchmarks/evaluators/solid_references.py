@@ -2,6 +2,8 @@
 
 Usage: ``python -m benchmarks.evaluators.solid_references [--accuracy 0.01] [--folder solid ...] [--name flank]``;
 about half a minute per scene. Meshes come from the cache where they were made before (``PROBE_DESIGN_CACHE``).
+
+Duration: half a minute per scene.
 """
 
 from __future__ import annotations

@@ -7,6 +7,8 @@ on arrays of 128), and of a sweep with 1 and 2 workers, start of the processes c
 sweep takes beyond its own ``seconds``, by the clock, after the first rows are there; of which in the process that hands out and
 writes: its processor time a row, with one worker. Second table: 1e5 closed-form designs swept with 2 workers, size of the store,
 time to start again when all rows are there. ``--scale 0.1`` asks for a tenth of the designs.
+
+Duration: minutes.
 """
 
 from __future__ import annotations

@@ -10,6 +10,8 @@ outside, or exactly at it; spheres are up to three times as wide as the probe, l
 
 Truth is order 9 with half as many cells again and up to three layers more at corners than the meshes that answer. Truths are
 read from a file of an earlier run where one is named.
+
+Duration: half an hour.
 """
 
 from __future__ import annotations

@@ -4,6 +4,8 @@
 
 Reference scenes, then drawn ones of ``load_bounds`` and of ``benchmarks.evaluators.inclusion_draws``, with layers and without.
 Of each the largest nearing by the coarsest mesh, which the rule for loads takes: over that by a fine one, and over eq. PL.4.
+
+Duration: minutes.
 """
 
 from __future__ import annotations

@@ -6,6 +6,8 @@ One to four layers, thin to thick, soft to stiff, bonded and frictionless faces,
 that the rule allows to linear elasticity at accuracy 0.01, and what sets it; the shares of the promise that the load really takes
 there (ratio, stresses, stiffness within 0.01, log-sensitivity within 0.05; 1 is all of it; what two meshes differ by is taken
 off); and the load at which the first promise breaks, or the gap closes, over the one that is allowed (1 or more is safe).
+
+Duration: an hour.
 """
 
 from __future__ import annotations

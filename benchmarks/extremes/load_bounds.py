@@ -9,6 +9,8 @@ over that up to which the plan, and the bound for formulas (PL.4), say that it s
 With --narrow gaps are up to a hundred times narrower, blocks up to ten times stiffer and half the tumours softer than tissue,
 where walls may hardly near each other without a tumour; scenes of which little is known, by x or the gap, are passed over.
 With --layered scenes without layers are passed over.
+
+Duration: half an hour.
 """
 
 from __future__ import annotations

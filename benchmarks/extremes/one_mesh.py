@@ -10,6 +10,8 @@ each bound that is smaller than the error, then a table by mesh.
 
 Order 8, which takes most of the time, is read from a file of an earlier run where one is named: bounds may change, what is
 true does not.
+
+Duration: half an hour.
 """
 
 from __future__ import annotations

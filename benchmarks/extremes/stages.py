@@ -2,6 +2,8 @@
 
 ``python -m benchmarks.extremes.stages`` prints the least processor time of 25 runs of each, on one thread, on the peers' first
 scene; operations in millions where they are counted, and how fast products of many matrices of 48 x 48 are.
+
+Duration: seconds.
 """
 
 from __future__ import annotations

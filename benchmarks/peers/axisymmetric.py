@@ -8,6 +8,8 @@ the time of the processor instead, on a machine that others use; CalculiX, a pro
 
 True values are those of ``tests/reference/axisymmetric``: NGSolve of order up to 12 (``benchmarks/references/axisymmetric.py``).
 The peers are used as their best users would, see ``ngsolve_meridian.py``, ``ngsolve_settings.py``, ``calculix_meridian.py``.
+
+Duration: ten minutes.
 """
 
 from __future__ import annotations

@@ -4,6 +4,8 @@ The film forces are the reactions RF of the nodes at the blocks' ends, the base 
 scene's file and a ``SolidSetting`` as JSON, and prints ratio, unknowns and seconds as JSON; ``ccx`` with its reading, assembly,
 solving and writing cannot be told apart. Solvers: those Debian's package has, ``SPOOLES``, ``ITERATIVE CHOLESKY``,
 ``ITERATIVE SCALING``.
+
+Duration: a minute.
 """
 
 from __future__ import annotations

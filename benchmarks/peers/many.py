@@ -8,6 +8,8 @@ largest difference of a ratio, in shares of the two ``error_estimate`` together.
 
 moduli: of one design, over four decades; loads: of one design; gap: 50 gaps; gap x modulus: a factorial sweep of 5 gaps and 10
 moduli; random: probe, depth, diameter and all moduli drawn within a quarter, one topology.
+
+Duration: minutes.
 """
 
 from __future__ import annotations

@@ -2,6 +2,8 @@
 
 Run as a program it takes a scene's file and a ``SolidSetting`` as JSON, and prints ratio, unknowns and seconds as JSON. Its task
 manager has ``OMP_NUM_THREADS`` threads, one if that is not set; meshing has one, which is faster.
+
+Duration: a minute.
 """
 
 from __future__ import annotations

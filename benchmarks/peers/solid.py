@@ -9,6 +9,8 @@ process and of those it starts. True values: ``tests/reference/solid``, else the
 The peers' settings are the cheapest ones that reach the error and keep it when refined (``solid_settings.py``), the ratio
 alone, without an error estimate. Ours is asked for the accuracy and answers with its own error estimate; its meshing is
 the difference between a run with an empty cache of meshes and runs with that cache filled.
+
+Duration: half an hour.
 """
 
 from __future__ import annotations

@@ -2,6 +2,8 @@
 
 Usage: ``python -m benchmarks.plans.agreement --scenes 12 --seed 0``, so many of each kind; ``--solid 0`` leaves out what only
 ``solid`` answers beyond so many scenes of each kind (some 20 to 60 s each). Printed are the scenes on which both differ.
+
+Duration: half an hour.
 """
 
 from __future__ import annotations

@@ -4,6 +4,8 @@ Usage: ``python -m benchmarks.populations.groove [--probes 24] [--seed 0]``, fro
 Probes, grooves and tumours are drawn. A signal is ln of a reading over the tumour less ln of the baseline reading, by ``solid``
 with the groove and by ``equivalent-inclusion`` without it. What the groove changes of it is printed relative to eq. PO.12 at a
 factor of 1: bounds r_i, eqs. RE.5 and PO.14, times what the tumour changes of each film's force.
+
+Duration: a minute per probe.
 """
 
 from __future__ import annotations

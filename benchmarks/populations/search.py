@@ -2,6 +2,8 @@
 
 python -m benchmarks.populations.search            # the closed-form stage, both searches, three populations
 python -m benchmarks.populations.search --judged   # the whole loop: start, one-tumour optimum, population optimum, judged
+
+Duration: ten minutes.
 """
 
 from __future__ import annotations

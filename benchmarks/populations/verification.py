@@ -3,6 +3,8 @@
     python -m benchmarks.populations.verification [--scans 10000] [--tumours 64] [--only deep] [--pictures FOLDER]
 
 Each simulated scan draws a tumour of the judge's, the errors of every reading, both gains of the scan and a blank.
+
+Duration: minutes.
 """
 
 from __future__ import annotations

@@ -4,6 +4,8 @@
 
 A row counts what came of a fault: how many readings were refused; of the others, how many were told with a warning, the root
 mean square of error over stated standard deviation, the largest, and the stated standard deviation.
+
+Duration: minutes.
 """
 
 from __future__ import annotations

@@ -5,6 +5,8 @@
 A virtual probe streams through decoder, recorder and fit as a real one does. It prints the largest memory, samples lost, what is
 on disk, and how far the result is off. `--full MB` lets the disk be full after so much. `--command` runs `probe-design read`,
 with its prediction, its lines and its JSON object.
+
+Duration: minutes.
 """
 
 from __future__ import annotations

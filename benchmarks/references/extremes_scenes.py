@@ -2,6 +2,8 @@
 
 ``python -m benchmarks.references.extremes_scenes tests/reference/extremes`` writes them; then ``axisymmetric.py`` on
 that folder for the results.
+
+Duration: seconds.
 """
 
 from __future__ import annotations

@@ -5,6 +5,8 @@ fit, by a generator seeded with the scene's name, so that adding scenes changes 
 
 Usage: ``python -m benchmarks.references.generate_extra_scenes FOLDER``, a folder named ``extra`` or ``extreme``; then
 ``python -m benchmarks.references.axisymmetric FOLDER`` for the results.
+
+Duration: seconds.
 """
 
 from __future__ import annotations

@@ -1,6 +1,8 @@
 """Write the scenes of ``tests/reference/off-axis``: off-axis tumours under two probes, for ``solid``.
 
 Usage: ``python -m benchmarks.references.generate_off_axis_scenes tests/reference/off-axis``
+
+Duration: seconds.
 """
 
 from __future__ import annotations

@@ -15,6 +15,8 @@ ln E: central differences of three steps, extrapolated to order six. ``error``: 
 corner layers at once, or the last extrapolation changes.
 
 Usage: ``python -m benchmarks.references.gradients FILE``
+
+Duration: an hour.
 """
 
 from __future__ import annotations

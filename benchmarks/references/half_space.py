@@ -6,6 +6,8 @@ probe and inclusion, halved from each to the next. ``relative_uncertainty`` is t
 changes and what a finer mesh changes.
 
 Usage: ``python -m benchmarks.references.half_space FOLDER``; writes the folder's ``expected.json``
+
+Duration: minutes.
 """
 
 from __future__ import annotations

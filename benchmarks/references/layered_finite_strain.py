@@ -3,6 +3,8 @@
 As ``shallow_tissue``, whose law and meshes these are, on deep tissue with one layer.
 
 Usage: ``python -m benchmarks.references.layered_finite_strain FILE``
+
+Duration: an hour.
 """
 
 from __future__ import annotations

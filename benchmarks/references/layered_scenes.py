@@ -2,6 +2,8 @@
 
 Usage: ``python -m benchmarks.references.layered_scenes FOLDER``, then ``python -m benchmarks.references.axisymmetric FOLDER``
 for the results.
+
+Duration: seconds.
 """
 
 from __future__ import annotations

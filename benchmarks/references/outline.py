@@ -1,4 +1,4 @@
-"""Outline and mesh of the reference code: the meridian plane of probe, layers, base and tissue.
+"""Build the reference code's outline and mesh: the meridian plane of probe, layers, base and tissue.
 
 The tissue lies below z = 0, lengths are in inner radii. On each block lie its film and, above it, its adhesive, both as
 wide as the block. The elastic base is that of ``geometry.cad.solids``: a step of the tube's radius below a flange; where the

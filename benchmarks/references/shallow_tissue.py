@@ -11,6 +11,8 @@ last refinement changes of a row's values. At the corners it falls slowly: a cod
 up to 0.22 of a tenth of the indentation. Contact adds nothing: nine tenths of the gap are left.
 
 Usage: ``python -m benchmarks.references.shallow_tissue FILE``
+
+Duration: an hour.
 """
 
 from __future__ import annotations

@@ -25,6 +25,8 @@ left 2.7e-5.
 
 Usage, after ``pip install ngsolve``: ``python -m benchmarks.references.solid SCENE.toml ...``, a folder means all its scenes;
 each result goes into ``expected.json`` beside its scene as soon as it is known
+
+Duration: ten minutes per scene.
 """
 
 from __future__ import annotations

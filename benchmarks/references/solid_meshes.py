@@ -1,4 +1,7 @@
-"""Make the meshes of tests/meshes with netgen (extra ``bench``): ``python -m benchmarks.references.solid_meshes``."""
+"""Make the meshes of tests/meshes with netgen.
+
+Duration: seconds.
+"""
 
 from __future__ import annotations
 

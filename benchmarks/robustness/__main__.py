@@ -4,6 +4,8 @@ Every try is drawn from the seed, its kind and its number alone, so that ``--fir
 
     python -m benchmarks.robustness --tries 200 --seed 0
     python -m benchmarks.robustness --kind step --tries 1 --first 17 --seed 0
+
+Duration: minutes.
 """
 
 from __future__ import annotations

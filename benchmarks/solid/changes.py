@@ -2,6 +2,8 @@
 
 Usage: ``python -m benchmarks.solid.changes [SCENE.toml] [--accuracy 0.01] [--cache FOLDER]``; some minutes. Meshes are made where
 the folder, else an empty one for each result, has none. Seconds are the processor's, of the processes that mesh, too.
+
+Duration: minutes.
 """
 
 from __future__ import annotations

@@ -3,6 +3,8 @@
 Usage: ``python -m benchmarks.solid.moved [--folder off-axis ...] [--name NAME ...] [--by 0.25]``; some ten seconds a scene. Each
 reference is answered after a scene whose first tumour lay elsewhere, by a share ``--by`` of its least radius: deeper, shallower
 where that leaves the tissue, and aside, all from an empty cache of meshes.
+
+Duration: ten seconds per scene.
 """
 
 from __future__ import annotations

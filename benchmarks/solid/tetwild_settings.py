@@ -2,6 +2,8 @@
 
 Usage: ``python -m benchmarks.solid.tetwild_settings [--name flank] [--fineness rough]``; some minutes. One trial each, never
 repeated where a check fails. Seconds are the processor's while meshing; the error is that of the ratio on this one mesh.
+
+Duration: minutes.
 """
 
 from __future__ import annotations
