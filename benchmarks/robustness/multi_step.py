@@ -1,6 +1,7 @@
 """Robustness tests of more than one step: a sweep's work and store, its cluster, and how any command ends.
 
-Each asks the program in processes of its own, and compares what is left with what nobody disturbed leaves."""
+Each asks the program in processes of its own, and compares what is left with what nobody disturbed leaves.
+"""
 
 from __future__ import annotations
 
