@@ -32,6 +32,7 @@ ROOMS = {
     "PH": "solver/phase",
     "PL": "solver/planning",
     "OP": "probe_design/optimisation",
+    "LG": "probe_design/inference",
     "PO": "probe_design/populations",
     "DS": "probe_design/design_search",
     "MA": "probe_design/maps",

@@ -23,7 +23,7 @@ from probe_design.populations.design_file import Design
 from probe_design.populations.detection import Detector, compute_log_likelihood_ratio, whiten
 from probe_design.populations.examination import Examination
 from probe_design.populations.judge import examine, score
-from probe_design.populations.noise import build_difference_covariance, compute_film_charges
+from probe_design.populations.noise import build_difference_noise, compute_film_charges
 
 
 def simulate_scans(scan: Examination, design: Design, scans: int) -> tuple[Floats, Ints]:
@@ -43,10 +43,8 @@ def simulate_scans(scan: Examination, design: Design, scans: int) -> tuple[Float
 def compute_detection_rates(scan: Examination, design: Design, scans: int) -> tuple[float, float]:
     """Return the share of simulated scans in which the detector finds the tumour, and of those without one."""
     blank = np.exp(np.log(scan.readings.blank).mean(axis=0))
-    C = build_difference_covariance(
-        design.noise, design.protocol, scan.draw.scene, blank, tumour_forces=scan.readings.mean_forces
-    )
-    detector = Detector.train(scan.reference, C, design.protocol.false_alarm)
+    noise = build_difference_noise(design.noise, design.protocol, scan.draw.scene, blank, tumour_forces=scan.readings.mean_forces)
+    detector = Detector.train(scan.reference, noise.covariance, design.protocol.false_alarm)
     errors, tumour = simulate_scans(scan, design, scans)
     shares = []
     for readings in (errors + scan.readings.signal[tumour], errors):

@@ -1,9 +1,9 @@
 """What a search of designs climbs: the population objective in closed form, smooth, on arrays of designs.
 
 Readings are linear in what is unknown: y = s + J c + N n + e, with white errors e of variance v at each position, tumour
-parameters c and nuisances n common to a scan, both with Gaussian priors. All but s eliminated,
+parameters c and nuisances n common to a scan, both with Gaussian priors: eq. LG.1. All but s eliminated,
 
-    d'^2 = s^T W s,     W = V^-1 - V^-1 N (N^T V^-1 N + Pi^-1)^-1 N^T V^-1                             (DS.1)
+    d'^2 = s^T W s,     W = (V + N Pi N^T)^-1                                                       (DS.1)
 
 is the deflection of a *known* tumour against the same tissue without it, and P = Phi(d' - z) its probability of detection at a
 false alarm rate Phi(-z): an upper bound on that of a detector that knows the population alone, which the judge finds. The
@@ -24,14 +24,17 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.special import ndtr, ndtri
+from scipy.special import ndtr
 
 from probe_design.data.noise import MAX_RESOLVED_LOG_SD
+from probe_design.inference.linear_gaussian import LinearGaussian
+from probe_design.populations.detection import compute_known_probabilities
 from solver.closed_form.bessel import Array
 from solver.tumour_waves.population_films import Films, ManyTumours
 
 RESOLVED_STEP_LOG_SD = 0.25  # of ln sd over which a tumour passes from not resolved to resolved
-MIN_PRIOR_VARIANCE = 1e-12  # least prior variance
+MIN_VARIANCE = 1e-12  # of ln stiffness, and of a squared deflection, whose root has a derivative at 0 then
+FLAT_PRIOR_SD = 1e6  # of ln contrast of which nothing is known: finite, so that a tumour without effect has a derivative
 
 
 @dataclass(frozen=True)
@@ -96,9 +99,9 @@ class PopulationObjective:
     def evaluate_tumours(self, probes: Array, force: Any) -> Array:
         """Return the objective tumour by tumour, shape (n, m); see ``values``."""
         if self.maximise == "detection":
-            films, variance, nuisances, prior = self._compute_errors(probes, force)
-            deflection = _weigh_columns(self._compute_signature(films)[..., None], variance, nuisances, prior)[..., 0, 0]
-            return ndtr(np.sqrt(deflection + MIN_PRIOR_VARIANCE) - ndtri(1 - self.channels.false_alarm))
+            films, noise = self._compute_noise(probes, force)
+            squared_deflection = noise.compute_chi_square(self._compute_signature(films))
+            return compute_known_probabilities(np.sqrt(squared_deflection + MIN_VARIANCE), self.channels.false_alarm)
         log_sd = self.compute_log_sd(probes, force)
         if self.maximise == "information":
             return math.log(self.priors["object"]) - log_sd
@@ -106,18 +109,19 @@ class PopulationObjective:
 
     def compute_log_sd(self, probes: Array, force: Any) -> Array:
         """Return ln of the posterior standard deviation of ln contrast, eq. DS.2, shape (n, m)."""
-        films, variance, nuisances, prior = self._compute_errors(probes, force)
-        information = _weigh_columns(self._compute_derivatives(probes, films), variance, nuisances, prior)
-        precisions = [max(self.priors[key], 1e-6) ** -2 for key in ("object", "diameter", "depth")]
-        precisions[0] = precisions[0] if self.maximise == "information" else MIN_PRIOR_VARIANCE
-        return 0.5 * np.log(np.linalg.inv(information + np.diag(precisions))[..., 0, 0])
+        films, noise = self._compute_noise(probes, force)
+        prior_sd = np.array([self.priors[key] for key in ("object", "diameter", "depth")])
+        prior_sd[0] = prior_sd[0] if self.maximise == "information" else FLAT_PRIOR_SD
+        return np.log(
+            noise.add_unknowns(self._compute_derivatives(probes, films), prior_sd).compute_posterior_sd(np.array([1.0]))
+        )
 
-    def _compute_errors(self, probes: Array, force: Any) -> tuple[Films, Array, Array, Array]:
-        """Return films, white variances, nuisance columns and their priors; NaN where a film is in tension (no logarithm)."""
+    def _compute_noise(self, probes: Array, force: Any) -> tuple[Films, LinearGaussian]:
+        """Return films and the readings' noise; NaN where a film is in tension (no logarithm)."""
         films = self.tumours.compute_films(probes)
         films = replace(films, without=_mask_non_positive(films.without))
         variance = self._compute_variance(films, force(films.without))
-        return films, variance, *self._build_nuisances(probes, films, variance)
+        return films, LinearGaussian.from_shared_errors(self._build_shared_errors(probes, films, variance), variance)
 
     def _stack_channels(self, ratio: Array, stiffness: Array) -> Array:
         """Readings of a scan in one axis: ratios, then stiffnesses where they are read."""
@@ -137,20 +141,19 @@ class PopulationObjective:
         charges = ((self.channels.charge / (share * force[..., None])) ** 2).sum(axis=2)
         ones = np.ones((1, 1, films.change.shape[2]))
         ratio = (self.channels.white**2 + charges)[..., None] * ones
-        return self._stack_channels(ratio, self.channels.stiffness_white**2 + MIN_PRIOR_VARIANCE + 0 * ratio)
+        return self._stack_channels(ratio, self.channels.stiffness_white**2 + MIN_VARIANCE + 0 * ratio)
 
-    def _build_nuisances(self, probes: Array, films: Films, variance: Array) -> tuple[Array, Array]:
-        """Return the errors common to a scan: nuisance columns (n, m, readings, a) and prior variances (n, m, a)."""
+    def _build_shared_errors(self, probes: Array, films: Films, variance: Array) -> Array:
+        """Return the errors common to a scan, one standard deviation in each column, shape (n, m, readings, a)."""
         readings, channels = variance.shape[2], 2 if self.channels.stiffness else 1
         count = readings // channels
-        columns = [np.repeat(np.arange(channels) == k, count).astype(float) for k in range(channels)]
+        by_channel = np.repeat(np.eye(channels), count, axis=0)
         if self.channels.blank:
-            return np.array(columns).T, variance[:, :, ::count] + 0.0
-        gains = [self.channels.gain**2 + MIN_PRIOR_VARIANCE, self.channels.stiffness_gain**2 + MIN_PRIOR_VARIANCE][:channels]
-        tissue = self._difference("tissue", probes, lambda films: self._stack_channels(*_compute_baseline_logs(films)))[..., None]
-        common = np.broadcast_to(np.array(columns).T, (*variance.shape, channels))
-        prior = np.broadcast_to([*gains, max(self.priors["tissue"], 1e-6) ** 2], (*variance.shape[:2], channels + 1))
-        return np.concatenate([common, tissue], axis=3), prior
+            return by_channel * np.sqrt(variance[:, :, None, ::count])
+        gains = np.array([self.channels.gain, self.channels.stiffness_gain])[:channels]
+        common = np.broadcast_to(by_channel * gains, (*variance.shape, channels))
+        tissue = self._difference("tissue", probes, lambda films: self._stack_channels(*_compute_baseline_logs(films)))
+        return np.concatenate([common, self.priors["tissue"] * tissue[..., None]], axis=3)
 
     def _compute_derivatives(self, probes: Array, films: Films) -> Array:
         """Derivatives of the signature by ln contrast, ln diameter and ln depth, shape (n, m, readings, 3)."""
@@ -177,16 +180,6 @@ def _compute_baseline_logs(films: Films) -> tuple[Array, Array]:
     stiffness = np.log(films.without.sum(axis=2))
     ones = np.ones(films.change.shape[2])
     return ratio[..., None] * ones, stiffness[..., None] * ones
-
-
-def _weigh_columns(columns: Array, variance: Array, nuisances: Array, prior: Array) -> Array:
-    """Return J^T W J for columns J (n, m, readings, c) and the weight W of eq. DS.1, shape (n, m, c, c)."""
-    scaled = columns / variance[..., None]
-    whole = np.swapaxes(columns, 2, 3) @ scaled
-    common = np.swapaxes(nuisances, -1, -2) @ (nuisances / variance[..., None])
-    common = common + np.eye(prior.shape[2]) / prior[..., None]
-    crossed = np.swapaxes(nuisances, -1, -2) @ scaled
-    return whole - np.swapaxes(crossed, 2, 3) @ np.linalg.solve(common, crossed)
 
 
 def _compute_quantile(values: Array, share: float) -> Array:

@@ -22,13 +22,13 @@ Otherwise threshold and P_i are found by drawing z, always the same numbers, so 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.special import ndtr, ndtri, softmax
 
 from geometry.common.arrays import Floats
+from probe_design.inference.linear_gaussian import Array
 
 TUMOUR_FREE_SCANS = 32_768  # scans without tumours from which the threshold is found
 SCANS_PER_TUMOUR = 256  # over each tumour
@@ -125,9 +125,9 @@ class Detector:
         return np.asarray(ndtr(v @ (u / size) - self.threshold))
 
 
-def whiten(factor: Floats, signals: Any) -> Any:
-    """Return L^-1 s for signals of shape (n, m), real or complex."""
-    return solve_triangular(factor, signals.T, lower=True).T
+def whiten(factor: Floats, signals: Floats) -> Floats:
+    """Return L^-1 s for signals of shape (n, m)."""
+    return np.asarray(solve_triangular(factor, signals.T, lower=True).T)
 
 
 def compute_log_likelihood_ratio(templates: Floats, z: Floats) -> Floats:
@@ -144,13 +144,6 @@ def compute_log_likelihood_ratio(templates: Floats, z: Floats) -> Floats:
     return result
 
 
-def compute_deflections(signals: Any, covariance: Floats) -> Any:
-    """Return d' of each tumour if it were known, shape (n,): what eq. PO.5 bounds P_i with; smooth, also for complex steps."""
-    factor = np.asarray(np.linalg.cholesky(covariance), dtype=float)
-    v = whiten(factor, signals)
-    return np.sqrt((v**2).sum(axis=-1))
-
-
-def compute_known_probabilities(deflection: Floats, false_alarm: float) -> Floats:
-    """Return eq. PO.5 for deflections of any shape: the most that any detector finds."""
+def compute_known_probabilities(deflection: Array, false_alarm: float) -> Array:
+    """Return eq. PO.5 for deflections of any shape, real or complex: the most that any detector finds."""
     return np.asarray(ndtr(deflection - ndtri(1 - false_alarm)))

@@ -19,17 +19,18 @@ import numpy as np
 
 from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import InputError
+from probe_design.inference.linear_gaussian import LinearGaussian
 from probe_design.populations.control_variate import ControlSignals, estimate_statistic
 from probe_design.populations.design_file import Design
-from probe_design.populations.detection import SCANS_PER_TUMOUR, Detector, compute_deflections
+from probe_design.populations.detection import SCANS_PER_TUMOUR, Detector
 from probe_design.populations.judgement import Judgement, Kind, MeanError
-from probe_design.populations.noise import build_difference_covariance, build_full_covariance
+from probe_design.populations.noise import build_difference_noise, build_full_noise
 from probe_design.populations.population import ScenePopulation, TumourDraw
 from probe_design.populations.resolved import (
     Unknowns,
-    compute_contrast_deviations,
     compute_fraction_error,
     compute_informations,
+    compute_log_sds,
     is_resolved,
     is_undecided,
 )
@@ -110,24 +111,22 @@ class Examination:
         draw, objective, protocol, readings = self.draw, design.objective, design.protocol, self.readings
         unknowns, blank = Unknowns.from_draw(self.population, draw), np.exp(np.log(readings.blank).mean(axis=0))
         known = design.noise, protocol, draw.scene, blank
-        whole = build_difference_covariance(
+        noise = build_difference_noise(
             *known,
             tissue=_average_tissue_derivatives(unknowns, readings),
             tumour_forces=readings.mean_forces,
             observable=observable,
         )
-        full_covariance = build_full_covariance(*known, readings.mean_forces, observable=observable)
-        detector = Detector.train(self.reference, whole, protocol.false_alarm, seed=seed)
+        full_noise = build_full_noise(*known, readings.mean_forces, observable=observable)
+        detector = Detector.train(self.reference, noise.covariance, protocol.false_alarm, seed=seed)
         values, contrast, modulus = _evaluate_tumours(
-            detector, unknowns, readings, full_covariance=full_covariance, blank=protocol.blank, seed=seed
+            detector, unknowns, readings, noise=full_noise, blank=protocol.blank, seed=seed
         )
         threshold, model, causes = self._compute_model_error(detector, values["detection"], protocol.blank, seed)
         control = None if self.control is None else self.control.compute_probabilities(detector, seed)
         correction_errors = dict.fromkeys(values, 0.0)
         if self.first is not None:
-            first_order = _evaluate_tumours(
-                detector, unknowns, self.first, full_covariance=full_covariance, blank=protocol.blank, seed=seed
-            )[0]
+            first_order = _evaluate_tumours(detector, unknowns, self.first, noise=full_noise, blank=protocol.blank, seed=seed)[0]
             values, correction_errors = self._correct_first_order(values, first_order)
         fraction, reflected = _compute_error_fractions(readings, protocol.blank), self.reflected
         models: dict[Kind, float] = {
@@ -148,8 +147,9 @@ class Examination:
                     "information": objective.compute_statistic(gain)},
             errors={kind: MeanError(math.hypot(sampling[kind], correction_errors[kind]), models[kind], correction_errors[kind])
                     for kind in models},
-            values=values, contrast_sd=contrast, modulus_sd=modulus, deflection=compute_deflections(readings.signal, whole),
-            depth=draw.depth, diameter=draw.diameter, x=draw.x, youngs_modulus=draw.youngs_modulus, tissue=draw.tissue,
+            values=values, contrast_sd=contrast, modulus_sd=modulus,
+            deflection=np.sqrt(noise.compute_chi_square(readings.signal)), depth=draw.depth,
+            diameter=draw.diameter, x=draw.x, youngs_modulus=draw.youngs_modulus, tissue=draw.tissue,
             causes=causes, statistic=objective.statistic, false_alarm=protocol.false_alarm, evaluator=self.evaluator,
             seconds=self.seconds + perf_counter() - start, control=control, warnings=(draw.note,) if draw.note else (),
         )  # fmt: skip
@@ -190,15 +190,15 @@ class Examination:
 
 
 def _evaluate_tumours(
-    detector: Detector, unknowns: Unknowns, readings: ScanReadings, *, full_covariance: Floats, blank: bool, seed: int
+    detector: Detector, unknowns: Unknowns, readings: ScanReadings, *, noise: LinearGaussian, blank: bool, seed: int
 ) -> tuple[dict[Kind, Floats], Floats, Floats]:
     """Each tumour's probability of detection, whether it is resolved, its information; standard deviations of both logarithms."""
     J = unknowns.build_derivatives(readings, blank)
-    contrast, modulus = (compute_contrast_deviations(unknowns, J, full_covariance, of_object) for of_object in (False, True))
+    contrast, modulus = compute_log_sds(unknowns, J, noise)
     values: dict[Kind, Floats] = {
         "detection": detector.compute_probabilities(readings.signal, seed=seed),
         "resolved": is_resolved(contrast),
-        "information": compute_informations(unknowns, J, full_covariance),
+        "information": compute_informations(unknowns, J, noise),
     }
     return values, contrast, modulus
 

@@ -1,4 +1,4 @@
-"""Covariance of the readings of one scan.
+"""Noise of the readings of one scan.
 
 With w_c the standard deviation of one reading of channel c by itself, readings at p positions, with one more over a tumour-free
 place of the same tissue (the blank) that is taken from each, have
@@ -31,12 +31,13 @@ from geometry.common.errors import InputError
 from geometry.scenes.probe import Film
 from geometry.scenes.scene import Scene
 from probe_design.data.noise import MIN_NOISE
+from probe_design.inference.linear_gaussian import LinearGaussian
 from probe_design.populations.tables import CHANNEL_INDICES, NoiseModel, Observable, Protocol
 
 WHITE_NOISE_KEYS = ("white", "stiffness_white")  # keys of [noise] of both channels
 
 
-def build_difference_covariance(
+def build_difference_noise(
     noise: NoiseModel,
     protocol: Protocol,
     scene: Scene,
@@ -45,8 +46,8 @@ def build_difference_covariance(
     tissue: Floats | None = None,
     tumour_forces: Floats | None = None,
     observable: Observable | None = None,
-) -> Floats:
-    """Return the covariance of the readings counted from the baseline reading (eq. PO.2) or from a prediction (eq. PO.3).
+) -> LinearGaussian:
+    """Return the noise of the readings counted from the baseline reading (eq. PO.2) or from a prediction (eq. PO.3).
 
     Args:
         noise: of the design file.
@@ -58,7 +59,7 @@ def build_difference_covariance(
         observable: which channels are read; left out: the protocol's.
 
     Returns:
-        shape (m, m), in the order of ``scan_readings.compute_logarithms``.
+        of m readings, in the order of ``scan_readings.compute_logarithms``; its unknowns are the errors that they share.
 
     Raises:
         InputError: a reading would have less noise than ``MIN_NOISE``, or charges are noisy and the scene has no load.
@@ -70,12 +71,14 @@ def build_difference_covariance(
         _compute_channel_variances(noise, channels, scene, places),
         _compute_common_variances(noise, channels, blank),
     )
-    shared = white_variances[:, 0] if protocol.blank else together
-    C = np.diag(white_variances[:, 1:].ravel()) + np.kron(np.diag(shared), np.ones((p, p)))
-    return C if tissue is None or protocol.blank else C + tissue @ tissue.T
+    common = white_variances[:, 0] if protocol.blank else together
+    shared = np.repeat(np.diag(np.sqrt(common)), p, axis=0)
+    if tissue is not None and not protocol.blank:
+        shared = np.hstack([shared, tissue])
+    return LinearGaussian.from_shared_errors(shared, white_variances[:, 1:].ravel())
 
 
-def build_full_covariance(
+def build_full_noise(
     noise: NoiseModel,
     protocol: Protocol,
     scene: Scene,
@@ -83,23 +86,22 @@ def build_full_covariance(
     tumour_forces: Floats,
     *,
     observable: Observable | None = None,
-) -> Floats:
-    """Return the covariance of all readings and the baseline's (eq. PO.8); arguments as of ``build_difference_covariance``.
+) -> LinearGaussian:
+    """Return the noise of all readings and the baseline's (eq. PO.8); arguments as of ``build_difference_noise``.
 
     Returns:
-        in the order of ``scan_readings.compute_logarithms``, then the blank's channels if there is one;
-            shape (m, m) or (m + c, m + c).
+        of m readings in the order of ``scan_readings.compute_logarithms``, then of the c channels of the blank if there is one.
     """
     channels = CHANNEL_INDICES[observable or protocol.observable]
     white_variances, common = (
         _compute_channel_variances(noise, channels, scene, np.vstack([blank, tumour_forces])),
         _compute_common_variances(noise, channels, blank),
     )
-    identity, p = np.eye(len(white_variances)), len(tumour_forces)
     variances = np.concatenate([white_variances[:, 1:].ravel(), white_variances[:, 0]])
-    u = np.concatenate([np.repeat(identity, p, axis=0), identity])
-    size = len(variances) if protocol.blank else len(white_variances) * p
-    return np.asarray((np.diag(variances) + u @ np.diag(common) @ u.T)[:size, :size])
+    gains = np.diag(np.sqrt(common))
+    shared = np.concatenate([np.repeat(gains, len(tumour_forces), axis=0), gains])
+    size = len(variances) - (0 if protocol.blank else len(common))
+    return LinearGaussian.from_shared_errors(shared[:size], variances[:size])
 
 
 def compute_reading_deviations(noise: NoiseModel, protocol: Protocol, scene: Scene, blank: Floats) -> Floats:

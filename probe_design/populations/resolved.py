@@ -7,8 +7,9 @@ is t + j,
 
     W = (C + sum S_i J_i J_i^T)^-1,   sd(k) = (j^T W j)^(-1/2)                                     (PO.6)
 
-with nothing taken as known of the contrast before. The same with t in place of t + j is the standard deviation of ln E_object,
-which of one tumour of which all else is known is eq. OP.3. With the prior of the object too,
+with nothing taken as known of the contrast before: that is the posterior of k with an infinite prior of the object. The same
+with t in place of t + j is the standard deviation of ln E_object, which of one tumour of which all else is known is eq. OP.3.
+With the prior of the object too,
 
     sd(k)^2 = c^T (S^-1 + J^T C^-1 J)^-1 c,   c = e_object - e_host                                (PO.7)
 
@@ -25,6 +26,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats, Ints
 from probe_design.data.noise import MAX_RESOLVED_LOG_SD
+from probe_design.inference.linear_gaussian import LinearGaussian
 from probe_design.populations.population import ScenePopulation, TumourDraw, name_host_modulus
 from probe_design.populations.scan_readings import ScanReadings
 
@@ -59,6 +61,12 @@ class Unknowns:
         deviations = [population.ranges["object"].deviation or DEFAULT_PRIOR_LOG_SD, *open_ones.values()]
         return cls(names, np.array(deviations), index)
 
+    @property
+    def contrast(self) -> Floats:
+        """Coefficients of ln contrast, the object's modulus less the host's, shape (n, q)."""
+        hosts = (self.host[:, None] == np.arange(len(self.names))) & (self.host[:, None] > 0)
+        return np.asarray(np.eye(len(self.names))[0] - hosts)
+
     def build_derivatives(self, readings: ScanReadings, blank: bool) -> Floats:
         """Return J of all readings, the blank's after those of the scan where there is one, shape (n, m or m + c, q)."""
         columns = []
@@ -69,38 +77,23 @@ class Unknowns:
         return np.stack(columns, axis=-1)
 
 
-def compute_contrast_deviations(unknowns: Unknowns, J: Floats, covariance: Floats, of_object: bool = False) -> Floats:
-    """Return the standard deviation of ln contrast, or of ln E_object (eq. PO.6), shape (n,); inf without information.
+def compute_log_sds(unknowns: Unknowns, J: Floats, noise: LinearGaussian) -> tuple[Floats, Floats]:
+    """Return the standard deviations of ln contrast and of ln E_object (eq. PO.6), shape (n,) each; inf without information.
 
     Args:
         unknowns: q of them.
         J: their derivatives, shape (n, m, q).
-        covariance: of the readings, shape (m, m).
-        of_object: whether to tell ln E_object.
+        noise: of the m readings.
     """
-    j, nuisances = J[:, :, 0], J[:, :, 1:].copy()
-    if not of_object:
-        rows = np.flatnonzero(unknowns.host > 0)
-        nuisances[rows, :, unknowns.host[rows] - 1] += j[rows]
-    spread = nuisances * unknowns.deviations[1:]
-    marginal = covariance + spread @ spread.transpose(0, 2, 1)
-    weighed = np.linalg.solve(marginal, j[:, :, None])[:, :, 0]
-    information = np.maximum((j * weighed).sum(axis=1), 0.0)
-    with np.errstate(divide="ignore"):
-        return np.asarray(1 / np.sqrt(information))
+    model = noise.add_unknowns(J, np.array([np.inf, *unknowns.deviations[1:]]))
+    return model.compute_posterior_sd(unknowns.contrast), model.compute_posterior_sd(np.array([1.0]))
 
 
-def compute_informations(unknowns: Unknowns, J: Floats, covariance: Floats) -> Floats:
+def compute_informations(unknowns: Unknowns, J: Floats, noise: LinearGaussian) -> Floats:
     """Return ln(prior / posterior standard deviation) of ln contrast, eq. PO.7, shape (n,)."""
-    n, q = len(J), len(unknowns.names)
-    scaled = J * unknowns.deviations  # unknowns in prior deviations: S = 1
-    posterior = np.eye(q) + scaled.transpose(0, 2, 1) @ np.linalg.solve(covariance, scaled)
-    c = np.zeros((n, q))
-    c[:, 0] = unknowns.deviations[0]
-    rows = np.flatnonzero(unknowns.host > 0)
-    c[rows, unknowns.host[rows]] = -unknowns.deviations[unknowns.host[rows]]
-    left = (c * np.linalg.solve(posterior, c[:, :, None])[:, :, 0]).sum(axis=1)
-    return np.asarray(np.maximum(np.log((c**2).sum(axis=1) / left) / 2, 0.0))
+    prior = np.linalg.norm(unknowns.contrast * unknowns.deviations, axis=1)
+    posterior = noise.add_unknowns(J, unknowns.deviations).compute_posterior_sd(unknowns.contrast)
+    return np.asarray(np.maximum(np.log(prior / posterior), 0.0))
 
 
 def is_resolved(deviations: Floats) -> Floats:

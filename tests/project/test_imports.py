@@ -101,6 +101,7 @@ ALLOWED: dict[str, set[str]] = {
     # probe_design: what is computed knows neither the terminal nor the command line, so that scripts and workers can ask for it;
     # beside the solver's face each room sees those inner rooms whose many answers at once it needs
     "probe_design.data": SCENES,
+    "probe_design.inference": {"geometry.common"},
     "probe_design.pictures": PROVENANCE,
     "probe_design.repetition": PROVENANCE,
     "probe_design.reports": {
@@ -115,6 +116,7 @@ ALLOWED: dict[str, set[str]] = {
     "probe_design.populations": {
         "probe_design.built_probe.calibration_record",  # gains that were calibrated
         "probe_design.data",
+        "probe_design.inference",
         "probe_design.maps.sphere_effects",
         "probe_design.maps.scan_line",
         "probe_design.pictures",
@@ -137,6 +139,7 @@ ALLOWED: dict[str, set[str]] = {
     },
     "probe_design.design_search": {
         "probe_design.data",
+        "probe_design.inference",
         "probe_design.optimisation",
         "probe_design.populations",
         "solver.casadi_functions",

@@ -25,9 +25,10 @@ from probe_design.estimation.nuisances import NuisanceErrors, compute_nuisance_e
 from probe_design.estimation.predictions import Predictions
 from probe_design.estimation.profile import Track
 from probe_design.estimation.shared_errors import SharedErrors
+from probe_design.inference.linear_gaussian import LinearGaussian
 from probe_design.populations.inclusion_scan import compute_inclusion_readings
 from probe_design.populations.population import TumourDraw
-from probe_design.populations.resolved import Unknowns, compute_contrast_deviations
+from probe_design.populations.resolved import Unknowns, compute_log_sds
 from probe_design.populations.tables import NoiseModel, Protocol
 from tests.support.paths import EXAMPLES
 from tests.support.program import run
@@ -170,7 +171,8 @@ def by_population(scene: Scene, positions: Sequence[float], stiffness: bool) -> 
     readings = compute_inclusion_readings(draw, protocol, tuple(deviations), noise=noise).best
     unknowns = Unknowns(tuple(deviations), np.array(list(deviations.values())), np.array([3]))
     J = unknowns.build_derivatives(readings, protocol.blank)
-    return float(compute_contrast_deviations(unknowns, J, 1e-4 * np.eye(J.shape[1]), of_object=True)[0])
+    noise = LinearGaussian.from_shared_errors(np.zeros((J.shape[1], 0)), np.full(J.shape[1], 1e-4))
+    return float(compute_log_sds(unknowns, J, noise)[1][0])
 
 
 @pytest.mark.slow

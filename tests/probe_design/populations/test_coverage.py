@@ -14,12 +14,13 @@ import pytest
 
 from benchmarks.populations.verification import compute_detection_rates
 from geometry.common.arrays import Floats
+from probe_design.inference.linear_gaussian import LinearGaussian
 from probe_design.populations.closed_form_scan import ClosedFormScan
 from probe_design.populations.design_file import Design
 from probe_design.populations.judge import examine
-from probe_design.populations.noise import build_full_covariance
+from probe_design.populations.noise import build_full_noise
 from probe_design.populations.population import ScenePopulation, TumourDraw
-from probe_design.populations.resolved import Unknowns, compute_contrast_deviations
+from probe_design.populations.resolved import Unknowns, compute_log_sds
 from probe_design.populations.scan_readings import compute_logarithms
 from tests.support.designs import SUPERFICIAL, THREE, example_design
 
@@ -41,14 +42,14 @@ class SimulatedScans:
         contrast: ln contrast of each less the middle's, shape (SCANS,).
         unknowns: of the middle tumour.
         J: its derivatives, shape (m, q).
-        covariance: shape (m, m).
+        noise: of the m readings.
     """
 
     offs: Floats
     contrast: Floats
     unknowns: Unknowns
     J: Floats
-    covariance: Floats
+    noise: LinearGaussian
 
     @classmethod
     def from_design(cls, design: Design) -> SimulatedScans:
@@ -58,10 +59,10 @@ class SimulatedScans:
         known = Unknowns.from_draw(population, middle)
         scan = ClosedFormScan.from_draw(middle, design.protocol)
         readings = scan.compute_readings(design.scene, known.names)
-        C = build_full_covariance(design.noise, design.protocol, design.scene, readings.blank[0], readings.mean_forces)
+        noise = build_full_noise(design.noise, design.protocol, design.scene, readings.blank[0], readings.mean_forces)
         offs = _readings(draw, design) - _readings(middle, design) + _errors(design, SCANS)
         contrast = np.log(draw.youngs_modulus / _tissues(draw)) - np.log(middle.youngs_modulus / _tissues(middle))
-        return cls(offs, contrast, known, known.build_derivatives(readings, design.protocol.blank)[0], C)
+        return cls(offs, contrast, known, known.build_derivatives(readings, design.protocol.blank)[0], noise)
 
     def covered(self, left_out: str = "", gains: bool = True) -> float:
         """Share of 95 % intervals of ln contrast that hold the truth; without an unknown's prior width, or without gains."""
@@ -72,11 +73,12 @@ class SimulatedScans:
             ]
         )
         known = replace(self.unknowns, deviations=deviations)
-        C = self.covariance if gains else np.diag(np.diag(self.covariance))
-        sd = float(compute_contrast_deviations(known, self.J[None], C)[0])
+        variance = np.diag(self.noise.covariance)
+        noise = self.noise if gains else LinearGaussian.from_shared_errors(np.zeros((len(variance), 0)), variance)
+        sd = float(compute_log_sds(known, self.J[None], noise)[0][0])
         nuisances, j = self.J[:, 1:].copy(), self.J[:, 0]
         nuisances[:, known.host[0] - 1] += j
-        weights = np.linalg.solve(C + (nuisances * deviations[1:]) @ (nuisances * deviations[1:]).T, j)
+        weights = np.linalg.solve(noise.covariance + (nuisances * deviations[1:]) @ (nuisances * deviations[1:]).T, j)
         estimate = self.offs @ weights / (j @ weights)
         return float((np.abs(estimate - self.contrast) < TOLD * sd).mean())
 

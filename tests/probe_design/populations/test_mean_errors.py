@@ -11,7 +11,7 @@ from probe_design.design_search.design_source import read_builtin_design
 from probe_design.populations import inclusion_scan
 from probe_design.populations.examination import Examination
 from probe_design.populations.judge import examine, verify
-from probe_design.populations.noise import build_difference_covariance
+from probe_design.populations.noise import build_difference_noise
 from probe_design.populations.scan_errors import ERROR_CAUSES, GROOVE_SAFETY_FACTOR, bound_groove_change
 from solver.equivalent_inclusion.level import EquivalentInclusion
 from tests.support.designs import SUPERFICIAL, THREE, example_design
@@ -80,10 +80,10 @@ def test_a_channel_without_noise_that_is_not_read_is_left_out_and_not_refused() 
 def test_noise_of_one_channel_is_that_part_of_both() -> None:
     design = example_design(protocol=THREE)
     blank = np.array([3.0, 1.0])
-    whole = build_difference_covariance(design.noise, design.protocol, design.scene, blank)
+    whole = build_difference_noise(design.noise, design.protocol, design.scene, blank).covariance
     for observable, part in (("ratio", slice(0, 3)), ("stiffness", slice(3, 6))):
-        matrix = build_difference_covariance(design.noise, design.protocol, design.scene, blank, observable=observable)  # type: ignore[arg-type]
-        assert np.array_equal(matrix, whole[part, part])
+        noise = build_difference_noise(design.noise, design.protocol, design.scene, blank, observable=observable)  # type: ignore[arg-type]
+        assert np.array_equal(noise.covariance, whole[part, part])
 
 
 def test_what_the_groove_is_bounded_by_is_above_what_solid_finds() -> None:

@@ -10,17 +10,18 @@ import pytest
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Load
 from geometry.scenes.variables import replace_values
+from probe_design.inference.linear_gaussian import LinearGaussian
 from probe_design.optimisation.objective import Noise, standard_deviation
 from probe_design.populations.closed_form_scan import ClosedFormScan
 from probe_design.populations.inclusion_scan import compute_inclusion_readings
 from probe_design.populations.judge import score
-from probe_design.populations.noise import build_full_covariance
+from probe_design.populations.noise import build_full_noise
 from probe_design.populations.population import ScenePopulation
 from probe_design.populations.resolved import (
     Unknowns,
-    compute_contrast_deviations,
     compute_fraction_error,
     compute_informations,
+    compute_log_sds,
     is_resolved,
     is_undecided,
 )
@@ -36,10 +37,10 @@ def unknowns(q: int, host: int, n: int) -> Unknowns:
     return Unknowns(names, np.linspace(0.3, 0.9, q), np.full(n, host))
 
 
-def problem(n: int = 5, m: int = 6, q: int = 4) -> tuple[Floats, Floats]:
+def problem(n: int = 5, m: int = 6, q: int = 4, size: float = 1.0) -> tuple[Floats, LinearGaussian]:
     rng = np.random.default_rng(0)
     mixing = rng.standard_normal((m, m))
-    return rng.standard_normal((n, m, q)), mixing @ mixing.T + np.eye(m)
+    return rng.standard_normal((n, m, q)), LinearGaussian.from_shared_errors(np.sqrt(size) * mixing, np.full(m, size))
 
 
 def test_one_reading_of_one_known_tumour_is_today_s_objective() -> None:
@@ -58,7 +59,7 @@ def test_one_reading_of_one_known_tumour_is_today_s_objective() -> None:
 
 
 def test_deviations_are_those_of_the_whole_fisher_matrix() -> None:
-    J, C = problem()
+    J, noise = problem()
     for host in (-1, 1):
         known = unknowns(4, host, len(J))
         c = np.zeros(4)
@@ -66,41 +67,40 @@ def test_deviations_are_those_of_the_whole_fisher_matrix() -> None:
         if host > 0:
             c[host] = -1
         prior = np.diag([0.0, *known.deviations[1:] ** -2])
-        fisher = J.transpose(0, 2, 1) @ np.linalg.solve(C, J) + prior
-        assert compute_contrast_deviations(known, J, C) == pytest.approx(
-            np.sqrt([c @ np.linalg.solve(matrix, c) for matrix in fisher])
-        )
+        fisher = J.transpose(0, 2, 1) @ np.linalg.solve(noise.covariance, J) + prior
+        contrast, modulus = compute_log_sds(known, J, noise)
+        assert contrast == pytest.approx(np.sqrt([c @ np.linalg.solve(matrix, c) for matrix in fisher]))
         e = np.eye(4)[0]
         whole = np.sqrt([e @ np.linalg.solve(matrix, e) for matrix in fisher])
-        assert compute_contrast_deviations(known, J, C, of_object=True) == pytest.approx(whole)
+        assert modulus == pytest.approx(whole)
 
 
 def test_information_is_what_the_prior_loses() -> None:
-    J, C = problem()
+    J, noise = problem()
     known = unknowns(4, 1, len(J))
     c, prior = np.array([1.0, -1.0, 0.0, 0.0]), np.diag(known.deviations**-2)
-    fisher = J.transpose(0, 2, 1) @ np.linalg.solve(C, J) + prior
+    fisher = J.transpose(0, 2, 1) @ np.linalg.solve(noise.covariance, J) + prior
     information, prior_information = (
         np.array([c @ np.linalg.solve(matrix, c) for matrix in fisher]),
         c @ np.linalg.solve(prior, c),
     )
-    assert compute_informations(known, J, C) == pytest.approx(np.log(prior_information / information) / 2)
+    assert compute_informations(known, J, noise) == pytest.approx(np.log(prior_information / information) / 2)
 
 
 def test_readings_that_tell_nothing_tell_nothing() -> None:
-    J, C = np.zeros((3, 6, 4)), np.eye(6)
+    J, noise = np.zeros((3, 6, 4)), LinearGaussian.from_shared_errors(np.zeros((6, 0)), np.ones(6))
     known = unknowns(4, 1, 3)
-    assert np.all(np.isinf(compute_contrast_deviations(known, J, C)))
-    assert np.all(is_resolved(compute_contrast_deviations(known, J, C)) == 0)
-    assert compute_informations(known, J, C) == pytest.approx(0.0, abs=1e-15)
+    assert np.all(np.isinf(compute_log_sds(known, J, noise)))
+    assert np.all(is_resolved(compute_log_sds(known, J, noise)[0]) == 0)
+    assert compute_informations(known, J, noise) == pytest.approx(0.0, abs=1e-15)
 
 
 def test_hardly_any_noise_leaves_finite_numbers() -> None:
-    J, C = problem()
     for size in (1e-12, 1e12):
+        J, noise = problem(size=size)
         known = unknowns(4, 1, len(J))
-        assert np.all(np.isfinite(compute_informations(known, J, C * size)))
-        assert np.all(compute_contrast_deviations(known, J, C * size) > 0)
+        assert np.all(np.isfinite(compute_informations(known, J, noise)))
+        assert np.all(np.array(compute_log_sds(known, J, noise)) > 0)
 
 
 @pytest.mark.slow
@@ -111,10 +111,11 @@ def test_intervals_cover_the_truth() -> None:
     draw = population.draw_tumours(8)
     known = Unknowns.from_draw(population, draw)
     readings = ClosedFormScan.from_draw(draw, design.protocol).compute_readings(design.scene, known.names)
-    C = build_full_covariance(design.noise, design.protocol, design.scene, readings.blank[0], readings.mean_forces)
+    noise = build_full_noise(design.noise, design.protocol, design.scene, readings.blank[0], readings.mean_forces)
+    C = noise.covariance
     rng = np.random.default_rng(0)
     J = known.build_derivatives(readings, design.protocol.blank)
-    stated, tissue = compute_contrast_deviations(known, J, C), known.names.index("tissue")
+    stated, tissue = compute_log_sds(known, J, noise)[0], known.names.index("tissue")
     covered = []
     for k, row in enumerate(J):
         errors = known.deviations * rng.standard_normal((2000, len(known.names)))
@@ -151,8 +152,8 @@ def test_tumours_of_the_physics_page_are_told_as_it_says() -> None:
     for (positions, stiffness), expected in values_stated.items():
         protocol = Protocol(positions=positions, stiffness=stiffness, blank=False)
         readings = compute_inclusion_readings(draw, protocol, known.names, noise=noise).best
-        C = build_full_covariance(noise, protocol, scene, readings.blank[0], readings.mean_forces)
-        deviations = compute_contrast_deviations(known, known.build_derivatives(readings, False), C, of_object=True)
+        scan_noise = build_full_noise(noise, protocol, scene, readings.blank[0], readings.mean_forces)
+        deviations = compute_log_sds(known, known.build_derivatives(readings, False), scan_noise)[1]
         assert deviations[:2] == pytest.approx(expected[:2], rel=0.1)
         assert np.abs(np.log(deviations / expected)).max() < np.log(1.7)
 

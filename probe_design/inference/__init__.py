@@ -1,0 +1,1 @@
+"""The linear-Gaussian model that every detection, estimate, calibration and check rests on."""

@@ -1,0 +1,243 @@
+"""Linear readings of Gaussian unknowns: their covariance, and what they determine of the unknowns.
+
+Readings y depend on unknowns x with Gaussian priors, and have independent errors e,
+
+    y = J x + e,   x_j ~ N(0, p_j^2),   e_i ~ N(0, v_i),   C = V + J P J^T                          (LG.1)
+
+where C is the covariance of the readings, V the diagonal matrix of the v_i, and P that of the p_j^2. An error that readings
+share, such as a gain or the error of a baseline reading, is an unknown like any other. Of p_j = 0 it is known, of p_j = inf
+nothing is known before the readings.
+
+All results follow from one orthogonalisation,
+
+    [V^-1/2 J; P^-1/2] D = Q R                                                                      (LG.2)
+
+with orthonormal columns Q, a triangular matrix R, and scales D which make the columns of the left side as large as 1. With w
+the part of the vector [V^-1/2 y; 0] that is orthogonal to Q,
+
+    D R^-1 R^-T D = posterior covariance of x,     w . w = y^T C^-1 y                                (LG.3)
+
+which is the squared deflection of a signal y, and the misfit chi-square of a residual y. Large and small priors, or noise, thus
+never leave the difference of two large numbers. No product conjugates a complex number, unlike LAPACK's QR: complex steps
+differentiate all results.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry.common.errors import InputError
+
+Array = NDArray[Any]  # of floats, or of complex numbers on the way to a derivative
+_RELATIVE_ROUNDING = float(np.finfo(float).eps)  # times the number of terms of a sum
+
+
+@dataclass(frozen=True)
+class LinearGaussian:
+    """Linear readings of Gaussian unknowns, eq. LG.1; leading axes of all arrays are a batch and broadcast.
+
+    Attributes:
+    ----------
+    derivatives : array (..., m, q)
+        J, of m readings with respect to q unknowns.
+    variance : array (..., m)
+        v, of the independent errors.
+    prior_sd : array (..., q)
+        p, from 0 to inf.
+
+    Raises:
+    ------
+    InputError
+        A variance is not above 0, or a prior standard deviation is below 0. NaN is passed on to the results.
+    """
+
+    derivatives: Array
+    variance: Array
+    prior_sd: Array
+
+    def __post_init__(self) -> None:
+        """Refuse readings without noise."""
+        if np.any(np.real(self.variance) <= 0):
+            raise InputError("variance", float(np.real(self.variance).min()), "a variance above 0 of each reading")
+        if np.any(self.prior_sd < 0):
+            raise InputError("prior_sd", float(np.min(self.prior_sd)), "a standard deviation from 0 to inf")
+
+    @classmethod
+    def from_shared_errors(cls, shared: Array, variance: Array) -> LinearGaussian:
+        """Return readings whose errors are columns of ``shared`` (..., m, q), each times a standard normal number, and white."""
+        return cls(shared, variance, np.ones(shared.shape[-1]))
+
+    def add_unknowns(self, derivatives: Array, prior_sd: Array) -> LinearGaussian:
+        """Return the model with further unknowns, which come first.
+
+        Parameters
+        ----------
+        derivatives : array (..., m, k)
+            Of the readings with respect to them.
+        prior_sd : array (..., k)
+            Prior standard deviations of them.
+        """
+        columns, sds = (derivatives, self.derivatives), (np.asarray(prior_sd), self.prior_sd)
+        batch = np.broadcast_shapes(*(part.shape[:-2] for part in columns), *(part.shape[:-1] for part in sds))
+        joined = np.concatenate([np.broadcast_to(part, (*batch, *part.shape[-2:])) for part in columns], axis=-1)
+        return LinearGaussian(
+            joined, self.variance, np.concatenate([np.broadcast_to(part, (*batch, part.shape[-1])) for part in sds], axis=-1)
+        )
+
+    @property
+    def covariance(self) -> Array:
+        """C of eq. LG.1, shape (..., m, m); all priors have to be finite."""
+        spread = self.derivatives * self.prior_sd[..., None, :]
+        white = self.variance[..., None] * np.eye(self.variance.shape[-1])
+        return np.asarray(white + spread @ np.swapaxes(spread, -1, -2))
+
+    def whiten(self, columns: Array) -> Array:
+        """Return columns w of eq. LG.3, whose products are those of C^-1, for columns (..., m, c): shape (..., m + q, c)."""
+        return _restore_axes(self._project(columns)[0])
+
+    def compute_information(self, derivatives: Array) -> Array:
+        """Return the Fisher information J^T C^-1 J, shape (..., c, c), of other unknowns with derivatives (..., m, c)."""
+        w = self._project(derivatives)[0]
+        return _restore_axes((w[:, None] * w).sum(axis=2))
+
+    def compute_chi_square(self, values: Array) -> Array:
+        """Return y^T C^-1 y, shape (...), for values (..., m): the misfit of a residual, the squared deflection of a signal."""
+        return np.asarray((self._project(values[..., None])[0] ** 2).sum(axis=(0, 1)))
+
+    def weigh(self, values: Array) -> Array:
+        """Return C^-1 y for values y (..., m)."""
+        return np.asarray(self.whiten(values[..., None])[..., : values.shape[-1], 0] / np.sqrt(self.variance))
+
+    def compute_log_likelihood(self, values: Array) -> Array:
+        """Return the logarithm of the density N(0, C) at values (..., m), shape (...); all priors have to be finite."""
+        factors = self._factors
+        volume = sum(np.log(factors.R[k, k] / factors.prior_rows[k]) for k in range(len(factors.R)))
+        white = np.log(2 * np.pi * self.variance).sum(axis=-1)
+        return np.asarray(-(self.compute_chi_square(values) + white) / 2 - volume)
+
+    def compute_posterior_mean(self, values: Array) -> Array:
+        """Return the mean of the unknowns after readings (..., m), shape (..., q); the prior's where these determine nothing."""
+        mean = self._project(values[..., None])[1][:, 0]
+        R, scale = _align_batch(self._factors.R, 2, mean.ndim - 1), _align_batch(self._factors.scale, 1, mean.ndim - 1)
+        for k in reversed(range(len(mean))):
+            mean[k] = _divide(mean[k] - (R[k, k + 1 :] * mean[k + 1 :]).sum(axis=0), R[k, k])
+        return np.moveaxis(mean * scale, 0, -1)
+
+    def compute_posterior_sd(self, combination: Array) -> Array:
+        """Return the standard deviation of c . x after the readings, shape (...); inf where these do not determine it.
+
+        Parameters
+        ----------
+        combination : array (..., k)
+            c of the first k unknowns; 0 for the others.
+        """
+        padding = [(0, 0)] * (combination.ndim - 1) + [(0, self.derivatives.shape[-1] - combination.shape[-1])]
+        root, is_resolved = self._solve_transposed(np.pad(combination, padding)[..., None])
+        return np.asarray(np.where(is_resolved, np.sqrt((root**2).sum(axis=0)), np.inf)[0])
+
+    def compute_posterior_covariance(self) -> Array:
+        """Return eq. LG.3, shape (..., q, q).
+
+        An unknown that neither prior nor readings determine has an infinite variance, and covariances of NaN.
+        """
+        root, is_resolved = self._solve_transposed(np.eye(self.derivatives.shape[-1]))
+        covariance = _restore_axes((root[:, :, None] * root[:, None]).sum(axis=0))
+        both = _restore_axes(is_resolved[:, None] & is_resolved)
+        return np.where(both, covariance, np.where(np.eye(covariance.shape[-1]) > 0, np.inf, np.nan))
+
+    @cached_property
+    def _factors(self) -> _Factors:
+        """Orthogonalise eq. LG.2 by modified Gram-Schmidt."""
+        batch = np.broadcast_shapes(self.derivatives.shape[:-2], self.variance.shape[:-1], self.prior_sd.shape[:-1])
+        q = self.derivatives.shape[-1]
+        prior_sd = np.moveaxis(np.broadcast_to(self.prior_sd, (*batch, q)), -1, 0)
+        whitened = self.derivatives / np.sqrt(self.variance)[..., None]
+        readings_rows = _put_batch_last(np.broadcast_to(whitened, (*batch, *whitened.shape[-2:])))
+        size = np.abs(readings_rows).max(axis=1, initial=0.0)
+        scale = np.minimum(prior_sd, np.divide(1.0, size, out=np.full(size.shape, np.inf), where=size > np.finfo(float).tiny))
+        scale = np.where(np.isinf(scale), 1.0, scale)  # of an unknown that neither prior nor readings determine
+        prior_rows = np.divide(scale, prior_sd, out=np.ones(scale.shape), where=prior_sd > 0)
+        below = np.zeros((q, q, *batch))
+        below[np.arange(q), np.arange(q)] = prior_rows
+        Q = np.concatenate([readings_rows * scale[:, None], below], axis=1)
+        R = np.zeros((q, q, *batch), dtype=Q.dtype)
+        for k, column in enumerate(Q):
+            length = np.sqrt((column**2).sum(axis=0))
+            R[k, k] = np.where(length.real <= _RELATIVE_ROUNDING * len(column), 0.0, length)  # a sum of the columns before it
+            column[:] = _divide(column, R[k, k])
+            for j in range(k + 1, q):
+                R[k, j] = (column * Q[j]).sum(axis=0)
+                Q[j] -= R[k, j] * column
+        return _Factors(Q, R, scale, prior_rows)
+
+    def _project(self, columns: Array) -> tuple[Array, Array]:
+        """Return columns w of eq. LG.3, shape (c, m + q, ...), and Q^T [V^-1/2 y; 0], (q, c, ...), for columns y (..., m, c)."""
+        whitened, Q = _put_batch_last(columns / np.sqrt(self.variance)[..., None]), self._factors.Q
+        Q, whitened = _align_batch(Q, 2, whitened.ndim - 2), _align_batch(whitened, 2, Q.ndim - 2)
+        batch = np.broadcast_shapes(whitened.shape[2:], Q.shape[2:])
+        w = np.zeros((len(whitened), Q.shape[1], *batch), dtype=np.result_type(whitened, Q))
+        w[:, : whitened.shape[1]] = whitened
+        coefficients = np.zeros((len(Q), len(w), *batch), dtype=w.dtype)
+        for k, column in enumerate(Q):
+            coefficients[k] = (column * w).sum(axis=1)
+            w -= coefficients[k][:, None] * column
+        return w, coefficients
+
+    def _solve_transposed(self, columns: Array) -> tuple[Array, Array]:
+        """Return R^-T D c for columns c (..., q, n), shape (q, n, ...), and whether c . x is determined, shape (n, ...)."""
+        R, scale = _align_batch(self._factors.R, 2, columns.ndim - 2), _align_batch(self._factors.scale, 1, columns.ndim - 2)
+        right = np.swapaxes(_align_batch(_put_batch_last(columns), 2, scale.ndim - 1), 0, 1) * scale[:, None]
+        root, is_resolved = np.zeros(right.shape, dtype=R.dtype), np.ones(right.shape[1:], dtype=bool)
+        for k in range(len(R)):
+            terms = R[:k, None, k] * root[:k]
+            remainder, largest = right[k] - terms.sum(axis=0), np.abs(right[k]) + np.abs(terms).sum(axis=0)
+            is_resolved &= (R[k, k] != 0) | (np.abs(remainder) <= _RELATIVE_ROUNDING * len(R) * largest)
+            root[k] = _divide(remainder, R[k, k])
+        return root, is_resolved
+
+
+@dataclass(frozen=True)
+class _Factors:
+    """Eq. LG.2, with the batch axes last.
+
+    Attributes:
+    ----------
+    Q : array (q, m + q, ...)
+        Columns, one in each row.
+    R : array (q, q, ...)
+    scale : array (q, ...)
+        Diagonal of D.
+    prior_rows : array (q, ...)
+        Diagonal of P^-1/2 D.
+    """
+
+    Q: Array
+    R: Array
+    scale: Array
+    prior_rows: Array
+
+
+def _put_batch_last(matrices: Array) -> Array:
+    """Return matrices (..., m, c) as an array (c, m, ...), on which loops over columns are several times faster."""
+    return np.moveaxis(matrices, (-1, -2), (0, 1))
+
+
+def _align_batch(array: Array, leading: int, batch_axes: int) -> Array:
+    """Return an array whose axes after the first ones are a batch, with at least so many batch axes."""
+    missing = max(0, batch_axes - (array.ndim - leading))
+    return array.reshape(*array.shape[:leading], *(1,) * missing, *array.shape[leading:])
+
+
+def _restore_axes(columns: Array) -> Array:
+    """Return an array (c, m, ...) as matrices (..., m, c)."""
+    return np.moveaxis(columns, (0, 1), (-1, -2))
+
+
+def _divide(numerator: Array, pivot: Array) -> Array:
+    """Return the quotient, 0 where the pivot is 0: nothing is known in that direction."""
+    return np.where(pivot == 0, 0.0, numerator / np.where(pivot == 0, 1.0, pivot))
