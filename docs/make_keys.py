@@ -12,9 +12,8 @@ from typing import Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from geometry.scenes.scene import Scene
+from geometry.scenes.scene import TISSUE_MODELS, Scene
 from geometry.scenes.units import Quantity
-from geometry.scenes.validation_messages import TISSUE_MODELS
 
 PAGE = Path(__file__).parent / "reference" / "scene-file.md"
 HEAD = """\
@@ -24,6 +23,10 @@ A TOML file: one probe on one piece of tissue. A quantity is a text with its uni
 belongs is refused, as is a key that is not here. Axes: the origin is the middle of the tissue's top, z out of the tissue, x along
 a block's length. In Python the same keys are arguments of the models in `geometry`, numbers then being in SI units.
 `examples/scene.toml` is a small scene, `examples/two-tumours.toml` a fuller one.
+
+Every value has a path, `probe.gap`, `tissue.layer[0].thickness`, `inclusion[1].depth` (`inclusion.depth` where there is one inclusion): sweeps, tolerances and
+messages name values by it, and in Python `scene.replace({"probe.gap": "0.2 mm", "load.force": 0.01})` returns the scene with other values, texts with units or
+SI numbers. A key that excludes a new one goes, as `area_ratio` where `outer_radius` is new, and a varied modulus takes the material's name with it.
 
 This page is what `python docs/make_keys.py` finds in the models: run it after every change of theirs.
 """

@@ -5,7 +5,8 @@ What a user calls:
     read_scene        a scene of a TOML file (docs/reference/scene-file.md)
     scene_from_toml   of its text; scene_from_dict: of its tables
     scene_to_toml     the text of such a file; scene_to_dict: its tables
-    Scene             what is pressed on what: Probe, tissue, Inclusion, Contact, Placement, Load
+    Scene             what is pressed on what: Probe, tissue, Inclusion, Contact, Placement, Load;
+                      scene.replace({"probe.gap": "0.2 mm"}) returns it with other values
     Probe             two blocks of a Material each; Base, Film and Groove where it has them
     CylinderTissue    tissue, or BlockTissue, or HalfSpaceTissue
     InputError        bad input, in one line; Refusal: of a scene that an evaluator cannot take; SolveError, ExportError,

@@ -24,7 +24,7 @@ from benchmarks.built_probe.solved_probes import SolvedProbes
 from geometry import Scene, read_scene
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
-from geometry.scenes.variables import list_values, replace_values
+from geometry.scenes.variables import list_values
 from probe_design.built_probe.bench import Bench, Reference, read_bench, read_builtin_bench
 from probe_design.built_probe.block_predictions import (
     BlockPredictions,
@@ -121,7 +121,7 @@ class Study:
                 turns[off] = float(random.choice([-1, 1]) * random.uniform(5, 15))
             try:
                 new = {name: values[name] + turn * tolerances[name] for name, turn in turns.items()}
-                return replace_values(self.scene, new), turns.get(off or "", 0.0)
+                return self.scene.replace(new), turns.get(off or "", 0.0)
             except ValueError:
                 continue
 

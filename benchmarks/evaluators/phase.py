@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from geometry import Scene, read_scene
-from geometry.scenes.variables import list_loss_factors, replace_values
+from geometry.scenes.variables import list_loss_factors
 from solver import evaluate
 
 ROOT = Path(__file__).parents[2]
@@ -33,7 +33,7 @@ FREQUENCY = 2.0  # Hz
 def lossy(scene: Scene) -> Scene:
     """Return a scene whose tissue and tumour lose as above."""
     losses = {key: LOSSES[key.removesuffix(".loss_factor")] for key in list_loss_factors(scene) if not key.startswith("probe")}
-    return replace_values(scene, losses)
+    return scene.replace(losses)
 
 
 def spreads(scene: Scene) -> tuple[float, float, float, float]:

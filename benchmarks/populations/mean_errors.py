@@ -17,7 +17,6 @@ from scipy.special import logsumexp
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Load, Scene
-from geometry.scenes.variables import replace_values
 from probe_design.design_search.design_source import read_builtin_design
 from probe_design.populations.design_file import Design
 from probe_design.populations.judge import verify
@@ -33,7 +32,7 @@ def optimum(design: Design) -> Scene:
     """Return the built-in scene with the recommended probe under its force."""
     probe = design.scene.probe.model_copy(update={"area_ratio": None, "outer_radius": OPTIMUM["probe.outer_radius"]})
     scene = design.scene.model_copy(update={"probe": probe, "load": Load(force=0.025)})
-    return replace_values(scene, OPTIMUM | {f"probe.{name}.youngs_modulus": 1e6 for name in ("inner", "outer")})
+    return scene.replace(OPTIMUM | {f"probe.{name}.youngs_modulus": 1e6 for name in ("inner", "outer")})
 
 
 def signals(scene: Scene, design: Design, count: int, rng: np.random.Generator) -> tuple[Floats, Floats]:

@@ -18,7 +18,7 @@ from numpy.polynomial import chebyshev
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Placement, Scene
-from geometry.scenes.variables import list_values, replace_values
+from geometry.scenes.variables import list_values
 from probe_design.estimation.model import TARGET_UNKNOWNS
 from solver import evaluator
 
@@ -93,7 +93,7 @@ class ReadingCase:
         """Return the scene at a point of the box."""
         values, priors = list_values(self.scene), self.nuisances.items()
         new = {name: values[name] * math.exp(sd * eta) for (name, sd), eta in zip(priors, point[1:], strict=True)}
-        return replace_values(self.scene, new | {self.key: math.exp(point[0])})
+        return self.scene.replace(new | {self.key: math.exp(point[0])})
 
     def readings(self, point: Sequence[float], moduli: Floats | None = None) -> Floats:
         """Return ln ratio of each press, then ln stiffness of those whose stiffness is read, shape (n, k).

@@ -5,14 +5,16 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Mapping
 from itertools import accumulate
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import BaseModel, Discriminator, Field, Tag, ValidationError, model_validator
 
 from geometry.common.errors import InputError, Words
 from geometry.scenes import fit_check as placement
+from geometry.scenes.keys import Value, find_key, replace_values
 from geometry.scenes.probe import Frozen, Interface, Length, Material, Position, Probe, Thickness
 from geometry.scenes.units import Quantity
+from geometry.scenes.validation_messages import convert_error
 
 Degrees = Annotated[float, Field(ge=-360.0, le=360.0)]
 Diameters = Annotated[tuple[Length, Length, Length], Field(strict=False)]
@@ -116,6 +118,7 @@ Tissue = Annotated[
     | Annotated[HalfSpaceTissue, Tag("half-space")],
     Discriminator(_read_shape),
 ]
+TISSUE_MODELS: dict[str, type[BaseModel]] = {"cylinder": CylinderTissue, "block": BlockTissue, "half-space": HalfSpaceTissue}
 
 
 class Inclusion(Material):
@@ -221,6 +224,46 @@ class Scene(Frozen):
     def _check_fit(self) -> Self:
         placement.check_bodies_fit(self)
         return self
+
+    @classmethod
+    def from_tables(cls, tables: Mapping[str, Any], units_required: bool = False) -> Self:
+        """Build a scene from the tables of a scene file.
+
+        Args:
+            tables: the tables; quantities are texts with units or SI numbers.
+            units_required: whether a number without a unit is refused where a unit belongs, as in files.
+
+        Raises:
+            InputError: a value is missing or not allowed.
+        """
+        try:
+            return cls.model_validate(tables, context={"units_required": units_required})
+        except ValidationError as refused:
+            raise convert_error(refused, cls) from None
+
+    def replace(self, changes: Mapping[str, Value]) -> Self:
+        """Return the scene with other values; the scene itself stays as it is.
+
+        Args:
+            changes: new values by the keys of the scene file: ``probe.gap``, ``tissue.layer[0].thickness``,
+                ``inclusion[1].depth``, or ``inclusion.depth`` where there is one inclusion. A value is a text with its unit,
+                ``"0.2 mm"``, or an SI number.
+
+        Returns:
+            The new scene. A key that excludes a new one is gone, as ``area_ratio`` where ``outer_radius`` is new; a varied
+            material has lost its name.
+
+        Raises:
+            InputError: there is no such key, or the new scene is not allowed.
+
+        Example:
+            >>> scene.replace({"probe.gap": "0.2 mm", "load.force": 0.01}).probe.gap  # doctest: +SKIP
+            0.0002
+        """
+        tables = self.model_dump(exclude_unset=True)
+        keys = [find_key(name, tables, Scene) for name in changes]
+        values = [key.read_bare_value(value) for key, value in zip(keys, changes.values(), strict=True)]
+        return self.from_tables(replace_values(tables, keys, values))
 
     @property
     def target(self) -> int | None:

@@ -6,13 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
 from geometry.common.errors import InputError, Words
 from geometry.common.text_files import parse_tables, read_text
 from geometry.scenes.file_kinds import check_kind
 from geometry.scenes.scene import Scene
-from geometry.scenes.validation_messages import convert_error
 
 
 def read_scene(path: Path | str) -> Scene:
@@ -42,10 +39,7 @@ def scene_from_toml(text: str, name: str = "scene") -> Scene:
 
 def scene_from_dict(data: dict[str, Any]) -> Scene:
     """Build a scene from the tables of a scene file, quantities as strings. Raises ``InputError``."""
-    try:
-        return Scene.model_validate(data, context={"units_required": True})
-    except ValidationError as refused:
-        raise convert_error(refused) from None
+    return Scene.from_tables(data, units_required=True)
 
 
 def scene_to_dict(scene: Scene) -> dict[str, Any]:

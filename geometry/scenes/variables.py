@@ -3,13 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any
 
-from geometry.common.errors import InputError, describe_choices
-from geometry.scenes.catalogue import set_number
 from geometry.scenes.scene import Scene
-from geometry.scenes.units import SI_CONTEXT
 
 BLOCK_NAMES = ("inner", "outer")
 
@@ -48,28 +43,6 @@ def list_loss_factors(scene: Scene) -> dict[str, float]:
     alone = len(scene.inclusion) == 1
     bodies |= {"inclusion" if alone else f"inclusion[{k}]": body for k, body in enumerate(scene.inclusion)}
     return {f"{name}.loss_factor": body.loss_factor for name, body in bodies.items()}
-
-
-def replace_values(scene: Scene, new: Mapping[str, float]) -> Scene:
-    """Return a scene with other values under keys of ``list_values`` and ``list_loss_factors``; a varied material loses its name.
-
-    Raises:
-        InputError: the scene has no such value.
-        ValueError: the scene that results is refused.
-    """
-    current = list_values(scene) | list_loss_factors(scene)
-    data = scene.model_dump(exclude_unset=True)
-    for key, value in new.items():
-        if key not in current:
-            raise InputError("variable", key, describe_choices(key, current))
-        *path, last = key.replace("[", ".").replace("]", "").split(".")
-        place: Any = data
-        for name in path:
-            place = place[int(name) if name.isdigit() else name]
-            if name == "inclusion" and key.startswith("inclusion."):
-                place = place[0]
-        set_number(place, last, float(value))
-    return Scene.model_validate(data, context=SI_CONTEXT)
 
 
 def compute_length_derivatives(scene: Scene) -> dict[str, dict[str, float]]:

@@ -16,7 +16,7 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, Words
 from geometry.scenes.scene import Placement, Scene
 from geometry.scenes.units import SI_CONTEXT
-from geometry.scenes.variables import list_values, replace_values
+from geometry.scenes.variables import list_values
 from probe_design.built_probe.bench import Reference, Workshop
 from solver.axisymmetric.converged_forces import Converged
 from solver.axisymmetric.gradients import compute_gradients
@@ -196,7 +196,7 @@ def _differentiate_area_ratio(scene: Scene, name: str) -> float:
     if name not in ("probe.inner_radius", "probe.outer_radius", "probe.gap"):
         return 0.0
     step = RELATIVE_STEP * list_values(scene)[name]
-    high, low = (replace_values(scene, {name: list_values(scene)[name] + turn}).probe for turn in (step, -step))
+    high, low = (scene.replace({name: list_values(scene)[name] + turn}).probe for turn in (step, -step))
     return math.log(high.inner_area / high.outer_area * low.outer_area / low.inner_area) / (2 * step)
 
 

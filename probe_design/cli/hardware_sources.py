@@ -17,7 +17,7 @@ from geometry.scenes.probe import LENGTH_QUANTITY
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import read_scene
 from geometry.scenes.units import MODULUS_QUANTITY
-from geometry.scenes.variables import list_values, replace_values
+from geometry.scenes.variables import list_values
 from hw.common.limits import ReadLimits
 from hw.common.samples import Floats, Samples
 from hw.foreign.columns import ColumnMap
@@ -244,7 +244,7 @@ class HardwareSetup:
         """Return the virtual probe with the deviations of --built."""
         scene = express_by_outer_radius(self.scene)
         new_values = dict(_read_change(scene, text) for text in source.built)
-        return VirtualBench(self.scene, replace_values(scene, new_values), self.bench, seed=source.seed)
+        return VirtualBench(self.scene, scene.replace(new_values), self.bench, seed=source.seed)
 
 
 def get_reading_limits() -> ReadLimits:

@@ -10,7 +10,6 @@ from threadpoolctl import threadpool_limits
 from geometry.common.arrays import Floats
 from geometry.common.resources import start_clock
 from geometry.scenes.scene import Load, Placement, Scene
-from geometry.scenes.variables import replace_values
 from probe_design.estimation.model import TARGET_UNKNOWNS, TargetModel
 from probe_design.estimation.predictions import MAX_LOG_RATIO_ERROR
 from solver.contact.level import DECISION_FEATURE, ContactEvaluator
@@ -91,7 +90,7 @@ class LoadedModel:
     def _build_scene(self, value: float) -> Scene:
         scene = _place_on_axis(self.model)
         if self.unknown not in TARGET_UNKNOWNS:
-            return replace_values(scene, {self.unknown: value})
+            return scene.replace({self.unknown: value})
         return scene.model_copy(update={"inclusion": (scene.inclusion[0].model_copy(update={self.unknown: value}),)})
 
     def _compute_ratio(self, films: FilmForces) -> float:

@@ -13,7 +13,7 @@ from geometry.common.errors import InputError, Refusal, Words
 from geometry.scenes.probe import Material, format_mm
 from geometry.scenes.scene import Inclusion, Placement, Scene
 from geometry.scenes.units import MODULUS_QUANTITY
-from geometry.scenes.variables import list_values, replace_values
+from geometry.scenes.variables import list_values
 from probe_design.estimation.measurements import Measurements
 from probe_design.estimation.phases import build_turned_bodies, build_turned_scenes, insert_phases
 from probe_design.estimation.predictions import Predictions
@@ -65,8 +65,8 @@ class TargetModel:
         return [body for index, body in enumerate(self.scene.inclusion) if index != self.scene.target]
 
     def replace_values(self, new_values: Mapping[str, float]) -> TargetModel:
-        """Return the model of a scene with other numbers; see ``geometry.scenes.variables.replace_values``."""
-        return replace(self, scene=replace_values(self.scene, new_values))
+        """Return the model of a scene with other numbers; see ``Scene.replace``."""
+        return replace(self, scene=self.scene.replace(new_values))
 
     @cached_property
     def base(self) -> Undisturbed:

@@ -9,7 +9,6 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
-from geometry.scenes.variables import replace_values
 from probe_design.estimation.intervals import TOLERATED_SHIFT, Piece
 from probe_design.estimation.model import TARGET_UNKNOWNS, TargetModel
 from probe_design.estimation.predictions import MAX_LOG_RATIO_ERROR
@@ -217,7 +216,7 @@ def _build_best_scene(findings: Findings) -> Scene:
     scene, unknown, value = findings.model.scene, findings.unknown, findings.best_value
     assert value is not None  # the caller has checked it
     if unknown not in TARGET_UNKNOWNS:
-        return replace_values(scene, {unknown: value})
+        return scene.replace({unknown: value})
     body = findings.model.target.model_copy(update={unknown: value})
     bodies = tuple(body if index == scene.target else inclusion for index, inclusion in enumerate(scene.inclusion))
     return scene.model_copy(update={"inclusion": bodies})

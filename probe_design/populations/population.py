@@ -12,14 +12,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from pydantic import ValidationError
 from scipy.stats import qmc
 
 from geometry.common.arrays import Bools, Floats, Ints
 from geometry.common.errors import InputError, Words
 from geometry.scenes.scene import Scene
-from geometry.scenes.validation_messages import convert_error
-from geometry.scenes.variables import replace_values
 from probe_design.populations.ranges import Range
 from probe_design.populations.tables import PopulationRanges
 
@@ -240,9 +237,8 @@ class ScenePopulation:
     def replace_tissue_numbers(scene: Scene, numbers: Mapping[str, float]) -> Scene:
         """Return a scene with other numbers of its tissue. Raises ``InputError``: it is none."""
         try:
-            return replace_values(scene, {get_scene_key(name): value for name, value in numbers.items()})
-        except ValidationError as refused:
-            fault = convert_error(refused)
+            return scene.replace({get_scene_key(name): value for name, value in numbers.items()})
+        except InputError as fault:
             raise InputError(f"population, {fault.key}", fault.value, fault.allowed) from None
 
 

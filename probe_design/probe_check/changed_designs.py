@@ -12,7 +12,6 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import ProbeError
 from geometry.scenes.scene import Scene
-from geometry.scenes.variables import replace_values
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import BLOCK_MODULI, BlockPredictions, express_by_outer_radius, predict_blocks
 from probe_design.probe_check.deviation import Deviation
@@ -101,7 +100,7 @@ class Changes:
         blocks = [
             block.model_copy(update={"youngs_modulus": (block.youngs_modulus or 0.0) * factor}) for block in self.bench.blocks
         ]
-        return predict_blocks(replace_values(self.drawn, new), blocks)
+        return predict_blocks(self.drawn.replace(new), blocks)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from dataclasses import asdict
 from time import monotonic
 
 from geometry.common.resources import Limits
-from probe_design.sweeps.keys import Value
+from geometry.scenes.keys import Value
 from probe_design.sweeps.local_workers import WorkerProcess
 from probe_design.sweeps.rows import Job
 from probe_design.sweeps.workers import Outcome

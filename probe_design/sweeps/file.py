@@ -8,18 +8,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import ValidationError
 
 from geometry.common.errors import InputError, Words, describe_choices
 from geometry.common.resources import Limits, get_limits
 from geometry.common.text_files import read_tables
 from geometry.scenes.file_kinds import check_kind
+from geometry.scenes.keys import Key, Value, find_at_path, find_key, replace_values
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import find_scene
-from geometry.scenes.units import MEMORY_QUANTITY, SI_CONTEXT, TIME_QUANTITY, read_fraction
-from geometry.scenes.validation_messages import convert_error
+from geometry.scenes.units import MEMORY_QUANTITY, TIME_QUANTITY, read_fraction
 from probe_design.sweeps.constraints import evaluate_condition
-from probe_design.sweeps.keys import Key, Value, find_at_path, find_key, replace_values
 from probe_design.sweeps.samples import SAMPLE_KINDS, DesignSampling, Variable
 from probe_design.sweeps.variables import check_integer, read_variable
 
@@ -69,7 +67,7 @@ class Sweep:
 
     def _read_values(self, name: str, designs: list[tuple[Value, ...]]) -> tuple[Any, str]:
         """Return the values of a key in all designs, and their SI unit."""
-        target = find_key(name, self.base)
+        target = find_key(name, self.base, Scene)
         for column, variable_key in enumerate(self.keys):
             if variable_key.path == target.path:
                 values: list[Any] = [row[column] for row in designs]
@@ -193,7 +191,4 @@ def _read_sample(table: object) -> DesignSampling:
 
 def build_scene(base: Mapping[str, Any], keys: tuple[Key, ...], values: tuple[Value, ...]) -> Scene:
     """Build the scene of one design. Raises ``InputError`` if the scene is not valid."""
-    try:
-        return Scene.model_validate(replace_values(base, keys, values), context=SI_CONTEXT)
-    except ValidationError as fault:
-        raise convert_error(fault) from None
+    return Scene.from_tables(replace_values(base, keys, values))

@@ -16,7 +16,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, TypeAdapter
 from pydantic_core import from_json
 
-from probe_design.sweeps.keys import Value
+from geometry.scenes.keys import Value
 from probe_design.sweeps.rows import NUMBER_COLUMNS, ROW_COLUMNS, Row
 
 STORE_FORMAT = 3  # version of the schema, in SQLite's user_version

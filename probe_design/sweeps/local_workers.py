@@ -22,7 +22,7 @@ from tempfile import TemporaryDirectory
 from typing import IO, Any
 
 from geometry.common.resources import Limits
-from probe_design.sweeps.keys import Value
+from geometry.scenes.keys import Value
 from probe_design.sweeps.rows import Job, Row
 from probe_design.sweeps.workers import Batch, FinishedBatch, Outcome
 

@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from geometry.common.errors import InputError, Words
 from geometry.common.resources import LimitReached, get_limits
 from geometry.provenance.digest import compute_file_digest
+from geometry.scenes.keys import Key, Value, find_key, replace_values
 from geometry.scenes.scene import Scene
 from probe_design.sweeps.file import Sweep, build_scene
-from probe_design.sweeps.keys import Key, Value, find_key, replace_values
 
 if TYPE_CHECKING:
     from solver import Result
@@ -70,7 +70,7 @@ class Job:
     @property
     def keys(self) -> tuple[Key, ...]:
         """The keys of the variables."""
-        return tuple(find_key(name, self.base) for name in self.names)
+        return tuple(find_key(name, self.base, Scene) for name in self.names)
 
     def compute_digest(self, keys: tuple[Key, ...], values: tuple[Value, ...]) -> bytes:
         """Compute the SHA-256 that identifies one design's result: scene, evaluator, accuracy, ``linear`` and version.

@@ -9,7 +9,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
-from probe_design.sweeps.keys import Key, Value
+from geometry.scenes.keys import Key, Value
 
 RANDOM_KINDS = ("sobol", "latin-hypercube", "saltelli")
 SAMPLE_KINDS = ("grid", *RANDOM_KINDS)

@@ -20,9 +20,9 @@ from typing import Any
 from geometry.common.errors import InputError, ProbeError, Words
 from geometry.common.files import write_whole
 from geometry.common.resources import Limits
+from geometry.scenes.keys import Value
 from probe_design.sweeps import integrity
 from probe_design.sweeps.integrity import build_insertion, seal_result, seal_row
-from probe_design.sweeps.keys import Value
 from probe_design.sweeps.rows import ROW_COLUMNS, Row
 
 STORE_FILE, LOCK_FILE, DAMAGED_FILE = "sweep.sqlite", "sweep.lock", "sweep.sqlite.damaged"

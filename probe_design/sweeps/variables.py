@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from geometry.common.errors import InputError, Words, describe_choices
-from probe_design.sweeps.keys import Key, Value, find_key
+from geometry.scenes.keys import Key, Value, find_key
+from geometry.scenes.scene import Scene
 from probe_design.sweeps.samples import Variable
 
 MAX_VALUES = 1_000_000  # of one variable
@@ -32,7 +33,7 @@ def read_variable(
     Raises:
         InputError: a key or value is not allowed.
     """
-    target = find_key(name, base)
+    target = find_key(name, base, Scene)
     if isinstance(entry, list | tuple | np.ndarray):
         entry = {"values": entry}
     if not isinstance(entry, Mapping):

@@ -14,7 +14,7 @@ from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from probe_design.sweeps.keys import Value
+    from geometry.scenes.keys import Value
     from probe_design.sweeps.rows import Job
 
 MAX_BATCH_TIME_S = 2.0  # seconds after which the rest of a batch is returned: rows are committed only when a batch ends

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from geometry.common.errors import ProbeError
-from probe_design.sweeps.keys import Value
+from geometry.scenes.keys import Value
 from probe_design.sweeps.rows import Row
 
 

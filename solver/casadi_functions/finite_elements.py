@@ -13,7 +13,6 @@ from geometry.meridian.mesh_lines import Kind, MeshTopology
 from geometry.scenes.base_sizes import base_sizes
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import SI_CONTEXT
-from geometry.scenes.variables import replace_values
 from solver.axisymmetric.gradients import Gradients, compute_gradients
 from solver.axisymmetric.level import Axisymmetric
 from solver.axisymmetric.sample import solve_on_mesh
@@ -76,7 +75,7 @@ class FilmCallback(DifferentiableFunction):
 
     def _try_differentiate(self, x: Floats) -> Gradients | None:
         try:
-            scene = replace_values(self.scene, dict(zip(self.variables, x.tolist(), strict=True)))
+            scene = self.scene.replace(dict(zip(self.variables, x.tolist(), strict=True)))
             scene_sections = build_sections(scene)
         except (ProbeError, ValueError):
             return None

@@ -10,7 +10,6 @@ import pytest
 from geometry.common.errors import InputError
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_from_dict, scene_from_toml, scene_to_toml
-from geometry.scenes.variables import replace_values
 
 SOFT = {"youngs_modulus": "6 kPa", "poisson_ratio": 0.45}
 PUBLISHED = {  # kPa: Marechal et al. 2020, tension; Dawood et al., compression
@@ -81,12 +80,10 @@ def test_a_contradiction_is_refused(inner: dict[str, Any], key: str) -> None:
 
 def test_a_varied_material_loses_its_name_and_no_other_does() -> None:
     scene = scene_from_dict(named())
-    varied = replace_values(
-        scene, {"probe.inner.youngs_modulus": 500e3, "probe.outer.youngs_modulus": scene.probe.outer.youngs_modulus}
-    )
+    varied = scene.replace({"probe.inner.youngs_modulus": 500e3, "probe.outer.youngs_modulus": scene.probe.outer.youngs_modulus})
     assert (varied.probe.inner.material, varied.probe.inner.youngs_modulus) == (None, 500e3)
     assert varied.probe.outer.material == "ecoflex-00-30"
-    stretched = replace_values(scene, {"tissue.poisson_ratio": 0.3, "probe.gap": 0.2e-3})
+    stretched = scene.replace({"tissue.poisson_ratio": 0.3, "probe.gap": 0.2e-3})
     assert (stretched.tissue.material, stretched.probe.inner.material) == (None, "dragon-skin-30")
 
 

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ValidationError
 
 from geometry import CylinderTissue, Inclusion, InputError, Placement, Probe, Scene, read_scene, scene_from_dict, scene_to_dict
 from geometry.common.errors import suggest_word
-from geometry.scenes.variables import list_values, replace_values
+from geometry.scenes.variables import list_values
 from tests.support.paths import SCENE
 
 BLOCK = {"youngs_modulus": 1e5, "poisson_ratio": 0.3}
@@ -45,7 +45,7 @@ def test_with_its_unit_it_is_believed() -> None:
     wide["tissue"] |= {"radius": "4 m", "depth": "3 m"}
     scene = scene_from_dict(wide)
     assert scene.tissue.radius == 4.0
-    moved = replace_values(scene, {"probe.gap": 2e-4})
+    moved = scene.replace({"probe.gap": 2e-4})
     assert list_values(moved)["tissue.depth"] == 3.0
     assert Scene.model_validate(moved) == moved
 

@@ -12,7 +12,7 @@ import pytest
 
 from geometry import InputError, Refusal, Scene
 from geometry.common.arrays import Floats
-from geometry.scenes.variables import list_values, replace_values
+from geometry.scenes.variables import list_values
 from hw.common.errors import HardwareError
 from hw.common.samples import Gap, Samples
 from probe_design.built_probe.bench import Bench, Reference, Workshop, bench_from_dict, read_bench
@@ -70,7 +70,7 @@ def test_slope_by_the_block_s_modulus() -> None:
 
 
 def _changed(drawn: Scene, name: str, turn: float) -> Scene:
-    return replace_values(drawn, {name: list_values(drawn)[name] * turn})
+    return drawn.replace({name: list_values(drawn)[name] * turn})
 
 
 def _softer(block: Reference, turn: float) -> Reference:

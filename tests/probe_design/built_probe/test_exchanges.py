@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from geometry import InputError
-from geometry.scenes.variables import list_values, replace_values
+from geometry.scenes.variables import list_values
 from hw.common.samples import Samples
 from probe_design.built_probe.block_predictions import predict_blocks
 from probe_design.built_probe.calibration import Calibration, calibrate
@@ -129,7 +129,7 @@ def test_a_reference_pressed_twice_is_named() -> None:
 def test_a_probe_off_its_drawing_is_calibrated_by_pin_and_ring() -> None:
     """Blocks of an outer modulus 30 % too high contradict their predictions; M does not depend on them."""
     name = "probe.outer.youngs_modulus"
-    log_ratios = predict_blocks(replace_values(scene(), {name: 1.3 * list_values(scene())[name]}), BENCH.reference).log_ratios
+    log_ratios = predict_blocks(scene().replace({name: 1.3 * list_values(scene())[name]}), BENCH.reference).log_ratios
     fitted = calibrated(readings(tuple(log_ratios)))
     assert "blocks contradict" in fitted.warnings[0]
     spread = np.sqrt(np.diag(fitted.gains.covariance))

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from geometry.common.arrays import Floats
-from geometry.scenes.variables import replace_values
 from hw.signal.measure import Measurement
 from probe_design.built_probe.bench import Bench, Sampling
 from probe_design.built_probe.film_forces import measure_reading
@@ -98,6 +97,6 @@ def test_what_the_scene_does_not_explain_is_warned_of() -> None:
 def test_nothing_is_solved_for_where_nothing_is_lossy_and_nothing_refused() -> None:
     plain = Result("none", 0.0, ratio=0.6, error_estimate=1e-3)
     assert add_ratio_phase(plain, scene(), 0.01, 5.0).ratio_phase == 0
-    fast = add_ratio_phase(plain, replace_values(scene(), {"tissue.loss_factor": 0.2}), 0.01, 9e3)
+    fast = add_ratio_phase(plain, scene().replace({"tissue.loss_factor": 0.2}), 0.01, 9e3)
     assert fast.ratio_phase is None
     assert any("inertia" in text for text in fast.warnings)

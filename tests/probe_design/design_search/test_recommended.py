@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from geometry.scenes.scene import Scene
-from geometry.scenes.variables import replace_values
 from probe_design.design_report.depth_map import DepthMap
 from probe_design.design_report.table import describe_conditions, describe_outcome, list_columns, list_rows
 from probe_design.design_search.design_source import read_builtin_design
@@ -45,7 +44,7 @@ def design_of(scene: Scene, judgement: Judgement, probabilities: list[float], mo
 def optimum(judgement: Judgement, gain: float) -> PopulationOptimum:
     """The start, and a design of another gap that detects more by a gain of which 0.1 is the model's error."""
     start = design_of(DESIGN.scene, judgement, [0.2, 0.2, 0.2, 0.2], 0.05)
-    moved = replace_values(DESIGN.scene, {"probe.gap": 3e-4})
+    moved = DESIGN.scene.replace({"probe.gap": 3e-4})
     tried = design_of(moved, judgement, [0.2 + gain, 0.2 + gain, 0.2 + gain, 0.2 + gain], 0.05)
     flat = Robustness(0.2, 0.2, 0.2, 0.2)
     return PopulationOptimum(

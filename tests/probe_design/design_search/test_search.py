@@ -10,7 +10,6 @@ import pytest
 
 from geometry.scenes.catalogue import find_material
 from geometry.scenes.scene import Load
-from geometry.scenes.variables import replace_values
 from probe_design.data.builtin import read_typical_scenes
 from probe_design.design_search.choices import search_combinations
 from probe_design.design_search.search_space import SearchSpace, build_search_space
@@ -88,7 +87,7 @@ def cast_of(inner: str, outer: str) -> dict[str, Any]:
     blocks = zip(("inner", "outer"), (find_material(inner), find_material(outer)), strict=True)
     numbers = [(f"probe.{block}.", material) for block, material in blocks]
     moduli = {f"{key}youngs_modulus": material.youngs_modulus for key, material in numbers}
-    return {"scene": replace_values(scene, moduli | {f"{key}poisson_ratio": material.poisson_ratio for key, material in numbers})}
+    return {"scene": scene.replace(moduli | {f"{key}poisson_ratio": material.poisson_ratio for key, material in numbers})}
 
 
 @pytest.mark.slow

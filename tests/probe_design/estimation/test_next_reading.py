@@ -14,7 +14,6 @@ from geometry.common.arrays import Floats
 from geometry.scenes import fit_check as placement
 from geometry.scenes.scene import Placement
 from geometry.scenes.scene_file import scene_from_dict
-from geometry.scenes.variables import replace_values
 from probe_design.estimation.candidates import NextCandidate, list_candidates
 from probe_design.estimation.estimate_result import is_identifiable
 from probe_design.estimation.intervals import Likelihood
@@ -33,7 +32,7 @@ from probe_design.populations.tables import NoiseModel, Protocol
 from tests.support.paths import EXAMPLES
 from tests.support.program import run
 
-SCENE = replace_values(read_scene(EXAMPLES / "scene.toml"), {"inclusion.youngs_modulus": 20e3})
+SCENE = read_scene(EXAMPLES / "scene.toml").replace({"inclusion.youngs_modulus": 20e3})
 READ = 0.551  # `probe-design evaluate --evaluator axisymmetric` says of it 0.55096
 SIZE = {"inclusion.diameter": 0.2}
 
@@ -141,7 +140,7 @@ def test_stiffness_needs_the_size_from_elsewhere() -> None:
 
 @pytest.mark.slow
 def test_what_saturates_no_reading_tells() -> None:
-    stiff = replace_values(SCENE, {"inclusion.youngs_modulus": 30e6})
+    stiff = SCENE.replace({"inclusion.youngs_modulus": 30e6})
     ended = run("estimate", EXAMPLES / "scene.toml", "--ratio", "0.5967", "--noise", "0.05", "--next", "--json")
     output = json.loads(ended.stdout)
     assert stiff.inclusion[0].youngs_modulus == 30e6

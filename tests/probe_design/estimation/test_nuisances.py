@@ -17,7 +17,7 @@ from scipy.stats import binomtest
 from geometry import Scene, read_scene
 from geometry.common.errors import InputError
 from geometry.scenes.scene import Load
-from geometry.scenes.variables import list_values, replace_values
+from geometry.scenes.variables import list_values
 from probe_design.estimation.estimate import estimate, search_unknown
 from probe_design.estimation.estimate_result import Estimate
 from probe_design.estimation.intervals import CHI2_QUANTILE, Likelihood
@@ -35,7 +35,7 @@ TISSUE, BLOCK = "tissue.youngs_modulus", "probe.outer.youngs_modulus"
 
 
 def scene(**new: float) -> Scene:
-    return replace_values(read_scene(SCENE), {"inclusion.depth": 7e-3, "inclusion.youngs_modulus": 20e3} | new)
+    return read_scene(SCENE).replace({"inclusion.depth": 7e-3, "inclusion.youngs_modulus": 20e3} | new)
 
 
 def read(scene_read: Scene, *, blank: bool) -> float:
@@ -113,8 +113,8 @@ def test_coverage(blank: bool) -> None:
 @pytest.mark.slow
 def test_a_number_of_the_tissue_may_be_the_unknown_without_any_tumour() -> None:
     bare = read_scene(SCENE).model_copy(update={"inclusion": ()})
-    stiffness = evaluate(replace_values(bare, {TISSUE: 9e3}), "axisymmetric", 1e-3).stiffness
-    ratio = read(replace_values(bare, {TISSUE: 9e3}), blank=True)
+    stiffness = evaluate(bare.replace({TISSUE: 9e3}), "axisymmetric", 1e-3).stiffness
+    ratio = read(bare.replace({TISSUE: 9e3}), blank=True)
     estimated = estimate(bare, (Reading(0.0, 0.0, ratio, NOISE, stiffness, NOISE),), TISSUE)
     assert estimated.value == pytest.approx(9e3, rel=0.01)
     assert estimated.interval[0] is not None

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from geometry import InputError, Scene, read_scene
-from geometry.scenes.variables import replace_values
 from probe_design.estimation.estimate import estimate
 from probe_design.estimation.measurements import Measurements, Reading, read_readings
 from probe_design.estimation.model import TargetModel
@@ -26,9 +25,7 @@ SD = 2e-3
 
 @cache
 def lossy(tissue: float = 0.2) -> Scene:
-    return replace_values(
-        read_scene(EXAMPLES / "scene.toml"), {"tissue.loss_factor": tissue, "inclusion.loss_factor": tissue / 2}
-    )
+    return read_scene(EXAMPLES / "scene.toml").replace({"tissue.loss_factor": tissue, "inclusion.loss_factor": tissue / 2})
 
 
 def read_at(phase: float | None, sd: float | None = SD, noise: float = 0.01) -> tuple[Reading, ...]:

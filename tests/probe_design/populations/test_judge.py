@@ -10,7 +10,6 @@ import pytest
 from geometry.common.errors import Refusal
 from geometry.scenes.scene import Load
 from geometry.scenes.scene_file import scene_from_dict
-from geometry.scenes.variables import replace_values
 from probe_design.design_search.steered_population import DesignObjective
 from probe_design.optimisation.design_space import read_variables
 from probe_design.populations.design_file import design_from_dict
@@ -48,7 +47,7 @@ def test_differences_of_two_probes_are_paired() -> None:
     noise = {"white": 0.04, "stiffness_white": 0.04}
     design = example_design(population={**SUPERFICIAL, "samples": 64}, protocol=THREE, noise=noise)
     first = score(design.scene, design)
-    second = score(replace_values(design.scene, {"probe.height": 3.3e-3}), design)
+    second = score(design.scene.replace({"probe.height": 3.3e-3}), design)
     gain, error = second.compute_gain(first, design.objective)
     assert gain == pytest.approx(second.detection - first.detection)
     assert error < 0.5 * first.detection_error

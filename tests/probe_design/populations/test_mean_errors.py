@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.special import ndtr, ndtri
 
-from geometry.scenes.variables import replace_values
 from probe_design.design_search.design_source import read_builtin_design
 from probe_design.populations import inclusion_scan
 from probe_design.populations.examination import Examination
@@ -93,7 +92,7 @@ def test_what_the_groove_is_bounded_by_is_above_what_solid_finds() -> None:
     scene = read_builtin_design().scene
     probe = scene.probe.model_copy(update={"area_ratio": None, "outer_radius": 8.37e-3})
     sizes = {**radii, **blocks, "probe.height": 1.25e-3, "probe.gap": 5e-4}
-    scene = replace_values(scene.model_copy(update={"inclusion": (), "probe": probe}), sizes)
+    scene = scene.model_copy(update={"inclusion": (), "probe": probe}).replace(sizes)
     share = bound_groove_change(scene, EquivalentInclusion().solve_alone(scene, 0.01).films.forces).max()
     change = np.log(0.37639 / 0.37478)
     assert change < share < 8 * change

@@ -9,7 +9,6 @@ import pytest
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Load
-from geometry.scenes.variables import replace_values
 from probe_design.inference.linear_gaussian import LinearGaussian
 from probe_design.optimisation.objective import Noise, standard_deviation
 from probe_design.populations.closed_form_scan import ClosedFormScan
@@ -136,7 +135,7 @@ def test_tumours_of_the_physics_page_are_told_as_it_says() -> None:
     """PHYSICS section 2, of ln E_object: 50 % on depth, diameter and tissue, 1 % noise, nine positions; a trial."""
     lengths = {"probe.inner_radius": 2.51e-3, "probe.gap": 0.22e-3, "probe.height": 2.47e-3}
     moduli = {"probe.inner.youngs_modulus": 1.13e6, "probe.outer.youngs_modulus": 0.785e6}
-    scene = replace_values(example_design().scene, {"probe.area_ratio": 0.117, **lengths, **moduli})
+    scene = example_design().scene.replace({"probe.area_ratio": 0.117, **lengths, **moduli})
     scene = scene.model_copy(update={"load": Load(force=1e-3)})
     noise = NoiseModel(white=0.01, stiffness_white=0.01, gain=0.0, stiffness_gain=0.0, charge=0.0)
     depth, diameter, contrast = np.array([[9, 8, 10], [9, 8, 3], [6, 10, 10], [6, 10, 3], [9, 15, 5]]).T

@@ -9,7 +9,6 @@ import pytest
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Inclusion, Layer, Placement, Scene
-from geometry.scenes.variables import replace_values
 from probe_design.populations.closed_form_scan import ClosedFormScan
 from probe_design.populations.inclusion_scan import compute_inclusion_readings
 from probe_design.populations.population import ScenePopulation, TumourDraw
@@ -115,7 +114,7 @@ def test_derivatives_by_the_probe_have_taylor_s_rate() -> None:
 @pytest.mark.parametrize("skin", [False, True])
 def test_where_all_moduli_grow_alike_no_signal_changes(skin: bool) -> None:
     """Close to the surface the first order has a third of what the tissue's modulus does: 10 mm at 6 mm, rigid blocks."""
-    scene = replace_values(DESIGN.scene, {f"probe.{block}.youngs_modulus": 60e6 for block in ("inner", "outer")})
+    scene = DESIGN.scene.replace({f"probe.{block}.youngs_modulus": 60e6 for block in ("inner", "outer")})
     layer = ({"thickness": 0.5e-3, "youngs_modulus": 6e3, "poisson_ratio": 0.45},) if skin else ()
     tissue = scene.tissue.model_copy(update={"layer": tuple(Layer(**item) for item in layer)})
     scene = scene.model_copy(update={"inclusion": (), "tissue": tissue})

@@ -10,7 +10,7 @@ import pytest
 
 from geometry import InputError
 from geometry.common.arrays import Floats
-from geometry.scenes.variables import list_values, replace_values
+from geometry.scenes.variables import list_values
 from hw.common.samples import Samples
 from probe_design.built_probe.bench import Reference, Workshop
 from probe_design.built_probe.block_predictions import predict_blocks
@@ -49,7 +49,7 @@ def delivered(seed: int) -> tuple[Reference, ...]:
 @cache
 def built(name: str, turn: float) -> Check:
     """The loop with a probe that is off its drawing in one variable, on blocks off by their tolerances."""
-    true = replace_values(scene(), {name: list_values(scene())[name] * turn})
+    true = scene().replace({name: list_values(scene())[name] * turn})
     return loop(predict_blocks(true, delivered(3)).log_ratios, 3)
 
 
@@ -88,7 +88,7 @@ def test_what_cannot_be_told_apart_is_said() -> None:
 def test_large_changes_need_the_refined_fit() -> None:
     """Linear in 20 % the modulus would be 3 standard deviations off."""
     name, known = "probe.outer.youngs_modulus", shares()
-    logs = predict_blocks(replace_values(scene(), {name: 1.2 * list_values(scene())[name]}), BENCH.reference).log_ratios
+    logs = predict_blocks(scene().replace({name: 1.2 * list_values(scene())[name]}), BENCH.reference).log_ratios
     read = 0.0027**2 * np.eye(len(logs))  # what the loop above leaves
     model = np.array([share.compute_variance(block) for share, block in zip(known.blocks, BENCH.blocks, strict=True)])
     deviation = Deviation(logs, known.log_ratios, read, model, {})

@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 from geometry import InputError
 from geometry.common.arrays import Floats
-from geometry.scenes.variables import list_values, replace_values
+from geometry.scenes.variables import list_values
 from hw.common.samples import Samples
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import BLOCK_MODULI, predict_blocks
@@ -64,9 +64,7 @@ def built(**factors: float) -> tuple[float, ...]:
     new = {f"probe.{name.replace('__', '.')}": factor for name, factor in factors.items()}
     nominal = list_values(scene())
     return tuple(
-        predict_blocks(
-            replace_values(scene(), {name: nominal[name] * turn for name, turn in new.items()}), BENCH.reference
-        ).log_ratios
+        predict_blocks(scene().replace({name: nominal[name] * turn for name, turn in new.items()}), BENCH.reference).log_ratios
     )
 
 

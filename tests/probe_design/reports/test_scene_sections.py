@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from geometry import Scene, read_scene
-from geometry.scenes.variables import list_values, replace_values
+from geometry.scenes.variables import list_values
 from probe_design.reports import scene_sections as sections_module
 from probe_design.reports.page import PageTable, Text, build_page
 from solver import evaluate
@@ -25,7 +25,7 @@ def test_sensitivities_are_those_of_the_level() -> None:
     """A central difference over 2 %, by the level itself."""
     scene, key = read_scene(SCENE), "probe.outer.youngs_modulus"
     size = list_values(scene)[key]
-    upper, lower = (evaluate(replace_values(scene, {key: factor * size}), "axisymmetric", 1e-3) for factor in (1.01, 0.99))
+    upper, lower = (evaluate(scene.replace({key: factor * size}), "axisymmetric", 1e-3) for factor in (1.01, 0.99))
     assert upper.ratio is not None
     assert lower.ratio is not None
     assert table(scene)[key][0] == pytest.approx(100 * (upper.ratio - lower.ratio) / (upper.ratio + lower.ratio), rel=0.02)

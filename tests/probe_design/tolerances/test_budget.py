@@ -14,7 +14,7 @@ import pytest
 from geometry.common.errors import InputError, Refusal
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import read_scene
-from geometry.scenes.variables import list_values, replace_values
+from geometry.scenes.variables import list_values
 from probe_design.built_probe.bench import Workshop, read_builtin_bench
 from probe_design.built_probe.block_predictions import express_by_outer_radius, predict_blocks
 from probe_design.tolerances.budget import ToleranceBudget, allocate_tolerances, split_heights, tolerances
@@ -63,9 +63,7 @@ def test_slopes_are_those_of_answers(x: float) -> None:
     computed = compute_derivatives(scene, variables, 1e-3)
     for variable, slope in zip(variables, computed.T, strict=True):
         step = (0.002 if variable.name == "probe.inner_radius" else 0.01) * variable.value  # of which a gap of 0.1 mm takes 8 um
-        upper, lower = (
-            outputs(replace_values(scene, built_off(scene, variable.name, s)), scene, level, 1e-3) for s in (step, -step)
-        )
+        upper, lower = (outputs(scene.replace(built_off(scene, variable.name, s)), scene, level, 1e-3) for s in (step, -step))
         wanted = (upper - lower) / (2 * step)
         assert slope[:3] == pytest.approx(wanted[:3], rel=0.03, abs=3e-3 / variable.value), variable.name
         share = 0.1 if x else 0.03  # beside the axis the log-sensitivity's slope leaves reflections out
@@ -156,7 +154,7 @@ def test_samples_of_the_closed_form_tell_how_far_finite_elements_bend() -> None:
     for new in built:  # the hole stays, and no gap closes
         deviation = new["probe.inner_radius"] - scene.probe.inner_radius
         new["probe.gap"] = float(keep_gap_open((new["probe.gap"] - deviation) / scene.probe.gap)) * scene.probe.gap
-    values = np.array([outputs(replace_values(scene, new), scene, accuracy=1e-3) for new in built])
+    values = np.array([outputs(scene.replace(new), scene, accuracy=1e-3) for new in built])
     line = (eta * [variable.sd for variable in variables]) @ compute_derivatives(scene, variables, 1e-3).T
     for k, name in enumerate(OUTPUT_NAMES):
         variable = budget.outputs[name]

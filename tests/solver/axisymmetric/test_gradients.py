@@ -12,7 +12,7 @@ import pytest
 from geometry import InputError, Scene, read_scene
 from geometry.meridian.mesh_lines import MeridianFineness
 from geometry.meridian.mesh_lines import find_kind as kind_of
-from geometry.scenes.variables import list_values, replace_values
+from geometry.scenes.variables import list_values
 from solver.axisymmetric.energy_derivatives import list_variables
 from solver.axisymmetric.gradients import OUTPUT_NAMES, compute_gradients, differentiate_by_section
 from solver.axisymmetric.sample import MeshSample, solve_on_mesh
@@ -80,7 +80,7 @@ def test_taylor_rate_is_two_for_every_variable(name: str) -> None:
             step *= min(1.0, list_values(scene)["probe.gap"] / x * 10, 2 * cover)
         left = []
         for h in (step, step / 2):
-            moved = replace_values(scene, {variable: at_start_value + h})
+            moved = scene.replace({variable: at_start_value + h})
             moved_gradients = compute_gradients(moved, solved(moved, COARSE, like=scene), (variable,)).values
             left.append(
                 [
@@ -102,7 +102,7 @@ def test_gradient_of_a_curve_is_that_of_its_points() -> None:
     moduli = np.geomspace(1e3, 1e7, 4)
     curve = compute_gradients(scene, solved(scene, COARSE, moduli))
     for k, modulus in enumerate(moduli):
-        softer = replace_values(scene, {"inclusion.youngs_modulus": modulus})
+        softer = scene.replace({"inclusion.youngs_modulus": modulus})
         alone = compute_gradients(softer, solved(softer, COARSE))
         for output in OUTPUT_NAMES:
             assert curve.values[output][k] == pytest.approx(alone.values[output][0], rel=1e-6)

@@ -11,7 +11,7 @@ from geometry.common.errors import InputError
 from geometry.scenes.scene import Load
 from geometry.scenes.scene_file import scene_from_toml
 from geometry.scenes.units import SI_CONTEXT
-from geometry.scenes.variables import list_values, replace_values
+from geometry.scenes.variables import list_values
 from solver.axisymmetric.gradients import compute_gradients
 from solver.axisymmetric.level import Axisymmetric
 from solver.axisymmetric.refinement import MESH_LEVELS
@@ -119,7 +119,7 @@ def test_taylor_rate_is_two_by_every_number_of_the_layers(layers, names):
         left = []
         for step in (1e-3, 5e-4):
             value = list_values(scene)[name]
-            moved = replace_values(scene, {name: value * (1 + step)})
+            moved = scene.replace({name: value * (1 + step)})
             computed = compute_gradients(moved, forces(moved), (name,))
             error = {key: computed.values[key][0] - exact.values[key][0] for key in ("ratio", "log_sensitivity")}
             left.append([change - exact.derivatives[key][0, k] * value * step for key, change in error.items()])

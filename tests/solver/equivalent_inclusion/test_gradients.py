@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from geometry import InputError, Scene
-from geometry.scenes.variables import list_values, replace_values
+from geometry.scenes.variables import list_values
 from solver.axisymmetric.gradients import OUTPUT_NAMES
 from solver.axisymmetric.sections import build_sections
 from solver.casadi_functions.finite_elements import TumourCallback
@@ -42,7 +42,7 @@ def outputs(scene: Scene, name: str, step: float) -> np.ndarray:
     Steps are small: where a point of a tumour's quadrature passes from one element to the next, strains jump by their error.
     """
     kind = start(scene).states.model.mesh.layout.kind
-    moved = replace_values(scene, {name: list_values(scene)[name] * (1 + step)})
+    moved = scene.replace({name: list_values(scene)[name] * (1 + step)})
     slopes = compute_tumour_gradients(moved, solve_first_order(moved, build_sections(moved), kind=kind), ())
     return np.array([slopes.values[key][0] for key in OUTPUT_NAMES])
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from geometry import Refusal, Scene, read_scene
-from geometry.scenes.variables import list_values, replace_values
+from geometry.scenes.variables import list_values
 from probe_design.maps.detectability import detectability
 from probe_design.maps.scan import scan
 from solver.axisymmetric.gradients import OUTPUT_NAMES, compute_gradients
@@ -154,7 +154,7 @@ def test_central_differences_by_layers_converge_at_second_order(name):
     exact = compute_tumour_gradients(scene, solution, (name,))
 
     def outputs(step: float) -> np.ndarray:
-        moved = replace_values(scene, {name: value * (1 + step)})
+        moved = scene.replace({name: value * (1 + step)})
         computed = compute_tumour_gradients(moved, solve_first_order(moved, build_sections(moved), kind=kind), ())
         return np.array([computed.values[key][0] for key in OUTPUT_NAMES])
 

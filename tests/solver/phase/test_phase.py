@@ -13,7 +13,7 @@ import pytest
 from geometry import InputError, Scene, read_scene
 from geometry.scenes.scene import Contact, Load
 from geometry.scenes.scene_file import scene_from_dict, scene_to_dict
-from geometry.scenes.variables import list_loss_factors, list_values, replace_values
+from geometry.scenes.variables import list_loss_factors, list_values
 from solver import evaluate
 from solver.axisymmetric.refinement import MESH_LEVELS
 from solver.phase.inertia import add_inertia_error, compute_inertia_number
@@ -38,7 +38,7 @@ def lossy(scene: Scene, times: float = 1.0, **loss_factors_given: float) -> Scen
     """A scene whose materials have the loss factors above, or ``others``, times a number."""
     chosen = loss_factors_given or LOSSES
     factors = {key: chosen.get(key.removesuffix(".loss_factor"), 0.0) * times for key in list_loss_factors(scene)}
-    return replace_values(scene, factors)
+    return scene.replace(factors)
 
 
 def first_order(scene: Scene) -> float:
@@ -66,7 +66,7 @@ def test_the_error_falls_eightfold_as_losses_are_halved(name: str) -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_the_error_that_is_told_covers_the_complex_solution(name: str, seed: int) -> None:
     random, scene = np.random.default_rng(seed), SCENES[name]
-    scene = replace_values(scene, {key: float(random.choice([0.0, 0.1, 0.3, 0.6])) for key in list_loss_factors(scene)})
+    scene = scene.replace({key: float(random.choice([0.0, 0.1, 0.3, 0.6])) for key in list_loss_factors(scene)})
     scene = scene.model_copy(update={"load": Load(force=0.0)})  # at which the error is the phase's own
     result = evaluate(scene, linear=True)
     computed, true = compute_ratio_phase(scene, result, 0.01, 0.1), cmath.phase(complex_ratio(scene, MESH_LEVELS[4]))
@@ -83,7 +83,7 @@ def test_derivatives_are_those_of_the_phase(key: str) -> None:
     upper, lower = (
         float(
             differentiate_on_axis(
-                replace_values(scene, {key: list_values(scene)[key] + s}), (compute_loss_angles(scene),), MESH_LEVELS[3]
+                scene.replace({key: list_values(scene)[key] + s}), (compute_loss_angles(scene),), MESH_LEVELS[3]
             ).directional[0]
         )
         for s in (step, -step)
@@ -92,7 +92,7 @@ def test_derivatives_are_those_of_the_phase(key: str) -> None:
 
 
 def test_where_all_materials_lose_alike_there_is_no_phase() -> None:
-    scene = replace_values(example(), dict.fromkeys(list_loss_factors(example()), 0.4))
+    scene = example().replace(dict.fromkeys(list_loss_factors(example()), 0.4))
     assert abs(first_order(scene)) < 1e-9
     assert compute_angle_spread(scene) == 0
     assert abs(cmath.phase(complex_ratio(scene, COARSE))) < 1e-9
@@ -134,9 +134,7 @@ def test_off_the_axis_the_first_order_agrees_with_the_meridian() -> None:
 @pytest.mark.slow
 def test_losses_of_each_of_several_tumours_add_up() -> None:
     scene = example("two-tumours.toml")
-    phases = [
-        evaluate(replace_values(scene, {key: 0.1}), frequency=1.0, linear=True).ratio_phase for key in list_loss_factors(scene)
-    ]
+    phases = [evaluate(scene.replace({key: 0.1}), frequency=1.0, linear=True).ratio_phase for key in list_loss_factors(scene)]
     assert sum(value or 0.0 for value in phases) == pytest.approx(0, abs=1e-6)
     assert all(phases)
 

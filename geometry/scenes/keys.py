@@ -1,11 +1,11 @@
-"""Keys of a scene file such as ``inclusion[0].depth``: find them, read their values, replace them in a scene."""
+"""Keys of a scene file such as ``inclusion[0].depth``: find them, read their values, replace these in a scene's tables."""
 
 from __future__ import annotations
 
 import math
 import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Union, get_args, get_origin
 
@@ -13,8 +13,8 @@ from pydantic import BaseModel
 
 from geometry.common.errors import InputError, Words, describe_choices
 from geometry.scenes.catalogue import CATALOGUE_NUMBERS
-from geometry.scenes.scene import Scene
 from geometry.scenes.units import Quantity
+from geometry.scenes.validation_messages import list_models
 
 Path = tuple[str | int, ...]
 Value = float | str | bool
@@ -25,7 +25,6 @@ _EXCLUSIVE_KEYS = (
     ("height", "inner_height"),
     ("height", "outer_height"),
     ("force", "indentation"),
-    *(("material", number) for number in CATALOGUE_NUMBERS),  # a varied modulus is no longer that of the named material
 )
 
 
@@ -53,8 +52,21 @@ class Key:
         """The unit in which its values are displayed; empty if they have none."""
         return self.quantity.unit if self.quantity else ""
 
+    def read_bare_value(self, entry: object) -> Value:
+        """Convert a value that Python code gives to SI units.
+
+        Raises:
+            InputError: see ``read_value``; or the number is one that has lost its unit.
+        """
+        if self.quantity is not None:
+            try:
+                self.quantity.check_bare(entry)
+            except ValueError as fault:
+                raise InputError(self.name, entry, f"{self.quantity.allowed} ({fault})") from None
+        return self.read_value(entry, self.name, units_required=False)
+
     def read_value(self, entry: object, name: str, units_required: bool) -> Value:
-        """Convert an entry of a sweep file to a value in SI units.
+        """Convert an entry to a value in SI units; ``name`` stands in messages.
 
         Raises:
             InputError: the entry is not a finite number, text or boolean, its unit does not fit, or a required unit is missing.
@@ -70,12 +82,13 @@ class Key:
         return self.quantity.read(name, entry)
 
 
-def find_key(name: str, base: Mapping[str, Any]) -> Key:
+def find_key(name: str, base: Mapping[str, Any], model: type[BaseModel]) -> Key:
     """Find a key of a scene by its name.
 
     Args:
         name: such as ``probe.gap``, ``inclusion[0].depth``; ``inclusion.depth`` where there is one inclusion.
         base: the tables of the scene.
+        model: of the tables, ``geometry.scenes.scene.Scene``.
 
     Raises:
         InputError: no scene has such a key, or this scene does not have the table that contains it.
@@ -92,18 +105,26 @@ def find_key(name: str, base: Mapping[str, Any]) -> Key:
         if count != 1:
             raise InputError("variable", name, f"inclusion[NUMBER].{path[1]}: the scene has {count} inclusions")
         path.insert(1, 0)
-    return Key(name, tuple(path), _find_quantity(name, tuple(path), base))
+    return Key(name, tuple(path), _find_quantity(name, tuple(path), base, model))
 
 
-def replace_values(base: Mapping[str, Any], keys: tuple[Key, ...], values: tuple[Value, ...]) -> dict[str, Any]:
-    """Return the tables of a scene with new values of ``keys``; ``base`` is not modified."""
-    data = dict(base)
-    for target in keys:
+def replace_values(base: Mapping[str, Any], keys: Iterable[Key], values: Iterable[Value]) -> dict[str, Any]:
+    """Return the tables of a scene with new values of ``keys``; ``base`` is not modified.
+
+    A key that excludes a new one goes; so do the numbers of a material with a new name, and the name of one with a new number.
+    """
+    data, changes = dict(base), list(zip(keys, values, strict=True))
+    for target, value in changes:
+        *table, last = target.path
         for pair in _EXCLUSIVE_KEYS:
-            if target.path[-1] in pair:
-                (excluded,) = {*pair} - {target.path[-1]}
-                data = _remove_at_path(data, (*target.path[:-1], excluded))
-    for target, value in zip(keys, values, strict=True):
+            if last in pair:
+                (excluded,) = {*pair} - {last}
+                data = _remove_at_path(data, (*table, excluded))
+        if last in CATALOGUE_NUMBERS and find_at_path(base, target.path) != value:
+            data = _remove_at_path(data, (*table, "material"))
+        for number in CATALOGUE_NUMBERS if last == "material" else ():
+            data = _remove_at_path(data, (*table, number))
+    for target, value in changes:
         data = _replace_at_path(data, target.path, value)
     return data
 
@@ -142,11 +163,11 @@ def _remove_at_path(place: Any, path: Path) -> Any:
     return {**place, first: _remove_at_path(place[first], tuple(inner_path))} if first in place else place
 
 
-def _find_quantity(name: str, path: Path, base: Mapping[str, Any]) -> Quantity | None:
-    """Return the quantity of the key at a path, from the annotations of the scene's pydantic models."""
-    kind: Any = Scene
+def _find_quantity(name: str, path: Path, base: Mapping[str, Any], model: type[BaseModel]) -> Quantity | None:
+    """Return the quantity of the key at a path, from the annotations of the pydantic models."""
+    kind: Any = model
     for depth, part in enumerate(path):
-        models = _list_models(kind)
+        models = list_models(kind)
         if isinstance(part, int):
             entries = find_at_path(base, path[:depth])
             if not isinstance(entries, list | tuple) or part >= len(entries):
@@ -161,16 +182,9 @@ def _find_quantity(name: str, path: Path, base: Mapping[str, Any]) -> Quantity |
         field = fields[part]
         kind = field.annotation
         quantities = [note for note in field.metadata if isinstance(note, Quantity)] or _list_quantities(kind)
-    if _list_models(kind):
+    if list_models(kind):
         raise InputError("variable", name, Words("a key with one value, not a table"))
     return quantities[0] if quantities else None
-
-
-def _list_models(kind: Any) -> list[type[BaseModel]]:
-    """Return the pydantic models in a type annotation."""
-    if isinstance(kind, type) and issubclass(kind, BaseModel):
-        return [kind]
-    return [model for argument in get_args(kind) for model in _list_models(argument)]
 
 
 def _list_quantities(kind: Any) -> list[Quantity]:
