@@ -24,9 +24,10 @@ belongs is refused, as is a key that is not here. Axes: the origin is the middle
 a block's length. In Python the same keys are arguments of the models in `geometry`, numbers then being in SI units.
 `examples/scene.toml` is a small scene, `examples/two-tumours.toml` a fuller one.
 
-Every value has a path, `probe.gap`, `tissue.layer[0].thickness`, `inclusion[1].depth` (`inclusion.depth` where there is one inclusion): sweeps, tolerances and
-messages name values by it, and in Python `scene.replace({"probe.gap": "0.2 mm", "load.force": 0.01})` returns the scene with other values, texts with units or
-SI numbers. A key that excludes a new one goes, as `area_ratio` where `outer_radius` is new, and a varied modulus takes the material's name with it.
+Every value has a path: `probe.gap`, `tissue.layer[0].thickness`, `inclusion[1].depth`, or `inclusion.depth` where there is one
+inclusion. Sweeps, tolerances, messages name values by it. In Python `scene.replace({"probe.gap": "0.2 mm", "load.force": 0.01})`
+returns the scene with other values, texts with units or SI numbers. A key that excludes a new one goes, as `area_ratio` where
+`outer_radius` is new, and a varied modulus takes the material's name with it.
 
 This page is what `python docs/make_keys.py` finds in the models: run it after every change of theirs.
 """
