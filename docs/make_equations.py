@@ -19,6 +19,7 @@ ROOMS = {
     "RE": "solver/results",
     "LA": "solver/linalg",
     "PU": "solver/published",
+    "LW": "solver/materials",
     "LY": "solver/layers",
     "CF": "solver/closed_form",
     "TW": "solver/tumour_waves",

@@ -25,12 +25,12 @@ from rich.console import Console
 
 from benchmarks.tables import MeasuredTable
 from geometry import Scene, read_scene
-from geometry.scenes.probe import Material
 from geometry.tetra.sizing import COARSE_FINENESS, ROUGH_FINENESS
 from geometry.tetra.tet_mesh import TetMesh
 from solver.axisymmetric.converged_forces import compute_converged_forces
 from solver.linalg.cholesky import factorise
 from solver.linalg.conjugate_gradients import Stiffness, solve
+from solver.materials.linear import Isotropic
 from solver.solid.base_states import SolidStates
 from solver.solid.body_stiffness import assemble, integrate_part
 from solver.solid.difference import difference
@@ -66,17 +66,17 @@ def elements() -> MeasuredTable:
 
 
 def apparent_modulus(nodes: Any, tetrahedra: Any, ratio: float, averaged: bool) -> float:
-    z, stuff = nodes[:, 2], Material(youngs_modulus=1.0, poisson_ratio=ratio)
+    z, law = nodes[:, 2], Isotropic(1.0, ratio)
     held = (np.abs(z) < 1e-9) | (np.abs(z - 1) < 1e-9)
     number = np.full(nodes.shape, -1)
     number[~held] = np.arange(3 * np.sum(~held)).reshape(-1, 3)
     piece = integrate_part(nodes, tetrahedra, averaged)
-    matrix = Stiffness(assemble({0: piece}, {0: stuff}, number))
+    matrix = Stiffness(assemble({0: piece}, {0: law}, number))
     u = np.zeros((nodes.size, 1))
     u[2::3, 0] = np.where(z > 0.5, -1.0 * held, 0.0)
     free = number.ravel() >= 0
-    u[free] = solve(matrix, -piece.compute_forces(stuff, u)[free], matrix.factor())
-    return float((u.T @ piece.compute_forces(stuff, u)).item() / np.pi)
+    u[free] = solve(matrix, -piece.compute_forces(law, u)[free], matrix.factor())
+    return float((u.T @ piece.compute_forces(law, u)).item() / np.pi)
 
 
 def correction() -> Iterator[MeasuredTable]:

@@ -48,7 +48,7 @@ def time_fastest(run: Callable[[], Any]) -> float:
 def stages(model: MeridianModel) -> dict[str, Callable[[], Any]]:
     """Return what makes a model, by name."""
     shapes = model.shapes
-    integrate = partial(integrate_elements, model.mesh, model.geometry, shapes, model.two_mu, model.lam)
+    integrate = partial(integrate_elements, model.mesh, model.geometry, shapes, model.law)
     matrices, pattern = list(integrate()), model.system.numbering.pattern
     return {
         "nodes and geometry": lambda: compute_geometry(compute_nodes(model.section, model.mesh, shapes.places), shapes),
@@ -62,7 +62,7 @@ def stages(model: MeridianModel) -> dict[str, Callable[[], Any]]:
 
 def operations(model: MeridianModel) -> dict[str, float]:
     """Return how many multiplications and additions stages need, by name; rectangles' integrals, which are few, left out."""
-    shapes, tables, n = model.shapes, model.shapes.tables, len(model.two_mu)
+    shapes, tables, n = model.shapes, model.shapes.tables, len(model.mesh.body)
     edge, pressures = 2 * shapes.skeleton, shapes.pressure.shape[1]
     inside = 2 * len(shapes.degrees) - edge
     entries = edge * edge + inside * edge + inside * inside
@@ -91,7 +91,7 @@ def measure(fineness: MeridianFineness) -> MeasuredTable:
     if fineness.order in OWN_DEGREE_FACTOR_OF_ORDER:
         all_stages["error, own part"] = lambda: bound_by_last_degree(sample)
     counted = operations(model)
-    cells, unknowns = len(model.two_mu), model.system.numbering.unknowns
+    cells, unknowns = len(model.mesh.body), model.system.numbering.unknowns
     table = MeasuredTable(f"order {fineness.order}, {cells} cells, {unknowns} unknowns", ("stage", "least, ms", "operations"))
     for name, run in all_stages.items():
         table.add(name, time_fastest(run), f"{counted[name] / 1e6:.0f} M" if name in counted else "")

@@ -30,7 +30,7 @@ def compute_pressures(states: BaseStates, scene: Scene) -> Floats:
     displacements = states.values.sum(axis=2).reshape(n, 2, s, 1)  # both blocks lowered by 1 m
     (rr, _, _, zz), hoop_strain = compute_gradients(model.geometry, model.shapes, displacements)
     dilation = project_dilations(model.geometry, model.shapes, rr + zz + hoop_strain)
-    stress = model.two_mu[:, None] * zz[..., 0] + model.lam[:, None] * dilation[..., 0]
+    stress = model.law.two_mu[:, None] * zz[..., 0] + model.law.dilation_modulus[:, None] * dilation[..., 0]
     mean = (stress * model.geometry.weight).sum(axis=1) / model.geometry.weight.sum(axis=1)
     return np.asarray(-mean * compute_indentation(scene, total))
 

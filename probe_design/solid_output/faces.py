@@ -70,7 +70,7 @@ def name_region(number: int) -> str:
 
 def list_bodies(problem: Problem) -> list[int]:
     """Return the numbers of the bodies of the mesh that have a material."""
-    return [int(body) for body in np.unique(problem.solid.body) if int(body) in problem.materials]
+    return [int(body) for body in np.unique(problem.solid.body) if int(body) in problem.laws]
 
 
 def extract_skin(problem: Problem) -> Faces:

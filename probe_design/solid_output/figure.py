@@ -124,7 +124,7 @@ def _draw_mesh(axes: Any, problem: Problem, cut: Faces, sizes: MeshSizes) -> Non
         inset.imshow(render_faces(parts, find_colour, 1.6 * sizes.tube), interpolation="antialiased")
         inset.set(xticks=[], yticks=[])
     axes.set_title(f"{count:,} tetrahedra".replace(",", " ") + (", half by symmetry" if half else ", cut at y = 0"), fontsize=10)
-    moduli = [f"{name_region(body)}, {_format_value(problem.materials[body].youngs_modulus, 'Pa')}" for body in bodies]
+    moduli = [f"{name_region(body)}, {_format_value(problem.laws[body].youngs_modulus, 'Pa')}" for body in bodies]
     patches = [
         Patch(facecolor=find_colour(body), edgecolor="0.4", label=label) for body, label in zip(bodies, moduli, strict=True)
     ]

@@ -29,13 +29,13 @@ from solver.elements.quadrilateral import (
     Condensed,
     Geometry,
     compute_geometry,
-    compute_lame,
     integrate_matrices,
     integrate_stiffness,
 )
 from solver.elements.rectangles import integrate_rectangles
 from solver.elements.shape_functions import Shapes, build_shapes
 from solver.linalg.workspace import get_workspace, keep_result
+from solver.materials.linear import Isotropic
 
 Materials = Mapping[Body, Material]
 MAX_HIDDEN_RELATIVE = 1e-12  # change of a force by rounding above which the solution is refined
@@ -55,7 +55,7 @@ class MeridianModel:
         mesh: the elements.
         shapes: their functions.
         geometry: their geometry.
-        two_mu, lam: of each element, shape (n,).
+        law: of each element, shape (n,).
         condensed: the elements' matrices without their insides.
         system: of the unknowns on corners and edges.
     """
@@ -66,8 +66,7 @@ class MeridianModel:
     mesh: Topology
     shapes: Shapes
     geometry: Geometry
-    two_mu: Floats
-    lam: Floats
+    law: Isotropic
     condensed: Condensed
     system: System
 
@@ -84,7 +83,7 @@ class MeridianModel:
 
     def build_blocks(self, chosen: Ints) -> Blocks:
         """Return the blocks of some elements' stiffness matrices with their moduli. Not cached."""
-        return integrate_stiffness(self.geometry.select(chosen), self.shapes, self.two_mu[chosen], self.lam[chosen])
+        return integrate_stiffness(self.geometry.select(chosen), self.shapes, self.law.select(chosen))
 
     def recover_values(self, edge: Floats) -> Floats:
         """Return all values of the elements, (n, 2 s, k), from those on corners and edges, (n, 8 p, k)."""
@@ -145,8 +144,8 @@ def build_model(
     check_time("solving")
     get_workspace().make_room(PEAK_MEMORY_FACTOR * size)
     element_geometry = compute_geometry(compute_nodes(section, mesh, functions.places), functions)
-    two_mu, lam = _collect_moduli(mesh, materials)
-    condensed = Condensed.from_blocks(integrate_elements(mesh, element_geometry, functions, two_mu, lam), len(mesh.body))
+    law = _collect_laws(mesh, materials)
+    condensed = Condensed.from_blocks(integrate_elements(mesh, element_geometry, functions, law), len(mesh.body))
     system = System.from_stiffness(number_unknowns(mesh, fineness.order, interface), condensed.stiffness)
     return MeridianModel(
         section,
@@ -155,14 +154,13 @@ def build_model(
         mesh=mesh,
         shapes=functions,
         geometry=element_geometry,
-        two_mu=two_mu,
-        lam=lam,
+        law=law,
         condensed=condensed,
         system=system,
     )
 
 
-def integrate_elements(mesh: Topology, geometry: Geometry, functions: Shapes, two_mu: Floats, lam: Floats) -> Iterator[Blocks]:
+def integrate_elements(mesh: Topology, geometry: Geometry, functions: Shapes, law: Isotropic) -> Iterator[Blocks]:
     """Yield the elements' matrices in order, rectangles first, in blocks that fit the processor's cache."""
     count, columns = max(1, int(BLOCK_BYTES / (8 * (2 * len(functions.degrees)) ** 2))), mesh.columns
     starts = [columns[0]]
@@ -171,10 +169,10 @@ def integrate_elements(mesh: Topology, geometry: Geometry, functions: Shapes, tw
         starts.append(fit if fit > starts[-1] else columns[columns > starts[-1]][0])
     for low, high in pairwise(starts):
         column_starts, chosen = columns[(columns >= low) & (columns <= high)] - low, slice(low, high)
-        yield integrate_rectangles(geometry.select(chosen), functions, two_mu[chosen], lam[chosen], column_starts)
+        yield integrate_rectangles(geometry.select(chosen), functions, law.select(chosen), column_starts)
     for low in range(columns[-1], len(mesh.body), count):
         chosen = slice(low, low + count)
-        yield integrate_stiffness(geometry.select(chosen), functions, two_mu[chosen], lam[chosen])
+        yield integrate_stiffness(geometry.select(chosen), functions, law.select(chosen))
 
 
 def solve_base_states(model: MeridianModel) -> BaseStates:
@@ -279,8 +277,8 @@ def sum_products(a: Floats, b: Floats) -> Floats:
     return np.asarray(a.reshape(-1, a.shape[-1]).T @ b.reshape(-1, b.shape[-1]))
 
 
-def _collect_moduli(mesh: Topology, materials: Materials) -> tuple[Floats, Floats]:
-    moduli, ratios = np.zeros(len(Body)), np.zeros(len(Body))
-    for body, material in materials.items():
-        moduli[body], ratios[body] = material.youngs_modulus, material.poisson_ratio
-    return compute_lame(moduli[mesh.body], ratios[mesh.body])
+def _collect_laws(mesh: Topology, materials: Materials) -> Isotropic:
+    bodies = list(materials)
+    number = np.zeros(len(Body), dtype=int)
+    number[bodies] = np.arange(len(bodies))
+    return Isotropic.from_materials(materials.values()).select(number[mesh.body])

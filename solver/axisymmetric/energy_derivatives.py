@@ -24,7 +24,7 @@ from geometry.meridian.mesh import compute_nodes
 from geometry.meridian.section import Body
 from solver.axisymmetric.base_states import MeridianModel
 from solver.axisymmetric.energy_momentum import EnergyPoints
-from solver.elements.quadrilateral import compute_lame
+from solver.materials.linear import Isotropic
 
 MAX_TENSOR_BYTES = 2e7  # tensors in memory at once
 COMPLEX_STEP = 1e-30  # relative: a complex step subtracts nothing, so that it can be this small
@@ -97,13 +97,12 @@ def _differentiate_pairs(points: EnergyPoints, motions: Floats, values: Floats) 
 
 
 def _differentiate_by_materials(model: MeridianModel, chosen: Ints, energy: Floats, volume: Floats) -> tuple[Floats, Floats]:
-    """Return derivatives by ln E and nu of every body, (..., bodies) each; 2 mu = E / (1 + nu), lambda = 2 mu nu / (1 - 2 nu).
+    """Return derivatives by ln E and nu of every body, (..., bodies) each; 2 mu and lambda by eq. LW.1.
 
     ``energy`` and ``volume`` are the chosen elements' energies and int w P^2, shape (..., e).
     """
     membership = (model.mesh.body[chosen][:, None] == np.array(list(model.materials))).astype(float)
-    E, nu = np.array([[material.youngs_modulus, material.poisson_ratio] for material in model.materials.values()]).T
+    law = Isotropic.from_materials(model.materials.values())
     whole, volumetric = energy @ membership, volume @ membership
-    two_mu, lam = compute_lame(E, nu)
-    lam_by_nu = two_mu * (1 + 2 * nu**2) / ((1 + nu) * (1 - 2 * nu) ** 2)
-    return whole, (lam * volumetric - whole) / (1 + nu) + lam_by_nu * volumetric
+    shear = (whole - law.dilation_modulus * volumetric) / (1 + law.poisson_ratio)
+    return whole, law.dilation_modulus_by_poisson * volumetric - shear

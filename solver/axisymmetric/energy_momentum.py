@@ -44,15 +44,15 @@ class EnergyPoints:
     @classmethod
     def from_elements(cls, model: MeridianModel, chosen: Ints) -> EnergyPoints:
         """Return the points of some elements of a model."""
-        geometry, shapes = model.geometry.select(chosen), model.shapes
+        geometry, shapes, law = model.geometry.select(chosen), model.shapes, model.law.select(chosen)
         pressures = shapes.pressure.shape[1]
         return cls(
             shapes,
             tuple(np.ascontiguousarray(geometry.inverse[..., k, axis]) for k in (0, 1) for axis in (0, 1)),
             curvature=1 / geometry.radius,
             weight=geometry.weight,
-            two_mu=geometry.weight * model.two_mu[chosen, None],
-            lam=geometry.weight * model.lam[chosen, None],
+            two_mu=geometry.weight * law.two_mu[:, None],
+            lam=geometry.weight * law.dilation_modulus[:, None],
             inverse_mass=np.asarray(
                 np.linalg.inv((geometry.weight @ shapes.mass).reshape(-1, pressures, pressures)), dtype=float
             ),

@@ -142,8 +142,8 @@ def bound_by_descent(sample: MeshSample) -> SampleErrors | None:
 
     None for several moduli, or where Poisson's ratio is above 0.48.
     """
-    whole, order = _build_curve(sample), sample.states.model.shapes.order
-    if whole.rational is not None or np.any(sample.states.model.lam > MAX_LAMBDA_OVER_TWO_MU * sample.states.model.two_mu):
+    whole, order, law = _build_curve(sample), sample.states.model.shapes.order, sample.states.model.law
+    if whole.rational is not None or np.any(law.dilation_modulus > MAX_LAMBDA_OVER_TWO_MU * law.two_mu):
         return None
     values, loads = approximate_lower_order(sample.states, order - 1)
     change = _Change(values - whole.values, loads, _Curve(values, None), whole)

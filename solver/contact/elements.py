@@ -13,10 +13,10 @@ from functools import cached_property
 import numpy as np
 
 from geometry.common.arrays import Floats
-from solver.contact.hyperelasticity import TT, Hyperelastic, Stress, compute_volume_change
 from solver.elements.quadrilateral import Geometry
 from solver.elements.shape_functions import Shapes
 from solver.elements.unit_square import UnitSquare
+from solver.materials.hyperelastic import TT, Hyperelastic, Stress, compute_volume_change
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ class Elements:
 
         ``target`` is its share of each element, shape (n, 1), or of each Gauss point's circle about the axis, (n, q).
 
-        At fixed strain and fixed pressure p, with J, U and its conjugate U* of eq. CT.2,
+        At fixed strain and fixed pressure p, with J, U and its conjugate U* of eq. LW.3,
 
             d stress / d ln E = stress without the pressure's share,   d (dU*/dp) / d ln E = -p d2U*/dp2     (CT.3)
         """

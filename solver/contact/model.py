@@ -18,7 +18,6 @@ from solver.axisymmetric.dofs import Numbering, number_unknowns
 from solver.contact.assembly import Assembly
 from solver.contact.contact_forces import FRICTION_SPRING_RELATIVE, Touch, compute_touch
 from solver.contact.elements import Balance, Elements, ElementValues
-from solver.contact.hyperelasticity import Hyperelastic
 from solver.contact.pairs import Pair
 from solver.contact.states import Linearised, State, WorkingForces
 from solver.contact.touching_lines import compute_contact_length, find_pairs
@@ -26,6 +25,7 @@ from solver.elements.quadrilateral import compute_geometry
 from solver.elements.shape_functions import build_shapes
 from solver.linalg.cholesky import factorise, factorise_any
 from solver.linalg.workspace import keep_result
+from solver.materials.hyperelastic import Hyperelastic
 
 OPENING_LENGTH_RELATIVE, OPENING_BLUR_SHARE = (
     0.02,

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.linalg.blas import dtrsm
@@ -19,6 +18,7 @@ from scipy.linalg.lapack import dpotrf
 from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import SolveError
 from solver.elements.shape_functions import Shapes
+from solver.materials.linear import Isotropic
 
 
 @dataclass(frozen=True)
@@ -167,11 +167,11 @@ def integrate_volumetric(geometry: Geometry, shapes: Shapes) -> Floats:
     return np.asarray(volume.reshape(len(volume), *(2, len(shapes.degrees)) * 2))
 
 
-def integrate_stiffness(geometry: Geometry, shapes: Shapes, two_mu: Floats, lam: Floats) -> Blocks:
-    """Return the blocks of the elements' stiffness matrices with their moduli 2 mu and lambda, shape (n,) both."""
+def integrate_stiffness(geometry: Geometry, shapes: Shapes, law: Isotropic) -> Blocks:
+    """Return the blocks of the elements' stiffness matrices for the law of each, shape (n,)."""
     places = shapes.places_in_sums
     dilations, inverse = _integrate_dilations(geometry, shapes)
-    sums, pressures = _integrate_shear(geometry, shapes, two_mu), lam[:, None, None] * inverse
+    sums, pressures = _integrate_shear(geometry, shapes, law.two_mu), law.dilation_modulus[:, None, None] * inverse
     on_edge, on_inside = (dilations.take(columns, axis=1) for columns in (places.edge, places.inner))
     push_edge, push_inside = pressures @ on_edge, pressures @ on_inside
 
@@ -235,9 +235,3 @@ def project_dilations(geometry: Geometry, shapes: Shapes, dilation: Floats) -> F
     """Project dilations at the Gauss points, shape (n, q, m), onto the pressures."""
     weighted = (geometry.weight[..., None] * shapes.pressure).transpose(0, 2, 1)
     return np.asarray(shapes.pressure @ np.linalg.solve(weighted @ shapes.pressure, weighted @ dilation))
-
-
-def compute_lame(youngs_modulus: Any, poisson_ratio: Any) -> tuple[Any, Any]:
-    """Return Lame's 2 mu and lambda from Young's modulus and Poisson's ratio."""
-    two_mu = youngs_modulus / (1 + poisson_ratio)
-    return two_mu, two_mu * poisson_ratio / (1 - 2 * poisson_ratio)

@@ -24,6 +24,7 @@ from solver.elements.quadrilateral import Blocks, Geometry, integrate_volumetric
 from solver.elements.shape_functions import Shapes, evaluate_edge_functions, evaluate_legendre
 from solver.elements.shape_functions import build_shapes as shapes_of
 from solver.linalg.workspace import keep_table
+from solver.materials.linear import Isotropic
 
 
 @dataclass(frozen=True)
@@ -76,20 +77,19 @@ def _build_tables(order: int) -> RectangleTables:
     )
 
 
-def integrate_rectangles(geometry: Geometry, shapes: Shapes, two_mu: Floats, lam: Floats, columns: Ints) -> Blocks:
+def integrate_rectangles(geometry: Geometry, shapes: Shapes, law: Isotropic, columns: Ints) -> Blocks:
     """Return the blocks of rectangles' stiffness matrices, as ``quadrilateral.integrate_stiffness`` does in general.
 
     Args:
         geometry: their geometry.
         shapes: their functions.
-        two_mu: 2 mu of each, shape (n,).
-        lam: lambda of each, shape (n,).
+        law: of each, shape (n,).
         columns: number of the first rectangle of each run between the same two radii, and n at the end; rising.
     """
     table, s, (first, count) = _build_tables(shapes.order), len(shapes.degrees), (columns[:-1], np.diff(columns))
-    rr, zz, rz = _integrate_shear(geometry, shapes, two_mu)
+    rr, zz, rz = _integrate_shear(geometry, shapes, law.two_mu)
     volume, (i, j), high = integrate_volumetric(geometry.select(first), shapes), table.pairs, 1 / geometry.inverse[:, 0, 1, 1]
-    tall = high / np.repeat(high[first], count)
+    tall, lam = high / np.repeat(high[first], count), law.dilation_modulus
     _add_products(rr, lam * tall, volume[:, 0, :, 0][:, i, j], columns)
     _add_products(zz, lam / tall, volume[:, 1, :, 1][:, i, j], columns)
     _add_products(rz, lam, volume[:, 0, :, 1].reshape(len(first), s * s), columns)

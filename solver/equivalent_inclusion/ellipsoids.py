@@ -11,7 +11,7 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, Words
 from geometry.common.limits import format_maximum_mm
 from geometry.scenes.fit_check import compute_semi_axes
-from geometry.scenes.probe import Material, format_mm
+from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Inclusion, Scene
 from solver.equivalent_inclusion.first_order import build_whole_ball, compute_effects
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
@@ -19,6 +19,7 @@ from solver.equivalent_inclusion.readings import Readings
 from solver.inclusions.eshelby import compute_polarisation
 from solver.inclusions.strata import Strata
 from solver.inclusions.tumours import Tumours
+from solver.materials.linear import Isotropic
 
 BALL_POINTS = (4, 7, 14)  # along radius, height and the full azimuth
 SHAPE_SAFETY_FACTOR = 2.0  # times the relative change from sphere to ellipsoid: how much their reflections may differ
@@ -144,11 +145,10 @@ def compute_shape_correction(base: Undisturbed, scene: Scene, body: Inclusion) -
         )
         raise Refusal("diameters", Words(position), room)
     strain, host = _compute_cartesian_strain(base, x, y, z), base.scene.tissue.find_material(body.depth)
-    material = Material(youngs_modulus=body.youngs_modulus, poisson_ratio=body.poisson_ratio)
     volume = 4 / 3 * np.pi * abs(float(np.linalg.det(axes)))
     forces, slope = (
         volume * np.einsum("q,qai,ab,qbj->ij", weights, strain, k, strain, optimize=True)
-        for k in compute_polarisation(host, material, axes)
+        for k in compute_polarisation(Isotropic.from_material(host), Isotropic.from_material(body), axes)
     )
     sphere = compute_effects(base.energies, host, Tumours.from_scene(scene.model_copy(update={"inclusion": (body,)})).flatten())
     whole = np.abs(sphere.forces[0]).sum()

@@ -22,8 +22,9 @@ from scipy.special import roots_jacobi
 from geometry.common.arrays import Floats
 from geometry.scenes.probe import Material
 from solver.equivalent_inclusion.strain_products import Energies
-from solver.inclusions.eshelby import Hosts, compute_strength
+from solver.inclusions.eshelby import compute_strength
 from solver.inclusions.tumours import Tumours
+from solver.materials.linear import Isotropic
 
 TUMOURS_PER_CHUNK = 1000  # tumours at a time, to limit memory
 MAX_TUMOURS_WITHOUT_TABLE = 20  # up to so many tumours a table of strain products does not pay
@@ -52,7 +53,7 @@ class Effects:
     by_log_diameter: Floats | None = None
 
 
-def compute_effects(energies: Energies, hosts: Material | Hosts, tumours: Tumours, places: bool = False) -> Effects:
+def compute_effects(energies: Energies, hosts: Material | Isotropic, tumours: Tumours, places: bool = False) -> Effects:
     """Compute the first-order effect of each of n spheres (arrays of shape (n,)).
 
     Args:

@@ -39,10 +39,10 @@ def estimate_reflection(base: Undisturbed, tumours: Tumours) -> Floats:
     """Estimate the fraction rho of each tumour's field that surface, floor, side and other tumours reflect to it, (n, t)."""
     hosts = base.strata.find_hosts(tumours.depth)
     sphere_strength = compute_strength(hosts, tumours.youngs_modulus, tumours.poisson_ratio)
-    mu, nu = hosts.youngs_modulus / (2 * (1 + hosts.poisson_ratio)), hosts.poisson_ratio
-    bulk, alpha = hosts.youngs_modulus / (3 * (1 - 2 * nu)), (1 + nu) / (3 * (1 - nu))
+    nu, bulk = hosts.poisson_ratio, hosts.bulk_modulus
+    alpha = (1 + nu) / (3 * (1 - nu))
     strong = (
-        np.abs(sphere_strength.shear) / (2 * mu * REFERENCE_STRENGTH) + np.abs(sphere_strength.volume) * (1 - alpha) / bulk
+        np.abs(sphere_strength.shear) / (hosts.two_mu * REFERENCE_STRENGTH) + np.abs(sphere_strength.volume) * (1 - alpha) / bulk
     )  # of a hole: 0.85 + 1
     radius = tumours.diameter / 2
     section = base.field.states.model.section

@@ -121,7 +121,7 @@ def _solve_loads(m: MeridianModel, elements: Any, loads: Floats) -> Floats:
     e, _, s, k = loads.shape
     edge = m.shapes.skeleton
     inside = loads[:, :, edge:].reshape(e, -1, k)
-    on_edges = np.zeros((len(m.two_mu), 2 * edge, k))
+    on_edges = np.zeros((len(m.condensed.stiffness), 2 * edge, k))
     on_edges[elements] = loads[:, :, :edge].reshape(e, -1, k) + m.condensed.compute_recovery(elements).transpose(0, 2, 1) @ inside
     v = m.system.solve(m.system.assemble_forces(on_edges), passes=2).v
     whole = m.recover_values(m.system.compute_values(v))

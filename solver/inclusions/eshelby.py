@@ -22,17 +22,9 @@ from numpy.polynomial.legendre import leggauss
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal
 from geometry.scenes.probe import Material
+from solver.materials.linear import VOIGT_PAIRS, Isotropic, LinearLaw
 
 MAX_ASPECT_RATIO = 20.0  # ratio of an ellipsoid's diameters; above it eq. IN.3 would need too many points
-VOIGT_PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
-
-
-@dataclass(frozen=True)
-class Hosts:
-    """The material about each of some spheres: Young's moduli, Pa, and Poisson's ratios, arrays of their shape."""
-
-    youngs_modulus: Any
-    poisson_ratio: Any
 
 
 @dataclass(frozen=True)
@@ -50,7 +42,7 @@ class Strength:
     by_poisson: tuple[Any, Any]
 
 
-def compute_strength(matrix: Material | Hosts, youngs_modulus: Any, poisson_ratio: Any) -> Strength:
+def compute_strength(matrix: Material | Isotropic, youngs_modulus: Any, poisson_ratio: Any) -> Strength:
     """Return the strength of spheres with given moduli (Pa) and Poisson's ratios, arrays of one shape, in a matrix.
 
     The matrix is one for all, or each sphere's own in arrays of the same shape.
@@ -66,8 +58,8 @@ def compute_strengths(modulus: Any, nu: Any, youngs_modulus: Any, poisson_ratio:
 
     The matrix's modulus (Pa) and Poisson's ratio come before the spheres'.
     """
-    bulk, mu = _compute_moduli(modulus, nu)
-    object_bulk, object_mu = _compute_moduli(youngs_modulus, poisson_ratio)
+    matrix, body = Isotropic(modulus, nu), Isotropic(youngs_modulus, poisson_ratio)
+    bulk, mu, object_bulk, object_mu = matrix.bulk_modulus, matrix.shear_modulus, body.bulk_modulus, body.shear_modulus
     alpha, beta = (1 + nu) / (3 * (1 - nu)), 2 * (4 - 5 * nu) / (15 * (1 - nu))
     # in this form neither overflows where a difference of moduli is huge
     volume_share, shear_share = (1 - alpha) * bulk + alpha * object_bulk, (1 - beta) * mu + beta * object_mu
@@ -75,35 +67,26 @@ def compute_strengths(modulus: Any, nu: Any, youngs_modulus: Any, poisson_ratio:
     return whole, ((bulk / volume_share) ** 2 * object_bulk, 2 * (mu / shear_share) ** 2 * object_mu)
 
 
-def compute_polarisation(matrix: Material, body: Material, axes: Floats) -> tuple[Floats, Floats]:
+def compute_polarisation(matrix: Isotropic, body: LinearLaw, axes: Floats) -> tuple[Floats, Floats]:
     """Return k of an ellipsoid, eq. IN.1, and its derivative by ln E of the body; 6 x 6 matrices, Pa.
 
     They work on strains (xx, yy, zz, 2 yz, 2 xz, 2 xy) of the frame in which the semi-axes are given.
 
     Args:
-        matrix: the tissue.
-        body: the ellipsoid's material.
+        matrix: the tissue's law.
+        body: the ellipsoid's law.
         axes: semi-axes as columns, shape (3, 3), m.
 
     Raises:
         Refusal: an ellipsoid whose longest and shortest diameters are too far apart.
     """
-    hill = compute_hill_tensor(matrix, axes)
-    body_stiffness = build_stiffness(body)
-    share = np.linalg.inv(np.eye(6) + hill @ (body_stiffness - build_stiffness(matrix)))  # strain inside per strain far away
-    k = (body_stiffness - build_stiffness(matrix)) @ share
+    hill, (stiffness, body_stiffness) = compute_hill_tensor(matrix, axes), (law.build_stiffness() for law in (matrix, body))
+    share = np.linalg.inv(np.eye(6) + hill @ (body_stiffness - stiffness))  # strain inside per strain far away
+    k = (body_stiffness - stiffness) @ share
     return (k + k.T) / 2, share.T @ body_stiffness @ share
 
 
-def build_stiffness(material: Material) -> Floats:
-    """Return the isotropic stiffness as a 6 x 6 matrix between strains with engineering shears and stresses, Pa."""
-    bulk, mu = _compute_moduli(material.youngs_modulus, material.poisson_ratio)
-    C = np.diag([2 * mu] * 3 + [mu] * 3)
-    C[:3, :3] += bulk - 2 * mu / 3
-    return np.asarray(C, dtype=float)
-
-
-def compute_hill_tensor(matrix: Material, axes: Floats) -> Floats:
+def compute_hill_tensor(matrix: Isotropic, axes: Floats) -> Floats:
     """Return Hill's tensor of an ellipsoid as a 6 x 6 matrix from stresses to strains with engineering shears, 1/Pa.
 
     P_ijkl = 1 / (4 pi) Int sym(n_i G_jk n_l) dS over the unit sphere's xi, with n the direction of A^-T xi, A the semi-axes and
@@ -120,8 +103,7 @@ def compute_hill_tensor(matrix: Material, axes: Floats) -> Floats:
     points, weights = _build_sphere_points(24 + int(12 * aspect))
     n = np.linalg.solve(axes.T, points.T).T
     n /= np.linalg.norm(n, axis=1)[:, None]
-    bulk, mu = _compute_moduli(matrix.youngs_modulus, matrix.poisson_ratio)
-    lam = bulk - 2 * mu / 3
+    mu, lam = matrix.shear_modulus, matrix.dilation_modulus
     dyads = np.stack([(n[:, i] * n[:, j]) * (1 if i == j else 2) for i, j in VOIGT_PAIRS], axis=1)  # n_i n_j as a strain
     longitudinal = np.einsum("q,qa,qb->ab", weights, dyads, dyads)
     # sym(n_i delta_jk n_l): the strain of the direction n with each unit vector in turn
@@ -131,10 +113,6 @@ def compute_hill_tensor(matrix: Material, axes: Floats) -> Floats:
         turned[:, a, j] += n[:, i] * (0.5 if i == j else 1.0)
     transverse = np.einsum("q,qak,qbk->ab", weights, turned, turned)
     return np.asarray((transverse - (lam + mu) / (lam + 2 * mu) * longitudinal) / mu)
-
-
-def _compute_moduli(youngs_modulus: Any, poisson_ratio: Any) -> tuple[Any, Any]:
-    return youngs_modulus / (3 * (1 - 2 * poisson_ratio)), youngs_modulus / (2 * (1 + poisson_ratio))
 
 
 def _build_sphere_points(order: int) -> tuple[Floats, Floats]:

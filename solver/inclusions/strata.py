@@ -12,8 +12,8 @@ import numpy as np
 from geometry.common.arrays import Floats, Ints
 from geometry.scenes.probe import Material
 from geometry.scenes.scene import Tissue
-from solver.inclusions.eshelby import Hosts
 from solver.inclusions.tumours import Tumours
+from solver.materials.linear import Isotropic
 
 
 @dataclass(frozen=True)
@@ -37,10 +37,9 @@ class Strata:
         """Return the index of the material at depths, m, of any shape; an interface belongs to the material below it."""
         return np.asarray(np.searchsorted(self.interfaces, depth, side="right"))
 
-    def find_hosts(self, depth: Any) -> Hosts:
-        """Return the materials at depths, m, of any shape."""
-        moduli = np.array([(material.youngs_modulus, material.poisson_ratio) for material in self.materials])
-        return Hosts(*moduli[self.find_layer(depth)].transpose(-1, *range(np.ndim(depth))))
+    def find_hosts(self, depth: Any) -> Isotropic:
+        """Return the laws at depths, m, of any shape."""
+        return Isotropic.from_materials(self.materials).select(self.find_layer(depth))
 
     def compute_gap(self, tumours: Tumours) -> Floats:
         """Return the distance from each sphere to the nearest interface, m: inf without any, negative where one crosses it."""
@@ -65,5 +64,5 @@ def compute_contrast(upper: Material, lower: Material) -> float:
 
 def _compute_moduli(material: Material) -> tuple[float, float]:
     """Return the shear modulus and lambda + 2 mu, Pa."""
-    shear, nu = material.youngs_modulus / (2 * (1 + material.poisson_ratio)), material.poisson_ratio
-    return shear, 2 * shear * (1 - nu) / (1 - 2 * nu)
+    law = Isotropic.from_material(material)
+    return law.shear_modulus, law.dilation_modulus + law.two_mu

@@ -42,9 +42,9 @@ from solver.inclusions.mode_sums import (
 )
 from solver.inclusions.solid_harmonics import Side, SolidHarmonics, build_derivatives
 from solver.linalg.workspace import keep_table
+from solver.materials.linear import VOIGT_PAIRS
 
 Parity = Literal["even", "both"]
-VOIGT_PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))  # xx, yy, zz, yz, xz, xy
 CYCLIC_AXES = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
 POSITION_FACTORS = (FACTOR_X, FACTOR_Y, FACTOR_Z)  # of x_i among the factors of eq. IN.11
 ALL_COMPONENTS = tuple(range(9))  # components

@@ -28,6 +28,8 @@ from typing import Any
 
 import numpy as np
 
+from solver.materials.linear import Isotropic
+
 Array = Any  # numpy array of floats, or of complex numbers on the way to a derivative
 Symmetric = tuple[Array, Array, Array]  # the elements pp, qq and pq of matrices, arrays that fit (n, q)
 Matrix = tuple[Array, Array, Array, Array]  # pp, pq, qp, qq
@@ -46,7 +48,7 @@ class TissueLayer:
     @property
     def mu(self) -> Array:
         """Shear modulus, shape (n, 1)."""
-        return (self.E / (2 * (1 + self.nu)))[:, None]
+        return Isotropic(self.E, self.nu).shear_modulus[:, None]
 
     @property
     def half_space(self) -> Symmetric:

@@ -24,6 +24,7 @@ from solver.axisymmetric.dofs import Interface, Numbering, number_unknowns
 from solver.elements.quadrilateral import Blocks, Geometry
 from solver.elements.shape_functions import Shapes
 from solver.linalg.cholesky import Factor, factorise
+from solver.materials.linear import Isotropic
 
 BATCH_ELEMENTS = 64  # elements at once, which limits the memory of their strains
 # U, V and W from the components, for m = 0 and m > 0
@@ -123,7 +124,7 @@ class AzimuthalSystems:
     @property
     def bytes_per_order(self) -> float:
         """Bytes for one order: the cached element matrices of three orders, and as much again as one of them."""
-        return 4.0 * 8 * len(self.model.two_mu) * (3 * len(self.model.shapes.degrees)) ** 2
+        return 4.0 * 8 * len(self.model.mesh.body) * (3 * len(self.model.shapes.degrees)) ** 2
 
     def assemble_order(self, m: int) -> Harmonic:
         """Assemble the system of one order; order 0 (no torsion) is the base states' system."""
@@ -132,7 +133,7 @@ class AzimuthalSystems:
             return Harmonic(
                 0, model, boundary, base_system.stiffness[boundary], base_system.numbering, base_system.matrix, base_system.factor
             )
-        parts = (slice(low, low + BATCH_ELEMENTS) for low in range(0, len(model.two_mu), BATCH_ELEMENTS))
+        parts = (slice(low, low + BATCH_ELEMENTS) for low in range(0, len(model.mesh.body), BATCH_ELEMENTS))
         skeleton = model.shapes.skeleton
         edges = np.concatenate(
             [Blocks.from_matrices(self._combine_orders(m, part), skeleton).condense().stiffness for part in parts]
@@ -157,17 +158,17 @@ class AzimuthalSystems:
     @cached_property
     def _samples(self) -> Floats:
         """Element matrices of orders 1, 2 and 3, shape (3, n, 3, s, 3, s)."""
-        model, n, s = self.model, len(self.model.two_mu), len(self.model.shapes.degrees)
+        model, n, s = self.model, len(self.model.mesh.body), len(self.model.shapes.degrees)
         matrices = np.empty((3, n, 3, s, 3, s))
         for low in range(0, n, BATCH_ELEMENTS):
             part = np.arange(low, min(low + BATCH_ELEMENTS, n))
-            geometry, moduli = model.geometry.select(part), (model.two_mu[part], model.lam[part])
+            geometry, law = model.geometry.select(part), model.law.select(part)
             for k, sample in enumerate(matrices):
-                sample[part] = _compute_stiffness(geometry, model.shapes, *moduli, k + 1)
+                sample[part] = _compute_stiffness(geometry, model.shapes, law, k + 1)
         return matrices
 
 
-def _compute_stiffness(geometry: Geometry, shapes: Shapes, two_mu: Floats, lam: Floats, m: int) -> Floats:
+def _compute_stiffness(geometry: Geometry, shapes: Shapes, law: Isotropic, m: int) -> Floats:
     """Compute element matrices of order m > 0, shape (n, 3, s, 3, s); the mean of cos^2 and sin^2 about the axis is 1/2."""
     n = len(geometry.radius)
     strain, dilation = _compute_strains(geometry, shapes, m)
@@ -179,7 +180,7 @@ def _compute_stiffness(geometry: Geometry, shapes: Shapes, two_mu: Floats, lam: 
     moments = weighted.transpose(0, 2, 1) @ dilation
     mass = weighted.transpose(0, 2, 1) @ shapes.pressure
     volume = moments.transpose(0, 2, 1) @ np.linalg.solve(mass, moments)
-    whole = two_mu[:, None, None] * shear + lam[:, None, None] * volume
+    whole = law.two_mu[:, None, None] * shear + law.dilation_modulus[:, None, None] * volume
     return np.asarray(whole.reshape(n, 3, -1, 3, size // 3))
 
 

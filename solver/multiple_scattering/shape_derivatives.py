@@ -20,10 +20,10 @@ from geometry.scenes.probe import Material
 from solver.inclusions.projection import build_quadrature
 from solver.inclusions.sphere_scattering import Scattering
 from solver.inclusions.sphere_scattering import compute_scattering as scattering_by
+from solver.materials.linear import VOIGT_WEIGHTS, Isotropic
 from solver.multiple_scattering.spheres import ScatteringSphere
 
 COMPLEX_STEP = 1e-30  # complex step: no cancellation, so that it may be tiny
-VOIGT_WEIGHTS = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])  # of xx, yy, zz, yz, xz, xy in s:e
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def _compute_stress_and_strain(scaled: Floats, material: Material, radius: float
     trace = scaled[:, :3].sum(axis=1, keepdims=True)
     strain = scaled.copy()
     strain[:, :3] -= nu / (1 + nu) * trace
-    return scaled * (material.youngs_modulus / (1 + nu) / radius), strain / radius
+    return scaled * (Isotropic.from_material(material).two_mu / radius), strain / radius
 
 
 def _contract(first: Floats, second: Floats) -> Floats:

@@ -15,6 +15,7 @@ from solver.inclusions.projection import Projection
 from solver.inclusions.sphere_scattering import Scattering, compute_scattering
 from solver.inclusions.tumours import Tumours
 from solver.inclusions.vector_modes import Modes
+from solver.materials.linear import Isotropic
 from solver.multiple_scattering.rings import ModeSource
 
 
@@ -40,7 +41,7 @@ class ScatteringSphere:
     @property
     def two_mu(self) -> float:
         """2 mu of the surrounding material, with its shear modulus mu, Pa."""
-        return self.matrix.youngs_modulus / (1 + self.matrix.poisson_ratio)
+        return float(Isotropic.from_material(self.matrix).two_mu)
 
     @property
     def source(self) -> ModeSource:

@@ -19,6 +19,7 @@ from geometry.common.limits import format_maximum
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import FREQUENCY_QUANTITY
+from solver.materials.linear import Isotropic
 
 TISSUE_DENSITY_KG_M3 = 1100.0  # kg/m^3: tissue and elastomers
 MAX_INERTIA_NUMBER = 0.5  # of eq. PH.4: larger ones are refused
@@ -52,7 +53,7 @@ def add_inertia_error(error: float | None, scene: Scene, frequency: float) -> fl
 def _compute_wave_number(scene: Scene, frequency: float) -> float:
     """Return k of eq. PH.5, the wave number of shear waves in the softest tissue, 1/m."""
     tissue = scene.tissue
-    softest = min(material.youngs_modulus / (2 * (1 + material.poisson_ratio)) for material in (tissue, *tissue.layer))
+    softest = min(Isotropic.from_material(material).shear_modulus for material in (tissue, *tissue.layer))
     return 2 * math.pi * frequency * math.sqrt(TISSUE_DENSITY_KG_M3 / softest)
 
 

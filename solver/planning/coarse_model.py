@@ -20,6 +20,7 @@ from solver.axisymmetric.refinement import MESH_LEVELS
 from solver.axisymmetric.sample import MeshSample, solve_on_mesh
 from solver.axisymmetric.sections import build_sections
 from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed
+from solver.materials.linear import Isotropic
 from solver.planning.gap_profile import GapProfile
 from solver.planning.loads import CANCELLING_WALL_SHARE, LoadRule, bound_wall_nearing
 from solver.planning.tumour_effects import add_tumours
@@ -137,9 +138,8 @@ class CoarseModel:
         ring = np.repeat([(high - low) / POINTS_PER_BLOCK for low, high in spans], POINTS_PER_BLOCK) * r
         depth = min(PROBING_DEPTH_OUTER_RADII * section.tube_radius, section.under_blocks / 10)
         strains = self.base_states.field.evaluate(r, np.full_like(r, -depth))
-        lam = tissue.youngs_modulus * tissue.poisson_ratio / ((1 + tissue.poisson_ratio) * (1 - 2 * tissue.poisson_ratio))
-        shear = tissue.youngs_modulus / (1 + tissue.poisson_ratio)
-        force = -(lam * strains.dilation + shear * strains.strain[:, 1]).sum(axis=-1) * ring
+        law = Isotropic.from_material(tissue)
+        force = -(law.dilation_modulus * strains.dilation + law.two_mu * strains.strain[:, 1]).sum(axis=-1) * ring
         return float(np.maximum(-force, 0.0).sum() / np.abs(force).sum())
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from solver.linalg.conjugate_gradients import (
     round_to_single,
     solve,
 )
-from solver.solid.body_stiffness import Elastic, Isotropic, compute_lame_constants
+from solver.materials.linear import VOIGT_PAIRS, VOIGT_WEIGHTS, LinearLaw
 from solver.solid.problem import BLOCK_BODIES, STATE_NAMES, Problem
 from solver.solid.regions import Region
 from solver.solid.tetrahedron import iterate_quadrature
@@ -129,14 +129,14 @@ def factor_of(problem: Problem, like: MatrixAnalysis | None = None) -> Factor:
     """
     if problem.supports.unknowns <= DOUBLE:
         return problem.matrix.factor(like=like)
-    tamed = dict(problem.materials)
+    tamed = dict(problem.laws)
     tissue = min(stuff.youngs_modulus for body, stuff in tamed.items() if Region.from_number(body).body == TISSUE_BODY)
-    for body, stuff in problem.materials.items():
+    for body, stuff in problem.laws.items():
         if Region.from_number(body).body >= TISSUE_BODY:
             modulus = float(np.clip(stuff.youngs_modulus, tissue / MAX_MODULUS_RATIO, tissue * MAX_MODULUS_RATIO))
             if modulus != stuff.youngs_modulus:
-                tamed[body] = Isotropic(modulus, stuff.poisson_ratio)
-    if tamed == problem.materials:
+                tamed[body] = replace(stuff, youngs_modulus=modulus)
+    if tamed == problem.laws:
         return problem.matrix.factor(single=True, like=like)
     return factorise_lower(
         round_to_single(Problem.assemble(problem.solid, tamed, problem.supports).matrix.lower), like
@@ -145,7 +145,7 @@ def factor_of(problem: Problem, like: MatrixAnalysis | None = None) -> Factor:
 
 def compute_energies(problem: Problem, v: Floats) -> Mapping[int, Floats]:
     """Return twice the elastic energies of pairs of states, for each body that is present; symmetric (k, k)."""
-    products = {body: problem.compute_energy(body, v) for body in problem.materials if body in problem.solid.parts}
+    products = {body: problem.compute_energy(body, v) for body in problem.laws if body in problem.solid.parts}
     return {body: (e + e.T) / 2 for body, e in products.items()}
 
 
@@ -179,11 +179,11 @@ def compute_fields(states: SolidStates, motion: Floats) -> SolidFields:
     problem, solid = states.problem, states.problem.solid
     u, body = np.zeros(solid.nodes.size), solid.body
     stress = np.zeros((len(body), 6))
-    for number, material in problem.materials.items():
+    for number, law in problem.laws.items():
         inside = np.flatnonzero(body == number)
         displacements = problem.compute_displacements(states.v, number) @ motion
         stress[inside] = _compute_stresses(
-            solid.nodes[solid.elements[inside]], displacements.reshape(-1, 3)[solid.elements[inside]], material
+            solid.nodes[solid.elements[inside]], displacements.reshape(-1, 3)[solid.elements[inside]], law
         )
         if number in BLOCK_BODIES:
             displacements = displacements + problem.supports.motion.reshape(-1, len(STATE_NAMES)) @ motion
@@ -192,15 +192,14 @@ def compute_fields(states: SolidStates, motion: Floats) -> SolidFields:
     return SolidFields(u.reshape(-1, 3), stress)
 
 
-def _compute_stresses(x: Floats, u: Floats, material: Elastic) -> Floats:
+def _compute_stresses(x: Floats, u: Floats, law: LinearLaw) -> Floats:
     """Compute mean stresses (t, 6) of elements with nodes x and displacements u, both (t, 10, 3)."""
-    (lam, mu), stresses = compute_lame_constants(material), np.zeros((len(x), 6))
+    stiffness, stresses, (rows, columns) = law.build_stiffness(), np.zeros((len(x), 6)), np.transpose(VOIGT_PAIRS)
     for selection, _, g, weight in iterate_quadrature(x):
         mean = np.einsum("nqaj,nq->naj", g, weight / weight.sum(axis=1, keepdims=True))
         gradient = u[selection].transpose(0, 2, 1) @ mean
         strain = (gradient + gradient.transpose(0, 2, 1)) / 2
-        whole = 2 * mu * strain + lam * np.trace(strain, axis1=1, axis2=2)[:, None, None] * np.eye(3)
-        stresses[selection] = whole[:, [0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1]]
+        stresses[selection] = (strain[:, rows, columns] * VOIGT_WEIGHTS) @ stiffness
     return stresses
 
 

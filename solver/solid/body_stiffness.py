@@ -1,43 +1,48 @@
-"""The stiffness of a mesh of tetrahedra, body by body: K = sum_b [lambda_b V_b + mu_b S_b], recombined for any moduli."""
+"""The stiffness of a mesh of tetrahedra, body by body: integrated once, then combined for any linear laws."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from geometry.common.arrays import Floats, Ints
+from solver.materials.linear import VOIGT_PAIRS, LinearLaw
 from solver.solid.tetrahedron import compute_grams, compute_mean_dilation, iterate_quadrature
 
 BATCH_PAIRS = 1 << 15  # pairs at once, which limits the working memory
 LOWER_NODES, UPPER_NODES = np.tril_indices(10)  # pairs of an element's nodes
-
-
-class Elastic(Protocol):
-    """An isotropic material."""
-
-    @property
-    def youngs_modulus(self) -> float: ...  # noqa: D102
-    @property
-    def poisson_ratio(self) -> float: ...  # noqa: D102
+VOIGT_INDEX = np.zeros((3, 3), dtype=int)  # from a component to its place in ``VOIGT_PAIRS``
+for _place, (_i, _j) in enumerate(VOIGT_PAIRS):
+    VOIGT_INDEX[_i, _j] = VOIGT_INDEX[_j, _i] = _place
 
 
 @dataclass(frozen=True)
-class Isotropic:
-    """An isotropic material: Young's modulus, Pa, and Poisson's ratio."""
+class Coefficients:
+    """What a law multiplies the integrals of a body's ``Part`` by, eq. SO.2.
 
-    youngs_modulus: float
-    poisson_ratio: float
+    Attributes:
+        rest: from the numbers of a pair's G to those of its stiffness, Pa, shape (9, 9).
+        pressed: lambda, Pa.
+    """
 
+    rest: Floats
+    pressed: float
 
-def compute_lame_constants(material: Elastic) -> tuple[float, float]:
-    """Return Lame's constants lambda and mu, Pa."""
-    e, nu = material.youngs_modulus, material.poisson_ratio
-    return e * nu / ((1 + nu) * (1 - 2 * nu)), e / (2 * (1 + nu))
+    @classmethod
+    def from_law(cls, law: LinearLaw) -> Coefficients:
+        """Return the coefficients of a law."""
+        C = law.build_stiffness()
+        C[:3, :3] -= law.dilation_modulus
+        whole = C[VOIGT_INDEX[:, :, None, None], VOIGT_INDEX]  # C_ikjl
+        return cls(whole.transpose(1, 3, 0, 2).reshape(9, 9), law.dilation_modulus)
+
+    def __sub__(self, other: Coefficients) -> Coefficients:
+        """Return the coefficients of a difference of two laws."""
+        return Coefficients(self.rest - other.rest, self.pressed - other.pressed)
 
 
 @dataclass(frozen=True)
@@ -47,7 +52,7 @@ class Part:
     Attributes:
         rows, columns: the pairs' nodes, columns <= rows, shape (n,).
         gram: G of eq. SO.1, assembled, shape (n, 3, 3), m.
-        dilation: the matrix that lambda multiplies: the same array, unless each element's dilation is averaged.
+        dilation: the matrix that lambda of eq. SO.2 multiplies: the same array, unless each element's dilation is averaged.
     """
 
     rows: Ints
@@ -55,18 +60,18 @@ class Part:
     gram: Floats
     dilation: Floats
 
-    def compute_blocks(self, lam: float, mu: float) -> Floats:
-        """Return the stiffness of eq. SO.2 for Lame's constants, Pa; shape (n, 3, 3), N/m."""
+    def compute_blocks(self, coefficients: Coefficients) -> Floats:
+        """Return the stiffness of eq. SO.2; shape (n, 3, 3), N/m."""
         blocks = np.empty(self.gram.shape)  # in the layout of sparse block matrices, which then need no copy
         for low in range(0, len(blocks), BATCH_PAIRS):
             batch = slice(low, low + BATCH_PAIRS)
-            blocks[batch] = lam * self.dilation[batch] + mu * self.gram[batch].transpose(0, 2, 1)
-            blocks[batch] += (mu * np.trace(self.gram[batch], axis1=1, axis2=2))[:, None, None] * np.eye(3)
+            flat = self.gram[batch].reshape(-1, 9) @ coefficients.rest
+            np.add(flat.reshape(-1, 3, 3), coefficients.pressed * self.dilation[batch], out=blocks[batch])
         return blocks
 
-    def compute_forces(self, material: Elastic, u: Floats) -> Floats:
+    def compute_forces(self, law: LinearLaw, u: Floats) -> Floats:
         """Return the nodal forces (3 n, k), N, for displacements u (3 n, k) of all nodes, m."""
-        blocks, count = self.compute_blocks(*compute_lame_constants(material)), len(u) // 3
+        blocks, count = self.compute_blocks(Coefficients.from_law(law)), len(u) // 3
         starts = np.searchsorted(self.rows, np.arange(count + 1))
         lower = sp.bsr_array((blocks, self.columns, starts), shape=(len(u), len(u)))
         is_diagonal = self.rows == self.columns
@@ -108,33 +113,33 @@ def _add_matrices(sums: Floats, matrices: Floats, slots: Ints, flipped: NDArray[
         sums[k, low:high] += np.bincount(place, weights=values.ravel(), minlength=high - low)
 
 
-def assemble(body_parts: Mapping[int, Part], materials: Mapping[int, Elastic], number: Ints) -> sp.csc_array:
-    """Assemble the lower triangle of the stiffness of all bodies that have a material.
+def assemble(body_parts: Mapping[int, Part], laws: Mapping[int, LinearLaw], number: Ints) -> sp.csc_array:
+    """Assemble the lower triangle of the stiffness of all bodies that have a law.
 
     Args:
         body_parts: integrated stiffness of the bodies.
-        materials: materials of the bodies that are present.
+        laws: laws of the bodies that are present.
         number: unknown of each displacement, shape (nodes, 3); < 0 for none.
     """
-    return _add_bodies(((body_parts[b], compute_lame_constants(materials[b])) for b in body_parts if b in materials), number)
+    return _add_bodies(((body_parts[b], Coefficients.from_law(laws[b])) for b in body_parts if b in laws), number)
 
 
 def assemble_changes(
-    body_parts: Mapping[int, Part], changes: Mapping[int, tuple[Elastic, Elastic]], number: Ints
+    body_parts: Mapping[int, Part], changes: Mapping[int, tuple[LinearLaw, LinearLaw]], number: Ints
 ) -> sp.csc_array:
-    """Assemble the change of the stiffness when bodies change from an old to a new material; see ``assemble``."""
+    """Assemble the change of the stiffness when bodies change from an old to a new law; see ``assemble``."""
     pieces = (
-        (body_parts[b], np.subtract(compute_lame_constants(new), compute_lame_constants(old)))
+        (body_parts[b], Coefficients.from_law(new) - Coefficients.from_law(old))
         for b, (old, new) in changes.items()
         if b in body_parts
     )
     return _add_bodies(pieces, number)
 
 
-def _add_bodies(bodies: Iterable[tuple[Part, Sequence[float] | Floats]], number: Ints) -> sp.csc_array:
-    """Add the lower triangles of some bodies' stiffness, each with its Lame constants."""
+def _add_bodies(bodies: Iterable[tuple[Part, Coefficients]], number: Ints) -> sp.csc_array:
+    """Add the lower triangles of some bodies' stiffness."""
     size, number = int(number.max()) + 1, number.astype(np.int32)
-    pieces = [_list_entries(part, part.compute_blocks(*constants), number) for part, constants in bodies]
+    pieces = [_list_entries(part, part.compute_blocks(coefficients), number) for part, coefficients in bodies]
     values, high, low = (np.concatenate(kind) for kind in zip(*pieces, strict=True))
     del pieces  # as large as the arrays made of them, and as those made next
     rows = sp.coo_array((values, (low, high)), shape=(size, size)).tocsr()  # the upper triangle by rows is the lower by columns

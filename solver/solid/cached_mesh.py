@@ -23,14 +23,15 @@ from dataclasses import dataclass, field
 from threading import RLock
 
 import numpy as np
+from scipy.linalg import eigvalsh
 
 from geometry.common.arrays import Floats, Ints
 from geometry.tetra.tet_mesh import FIRST_INCLUSION_BODY, TetMesh
 from solver.linalg.cholesky import Factor
 from solver.linalg.conjugate_gradients import MAX_RESIDUAL_FACTOR, TARGET_RESIDUAL, get_analysis
 from solver.linalg.workspace import get_workspace
+from solver.materials.linear import Isotropic, LinearLaw
 from solver.solid.base_states import FactorisedStates, SolidStates, factor_of, solid_states
-from solver.solid.body_stiffness import Elastic, Isotropic, compute_lame_constants
 from solver.solid.moved_mesh import compute_stretches
 from solver.solid.problem import Problem, Solid, Supports
 from solver.solid.regions import Region
@@ -38,7 +39,7 @@ from solver.solid.regions import Region
 REUSE_STEPS_COEFFICIENT = 0.03  # steps that cost as much as a factorisation, over unknowns^(2/3), the ratio of their operations
 MIN_MODULUS_RATIO = 1e-4  # of the old modulus: smaller new moduli are assembled, not added as a difference
 SOLVES_PER_FACTOR = 2  # solutions with one factor: reference and scene
-Materials = Mapping[int, Elastic]
+Laws = Mapping[int, Isotropic]
 
 
 @dataclass(frozen=True)
@@ -73,9 +74,9 @@ class RestrictedFactor:
 
 @dataclass(frozen=True)
 class FactorisedRegions:
-    """All regions of a mesh, the materials and nodes they had, and the factor."""
+    """All regions of a mesh, the laws and nodes they had, and the factor."""
 
-    materials: Materials
+    laws: Laws
     nodes: Floats
     supports: Supports
     factor: Factor
@@ -97,24 +98,24 @@ class SharedFactor:
     latest: dict[str, Floats] = field(default_factory=dict)
     lock: RLock = field(default_factory=RLock)
 
-    def find_factor(self, problem: Problem, base: Materials) -> Factor:
+    def find_factor(self, problem: Problem, base: Laws) -> Factor:
         """Return a factor near a problem's matrix; factorise again if the cached one is too far away."""
         if self.regions is None or not self._is_worth_reusing(problem, base, self.regions):
             like = None if self.regions is None else get_analysis(self.regions.factor)
             self.regions = None  # frees it before the next is made
-            whole = problem if problem.materials == base else Problem.assemble(problem.solid, base)
+            whole = problem if problem.laws == base else Problem.assemble(problem.solid, base)
             self.regions = FactorisedRegions(base, problem.solid.nodes, whole.supports, factor_of(whole, like))
         return RestrictedFactor.restrict(self.regions.factor, self.regions.supports, problem.supports)
 
     @staticmethod
-    def _is_worth_reusing(problem: Problem, base: Materials, regions: FactorisedRegions) -> bool:
+    def _is_worth_reusing(problem: Problem, base: Laws, regions: FactorisedRegions) -> bool:
         """Return whether iterating with a factor costs less than a new one; the inclusions' contrast adds to both alike."""
         solid = problem.solid
         stretch = 1.0
         if regions.nodes is not solid.nodes:
             lengths = compute_stretches(solid.elements, regions.nodes, solid.nodes)
             stretch = float(lengths.max() / lengths.min())
-        step_count = SOLVES_PER_FACTOR * estimate_steps(compute_modulus_spread(regions.materials, base) * stretch**4)
+        step_count = SOLVES_PER_FACTOR * estimate_steps(compute_modulus_spread(regions.laws, base) * stretch**4)
         return bool(step_count <= REUSE_STEPS_COEFFICIENT * regions.supports.unknowns ** (2 / 3))
 
     def find_start(self, kind: str, unknowns: int) -> Floats | None:
@@ -137,32 +138,27 @@ class CachedMesh:
     _states: dict[str, SolidStates] = field(default_factory=dict)
     _own_factors: dict[str, Factor] = field(default_factory=dict)  # of states for which the shared factor was too far away
 
-    def find_states(self, kind: str, materials: Materials, base: Materials, target: float = TARGET_RESIDUAL) -> FactorisedStates:
-        """Return the states for a scene's materials: the cached ones, or solved from there.
+    def find_states(self, kind: str, laws: Laws, base: Laws, target: float = TARGET_RESIDUAL) -> FactorisedStates:
+        """Return the states for a scene's laws: the cached ones, or solved from there.
 
         Args:
             kind: name of the cached states to start from and to replace.
-            materials: materials of the regions that are present.
-            base: materials of all regions, for the factor; a factor of similar materials is used again.
+            laws: laws of the regions that are present.
+            base: laws of all regions, for the factor; a factor of similar laws is used again.
             target: relative residual of the solution.
 
         Raises:
             SolveError: the equations could not be solved.
             LimitReached: a factor would exceed the limits of memory or time.
         """
-        own_constants, base_constants = extract_constants(materials), extract_constants(base)
         with self.shared.lock:
             previous = self._states.get(kind)
-            if (
-                previous is not None
-                and previous.problem.materials == own_constants
-                and previous.residual <= MAX_RESIDUAL_FACTOR * target
-            ):
-                factor = self._own_factors.get(kind) or self.shared.find_factor(previous.problem, base_constants)
+            if previous is not None and previous.problem.laws == laws and previous.residual <= MAX_RESIDUAL_FACTOR * target:
+                factor = self._own_factors.get(kind) or self.shared.find_factor(previous.problem, base)
                 return FactorisedStates(previous.problem, previous.v, previous.energies, factor)
-            problem = self._assemble_problem(own_constants)
+            problem = self._assemble_problem(laws)
             shared_factor, start = (
-                self.shared.find_factor(problem, base_constants),
+                self.shared.find_factor(problem, base),
                 self.shared.find_start(kind, problem.supports.unknowns),
             )
             states = solid_states(problem, factor=shared_factor, start=start, target=target)
@@ -170,18 +166,18 @@ class CachedMesh:
             self._own_factors = {kind: states.factor} if states.factor is not shared_factor else {}
             return states
 
-    def _assemble_problem(self, materials: Materials) -> Problem:
+    def _assemble_problem(self, laws: Laws) -> Problem:
         """Assemble a problem, by the difference from earlier states of the same regions if rounding allows it."""
-        problems = [states.problem for states in self._states.values() if set(states.problem.materials) == set(materials)]
+        problems = [states.problem for states in self._states.values() if set(states.problem.laws) == set(laws)]
         for known_problem in problems:
-            changed = [body for body in materials if materials[body] != known_problem.materials[body]]
+            changed = [body for body in laws if laws[body] != known_problem.laws[body]]
             if all(
                 Region.from_number(body).body >= FIRST_INCLUSION_BODY
-                and not _is_rounded_away(materials[body], known_problem.materials[body])
+                and not _is_rounded_away(laws[body], known_problem.laws[body])
                 for body in changed
             ):
-                return known_problem.change_materials(materials)
-        return Problem.assemble(self.solid, materials, problems[0].supports if problems else None)
+                return known_problem.change_laws(laws)
+        return Problem.assemble(self.solid, laws, problems[0].supports if problems else None)
 
 
 def find_cached_mesh(mesh: TetMesh, frictionless: bool) -> CachedMesh:
@@ -209,29 +205,23 @@ def _compute_digest(head: str, *arrays: np.ndarray) -> str:
     return digest.hexdigest()
 
 
-def extract_constants(materials: Materials) -> dict[int, Isotropic]:
-    """Return the materials as two constants each, so that they can be compared."""
-    return {body: Isotropic(stuff.youngs_modulus, stuff.poisson_ratio) for body, stuff in materials.items()}
-
-
 def estimate_steps(condition: float) -> float:
     """Estimate the steps of conjugate gradients, eq. SO.8, to the target residual for a condition number."""
     root = np.sqrt(max(condition, 1 + 1e-9))
     return float(np.log(2 / TARGET_RESIDUAL) / np.log((root + 1) / (root - 1)))
 
 
-def compute_modulus_spread(old: Materials, new: Materials) -> float:
+def compute_modulus_spread(old: Laws, new: Laws) -> float:
     """Return how much the moduli of all regions changed relative to each other: the maximum change over the minimum."""
-    changes = [np.divide(_compute_moduli(new[body]), _compute_moduli(old[body])) for body in old]
+    changes = [_compute_modulus_changes(new[body], old[body]) for body in old]
     return float(np.max(changes) / np.min(changes))
 
 
-def _is_rounded_away(new: Elastic, old: Elastic) -> bool:
+def _is_rounded_away(new: LinearLaw, old: LinearLaw) -> bool:
     """Return whether new moduli are so small that a difference from the old ones would lose them to rounding."""
-    return bool(np.min(np.divide(_compute_moduli(new), _compute_moduli(old))) < MIN_MODULUS_RATIO)
+    return bool(np.min(_compute_modulus_changes(new, old)) < MIN_MODULUS_RATIO)
 
 
-def _compute_moduli(stuff: Elastic) -> tuple[float, float]:
-    """Return bulk and shear modulus, Pa: the extremes of an isotropic material's moduli."""
-    lam, mu = compute_lame_constants(stuff)
-    return lam + 2 * mu / 3, mu
+def _compute_modulus_changes(new: LinearLaw, old: LinearLaw) -> Floats:
+    """Return the extremes over all strains of the ratio of both laws' energies; of isotropic ones, of bulk or shear moduli."""
+    return np.asarray(eigvalsh(new.build_stiffness(), old.build_stiffness())[[0, -1]])

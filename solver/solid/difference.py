@@ -20,8 +20,8 @@ from geometry.tetra.layout import build_layout, find_extent
 from geometry.tetra.mesh_check import find_max_file_error
 from geometry.tetra.tet_mesh import FIRST_INCLUSION_BODY, TISSUE_BODY, TetMesh
 from solver.linalg.conjugate_gradients import TARGET_RESIDUAL
+from solver.materials.linear import Elastic, Isotropic
 from solver.solid.base_states import FactorisedStates, SolidStates
-from solver.solid.body_stiffness import Elastic
 from solver.solid.cached_mesh import find_cached_mesh
 from solver.solid.domain import Domain
 from solver.solid.modulus_response import compute_solid_response
@@ -74,15 +74,15 @@ def difference(domain: Domain, mesh: TetMesh, moduli: Floats | None = None) -> t
     if moduli is not None and target is not None:
         scene = _replace_modulus(scene, target, float(np.sqrt(moduli.min() * moduli.max())))
     kept = find_cached_mesh(mesh, scene.contact.interface == "frictionless")
-    reference_materials, scene_materials = (
-        _find_materials(scene, kept.solid, find_material) for find_material in (find_reference_material, find_scene_material)
+    reference_laws, scene_laws = (
+        _find_laws(scene, kept.solid, find_material) for find_material in (find_reference_material, find_scene_material)
     )
-    base = _find_materials(scene, kept.solid, find_base_material)
-    max_residual = _choose_residual(scene_materials) if moduli is None else TARGET_RESIDUAL
-    reference = kept.find_states("reference", reference_materials, base, max_residual)
+    base = _find_laws(scene, kept.solid, find_base_material)
+    max_residual = _choose_residual(scene_laws) if moduli is None else TARGET_RESIDUAL
+    reference = kept.find_states("reference", reference_laws, base, max_residual)
     reference_reactions, residual = reference.reactions, reference.residual
     edges = kept.find_states("edges", base, base, max_residual).forces if _has_edges(domain) else None
-    states = kept.find_states("scene", scene_materials, base, max_residual)
+    states = kept.find_states("scene", scene_laws, base, max_residual)
     reactions, slope = _compute_reactions(states, scene, target, moduli)
     result = SceneDifference(
         reactions[:, :2, :2] - reference_reactions[:2, :2],
@@ -103,12 +103,12 @@ def _has_edges(domain: Domain) -> bool:
     return domain.radius is not None and domain.scene.probe.groove is None
 
 
-def _choose_residual(materials: Mapping[int, Elastic]) -> float:
+def _choose_residual(laws: Mapping[int, Isotropic]) -> float:
     """Choose the residual at which the iteration ends, smaller in nearly incompressible tissue.
 
     There, a relative residual of 1e-6 left an error of 18 % in a soft tumour's ratio.
     """
-    poisson = max(stuff.poisson_ratio for body, stuff in materials.items() if Region.from_number(body).body >= TISSUE_BODY)
+    poisson = max(law.poisson_ratio for body, law in laws.items() if Region.from_number(body).body >= TISSUE_BODY)
     return float(
         np.clip(
             MAX_RESIDUAL / INCOMPRESSIBLE_SHEAR_RATIO * 1.5 * (1 - 2 * poisson) / (1 + poisson), TARGET_RESIDUAL, MAX_RESIDUAL
@@ -148,7 +148,7 @@ def _compute_reactions(
     return compute_solid_response(states, bodies, float(times.min()), float(times.max())).compute_reactions(times)
 
 
-def _find_materials(scene: Scene, solid: Solid, find_material: Callable[[Scene, int], Elastic | None]) -> Mapping[int, Elastic]:
-    """Return the materials of the regions that are present."""
+def _find_laws(scene: Scene, solid: Solid, find_material: Callable[[Scene, int], Elastic | None]) -> Mapping[int, Isotropic]:
+    """Return the laws of the regions that are present."""
     materials = {number: find_material(scene, number) for number in solid.parts}
-    return {number: material for number, material in materials.items() if material is not None}
+    return {number: Isotropic.from_material(material) for number, material in materials.items() if material is not None}

@@ -87,9 +87,9 @@ class _BodyForces:
 
     def _apply_body_stiffness(self, displacements: Floats) -> Floats:
         """Return the inclusion's nodal forces, N, for displacements, m, (3 n, k) both."""
-        parts, materials = self.problem.solid.parts, self.problem.materials
+        parts, laws = self.problem.solid.parts, self.problem.laws
         return np.asarray(
-            sum((parts[b].compute_forces(materials[b], displacements) for b in self.bodies), start=np.zeros_like(displacements))
+            sum((parts[b].compute_forces(laws[b], displacements) for b in self.bodies), start=np.zeros_like(displacements))
         )
 
     def _solve(self, loads: Floats) -> Floats:

@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 from geometry.common.arrays import Floats, Ints
 from geometry.tetra.tet_mesh import GROOVE_BODY, INNER_BODY, OUTER_BODY, TetMesh
 from solver.linalg.conjugate_gradients import Stiffness
-from solver.solid.body_stiffness import Elastic, Part, assemble, assemble_changes, integrate_parts
+from solver.materials.linear import Isotropic
+from solver.solid.body_stiffness import Part, assemble, assemble_changes, integrate_parts
 from solver.solid.regions import number_elements
 
 STATE_NAMES = ("inner", "outer", "tilt")
@@ -145,32 +146,32 @@ def _compute_motions(solid: Solid, inner: NDArray[np.bool_], outer: NDArray[np.b
 
 @dataclass(frozen=True)
 class Problem:
-    """A solid with its materials, supports and stiffness; bodies without a material are absent.
+    """A solid with its laws, supports and stiffness; bodies without a law are absent.
 
     Attributes:
-        solid, materials: integrated mesh and materials.
+        solid, laws: integrated mesh and linear laws.
         supports: unknowns and lifts.
         matrix: stiffness, N/m; of half the solid, if the mesh is a half.
     """
 
     solid: Solid
-    materials: Mapping[int, Elastic]
+    laws: Mapping[int, Isotropic]
     supports: Supports
     matrix: Stiffness
 
     @classmethod
-    def assemble(cls, solid: Solid, materials: Mapping[int, Elastic], supports: Supports | None = None) -> Problem:
+    def assemble(cls, solid: Solid, laws: Mapping[int, Isotropic], supports: Supports | None = None) -> Problem:
         """Assemble a problem; problems with the same bodies may share their supports."""
-        supports = supports or Supports.from_bodies(solid, materials)
-        return cls(solid, materials, supports, Stiffness(assemble(solid.parts, materials, supports.number)))
+        supports = supports or Supports.from_bodies(solid, laws)
+        return cls(solid, laws, supports, Stiffness(assemble(solid.parts, laws, supports.number)))
 
-    def change_materials(self, materials: Mapping[int, Elastic]) -> Problem:
-        """Return the problem for other materials of the same bodies: the change is added to the present stiffness."""
-        changed = {body: (self.materials[body], stuff) for body, stuff in materials.items() if stuff != self.materials[body]}
+    def change_laws(self, laws: Mapping[int, Isotropic]) -> Problem:
+        """Return the problem for other laws of the same bodies: the change is added to the present stiffness."""
+        changed = {body: (self.laws[body], stuff) for body, stuff in laws.items() if stuff != self.laws[body]}
         if not changed:
-            return Problem(self.solid, materials, self.supports, self.matrix)
+            return Problem(self.solid, laws, self.supports, self.matrix)
         difference = assemble_changes(self.solid.parts, changed, self.supports.number)
-        return Problem(self.solid, materials, self.supports, Stiffness(sp.csc_array(self.matrix.lower + difference)))
+        return Problem(self.solid, laws, self.supports, Stiffness(sp.csc_array(self.matrix.lower + difference)))
 
     @property
     def symmetry_factor(self) -> float:
@@ -189,7 +190,7 @@ class Problem:
         forces = sum(
             (
                 self.solid.parts[b].compute_forces(m, lift)
-                for b, m in self.materials.items()
+                for b, m in self.laws.items()
                 if b in self.solid.parts and b not in BLOCK_BODIES
             ),
             start=np.zeros_like(lift),
@@ -211,4 +212,4 @@ class Problem:
     def compute_energy(self, body: int, v: Floats) -> Floats:
         """Return v_i^T K_b v_j, twice the elastic energy of pairs of states in one body of the whole solid, shape (k, k)."""
         u = self.compute_displacements(v, body)
-        return np.asarray(self.symmetry_factor * (u.T @ self.solid.parts[body].compute_forces(self.materials[body], u)))
+        return np.asarray(self.symmetry_factor * (u.T @ self.solid.parts[body].compute_forces(self.laws[body], u)))

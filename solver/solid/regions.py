@@ -11,7 +11,7 @@ from geometry.common.arrays import Ints
 from geometry.scenes.probe import Material
 from geometry.scenes.scene import MAX_INCLUSIONS, Scene
 from geometry.tetra.tet_mesh import BEYOND_BODY, FIRST_INCLUSION_BODY, GROOVE_BODY, INNER_BODY, OUTER_BODY, TISSUE_BODY, TetMesh
-from solver.solid.body_stiffness import Elastic, Isotropic
+from solver.materials.linear import Elastic, Isotropic
 
 GROOVE_MODULUS_RELATIVE = (
     0.05  # of the tube's modulus: 30 steps on groove-over-tumour, where 1, 0.1, 0.03 and 0.01 take 45, 32, 30 and 31

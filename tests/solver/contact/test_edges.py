@@ -12,11 +12,11 @@ from geometry.meridian.mesh import UNIT_SQUARE, compute_nodes
 from geometry.meridian.section import Body
 from geometry.scenes.scene import Contact, Load
 from solver.axisymmetric.sections import build_sections
-from solver.contact.hyperelasticity import Hyperelastic
 from solver.contact.level import ContactEvaluator
 from solver.contact.model import ContactModel
 from solver.contact.path import Path
 from solver.evaluation import evaluate, plan
+from solver.materials.hyperelastic import Hyperelastic
 from tests.support.load_paths import COARSE, pressed, ratio, scene_of, work
 
 SHARP = scene_of("equal-blocks-6kpa")

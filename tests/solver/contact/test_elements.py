@@ -8,10 +8,11 @@ import pytest
 from geometry.meridian.mesh import compute_nodes
 from solver.axisymmetric.sections import build_sections
 from solver.contact.elements import Elements, ElementValues
-from solver.contact.hyperelasticity import Hyperelastic
 from solver.contact.model import ContactModel
-from solver.elements.quadrilateral import compute_geometry, compute_lame, integrate_matrices
+from solver.elements.quadrilateral import compute_geometry, integrate_matrices
 from solver.elements.shape_functions import build_shapes
+from solver.materials.hyperelastic import Hyperelastic
+from solver.materials.linear import Isotropic
 from tests.support.load_paths import COARSE, scene_of
 
 STEP = 1e-6
@@ -69,7 +70,7 @@ def test_at_rest_stiffness_is_that_of_linear_elements() -> None:
     _, stiffness, slopes = body_elements.linearise(body_elements.build_rest_values())
     edge = np.random.default_rng(6).standard_normal(stiffness.shape[:2])
     u = body_elements.move(body_elements.build_rest_values(), slopes, edge).u
-    two_mu, lam = compute_lame(1.0, 0.45)
+    law = Isotropic(1.0, 0.45)
     shear, volume = (matrix.reshape(len(u), u.shape[1], -1) for matrix in integrate_matrices(AT, functions))
-    energy = (u[:, None] @ (two_mu * shear + lam * volume) @ u[..., None])[:, 0, 0]
+    energy = (u[:, None] @ (law.two_mu * shear + law.dilation_modulus * volume) @ u[..., None])[:, 0, 0]
     np.testing.assert_allclose((edge[:, None] @ stiffness @ edge[..., None])[:, 0, 0], energy, rtol=1e-9)

@@ -17,6 +17,7 @@ from solver.axisymmetric.dofs import Numbering, number_unknowns
 from solver.elements.quadrilateral import compute_gradients, integrate_matrices, integrate_stiffness, project_dilations
 from solver.elements.rectangles import integrate_rectangles
 from solver.elements.shape_functions import build_shapes, evaluate_functions
+from solver.materials.linear import Isotropic
 from tests.support.meridian_sections import COARSE, PAPER, geometry_of, mesh_of, of_probe, section, special
 
 
@@ -83,10 +84,11 @@ def test_rectangles_have_the_matrices_of_any_quadrilateral(order: int) -> None:
     s, table = section(**PAPER), build_shapes(order)
     mesh = mesh_of(s)
     geometry = geometry_of(s, mesh, order).select(slice(0, mesh.columns[-1]))
-    two_mu, lam = np.random.default_rng(2).uniform(0.5, 2.0, (2, mesh.columns[-1]))
+    moduli, ratios = np.random.default_rng(2).uniform([[0.5], [0.1]], [[2.0], [0.45]], (2, mesh.columns[-1]))
+    law = Isotropic(moduli, ratios)
     matrices, usual = (
-        integrate_rectangles(geometry, table, two_mu, lam, mesh.columns),
-        integrate_stiffness(geometry, table, two_mu, lam),
+        integrate_rectangles(geometry, table, law, mesh.columns),
+        integrate_stiffness(geometry, table, law),
     )
     largest = np.abs(usual.outside).max(axis=(1, 2), keepdims=True)
     for name in ("outside", "across", "inside"):

@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 
 from geometry.common.errors import SolveError
-from geometry.scenes.probe import Material
 from geometry.scenes.scene_file import scene_from_dict
 from geometry.tetra.tet_mesh import BEYOND_BODY, FIRST_INCLUSION_BODY, GROOVE_BODY, INNER_BODY, OUTER_BODY, TISSUE_BODY, TetMesh
 from solver.axisymmetric.converged_forces import compute_converged_forces
 from solver.linalg import conjugate_gradients as solid_factor
 from solver.linalg.conjugate_gradients import Stiffness, solve
+from solver.materials.linear import Isotropic
 from solver.solid import base_states as solid_states_module
 from solver.solid.base_states import SolidStates, average_at_nodes, compute_fields, solid_states
 from solver.solid.body_stiffness import assemble, integrate_part
@@ -31,11 +31,11 @@ from tests.support.meshes import stored_mesh
 from tests.support.slow import slow_unless
 
 
-def material(modulus: float, ratio: float = 0.45) -> Material:
-    return Material(youngs_modulus=modulus, poisson_ratio=ratio)
+def material(modulus: float, ratio: float = 0.45) -> Isotropic:
+    return Isotropic(modulus, ratio)
 
 
-def materials(sphere: float, ratio: float = 0.45) -> dict[int, Material]:
+def materials(sphere: float, ratio: float = 0.45) -> dict[int, Isotropic]:
     """The reference where the sphere's modulus is the tissue's."""
     blocks = {INNER_BODY: material(1e6, 0.48), OUTER_BODY: material(8e4, 0.48), GROOVE_BODY: material(8e4, 0.48)}
     return {**blocks, TISSUE_BODY: material(6e3, ratio), FIRST_INCLUSION_BODY: material(sphere, ratio)}
@@ -120,7 +120,7 @@ class TestStates:
         """The nodal forces of the field itself: on the tops what the energies say, on the floor the opposite, elsewhere none."""
         solution, s = states(), solid()
         problem, total = solution.problem, np.zeros((s.nodes.size, 3))
-        for body, stuff in problem.materials.items():
+        for body, stuff in problem.laws.items():
             total += s.parts[body].compute_forces(stuff, problem.compute_displacements(solution.v, body))
         vertical, z = 2 * total.reshape(-1, 3, 3)[:, 2], s.nodes[:, 2]
         for film, block in enumerate(([INNER_BODY], [OUTER_BODY, GROOVE_BODY])):
@@ -175,7 +175,7 @@ class TestStates:
         added, anew = (
             problem.matrix.lower
             for problem in (
-                states().problem.change_materials(materials(sphere)),
+                states().problem.change_laws(materials(sphere)),
                 Problem.assemble(solid(), materials(sphere), states().problem.supports),
             )
         )

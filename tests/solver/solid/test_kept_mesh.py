@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from geometry.scenes.probe import Material
 from geometry.tetra.tet_mesh import BEYOND_BODY, FIRST_INCLUSION_BODY, GROOVE_BODY, INNER_BODY, OUTER_BODY, TISSUE_BODY, TetMesh
 from solver.linalg.conjugate_gradients import TARGET_RESIDUAL
 from solver.linalg.workspace import Workspace, use_workspace
+from solver.materials.linear import Isotropic
 from solver.solid import cached_mesh as kept_mesh_module
 from solver.solid.base_states import solid_states
 from solver.solid.cached_mesh import CachedMesh, compute_modulus_spread, estimate_steps, find_cached_mesh
@@ -24,7 +24,7 @@ SCENE = (INNER_BODY, OUTER_BODY, TISSUE_BODY, BEYOND_BODY, FIRST_INCLUSION_BODY)
 REFERENCE = (INNER_BODY, OUTER_BODY, GROOVE_BODY, TISSUE_BODY, FIRST_INCLUSION_BODY)  # nothing beyond the cylinder
 
 
-def materials(bodies: tuple[int, ...], sphere: float = 6e3, tissue: float = 6e3, ratio: float = 0.45) -> dict[int, Material]:
+def materials(bodies: tuple[int, ...], sphere: float = 6e3, tissue: float = 6e3, ratio: float = 0.45) -> dict[int, Isotropic]:
     moduli = {
         INNER_BODY: 1e6,
         OUTER_BODY: 8e4,
@@ -33,7 +33,7 @@ def materials(bodies: tuple[int, ...], sphere: float = 6e3, tissue: float = 6e3,
         BEYOND_BODY: tissue,
         FIRST_INCLUSION_BODY: sphere,
     }
-    return {body: Material(youngs_modulus=moduli[body], poisson_ratio=ratio) for body in bodies}
+    return {body: Isotropic(moduli[body], ratio) for body in bodies}
 
 
 @pytest.fixture
@@ -118,7 +118,7 @@ def test_what_is_kept_is_counted_and_may_go(workspace: Workspace, kept: CachedMe
 
 def test_spread_is_blind_to_a_common_factor() -> None:
     first, second = materials(WHOLE), materials(WHOLE, tissue=6e4)
-    twice = {body: Material(youngs_modulus=2 * m.youngs_modulus, poisson_ratio=m.poisson_ratio) for body, m in first.items()}
+    twice = {body: replace(m, youngs_modulus=2 * m.youngs_modulus) for body, m in first.items()}
     assert compute_modulus_spread(first, twice) == pytest.approx(1.0)
     assert compute_modulus_spread(first, second) == pytest.approx(10.0)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from solver.contact.hyperelasticity import Hyperelastic, Stress, compute_volume_change
+from solver.materials.hyperelastic import Hyperelastic, Stress, compute_volume_change
 
 RNG = np.random.default_rng(5)
 
@@ -14,7 +14,7 @@ def material(poisson_ratio: float, yeoh: tuple[float, float] = (0.0, 0.0)) -> Hy
 
 
 def pressure(law: Hyperelastic, change: float) -> float:
-    """p of eq. CT.2 at a change of volume."""
+    """p of eq. LW.3 at a change of volume."""
     return float(law.lam[0] / 2 * (1 + change - 1 / (1 + change)))
 
 

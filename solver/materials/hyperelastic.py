@@ -2,7 +2,7 @@ r"""Compute stresses and tangents of rubber-like materials at finite strain, wit
 
 The stored energy per undeformed volume is
 
-    W = f(I - 3) + K/4 (J^2 - 1 - 2 ln J),   I = J^(-2/3) tr(F^T F),   f(x) = c1 x + c2 x^2 + c3 x^3       (CT.1)
+    W = f(I - 3) + K/4 (J^2 - 1 - 2 ln J),   I = J^(-2/3) tr(F^T F),   f(x) = c1 x + c2 x^2 + c3 x^3       (LW.2)
 
 with the deformation gradient F, J = det F, the bulk modulus K and material constants c1, c2, c3. c1 = mu/2, c2 = c3 = 0 is the
 neo-Hookean law of ``tests/reference/contact``; others are
@@ -11,7 +11,7 @@ Yeoh's (Rubber Chem. Technol. 66, 1993, 754). Its tangent at rest is Hooke's law
 The share lam/K of the part in J, lam the first Lame constant, is carried by a pressure p that is an unknown of its own: with
 U = lam/4 (J^2 - 1 - 2 ln J) and its conjugate U*, U = max over p of p (J - 1) - U*(p), where
 
-    dU*/dp = J*(p) - 1,   J*(p) = p/lam + sqrt(1 + (p/lam)^2)                                            (CT.2)
+    dU*/dp = J*(p) - 1,   J*(p) = p/lam + sqrt(1 + (p/lam)^2)                                            (LW.3)
 
 so that nothing is divided by 1 - 2 nu, and the linear limit is the pair of ``solver/elements/quadrilateral.py``.
 """
@@ -78,7 +78,7 @@ class Stress:
 
 @dataclass(frozen=True)
 class Hyperelastic:
-    """Material constants of n elements, for the law of eq. CT.1.
+    """Material constants of n elements, for the law of eq. LW.2.
 
     Attributes:
         shear: mu = 2 c1, Pa, shape (n,).
@@ -101,7 +101,7 @@ class Hyperelastic:
         return cls(shear, lam, bulk - lam, np.zeros((2, len(shear))) if yeoh is None else yeoh)
 
     def compute_dilation(self, p: Floats) -> tuple[Floats, Floats]:
-        """Return J*(p) - 1 of eq. CT.2 and its derivative with respect to p, 1/Pa, at pressures p, Pa; shape (n, q) each."""
+        """Return J*(p) - 1 of eq. LW.3 and its derivative with respect to p, 1/Pa, at pressures p, Pa; shape (n, q) each."""
         x = p / self.lam[:, None]
         root = np.sqrt(1 + x**2)
         return x + x**2 / (1 + root), (1 + x / root) / self.lam[:, None]
@@ -109,7 +109,7 @@ class Hyperelastic:
     def compute_energy_density(self, h: Floats, p: Floats) -> Floats:
         """Return the energy per undeformed volume, Pa, (n, q), for displacement gradients (5, n, q) and pressures p, Pa, (n, q).
 
-        The pressure's share is p (J - J*(p)) + U(J*(p)), which in equilibrium equals its part of eq. CT.1.
+        The pressure's share is p (J - J*(p)) + U(J*(p)), which in equilibrium equals its part of eq. LW.2.
         """
         change, dilation = compute_volume_change(h), self.compute_dilation(p)[0]
         distortion = (3 + 2 * _compute_trace(h)) * (1 + change) ** (-2 / 3) - 3
@@ -117,7 +117,7 @@ class Hyperelastic:
         return np.asarray(self._evaluate_f(distortion)[0] + bulk + lam + p * (change - dilation))
 
     def _evaluate_f(self, x: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return f, f' and f'' of eq. CT.1 at x = I - 3, shape (n, q) each."""
+        """Return f, f' and f'' of eq. LW.2 at x = I - 3, shape (n, q) each."""
         mu, (c2, c3) = self.shear[:, None], self.shear[:, None] * self.yeoh[:, :, None]
         return mu / 2 * x + c2 * x**2 + c3 * x**3, mu / 2 + 2 * c2 * x + 3 * c3 * x**2, 2 * c2 + 6 * c3 * x
 
@@ -157,7 +157,7 @@ def _compute_cofactor_change(h: Floats) -> Floats:
 
 
 def _compute_volume_term(change: Floats) -> Floats:
-    """Return J^2 - 1 - 2 ln J, the volume term of eq. CT.1, for change = J - 1."""
+    """Return J^2 - 1 - 2 ln J, the volume term of eq. LW.2, for change = J - 1."""
     return np.asarray(change * (2 + change) - 2 * np.log1p(change))
 
 
