@@ -1,12 +1,12 @@
 r"""Compute the forces between two lines that touch, by augmented Lagrangians: pressure, and friction if there is any.
 
 The constraint g >= 0 is that of the normal distance; its multiplier, per undeformed area, works along dg, which is normal to the
-line. With the multiplier l of the last round and a penalty e the energy of a point is (max(0, l - e g)^2 - l^2) / (2 e) (CT.5).
+line. With the multiplier l of the last round and a penalty e the energy of a point is (max(0, l - e g)^2 - l^2) / (2 e) (CT.3).
 
 Friction holds a point where it stood on the master when the last load was reached, by a spring that gives way to what exceeds
 Coulomb's law: with the shear m of that load and the slip d since then
 
-    shear = m + f d,  within +- friction x pressure                                                     (CT.8)
+    shear = m + f d,  within +- friction x pressure                                                     (CT.6)
 
 both per undeformed area, along and normal to the deformed line (J. C. Simo & T. A. Laursen, Computers & Structures 42, 1992, 97).
 Here friction is Coulomb's coefficient. The spring f, a share of the full penalty, is no multiplier: there are more contact points
@@ -35,7 +35,7 @@ class Grip:
 
     Attributes:
         place: positions on the undeformed master, m from its start, shape (points,).
-        shear: m of eq. CT.8, Pa, shape (points,).
+        shear: m of eq. CT.6, Pa, shape (points,).
         sliding: 1 or -1 where points last slid forward or backward along the master, 0 where they did not slide.
     """
 
@@ -50,7 +50,7 @@ class Touch:
 
     Attributes:
         gap: gap at the slave's points, m, infinite where the master does not reach, shape (points,).
-        pressure: pressure of eq. CT.5, Pa, per undeformed area and along g, shape (points,).
+        pressure: pressure of eq. CT.3, Pa, per undeformed area and along g, shape (points,).
         forces: forces on the elements' values, shape (n (8 p),).
         stiffness: tangent of the forces, sparse; not symmetric with friction; None where nothing touches.
         grip: friction history after this state.
@@ -84,7 +84,7 @@ def compute_touch(
         displacements: displacements of the elements, m, shape (n, 8 p).
         multiplier: multipliers of the last round, Pa, shape (points,).
         share: share of the penalty that is used.
-        blur: gap, m, over which the kink of eq. CT.5 is rounded; 0 at rest, where all that touches is closed.
+        blur: gap, m, over which the kink of eq. CT.3 is rounded; 0 at rest, where all that touches is closed.
         grip: friction history of the last load; None without friction.
 
     Raises:

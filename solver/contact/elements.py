@@ -130,7 +130,7 @@ class Elements:
 
         At fixed strain and fixed pressure p, with J, U and its conjugate U* of eq. LW.3,
 
-            d stress / d ln E = stress without the pressure's share,   d (dU*/dp) / d ln E = -p d2U*/dp2     (CT.3)
+            d stress / d ln E = stress without the pressure's share,   d (dU*/dp) / d ln E = -p d2U*/dp2     (CT.1)
         """
         stress, p = self.material.compute_stress(self.square.compute_gradients(state.u)), state.p @ self.shapes.pressure.T
         compliance = self.material.compute_dilation(p)[1]

@@ -17,7 +17,7 @@ class PointGaps:
     """Gaps of all points of a pair's slave line.
 
     Attributes:
-        gap: g of eq. CT.4, m, infinite where the master does not reach, shape (points,).
+        gap: g of eq. CT.2, m, infinite where the master does not reach, shape (points,).
         place: position on the undeformed master line, m from its start; not a number where the master does not reach.
     """
 

@@ -226,7 +226,7 @@ class ContactModel:
             raise SolveError("the tissue reaches the base")
 
     def compute_film_forces(self, equations: Linearised) -> Floats:
-        """Return the forces on the films, N, (2,): what the energy rises by per indentation of each block's base (CT.6)."""
+        """Return the forces on the films, N, (2,): what the energy rises by per indentation of each block's base (CT.4)."""
         return np.asarray(self.lift.reshape(-1, 2).T @ (equations.balance.forces.ravel() + equations.contact))
 
     def compute_responses(self, state: State, equations: Linearised, target: Floats | None = None) -> tuple[Floats, Floats]:

@@ -4,7 +4,7 @@ Both lines are graphs over one coordinate t, and the gap at a point of the softe
 the harder line at the same t. Between the walls of the gap t is z. Where a wall stands on the tissue both lines start at the
 block's corner, one upwards and one outwards; over the diagonal t they are graphs, however far the one has folded onto the other:
 
-         wall |    / s        g = s_wall(t) - s_tissue(t)                                          (CT.4)
+         wall |    / s        g = s_wall(t) - s_tissue(t)                                          (CT.2)
               |   /
               |  /
        corner +------- tissue       t runs up to the right
@@ -63,10 +63,10 @@ class Pair:
         slave, master: the softer line, whose points are checked, and the harder line.
         axes: unit vectors of t and s, as (r, z), shape (2, 2).
         sign: 1 if the gap is s of the master minus s of the slave, else -1.
-        penalty: penalty e of eq. CT.5, Pa/m.
+        penalty: penalty e of eq. CT.3, Pa/m.
         loose: whether lines lie on each other from the start, faces that may open.
         friction: Coulomb's coefficient.
-        spring: f of eq. CT.8, in penalties.
+        spring: f of eq. CT.6, in penalties.
         slave_edge, master_edge: of the block on either line.
         tied: mask of the slave's points that cannot leave the master, shape (points,); empty if there are none.
     """

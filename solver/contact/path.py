@@ -244,7 +244,7 @@ class Path:
     def _build_point(self, equilibrium: Equilibrium) -> PathPoint:
         """Compute the results at a state.
 
-        At constant force F the base follows a stiffer target, of Young's modulus E, by -(dF/d ln E) / (dF/d indentation) (CT.7).
+        At constant force F the base follows a stiffer target, of Young's modulus E, by -(dF/d ln E) / (dF/d indentation) (CT.5).
         """
         model, equations, state = self.model, equilibrium.equations, equilibrium.state
         model.check_base(state)

@@ -25,12 +25,12 @@ class Coefficients:
     """What a law multiplies the integrals of a body's ``Part`` by, eq. SO.2.
 
     Attributes:
-        rest: from the numbers of a pair's G to those of its stiffness, Pa, shape (9, 9).
-        pressed: lambda, Pa.
+        gram_factors: from the numbers of a pair's G to those of its stiffness, Pa, shape (9, 9).
+        dilation_factor: lambda, Pa.
     """
 
-    rest: Floats
-    pressed: float
+    gram_factors: Floats
+    dilation_factor: float
 
     @classmethod
     def from_law(cls, law: LinearLaw) -> Coefficients:
@@ -42,7 +42,7 @@ class Coefficients:
 
     def __sub__(self, other: Coefficients) -> Coefficients:
         """Return the coefficients of a difference of two laws."""
-        return Coefficients(self.rest - other.rest, self.pressed - other.pressed)
+        return Coefficients(self.gram_factors - other.gram_factors, self.dilation_factor - other.dilation_factor)
 
 
 @dataclass(frozen=True)
@@ -65,8 +65,8 @@ class Part:
         blocks = np.empty(self.gram.shape)  # in the layout of sparse block matrices, which then need no copy
         for low in range(0, len(blocks), BATCH_PAIRS):
             batch = slice(low, low + BATCH_PAIRS)
-            flat = self.gram[batch].reshape(-1, 9) @ coefficients.rest
-            np.add(flat.reshape(-1, 3, 3), coefficients.pressed * self.dilation[batch], out=blocks[batch])
+            flat = self.gram[batch].reshape(-1, 9) @ coefficients.gram_factors
+            np.add(flat.reshape(-1, 3, 3), coefficients.dilation_factor * self.dilation[batch], out=blocks[batch])
         return blocks
 
     def compute_forces(self, law: LinearLaw, u: Floats) -> Floats:
