@@ -30,7 +30,7 @@ from geometry import ProbeError, Scene, read_scene
 from geometry.common.files import write_whole
 from geometry.common.resources import Limits
 from probe_design.maps.scan import Scan, scan
-from probe_design.pictures.formats import check_format
+from probe_design.reporting.picture_files import check_format
 from probe_design.terminal.console import show_steps, write_message
 from solver import Result, evaluate
 from solver.published.table3 import AREA_RATIO, POSITION_NAMES, TABLE_3, check_position

@@ -14,19 +14,22 @@ Numbers are in SI units. The public functions:
     optimize       search a better probe for a population of tumours, or for the tumour of a scene
     sweep          evaluate thousands of designs, each once
     export         write the files for the workshop: STEP, drawings, film patterns, moulds, lists
+    plot           draw the result of curve, load, scan or detectability
 
     >>> from probe_design import evaluate
     >>> evaluate("examples/scene.toml", evaluator="closed-form").ratio  # doctest: +SKIP
 
-Results are immutable. A notebook displays them as tables, ``plot()`` draws those that have a picture, and ``to_dataset()``
-returns arrays with labels and units.
+Results are immutable. A notebook displays them as tables, and ``to_dataset()`` returns arrays with labels and units.
 """
 
 from __future__ import annotations
 
+import sys
+
 TYPE_CHECKING = False  # typing's, which takes longer to import than all that the program does before it listens to signals
 if TYPE_CHECKING:
     from probe_design.functions import detectability, estimate, export, optimize, scan
+    from probe_design.reporting.figures import plot
     from probe_design.sweeps.run import sweep
     from solver.batch import evaluate_many
     from solver.evaluation import curve, evaluate, load, plan
@@ -41,12 +44,13 @@ __all__ = [
     "load",
     "optimize",
     "plan",
+    "plot",
     "scan",
     "sweep",
 ]
 
 _MODULE_NAMES = dict.fromkeys(("curve", "evaluate", "load", "plan"), "solver.evaluation")
-_MODULE_NAMES |= {"evaluate_many": "solver.batch", "sweep": "probe_design.sweeps.run"}
+_MODULE_NAMES |= {"evaluate_many": "solver.batch", "sweep": "probe_design.sweeps.run", "plot": "probe_design.reporting.figures"}
 
 
 def __getattr__(name: str) -> object:
@@ -61,3 +65,9 @@ def __getattr__(name: str) -> object:
 def __dir__() -> list[str]:
     """List the public names; subpackages are imported by their own names."""
     return sorted([*__all__, "__all__", "__doc__", "__file__", "__name__", "__path__"])
+
+
+if "IPython" in sys.modules:
+    from probe_design.notebook import register_displays
+
+    register_displays()

@@ -100,7 +100,8 @@ def curve(
     With tumours elsewhere each modulus takes some 10 to 100 ms.
     """
     from geometry.scenes.scene_file import read_scene
-    from probe_design.maps.curve_plot import plot
+    from probe_design.reporting.curve_figures import draw_curve
+    from probe_design.reporting.picture_files import save_figure
     from probe_design.terminal.console import build_curve_table, show_steps
     from solver import curve as run
 
@@ -110,7 +111,8 @@ def curve(
         result = run(parsed_scene, _space_moduli(low, high, points), read_fraction("accuracy", accuracy), tell, linear=linear)
     if picture is not None:
         body = parsed_scene.inclusion[parsed_scene.target or 0]
-        plot(result, picture, body.youngs_modulus, parsed_scene.tissue.find_material(body.depth).youngs_modulus)
+        tissue = parsed_scene.tissue.find_material(body.depth)
+        save_figure(draw_curve(result, body.youngs_modulus, tissue.youngs_modulus), picture)
     present(result, build_curve_table, as_json, picture)
 
 

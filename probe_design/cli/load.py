@@ -27,7 +27,8 @@ def load(scene: Path, max_load: str, points: int, accuracy: str, picture: Path |
     further step converges, the curve ends early, with a warning.
     """
     from geometry.scenes.scene_file import read_scene
-    from probe_design.maps.load_plot import plot
+    from probe_design.reporting.curve_figures import draw_load_curve
+    from probe_design.reporting.picture_files import save_figure
     from probe_design.terminal.console import show_steps
     from probe_design.terminal.load_table import build_load_table, list_load_lines
     from solver.evaluation import load as run
@@ -45,7 +46,7 @@ def load(scene: Path, max_load: str, points: int, accuracy: str, picture: Path |
             tell=tell,
         )
     if picture is not None:
-        plot(result, picture)
+        save_figure(draw_load_curve(result), picture)
     present(result, build_load_table, as_json, picture, list_load_lines)
 
 

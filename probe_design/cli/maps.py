@@ -64,7 +64,8 @@ def scan(
     from geometry.common.errors import InputError
     from geometry.scenes.scene_file import read_scene
     from probe_design.maps.scan import scan as run
-    from probe_design.maps.scan_plot import plot
+    from probe_design.reporting.picture_files import save_figure
+    from probe_design.reporting.scan_figure import draw_scan
     from probe_design.terminal.console import build_scan_table, show_count
 
     parsed_scene = read_scene(scene)
@@ -85,7 +86,7 @@ def scan(
             progress=progress,
         )
     if picture is not None:
-        plot(result, parsed_scene, picture)
+        save_figure(draw_scan(result, parsed_scene), picture)
     present(result, build_scan_table, as_json, picture)
 
 
@@ -137,9 +138,10 @@ def detectability(
     """  # noqa: D301
     from geometry.scenes.scene_file import read_scene
     from probe_design.maps.detectability import detectability as run
-    from probe_design.maps.detectability_plot import plot
     from probe_design.maps.sphere_effects import Thresholds
     from probe_design.maps.target_grid import choose_sizes
+    from probe_design.reporting.detectability_figure import draw_detectability
+    from probe_design.reporting.picture_files import save_figure
     from probe_design.terminal.console import build_threshold_table, show_count
 
     parsed_scene = read_scene(scene)
@@ -153,5 +155,5 @@ def detectability(
     with show_count(f"detectability of {scene}") as progress:
         result = run(parsed_scene, depths, diameters, thresholds, accuracy=relative_accuracy, linear=linear, progress=progress)
     if picture is not None:
-        plot(result, parsed_scene, picture)
+        save_figure(draw_detectability(result, parsed_scene), picture)
     present(result, build_threshold_table, as_json, picture)

@@ -196,7 +196,7 @@ def _optimize_scene(
 
 def _report_files(output: Path, files: Sequence[Path]) -> None:
     """Report the files written, and the command that exports them for the workshop."""
-    from probe_design.reports.workshop_command import build_export_command
+    from probe_design.reporting.workshop_command import build_export_command
     from probe_design.terminal.console import write_message
 
     write_message(f"wrote {len(files)} files to {output}; begin with {output / 'report.html'}")

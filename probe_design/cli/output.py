@@ -15,9 +15,8 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 import click
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from geometry.scenes.probe import Probe
+    from probe_design.reporting.table import Table
 
 RECORDED_SETTINGS = ("evaluator", "accuracy", "seed")  # options with an entry of their own in a block of provenance
 
@@ -89,7 +88,7 @@ def check_picture(picture: Path | None) -> None:
         InputError: the format is unknown, or the folder cannot be written.
     """
     from geometry.common.files import check_writable_file
-    from probe_design.pictures.formats import check_format
+    from probe_design.reporting.picture_files import check_format
 
     if picture is not None:
         check_format(picture)

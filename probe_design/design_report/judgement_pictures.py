@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from geometry.common.arrays import Floats
 from probe_design.data.noise import MAX_RESOLVED_LOG_SD
 from probe_design.design_report.levers import Lever
-from probe_design.pictures.formats import check_format, save_figure
 from probe_design.populations.judgement import Judgement
+from probe_design.reporting.picture_files import check_format, save_figure
 
 MIN_SHOWN_SD, MAX_SHOWN_SD = 0.05, 5.0  # of ln contrast: what the colours tell apart
 MARK_SIZE_POINTS2 = 60.0  # of marks, points^2
@@ -25,7 +25,7 @@ def plot_judgements(judgements: Sequence[tuple[str, Judgement]], path: Path) -> 
 
     Args:
         judgements: one or more with their names, such as start and optimum, which share the colours.
-        path: of the picture, in one of ``probe_design.pictures.formats.PICTURE_SUFFIXES``.
+        path: of the picture, in one of ``probe_design.reporting.picture_files.PICTURE_SUFFIXES``.
 
     Raises:
         InputError: the format is not known.

@@ -9,7 +9,7 @@ import numpy as np
 
 from probe_design.data.noise import MAX_RESOLVED_LOG_SD
 from probe_design.design_report.depth_map import DETECTION_THRESHOLD, DepthMap
-from probe_design.pictures.formats import save_figure
+from probe_design.reporting.picture_files import save_figure
 
 if TYPE_CHECKING:
     from probe_design.design_search.pareto import Front

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -16,14 +16,15 @@ from probe_design.design_report.depth_map import DepthMap, compute_depth_map
 from probe_design.design_report.judgement_pictures import plot_levers
 from probe_design.design_report.levers import Lever, compute_levers
 from probe_design.design_report.pictures import draw_front, draw_maps
-from probe_design.design_report.table import describe_conditions, list_columns, list_rows
+from probe_design.design_report.table import build_table, describe_conditions, list_columns
 from probe_design.design_search.outcome import PopulationOptimum
 from probe_design.design_search.pareto import Front
 from probe_design.populations.design_file import Design
-from probe_design.reports.page import Chapter, Code, Items, PageTable, Picture, Text
-from probe_design.reports.page import build_page as html
-from probe_design.reports.scene_sections import build_scene_section, iterate_scene_sections
-from probe_design.reports.workshop_command import WORKSHOP_PARTS
+from probe_design.reporting.page import Chapter, Code, Items, Picture, Text
+from probe_design.reporting.page import build_page as html
+from probe_design.reporting.scene_sections import build_scene_section, iterate_scene_sections
+from probe_design.reporting.table import Table
+from probe_design.reporting.workshop_command import WORKSHOP_PARTS
 
 WRITING_STAGE = "writing STEP files, pictures and report"
 FRONT_FILE = "pareto.png"
@@ -146,17 +147,17 @@ def build_page(
     sections = (
         Chapter(
             "Start and optimum",
-            (_build_table(("quantity", *list_columns(optimum)), list_rows(optimum, maps)), *map(Text, _list_notes(optimum))),
+            (build_table(optimum, maps), *map(Text, _list_notes(optimum))),
         ),
         Chapter("Which tumours are detected and resolved", parts["maps.png"]),
         Chapter("What would help most", parts["levers.png"]),
         *((Chapter("What more would cost", parts[FRONT_FILE]),) if parts[FRONT_FILE] else ()),
-        Chapter("Limits", (_build_table(("limit", "value, SI", "active"), limits), Text(LIMITS_NOTE))),
+        Chapter("Limits", (Table(("limit", "value, SI", "active"), limits), Text(LIMITS_NOTE))),
         Chapter(
             "After the workshop",
             (
                 Text(TOLERANCE_NOTE),
-                _build_table(("design", "as drawn", "expected", "5 % below", "95 % below"), _list_tolerances(optimum)),
+                Table(("design", "as drawn", "expected", "5 % below", "95 % below"), _list_tolerances(optimum)),
             ),
         ),
         Chapter("What to machine", (*parts["drawing.png"], Items(tuple(files), links=True), *WORKSHOP_PARTS)),
@@ -189,10 +190,6 @@ def _list_tolerances(optimum: PopulationOptimum) -> list[tuple[str, ...]]:
         (name, *(f"{value:.3g}" for value in (robust.nominal, robust.expected, robust.low, robust.high)))
         for name, robust in zip(names, optimum.robust, strict=False)
     ]
-
-
-def _build_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> PageTable:
-    return PageTable(tuple(headings), tuple(map(tuple, rows)))
 
 
 def _write(text: Callable[[], str], path: Path) -> None:

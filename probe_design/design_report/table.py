@@ -9,6 +9,7 @@ from probe_design.design_report.depth_map import DepthMap
 from probe_design.design_search.outcome import PopulationOptimum
 from probe_design.design_search.verification import VerifiedDesign
 from probe_design.populations.tables import Observable
+from probe_design.reporting.table import Table
 
 OBSERVABLE_LABELS: dict[Observable, str] = {"ratio": "ratio alone", "stiffness": "stiffness alone", "both": "both"}
 M_PER_MM, PA_PER_KPA, C_PER_PC = 1e-3, 1e3, 1e-12
@@ -63,16 +64,10 @@ def list_rows(optimum: PopulationOptimum, maps: dict[str, DepthMap]) -> Iterator
         yield build_row("materials", lambda verified: _format_materials(verified) or "-")
 
 
-def build_table(optimum: PopulationOptimum, maps: dict[str, DepthMap]) -> Any:
-    """Return the rows as a table for the terminal."""
-    from rich.table import Table
-
-    shown = Table(title=describe_outcome(optimum), caption=describe_conditions(optimum))
-    for name in ("quantity", *list_columns(optimum)):
-        shown.add_column(name, justify="left" if name == "quantity" else "right")
-    for cells in list_rows(optimum, maps):
-        shown.add_row(*cells)
-    return shown
+def build_table(optimum: PopulationOptimum, maps: dict[str, DepthMap]) -> Table:
+    """Return the verified designs beside each other."""
+    headings, rows = ("quantity", *list_columns(optimum)), [*list_rows(optimum, maps)]
+    return Table(headings, rows, describe_outcome(optimum), describe_conditions(optimum))
 
 
 def describe_outcome(optimum: PopulationOptimum) -> str:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from probe_design.estimation.intervals import Piece
 from probe_design.estimation.strength import Interval
-from solver.results.notebook import Notebook
+from solver.results.record import Record
 from solver.results.result import Decision
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ OPEN_INTERVAL: Interval = (None, None)
 
 
 @dataclass(frozen=True)
-class Estimate(Notebook):
+class Estimate(Record):
     """Result of an estimate, SI units; an end of an interval is None where it is open.
 
     Attributes:
@@ -66,7 +66,7 @@ class Estimate(Notebook):
 
     def as_dict(self) -> dict[str, Any]:
         """Return the JSON object of ``probe-design estimate``."""
-        fields = asdict(self)
+        fields = super().as_dict()
         return {self.unknown: fields.pop("value")} | fields
 
 

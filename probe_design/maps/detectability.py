@@ -7,16 +7,16 @@ reflections; where it stays open, there is no verdict (None).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from geometry.common.arrays import Bools, Floats
 from geometry.provenance.block import Provenance, build_provenance
 from geometry.scenes.scene import Scene
-from probe_design.maps.scan import Progress, check_accuracy, drop_scene, require_scene
+from probe_design.maps.scan import Progress, check_accuracy
 from probe_design.maps.sphere_effects import SphereEffects, Thresholds, compute_effects
 from probe_design.maps.target_grid import Spheres, check_spheres, find_target
 from solver.equivalent_inclusion.level import EquivalentInclusion
@@ -24,12 +24,8 @@ from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.equivalent_inclusion.readings import compute_readings
 from solver.planning.load_check import LoadChanges, build_load_notes, check_known_load, check_load, compute_budget
 from solver.planning.load_limits import build_limits, build_load_rule
-from solver.results.load_limits import LoadLimits, build_limits_dict
-from solver.results.notebook import Notebook
+from solver.results.load_limits import LoadedRecord, LoadLimits
 from solver.results.result import Decision
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 FINEST_ACCURACY, COARSEST_ACCURACY = 5e-4, 0.01  # default accuracies, between which the noise chooses
 
@@ -38,7 +34,7 @@ Verdicts = tuple[tuple[bool | None, ...], ...]
 
 
 @dataclass(frozen=True)
-class Detectability(Notebook):
+class Detectability(LoadedRecord):
     """Maps over depths (rows) and diameters (columns); None where the sphere does not fit.
 
     Attributes:
@@ -55,6 +51,7 @@ class Detectability(Notebook):
         provenance: see ``geometry.provenance.block``.
     """
 
+    INTERNAL = ("scene",)
     DIMENSIONS = ("depth", "diameter")
     depth: tuple[float, ...]
     diameter: tuple[float, ...]
@@ -75,20 +72,6 @@ class Detectability(Notebook):
     warnings: tuple[str, ...] = ()
     scene: Scene | None = field(default=None, compare=False, repr=False)
     provenance: Provenance | None = field(default=None, compare=False, repr=False)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the JSON object of ``probe-design detectability``."""
-        return asdict(replace(self, scene=None), dict_factory=drop_scene) | build_limits_dict(self.load_limits)
-
-    def plot(self) -> Figure:
-        """Draw the picture of ``probe-design detectability --plot``; return the figure, whose ``savefig`` writes it.
-
-        Raises:
-            InputError: the result has no scene.
-        """
-        from probe_design.maps.detectability_plot import draw_figure
-
-        return draw_figure(self, require_scene(self.scene))
 
 
 def detectability(

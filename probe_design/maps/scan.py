@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from geometry.common.arrays import Bools, Floats
-from geometry.common.errors import InputError, Refusal, Words
+from geometry.common.errors import InputError, Refusal
 from geometry.provenance.block import Provenance, build_provenance
 from geometry.scenes.scene import Scene
 from probe_design.maps.scan_line import ScanLine
@@ -22,19 +21,15 @@ from solver.planning.load_check import LoadChanges, build_load_notes, check_load
 from solver.planning.load_limits import build_limits, build_load_rule
 from solver.planning.loads import LoadRule
 from solver.results.film_forces import compute_ratio_fields
-from solver.results.load_limits import LoadLimits, build_limits_dict
-from solver.results.notebook import Notebook
+from solver.results.load_limits import LoadedRecord, LoadLimits
 from solver.results.result import Decision
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 Progress = Callable[[int, int], None]
 Column = tuple[float | None, ...]
 
 
 @dataclass(frozen=True)
-class Scan(Notebook):
+class Scan(LoadedRecord):
     """Readings at positions along a line, at the scene's load; None where a warning gives the reason.
 
     Attributes:
@@ -48,6 +43,7 @@ class Scan(Notebook):
         provenance: see ``geometry.provenance.block``.
     """
 
+    INTERNAL = ("scene",)
     DIMENSIONS = ("position",)
     along: str
     at: float
@@ -66,20 +62,6 @@ class Scan(Notebook):
     warnings: tuple[str, ...] = ()
     scene: Scene | None = field(default=None, compare=False, repr=False)
     provenance: Provenance | None = field(default=None, compare=False, repr=False)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the JSON object of ``probe-design scan``."""
-        return asdict(replace(self, scene=None), dict_factory=drop_scene) | build_limits_dict(self.load_limits)
-
-    def plot(self) -> Figure:
-        """Draw the picture of ``probe-design scan --plot``; return the figure, whose ``savefig`` writes it.
-
-        Raises:
-            InputError: the result has no scene.
-        """
-        from probe_design.maps.scan_plot import draw_figure
-
-        return draw_figure(self, require_scene(self.scene))
 
 
 def scan(
@@ -148,18 +130,6 @@ def scan(
         scene=scene,
         provenance=build_provenance(scene, evaluator=EquivalentInclusion().name, accuracy=accuracy),
     )
-
-
-def drop_scene(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Return the fields of a result without its scene, for a JSON object."""
-    return {key: value for key, value in pairs if key != "scene"}
-
-
-def require_scene(scene: Scene | None) -> Scene:
-    """Return the scene of a result that is to be drawn; raise ``InputError`` if it has none."""
-    if scene is None:
-        raise InputError("scene", Words("missing"), "a result that the toolkit made, which carries its scene")
-    return scene
 
 
 def check_accuracy(accuracy: float) -> None:

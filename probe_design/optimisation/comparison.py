@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
-
-from rich.table import Table
 
 from probe_design.optimisation.candidate import Candidate
 from probe_design.optimisation.design_space import Limit
 from probe_design.optimisation.optimum import Optimum
+from probe_design.reporting.table import Table, format_number
 
-Row = tuple[str, str, str, str]
 Cells = list[tuple[str, str, str]]  # quantity, value, the variable that limits hang on
 M_PER_MM, PA_PER_KPA = 1e-3, 1e3
 
 
-def list_comparison_rows(optimum: Optimum) -> list[Row]:
-    """Return the comparison: quantity, two designs of which the second is recommended, limits of the quantity."""
+def build_comparison_table(optimum: Optimum) -> Table:
+    """Return the start and the best design beside each other, the recommended one last, with the limits of the quantities."""
     (start, best), limits = _select_compared(optimum), optimum.limits
     rows = [
         (name, first, second, _format_limits(limits, variable))
@@ -38,24 +34,10 @@ def list_comparison_rows(optimum: Optimum) -> list[Row]:
             (name, first, second, "")
             for (name, first), (_, second) in zip(_list_gain_cells(start), _list_gain_cells(best), strict=True)
         ]
-    return rows
-
-
-def build_comparison_table(optimum: Optimum) -> Table:
-    """Return the comparison as a table for the terminal."""
+    names = ("start", "recommended") if optimum.winner else ("best tried, no gain", "start, recommended")
     title = "improved" if optimum.winner else "no gain, the start is exported"
-    table = Table(title=f"optimize: {title}", caption=f"{describe_noise(optimum)}; *: the limit is active")
-    for heading in list_headings(optimum):
-        table.add_column(heading, justify="left" if heading == "quantity" else "right")
-    for row in list_comparison_rows(optimum):
-        table.add_row(*row)
-    return table
-
-
-def list_headings(optimum: Optimum) -> Row:
-    """Return the comparison's headings."""
-    first, second = ("start", "recommended") if optimum.winner else ("best tried, no gain", "start, recommended")
-    return ("quantity", first, second, "limits")
+    caption = f"{describe_noise(optimum)}; *: the limit is active"
+    return Table(("quantity", *names, "limits"), rows, f"optimize: {title}", caption)
 
 
 def _select_compared(optimum: Optimum) -> tuple[Candidate, Candidate]:
@@ -69,22 +51,20 @@ def describe_noise(optimum: Optimum) -> str:
     return f"noise {noise.ratio:g} on the ratio, {noise.charge * 1e12:g} pC on each channel's charge"
 
 
-def format_candidates_csv(optimum: Optimum) -> str:
-    """Return all judged designs, best first, as CSV with units in the headings."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
+def build_candidates_table(optimum: Optimum) -> Table:
+    """Return all judged designs, best first, with units in the headings."""
+    rows = list[tuple[str, ...]]()
     names = [name for name, *_ in (*_list_design_cells(optimum.baseline), *_list_load_cells(optimum.baseline))]
     answers = ["ratio", "log_sensitivity", "error_estimate"]
-    writer.writerow(["design", *names, "evaluator", "objective closed-form", "objective", "least", "most", *answers])
+    headings = ("design", *names, "evaluator", "objective closed-form", "objective", "least", "most", *answers)
     for name, item in [("start", optimum.baseline), *((f"{k + 1}", c) for k, c in enumerate(optimum.candidates))]:
         judged = item.judged
         results = (item.searched_objective, item.judged_objective, item.objective_min, item.objective_max)
         values = (*results, judged.ratio, judged.log_sensitivity, judged.error_estimate)
         numbers = [f"{v:.6g}" if v is not None and math.isfinite(v) else "" for v in values]
-        writer.writerow(
-            [name, *(cells[1] for cells in (*_list_design_cells(item), *_list_load_cells(item))), judged.evaluator, *numbers]
-        )
-    return text.getvalue()
+        cells = (cell[1] for cell in (*_list_design_cells(item), *_list_load_cells(item)))
+        rows.append((name, *cells, judged.evaluator, *numbers))
+    return Table(headings, rows)
 
 
 def _format_limits(limits: tuple[Limit, ...], variable: str) -> str:
@@ -162,8 +142,3 @@ def _list_judged_cells(candidate: Candidate, *, shown: bool = True) -> list[tupl
         ("most sd", candidate.objective_max),
     ]
     return [(name, format_number(value if shown else None)) for name, value in rows]
-
-
-def format_number(value: float | None) -> str:
-    """Write a number with four digits, a dash where there is none."""
-    return "-" if value is None or not math.isfinite(value) else f"{value:.4g}"

@@ -5,13 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from html import escape
 from typing import Literal
 
 from probe_design.optimisation.candidate import Candidate
 from probe_design.optimisation.design_space import Limit, Space
 from probe_design.optimisation.objective import Noise
-from solver.results.notebook import format_html_table
 
 NO_GAIN = "no gain: no design better than the start was verified: the start is exported"
 
@@ -87,12 +85,6 @@ class Optimum:
             f"{100 * reduction:.2g} % less than "
             f"{start}, {evaluators}, which is within its errors"
         )
-
-    def _repr_html_(self) -> str:
-        """What a notebook shows: start and optimum side by side."""
-        from probe_design.optimisation.comparison import list_comparison_rows, list_headings
-
-        return f"<p>{escape(self.verdict)}</p>{format_html_table(list_headings(self), list_comparison_rows(self))}"
 
     @property
     def remarks(self) -> Iterator[str]:

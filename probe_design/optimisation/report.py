@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -16,12 +14,13 @@ from geometry.provenance.block import Provenance, build_provenance
 from geometry.provenance.texts import format_toml_comment
 from geometry.scenes.scene_file import scene_to_dict, scene_to_toml
 from probe_design.optimisation.candidate import Candidate
-from probe_design.optimisation.comparison import describe_noise, format_candidates_csv, list_comparison_rows, list_headings
+from probe_design.optimisation.comparison import build_candidates_table, build_comparison_table, describe_noise
 from probe_design.optimisation.optimum import Optimum
-from probe_design.reports.page import Chapter, Items, PageTable, Picture, Text
-from probe_design.reports.page import build_page as html
-from probe_design.reports.scene_sections import build_scene_section, iterate_scene_sections
-from probe_design.reports.workshop_command import WORKSHOP_PARTS
+from probe_design.reporting.page import Chapter, Items, Picture, Text
+from probe_design.reporting.page import build_page as html
+from probe_design.reporting.scene_sections import build_scene_section, iterate_scene_sections
+from probe_design.reporting.table import Table
+from probe_design.reporting.workshop_command import WORKSHOP_PARTS
 
 
 def write_all(
@@ -45,7 +44,7 @@ def write_all(
     probe, edge = optimum.best.scene.probe, optimum.best.scene.contact.edge_radius
     texts: dict[str, Callable[[], str]] = {
         "design.toml": lambda: format_toml_comment(_build_provenance(optimum)) + scene_to_toml(optimum.best.loaded_scene),
-        "candidates.csv": lambda: format_candidates_csv(optimum),
+        "candidates.csv": lambda: build_candidates_table(optimum).to_csv(),
         "optimize.json": lambda: json.dumps(build_summary(optimum, paths), indent=2, allow_nan=False) + "\n",
     }
     names = [*list_part_files(probe), RECORD_NAME, "drawing.png", *texts, "report.html"]
@@ -142,19 +141,18 @@ def build_page(optimum: Optimum, files: Sequence[str], answer: dict[str, Any], d
         drawing: the picture of the probe; none where it is not drawn.
     """
     best, linear = optimum.best.loaded_scene, (optimum.best.linear or optimum.best).loaded_scene
-    rows = list(csv.reader(io.StringIO(format_candidates_csv(optimum))))
     limits = [(limit.name, f"{limit.value:.6g}", "yes" if limit.active else "no") for limit in optimum.limits]
     drawn = () if drawing is None else (Picture.from_file(drawing, "section and view of the probe"),)
     sections = (
         build_scene_section(optimum.baseline.scene),
         Chapter(
             "Start and optimum",
-            (_build_table(list_headings(optimum), list_comparison_rows(optimum)), *map(Text, _list_notes(optimum))),
+            (build_comparison_table(optimum), *map(Text, _list_notes(optimum))),
         ),
-        Chapter("Limits of the search", (_build_table(("limit", "value, SI", "active"), limits),)),
+        Chapter("Limits of the search", (Table(("limit", "value, SI", "active"), limits),)),
         Chapter("What to machine", (*drawn, Items(tuple(files), links=True), *WORKSHOP_PARTS)),
         *iterate_scene_sections(linear, optimum.noise.ratio),
-        Chapter("All judged designs", (_build_table(rows[0], rows[1:]),)),
+        Chapter("All judged designs", (build_candidates_table(optimum),)),
         Chapter("What to keep in mind", (Items((*optimum.remarks, *map(str, optimum.best.judged.warnings)) or ("nothing",)),)),
         build_scene_section(best, "The scene of the design"),
     )
@@ -187,10 +185,6 @@ def _list_load_notes(optimum: Optimum) -> Iterator[str]:
             "gain counts beyond twice its error. Maps, sensitivities and stresses below are those of the largest load that "
             "linear elasticity answers for."
         )
-
-
-def _build_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> PageTable:
-    return PageTable(tuple(headings), tuple(map(tuple, rows)))
 
 
 def _replace_non_finite(value: float | None) -> float | None:

@@ -12,7 +12,7 @@ import numpy as np
 from geometry.cad.solids import MM_PER_M, PART_COLOURS
 from geometry.common.arrays import Floats
 from geometry.tetra.tet_mesh import BEYOND_BODY, FIRST_INCLUSION_BODY, GROOVE_BODY, INNER_BODY, OUTER_BODY, TISSUE_BODY
-from probe_design.pictures.formats import check_format, save_figure
+from probe_design.reporting.picture_files import check_format, save_figure
 from probe_design.solid_output.faces import Faces, cut_section, extract_skin, list_bodies, name_region
 from probe_design.solid_output.render import render_faces
 from probe_design.solid_output.stress_panel import deform_section, draw_mesh_lines, draw_stress, label_axes

@@ -26,7 +26,7 @@ from probe_design.sweeps.rows import MAX_CURVE_DESIGNS, Job, Row, build_unanswer
 from probe_design.sweeps.store import Store, StoreError, open_for_writing
 from probe_design.sweeps.variables import check_integer
 from probe_design.sweeps.workers import Batch, FinishedBatch, Outcome, Task, WorkerPool, WorkerPoolError
-from solver.results.notebook import Notebook
+from solver.results.record import Record
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -41,7 +41,7 @@ MAX_WORKER_DEATHS = 2  # workers that may die with a design alone in its batch b
 
 
 @dataclass(frozen=True)
-class SweepSummary(Notebook):
+class SweepSummary(Record):
     """A finished sweep.
 
     Attributes:
@@ -64,7 +64,7 @@ class SweepSummary(Notebook):
 
     def as_dict(self) -> dict[str, Any]:
         """Return the JSON object of ``probe-design sweep``."""
-        return asdict(self) | {"folder": str(self.folder)}
+        return super().as_dict() | {"folder": str(self.folder)}
 
     def dataframe(self) -> pd.DataFrame:
         """Return all rows; see ``probe_design.sweeps.results.dataframe``."""

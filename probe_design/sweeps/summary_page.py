@@ -12,7 +12,8 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.files import write_text
 from geometry.scenes.units import convert_to_unit
-from probe_design.reports.page import Chapter, PageTable, Picture, Text, build_page
+from probe_design.reporting.page import Chapter, Picture, Text, build_page
+from probe_design.reporting.table import Table
 from probe_design.sweeps.results import COLUMN_UNITS, import_extra, iterate_rows, read_provenance, read_request
 
 SUMMARY_COLUMNS = ("ratio", "log_sensitivity", "stiffness", "error_estimate")
@@ -50,7 +51,7 @@ def write_page(folder: Path | str, path: Path) -> Path:
     return write_text(path, build_page("Sweep", headline, sections, answer))
 
 
-def _build_counts_table(request: dict[str, Any], all_rows: list[dict[str, Any]]) -> PageTable:
+def _build_counts_table(request: dict[str, Any], all_rows: list[dict[str, Any]]) -> Table:
     """Build the table of the request and the counts of rows."""
     count = Counter(row["status"] for row in all_rows)
     lines = [
@@ -59,19 +60,19 @@ def _build_counts_table(request: dict[str, Any], all_rows: list[dict[str, Any]])
         ("version", request["version"]), ("constraints", "; ".join(request["constraints"]) or "none"),
         ("seconds of work", f"{sum(row['seconds'] for row in all_rows):.4g}"),
     ]  # fmt: skip
-    return _build_table(("", ""), lines)
+    return Table(("", ""), [(name, str(value)) for name, value in lines])
 
 
 def _build_reasons(all_rows: list[dict[str, Any]]) -> list[Chapter]:
     """Build the table of the commonest reasons why designs have no result."""
     reasons = Counter((row["status"], row["type"], row["reason"]) for row in all_rows if row["status"] != "ok")
-    lines = [(count, *reason) for reason, count in reasons.most_common(20)]
-    return [Chapter("Designs without a result", (_build_table(("rows", "status", "type", "reason"), lines),))] if lines else []
+    lines = [(str(count), *reason) for reason, count in reasons.most_common(20)]
+    return [Chapter("Designs without a result", (Table(("rows", "status", "type", "reason"), lines),))] if lines else []
 
 
 def _build_effects(
     request: dict[str, Any], result_rows: list[dict[str, Any]], y: Floats, complete: bool
-) -> tuple[PageTable | Text, ...]:
+) -> tuple[Table | Text, ...]:
     """Build the table of main effects, or of Sobol indices if the sample is complete and of kind ``saltelli``."""
     if len(y) < 2 or np.ptp(y) == 0.0:
         return (Text("The same for all designs."),)
@@ -79,13 +80,11 @@ def _build_effects(
         indices = compute_sobol_indices(y, len(request["names"]))
         table = [(name, *(f"{low:.3g}" for low in values)) for name, values in zip(request["names"], indices, strict=True)]
         heads = ("variable", "first order", "±", "total", "±")
-        return _build_table(heads, table), Text("Sobol indices, 95 % intervals.")
+        return Table(heads, table), Text("Sobol indices, 95 % intervals.")
     effects = [(name, compute_main_effect([row[name] for row in result_rows], y)) for name in request["names"]]
     lines = [(name, "-" if effect is None else f"{effect:.3g}") for name, effect in effects]
     note = "" if request["sample"]["kind"] != "saltelli" else " Sobol indices need a result for every design."
-    return _build_table(("variable", "share of the variance"), lines), Text(
-        f"Main effects: what each variable explains alone.{note}"
-    )
+    return Table(("variable", "share of the variance"), lines), Text(f"Main effects: what each variable explains alone.{note}")
 
 
 def compute_main_effect(values: Sequence[object], y: Floats) -> float | None:
@@ -156,7 +155,3 @@ def _draw_scatter(name: str, variables: list[Any], result_rows: list[Any], y: Fl
 
 def _format_label(name: str, unit: str) -> str:
     return f"{name}, {unit}" if unit else name
-
-
-def _build_table(heads: tuple[str, ...], lines: Sequence[Sequence[Any]]) -> PageTable:
-    return PageTable(heads, tuple(tuple(map(str, line)) for line in lines))

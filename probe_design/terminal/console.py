@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from shutil import get_terminal_size
 from typing import TYPE_CHECKING, Any
 
 from geometry.common.errors import to_one_line
 from geometry.common.limits import format_maximum
+from probe_design.reporting.table import Table, format_number, format_unit
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress
-    from rich.table import Table
     from rich.text import Text
 
     from probe_design.maps.detectability import Detectability
@@ -23,11 +23,10 @@ if TYPE_CHECKING:
     from solver.planning.plan import Plan
     from solver.results.result import Curve, Result
 
-QUANTITY_UNITS = {
-    "stress_inner": "Pa", "stress_outer": "Pa", "ratio": "", "log_sensitivity": "", "stiffness": "N/m", "charge_inner": "C",
-    "charge_outer": "C", "error_estimate": "", "equivalent_modulus": "Pa", "residual": "",
-    "frequency": "Hz", "ratio_phase": "rad", "ratio_phase_error": "rad",
-}  # fmt: skip
+SHOWN_QUANTITIES = (
+    "stress_inner", "stress_outer", "ratio", "log_sensitivity", "stiffness", "charge_inner", "charge_outer", "error_estimate",
+    "equivalent_modulus", "residual", "frequency", "ratio_phase", "ratio_phase_error",
+)  # fmt: skip
 
 CURVE_ROWS, SCAN_ROWS, MAP_ROWS = 25, 41, 20  # largest numbers of rows of a table
 
@@ -45,32 +44,28 @@ def warn(warnings: Iterable[str]) -> None:
 
 def build_result_table(result: Result) -> Table:
     """Return the results of one evaluation as a table; null values are left out, and a warning gives the reason."""
-    table = _make_table(title=f"{result.evaluator}, {result.seconds:.2g} s")
-    for heading in ("quantity", "value", "unit"):
-        table.add_column(heading, justify="right" if heading == "value" else "left")
-    values = result.as_dict()
-    for key, unit in QUANTITY_UNITS.items():
-        if values[key] is not None:
-            table.add_row(key, f"{values[key]:.6g}", unit)
-    for name in ("linear_limit_load", "gap_closure_load"):
-        limit = getattr(result, name)
-        if limit is not None:
-            table.add_row(f"{name} ({limit.basis_text})", format_maximum(limit.force, 3), "N")
-    return table
+    values = ((name, getattr(result, name)) for name in SHOWN_QUANTITIES)
+    rows = [(name, format_number(value, 6), format_unit(name)) for name, value in values if value is not None]
+    rows += [
+        (f"{name} ({limit.basis_text})", format_maximum(limit.force, 3), "N")
+        for name, limit in (("linear_limit_load", result.linear_limit_load), ("gap_closure_load", result.gap_closure_load))
+        if limit is not None
+    ]
+    return Table(("quantity", "value", "unit"), rows, f"{result.evaluator}, {result.seconds:.2g} s", left=(0, 2))
 
 
 def build_plan_table(plan: Plan) -> Table:
     """Return a plan as a table, one row for each decision."""
     from solver.results.result import MAX_EFFECT
 
-    table = _make_table(title=f"{plan.evaluator or 'no evaluator'}: {plan.dimension}", caption="relative changes by each feature")
-    for heading in ("feature", "modelled", "ratio", "stresses", "stiffness"):
-        table.add_column(heading, justify="left" if heading in ("feature", "modelled") else "right", no_wrap=True)
+    rows = list[tuple[str, ...]]()
     for decision in plan.decisions:
         effects = (decision.effect, decision.effect_on_stresses, decision.effect_on_stiffness)
         sizes = ("-" if effect is None else "unknown" if effect >= MAX_EFFECT else f"{effect:.2g}" for effect in effects)
-        table.add_row(decision.feature, "yes" if decision.modelled else "no", *sizes)
-    return table
+        rows.append((decision.feature, "yes" if decision.modelled else "no", *sizes))
+    title = f"{plan.evaluator or 'no evaluator'}: {plan.dimension}"
+    headings = ("feature", "modelled", "ratio", "stresses", "stiffness")
+    return Table(headings, rows, title, "relative changes by each feature", left=(0, 1))
 
 
 def list_plan_lines(plan: Plan) -> list[str]:
@@ -83,51 +78,48 @@ def list_plan_lines(plan: Plan) -> list[str]:
 
 def build_curve_table(curve: Curve) -> Table:
     """Return a curve as a table of at most 25 rows; null values are dashes."""
-    table = _make_table(title=f"{curve.evaluator}, {len(curve.ratio)} moduli in {curve.seconds:.2g} s")
-    for heading in ("youngs_modulus, Pa", "ratio", "log_sensitivity", "error_estimate"):
-        table.add_column(heading, justify="right")
-    step = -(-len(curve.ratio) // CURVE_ROWS)
-    for row in list(zip(curve.youngs_modulus, curve.ratio, curve.log_sensitivity, curve.error_estimate, strict=True))[::step]:
-        table.add_row(*("-" if value is None else f"{value:.{digits}g}" for value, digits in zip(row, (4, 6, 4, 2), strict=True)))
-    return table
+    columns = {
+        "youngs_modulus, Pa": (curve.youngs_modulus, 4),
+        "ratio": (curve.ratio, 6),
+        "log_sensitivity": (curve.log_sensitivity, 4),
+        "error_estimate": (curve.error_estimate, 2),
+    }
+    title = f"{curve.evaluator}, {len(curve.ratio)} moduli in {curve.seconds:.2g} s"
+    return Table.from_columns(title, columns, CURVE_ROWS)
 
 
 def build_scan_table(scan: Scan) -> Table:
     """Return a scan as a table of at most 41 rows; null values are dashes."""
     cross_axis = "y" if scan.along == "x" else "x"
     line_text = f"along {scan.along} at {cross_axis} = {scan.at * 1e3:.6g} mm"
-    table = _make_table(title=f"{scan.evaluator}, {len(scan.ratio)} positions {line_text} in {scan.seconds:.2g} s")
-    for heading in ("position, mm", "ratio", "stiffness, N/m", "log_sensitivity", "error_estimate"):
-        table.add_column(heading, justify="right")
-    columns = (
-        [1e3 * position for position in scan.position],
-        scan.ratio,
-        scan.stiffness,
-        scan.log_sensitivity,
-        scan.error_estimate,
-    )
-    for row in list(zip(*columns, strict=True))[:: -(-len(scan.ratio) // SCAN_ROWS)]:
-        table.add_row(
-            *("-" if value is None else f"{value:.{digits}g}" for value, digits in zip(row, (4, 6, 6, 4, 2), strict=True))
-        )
-    return table
+    columns = {
+        "position, mm": ([1e3 * position for position in scan.position], 4),
+        "ratio": (scan.ratio, 6),
+        "stiffness, N/m": (scan.stiffness, 6),
+        "log_sensitivity": (scan.log_sensitivity, 4),
+        "error_estimate": (scan.error_estimate, 2),
+    }
+    title = f"{scan.evaluator}, {len(scan.ratio)} positions {line_text} in {scan.seconds:.2g} s"
+    return Table.from_columns(title, columns, SCAN_ROWS)
 
 
 def build_threshold_table(maps: Detectability) -> Table:
     """Return a table of the smallest detected and resolved diameters at some depths; a dash where there is none."""
     noise = f"noise {maps.noise:g} on the ratio"
     title = f"{maps.evaluator}, {len(maps.depth)} depths x {len(maps.diameter)} diameters in {maps.seconds:.2g} s, {noise}"
-    table = _make_table(title=title)
-    for heading in ("depth, mm", "largest that fits, mm", "detected from, mm", "resolved from, mm"):
-        table.add_column(heading, justify="right")
-    for depth, *columns in list(zip(maps.depth, maps.change, maps.seen, maps.resolved, strict=True))[
-        :: -(-len(maps.depth) // MAP_ROWS)
-    ]:
-        fits = [diameter for diameter, change in zip(maps.diameter, columns[0], strict=True) if change is not None]
-        smallest = (next((d for d, verdict in zip(maps.diameter, row, strict=True) if verdict), None) for row in columns[1:])
-        row = (depth, fits[-1] if fits else None, *smallest)
-        table.add_row(*("-" if value is None else f"{1e3 * value:.4g}" for value in row))
-    return table
+    diameters = [1e3 * diameter for diameter in maps.diameter]
+
+    def find_ends(verdicts: Iterable[object]) -> tuple[float | None, float | None]:
+        chosen = [diameter for diameter, verdict in zip(diameters, verdicts, strict=True) if verdict]
+        return (chosen[0], chosen[-1]) if chosen else (None, None)
+
+    columns: dict[str, tuple[Sequence[float | None], int]] = {
+        "depth, mm": ([1e3 * depth for depth in maps.depth], 4),
+        "largest that fits, mm": ([find_ends(change is not None for change in row)[1] for row in maps.change], 4),
+        "detected from, mm": ([find_ends(row)[0] for row in maps.seen], 4),
+        "resolved from, mm": ([find_ends(row)[0] for row in maps.resolved], 4),
+    }
+    return Table.from_columns(title, columns, MAP_ROWS)
 
 
 def show_table(table: Table) -> None:
@@ -146,12 +138,6 @@ def make_console(stderr: bool = True) -> Console:
         return Console(stderr=stderr, markup=False, emoji=False)
     width, height = get_terminal_size()
     return Console(stderr=stderr, markup=False, emoji=False, width=width, height=height)
-
-
-def _make_table(title: str, caption: str | None = None) -> Table:
-    from rich.table import Table  # imported late: --json into a file does not need rich
-
-    return Table(title=title, caption=caption)
 
 
 def _find_terminal() -> Console | None:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from rich.table import Table
-
 from probe_design.estimation.estimate_result import Estimate
 from probe_design.estimation.next_reading import ExpectedInterval
 from probe_design.estimation.reasons import UNKNOWN_NAMES, format_value
 from probe_design.estimation.strength import Interval
+from probe_design.reporting.table import Table
 
 
 def write_sentence(estimate: Estimate) -> str:
@@ -52,25 +51,22 @@ def _describe_expected(unknown: str, expected: ExpectedInterval) -> str:
 
 def build_estimate_table(estimate: Estimate) -> Table:
     """Return an estimate as a table."""
-    table = Table(title=f"{estimate.evaluator}, {estimate.seconds:.2g} s, {_describe_noise(estimate)}")
-    for heading in ("quantity", "value", "95 % interval"):
-        table.add_column(heading, justify="left" if heading == "quantity" else "right")
     value = "not identifiable" if estimate.value is None else format_value(estimate.unknown, estimate.value)
-    table.add_row(estimate.unknown, value, _describe_interval(estimate.unknown, estimate.interval))
-    table.add_row("by the noise alone", "", _describe_interval(estimate.unknown, estimate.interval_of_noise))
+    rows = [
+        (estimate.unknown, value, _describe_interval(estimate.unknown, estimate.interval)),
+        ("by the noise alone", "", _describe_interval(estimate.unknown, estimate.interval_of_noise)),
+    ]
     if estimate.interval_if_known is not None:
-        table.add_row("with all else known", "", _describe_interval(estimate.unknown, estimate.interval_if_known))
+        rows.append(("with all else known", "", _describe_interval(estimate.unknown, estimate.interval_if_known)))
     if estimate.unknown != "depth" and estimate.depth is not None:
-        table.add_row("depth", format_value("depth", estimate.depth), _describe_optional("depth", estimate.depth_interval))
+        rows.append(("depth", format_value("depth", estimate.depth), _describe_optional("depth", estimate.depth_interval)))
     if estimate.strength is not None:
-        table.add_row(
-            "strength",
-            f"{estimate.strength * 1e9:.4g} mm^3",
-            _describe_strength(estimate.strength_interval, "given").strip(" ()"),
-        )
+        interval = _describe_strength(estimate.strength_interval, "given").strip(" ()")
+        rows.append(("strength", f"{estimate.strength * 1e9:.4g} mm^3", interval))
     if estimate.error_estimate is not None:
-        table.add_row("error_estimate", f"{estimate.error_estimate:.2g}", "")
-    return table
+        rows.append(("error_estimate", f"{estimate.error_estimate:.2g}", ""))
+    title = f"{estimate.evaluator}, {estimate.seconds:.2g} s, {_describe_noise(estimate)}"
+    return Table(("quantity", "value", "95 % interval"), rows, title)
 
 
 def _describe_noise(estimate: Estimate) -> str:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
+
 import numpy as np
-from rich.table import Table
 
 from geometry.scenes.catalogue import format_modulus
 from probe_design.built_probe.calibration_record import CalibrationRecord
@@ -12,6 +13,7 @@ from probe_design.built_probe.reading import StressReading
 from probe_design.probe_check.check import Check
 from probe_design.probe_check.deviation import CancellingPair
 from probe_design.probe_check.explanations import Explanation
+from probe_design.reporting.table import Table, format_number
 
 MAX_EXPLANATIONS = 6  # explanations shown
 MAX_PAIRS = 3
@@ -19,8 +21,7 @@ MAX_PAIRS = 3
 
 def build_reading_table(reading: StressReading) -> Table:
     """Return a reading as a table: measured, predicted, and their difference z in standard deviations."""
-    table = Table(title=f"{reading.cycles:.4g} cycles of {reading.frequency:.5g} Hz; predicted by {reading.evaluator}")
-    _add_columns(table, "quantity", "read", "sd", "predicted", "z")
+    title = f"{reading.cycles:.4g} cycles of {reading.frequency:.5g} Hz; predicted by {reading.evaluator}"
     rows = (
         ("ratio", reading.ratio, reading.ratio_uncertainty, reading.predicted_ratio, reading.z_ratio),
         _list_phase_row(reading),
@@ -28,9 +29,8 @@ def build_reading_table(reading: StressReading) -> Table:
         _list_stress_row(reading, "outer"),
         ("force on both films, N", reading.force, reading.force_uncertainty, reading.reference_force, None),
     )
-    for name, *values in rows:
-        table.add_row(name, *(_format_number(value, digits) for value, digits in zip(values, (5, 2, 5, 2), strict=True)))
-    return table
+    cells = [(name, *_format_numbers(values, (5, 2, 5, 2))) for name, *values in rows]
+    return Table(("quantity", "read", "sd", "predicted", "z"), cells, title)
 
 
 def _list_phase_row(reading: StressReading) -> tuple[str, float | None, float | None, float | None, float | None]:
@@ -42,62 +42,65 @@ def build_calibration_table(record: CalibrationRecord) -> Table:
     """Return the gain matrix and the offsets as a table, with their standard deviations."""
     scale = "absolute" if record.absolute else "relative: the outer gain is the unit"
     fit = f"chi-square {record.chi_square:.3g} for {record.degrees_of_freedom} degrees of freedom"
-    table = Table(title=f"{len(record.reading)} references at {record.frequency:.5g} Hz; gains {scale}; {fit}")
-    _add_columns(table, "quantity", "value", "sd")
+    title = f"{len(record.reading)} references at {record.frequency:.5g} Hz; gains {scale}; {fit}"
     spread = np.sqrt(np.diag(np.array(record.covariance)))
-    for name, value, sd in zip(ENTRY_NAMES, np.array(record.matrix).ravel(), spread, strict=True):
-        table.add_row(name, f"{value:.5g}", f"{sd:.2g}")
-    for name, value, sd in zip(("inner", "outer"), record.offsets, record.offsets_sd, strict=True):
-        table.add_row(f"offset {name}, mV", f"{1e3 * value:.4g}", f"{1e3 * sd:.2g}")
-    return table
+    rows = [
+        (name, f"{value:.5g}", f"{sd:.2g}")
+        for name, value, sd in zip(ENTRY_NAMES, np.array(record.matrix).ravel(), spread, strict=True)
+    ]
+    rows += [
+        (f"offset {name}, mV", f"{1e3 * value:.4g}", f"{1e3 * sd:.2g}")
+        for name, value, sd in zip(("inner", "outer"), record.offsets, record.offsets_sd, strict=True)
+    ]
+    return Table(("quantity", "value", "sd"), rows, title)
 
 
 def build_check_table(check: Check) -> Table:
     """Return the ratios of all blocks as a table: measured, predicted, and their difference z."""
     fit = f"chi-square {check.chi_square:.4g} for {check.degrees_of_freedom} degrees of freedom, p = {check.p_value:.2g}"
-    table = Table(title=f"{check.verdict}: {fit} (fails below {check.level:g})")
-    _add_columns(table, "reference", "ratio read", "sd", "predicted", "sd", "z")
-    for block in check.blocks:
-        values = (block.ratio, block.ratio_uncertainty, block.predicted, block.predicted_uncertainty, block.z)
-        table.add_row(block.name, *(_format_number(value, digits) for value, digits in zip(values, (5, 2, 5, 2, 2), strict=True)))
-    return table
+    rows = [
+        (
+            block.name,
+            *_format_numbers(
+                (block.ratio, block.ratio_uncertainty, block.predicted, block.predicted_uncertainty, block.z), (5, 2, 5, 2, 2)
+            ),
+        )
+        for block in check.blocks
+    ]
+    title = f"{check.verdict}: {fit} (fails below {check.level:g})"
+    return Table(("reference", "ratio read", "sd", "predicted", "sd", "z"), rows, title)
 
 
 def build_explanations_table(check: Check) -> Table:
     """Return a table of the variables that would explain a deviation by themselves, the best first."""
-    table = Table(title="which one variable would explain it")
-    _add_columns(table, "variable", "drawn", "would be", "sd", "chi2 left")
-    for explanation in check.explanations[:MAX_EXPLANATIONS]:
-        table.add_row(_shorten(explanation.variable), *_format_explanation(explanation), f"{explanation.chi_square:.3g}")
-    return table
+    rows = [
+        (_shorten(explanation.variable), *_format_explanation(explanation), f"{explanation.chi_square:.3g}")
+        for explanation in check.explanations[:MAX_EXPLANATIONS]
+    ]
+    return Table(("variable", "drawn", "would be", "sd", "chi2 left"), rows, "which one variable would explain it")
 
 
 def build_pairs_table(check: Check) -> Table:
     """Return a table of the pairs of variables that would explain a deviation together, the best first."""
-    table = Table(title="which two would explain it together")
-    _add_columns(table, "variables", "drawn", "would be", "sd", "chi2 left")
-    for pair in check.pairs[:MAX_PAIRS]:
-        for explanation, chi_square_text in ((pair.first, f"{pair.chi_square:.3g}"), (pair.second, "")):
-            table.add_row(_shorten(explanation.variable), *_format_explanation(explanation), chi_square_text)
-    return table
+    rows = [
+        (_shorten(explanation.variable), *_format_explanation(explanation), chi_square_text)
+        for pair in check.pairs[:MAX_PAIRS]
+        for explanation, chi_square_text in ((pair.first, f"{pair.chi_square:.3g}"), (pair.second, ""))
+    ]
+    return Table(("variables", "drawn", "would be", "sd", "chi2 left"), rows, "which two would explain it together")
 
 
 def build_coverage_table(check: Check) -> Table:
     """Return a table of the variables that the check has tested, and the deviation from which each would be detected."""
-    table = Table(title="what was tested: a variable that would be found off by five tolerances in 1 of 2 cases or more")
-    _add_columns(table, "variable", "tolerance, 1 sd", "five change a ratio by", "then found", "found 1 in 2 from", "tested")
+    title = "what was tested: a variable that would be found off by five tolerances in 1 of 2 cases or more"
+    headings = ("variable", "tolerance, 1 sd", "five change a ratio by", "then found", "found 1 in 2 from", "tested")
+    rows = []
     for row in (*check.tested, *check.untested):
         detected_from = "nowhere" if row.found_from is None else _format_deviation(row.variable, row.found_from)
         effect, power = f"{100 * row.effect:.2g} %", f"{100 * row.power:.0f} %"
-        table.add_row(
-            _shorten(row.variable),
-            _format_deviation(row.variable, row.tolerance),
-            effect,
-            power,
-            detected_from,
-            "yes" if row.tested else "no",
-        )
-    return table
+        tolerance = _format_deviation(row.variable, row.tolerance)
+        rows.append((_shorten(row.variable), tolerance, effect, power, detected_from, "yes" if row.tested else "no"))
+    return Table(headings, rows, title)
 
 
 def write_sentences(check: Check) -> list[str]:
@@ -147,11 +150,5 @@ def _list_stress_row(reading: StressReading, film: str) -> tuple[str, float | No
     return f"stress {film}, Pa", read, spread, predicted, z
 
 
-def _format_number(value: float | None, digits: int) -> str:
-    return "-" if value is None else f"{value:.{digits}g}"
-
-
-def _add_columns(table: Table, first_heading: str, *headings: str) -> None:
-    table.add_column(first_heading, no_wrap=True)
-    for heading in headings:
-        table.add_column(heading, justify="right", no_wrap=True)
+def _format_numbers(values: Iterable[float | None], digits: Iterable[int]) -> Iterator[str]:
+    return map(format_number, values, digits)

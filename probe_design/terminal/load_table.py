@@ -2,31 +2,25 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from solver.results.load_curve import LoadCurve
+from probe_design.reporting.table import Table
+from solver.results.load_curve import LoadCurve
 
 MAX_ROWS = 25  # at most
 
 
 def build_load_table(curve: LoadCurve) -> Table:
     """Return a load curve as a table of at most 25 rows; null values are dashes."""
-    from rich.table import Table
-
-    table = Table(title=f"{curve.evaluator}, {len(curve.force)} loads in {curve.seconds:.2g} s")
-    for heading in ("force, N", "indentation, mm", "ratio", "log_sensitivity", "walls, um", "strain", "error_estimate"):
-        table.add_column(heading, justify="right")
-    depth, walls = [1e3 * metres for metres in curve.indentation], [1e6 * metres for metres in curve.closest_walls]
-    columns = (curve.force, depth, curve.ratio, curve.log_sensitivity, walls, curve.largest_strain, curve.error_estimate)
-    rows = list(zip(*columns, strict=True))
-    step = -(-len(rows) // MAX_ROWS)
-    for row in rows[::-1][::step][::-1]:  # counted from the end, so that the last load is always shown
-        digits = (4, 4, 6, 4, 4, 2, 2)
-        table.add_row(*("-" if value is None else f"{value:.{d}g}" for value, d in zip(row, digits, strict=True)))
-    return table
+    title = f"{curve.evaluator}, {len(curve.force)} loads in {curve.seconds:.2g} s"
+    columns = {
+        "force, N": (curve.force, 4),
+        "indentation, mm": ([1e3 * metres for metres in curve.indentation], 4),
+        "ratio": (curve.ratio, 6),
+        "log_sensitivity": (curve.log_sensitivity, 4),
+        "walls, um": ([1e6 * metres for metres in curve.closest_walls], 4),
+        "strain": (curve.largest_strain, 2),
+        "error_estimate": (curve.error_estimate, 2),
+    }
+    return Table.from_columns(title, columns, MAX_ROWS, keep_last=True)
 
 
 def list_load_lines(curve: LoadCurve) -> list[str]:

@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from geometry.scenes.catalogue import format_modulus
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from probe_design.tolerances.budget import BudgetLine, ToleranceBudget
+from probe_design.reporting.table import Table
+from probe_design.tolerances.budget import BudgetLine, ToleranceBudget
 
 OUTPUT_NAMES = {
     "ln_ratio": "ratio",
@@ -21,20 +16,17 @@ OUTPUT_NAMES = {
 
 def build_tolerance_table(budget: ToleranceBudget) -> Table:
     """Return a budget as a table, the largest share of variance first."""
-    from rich.table import Table
-
-    table = Table(title=f"{budget.evaluator}, {budget.samples} samples of closed-form, {budget.seconds:.2g} s")
+    title = f"{budget.evaluator}, {budget.samples} samples of closed-form, {budget.seconds:.2g} s"
     last = f"hold to, for {100 * budget.ratio:g} %"
-    for heading in ("what", "as drawn", "sd", "moves ratio", "share", "Sobol total, 95 %", last):
-        table.add_column(heading, justify="left" if heading == "what" else "right", no_wrap=True)
+    rows = list[tuple[str, ...]]()
     for line in budget.lines:
         part = line.outputs["ln_ratio"]
         ends = part.total_interval
         sobol = "-" if ends is None else f"{max(ends[0], 0.0):.3f} to {ends[1]:.3f}"
         required = "-" if line.held is None else _format_sd(line, line.held)
         moves = f"{100 * part.contribution:.2g} %"
-        table.add_row(line.name, _format_nominal(line), _format_sd(line, line.sd), moves, f"{part.share:.3f}", sobol, required)
-    return table
+        rows.append((line.name, _format_nominal(line), _format_sd(line, line.sd), moves, f"{part.share:.3f}", sobol, required))
+    return Table(("what", "as drawn", "sd", "moves ratio", "share", "Sobol total, 95 %", last), rows, title)
 
 
 def write_tolerance_lines(budget: ToleranceBudget) -> list[str]:

@@ -2,31 +2,54 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
+from rich.box import SIMPLE_HEAD
+from rich.cells import cell_len
 from rich.console import Console, ConsoleOptions, RenderResult
 from rich.measure import Measurement
 from rich.segment import Segment
-from rich.table import Table
+from rich.table import Table as Grid
 
 from geometry.common.errors import escape_unprintable
+from probe_design.reporting.table import Table
 
 _UNLIMITED_WIDTH = 10_000  # characters, more than any table needs
 
 
 class WholeTable:
-    """A table at least as wide as its longest words; characters that cannot be printed, as in file names, are escaped."""
+    """A table at least as wide as its numbers and names; its lines are thinner where the terminal is narrow.
+
+    Headings and sentences are wrapped at words. Characters that cannot be printed, as in file names, are escaped.
+    """
 
     def __init__(self, table: Table) -> None:
         self._table = table
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """Render the table. Each column gets the width of its longest word as minimum, as rich cuts words otherwise."""
+        """Render the table. Each column gets the width of its longest word or number as minimum, as rich cuts them otherwise."""
+        grid = self._build_grid()
         wide_options = options.update(width=_UNLIMITED_WIDTH)
-        for column in self._table.columns:
-            words = (Measurement.get(console, wide_options, cell) for cell in (column.header, *column.cells))
-            column.min_width = max(
-                (measurement.maximum if column.no_wrap else measurement.minimum for measurement in words), default=1
-            )
-        min_width = Measurement.get(console, wide_options, self._table).minimum
-        for part in console.render(self._table, options.update(width=max(min_width, options.max_width))):
+        if Measurement.get(console, wide_options, grid).maximum > options.max_width:
+            grid.box, grid.padding, grid.pad_edge = SIMPLE_HEAD, (0, 1, 0, 0), False
+        min_width = Measurement.get(console, wide_options, grid).minimum
+        for part in console.render(grid, options.update(width=max(min_width, options.max_width))):
             text = part.text if part.control else "\n".join(map(escape_unprintable, part.text.split("\n")))
             yield Segment(text, part.style, part.control)
+
+    def _build_grid(self) -> Grid:
+        table = self._table
+        grid = Grid(title=table.title or None, caption=table.caption or None, caption_justify="left")
+        for k, heading in enumerate(table.headings):
+            cells = [row[k] for row in table.rows]
+            whole = [*heading.split(), *(_split_words(cells) if table.is_wordy(k) else cells)]
+            grid.add_column(
+                heading, justify="left" if k in table.left else "right", min_width=max(map(cell_len, whole), default=1) or 1
+            )
+        for row in table.rows:
+            grid.add_row(*row)
+        return grid
+
+
+def _split_words(texts: Iterable[str]) -> list[str]:
+    return [word for text in texts for word in text.split()]

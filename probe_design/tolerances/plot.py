@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from probe_design.pictures.formats import check_format, save_figure
+from probe_design.reporting.picture_files import check_format, save_figure
 from probe_design.tolerances.budget import ToleranceBudget
 
 

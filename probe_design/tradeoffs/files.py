@@ -8,9 +8,10 @@ from typing import Any
 
 from geometry.common.files import write_together
 from geometry.provenance.block import build_provenance
-from probe_design.reports.page import Chapter, Items, PageTable, Picture, Text
-from probe_design.reports.page import build_page as html
-from probe_design.reports.scene_sections import build_scene_section
+from probe_design.reporting.page import Chapter, Items, Picture, Text
+from probe_design.reporting.page import build_page as html
+from probe_design.reporting.scene_sections import build_scene_section
+from probe_design.reporting.table import Table
 from probe_design.tradeoffs.plot import plot_tradeoff
 from probe_design.tradeoffs.study import Tradeoff
 from probe_design.tradeoffs.tables import (
@@ -51,11 +52,9 @@ def _build_report(study: Tradeoff, picture: Path, summary: dict[str, Any]) -> st
     unanswered = (*(f"{name}: {reason}" for name, reason in study.skipped.items()), *dict.fromkeys(refusals))
     sections = (
         Chapter("Error against time", (Picture.from_file(picture, "error against time of every evaluator and setting"),)),
-        Chapter(
-            "Every setting", (PageTable(SUMMARY_HEADINGS, tuple(build_summary_cells(study))), Text(COLUMN_NOTES.replace("`", "")))
-        ),
-        Chapter("The cheapest for each scene", (PageTable(CHOICE_HEADINGS, tuple(build_choice_cells(study))),)),
-        Chapter("Every result", (PageTable(ROW_HEADINGS, tuple(build_row_cells(study))),)),
+        Chapter("Every setting", (Table(SUMMARY_HEADINGS, build_summary_cells(study)), Text(COLUMN_NOTES.replace("`", "")))),
+        Chapter("The cheapest for each scene", (Table(CHOICE_HEADINGS, build_choice_cells(study)),)),
+        Chapter("Every result", (Table(ROW_HEADINGS, build_row_cells(study)),)),
         Chapter("Not evaluated, or no result", (Items(unanswered or ("nothing",)),)),
         *scenes,
     )

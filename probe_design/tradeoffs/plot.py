@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from geometry.common.errors import escape_unprintable
-from probe_design.pictures.formats import save_figure
+from probe_design.reporting.picture_files import save_figure
 from probe_design.tradeoffs.rows import Row, find_pareto_front, remove_duplicates
 from probe_design.tradeoffs.study import Tradeoff
 

@@ -7,10 +7,8 @@ from collections.abc import Callable, Iterable, Sequence
 from html import escape
 from statistics import median
 
-from rich.box import SIMPLE_HEAD
-from rich.table import Table
-
 from geometry.common.errors import escape_unprintable
+from probe_design.reporting.table import Table
 from probe_design.tradeoffs.rows import Row, Setting
 from probe_design.tradeoffs.study import Tradeoff
 
@@ -27,7 +25,6 @@ ROW_HEADINGS = (
 )  # fmt: skip
 # signs with a meaning in Markdown: anywhere, beside words, or at the beginning of a line
 _MARKDOWN_SIGNS = re.compile(r"[\\`*\[\]~$]|(?<!\w)_|_(?!\w)|^[#+-]|(?<=^\d)[.)]|(?<=^\d\d)[.)]")
-TEXT_HEADINGS = ("evaluator", *CHOICE_HEADINGS)  # left-aligned columns; numbers are right-aligned
 COLUMN_NOTES = """\
 Stated error: the bound on the relative error of the ratio that comes with each answer. True error: difference from the
 reference, the finest result of any converging evaluator; `<`: at most this, as the difference is below the reference's own stated
@@ -66,12 +63,12 @@ def build_markdown_page(study: Tradeoff, picture: str) -> str:
         (
             "# Speed against accuracy",
             f"![Error against time]({picture})",
-            build_markdown_table(SUMMARY_HEADINGS, build_summary_cells(study)),
+            Table(SUMMARY_HEADINGS, build_summary_cells(study)).to_markdown(),
             COLUMN_NOTES,
             "## The cheapest for each scene",
-            build_markdown_table(CHOICE_HEADINGS, _escape_scene_names(build_choice_cells(study))),
+            Table(CHOICE_HEADINGS, _escape_scene_names(build_choice_cells(study))).to_markdown(),
             "## Every result",
-            build_markdown_table(ROW_HEADINGS, _escape_scene_names(build_row_cells(study))),
+            Table(ROW_HEADINGS, _escape_scene_names(build_row_cells(study))).to_markdown(),
             "## Not evaluated, or no result",
             "\n".join((*skipped, *dict.fromkeys(refusals))) + "\n",
         )
@@ -88,17 +85,11 @@ def _escape_scene_names(rows: Iterable[Cells]) -> list[Cells]:
     return [(escape_markdown(name), *cells) for name, *cells in rows]
 
 
-def build_markdown_table(headings: Sequence[str], rows: Iterable[Cells]) -> str:
-    """Build a table in Markdown."""
-    head = ["| " + " | ".join(headings) + " |", "|---" * len(headings) + "|"]
-    return "\n".join([*head, *("| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows)])
-
-
 def build_summary_table(study: Tradeoff) -> Table:
     """Build the summary for the terminal: the columns that fit into 80 characters."""
     columns = [0, 1, 2, 3, 4, 7, 8]
     rows = [tuple(row[k] for k in columns) for row in build_summary_cells(study)]
-    return _build_terminal_table("errors and times of each setting", TERMINAL_HEADINGS, rows)
+    return Table(TERMINAL_HEADINGS, rows, "errors and times of each setting")
 
 
 def build_choice_table(study: Tradeoff) -> Table:
@@ -106,16 +97,7 @@ def build_choice_table(study: Tradeoff) -> Table:
     rows = [row[:3] for row in build_choice_cells(study)]
     previous_names = ["", *(row[0] for row in rows)]
     short_rows = [("" if row[0] == name else row[0], *row[1:]) for row, name in zip(rows, previous_names, strict=False)]
-    return _build_terminal_table("the fastest setting for each scene", CHOICE_HEADINGS[:3], short_rows)
-
-
-def _build_terminal_table(title: str, headings: Sequence[str], rows: Iterable[Cells]) -> Table:
-    table = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
-    for heading in headings:
-        table.add_column(heading, justify="left" if heading in TEXT_HEADINGS else "right", no_wrap=heading == "evaluator")
-    for row in rows:
-        table.add_row(*row)
-    return table
+    return Table(CHOICE_HEADINGS[:3], short_rows, "the fastest setting for each scene", left=(0, 1, 2))
 
 
 def _summarize_setting(study: Tradeoff, setting: Setting) -> Cells:

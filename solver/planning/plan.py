@@ -7,7 +7,7 @@ is modelled or beyond every evaluator is estimated.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -27,8 +27,7 @@ from solver.planning.loads import LoadRule
 from solver.planning.negligible_inclusions import LEFT_OUT_ACCURACY_SHARE, leave_out_negligible
 from solver.planning.nonlinear_effects import decide_nonlinear_effects
 from solver.results.evaluator import OutOfReach
-from solver.results.load_limits import LargestLoad, LoadLimits, build_limits_dict
-from solver.results.notebook import Notebook
+from solver.results.load_limits import LoadedRecord, LoadLimits
 from solver.results.refusals import find_geometry_refusal, find_linear_refusal
 from solver.results.result import Curve, Decision, Effect, Result
 from solver.results.warnings import Note, explain_null_sensitivity
@@ -42,7 +41,7 @@ WHOLE_MESH_SHARE = 0.06  # likewise without symmetry: twice the tetrahedra for t
 
 
 @dataclass(frozen=True)
-class Plan(Notebook):
+class Plan(LoadedRecord):
     """The evaluator for a scene, with what it models and leaves out.
 
     Attributes:
@@ -59,6 +58,7 @@ class Plan(Notebook):
         refusal: why ``auto`` refuses the scene; None where an evaluator is named.
     """
 
+    INTERNAL = ("scene", "accuracy", "allowed", "left_out", "rule", "refusal")
     evaluator: str | None
     dimension: str
     scene: Scene
@@ -72,30 +72,15 @@ class Plan(Notebook):
     refusal: InputError | None = None
 
     @property
-    def linear_limit_load(self) -> LargestLoad | None:
-        """The largest load at which linear elasticity meets the requested accuracy."""
-        return self.load_limits.linear
-
-    @property
-    def gap_closure_load(self) -> LargestLoad | None:
-        """The largest load at which the gap stays open; None if it does at any load."""
-        return self.load_limits.gap_closure
-
-    @property
     def curve_evaluator(self) -> str | None:
         """The evaluator for a curve: those cheaper than ``solid`` compute curves of spheres only."""
         return SOLID if any(body.diameter is None for body in self.scene.inclusion) else self.evaluator
 
     def as_dict(self) -> dict[str, Any]:
         """Return the JSON object of ``probe-design plan``."""
-        return {
-            "evaluator": self.evaluator,
-            "dimension": self.dimension,
-            "plan": [asdict(decision) for decision in self.decisions],
-            **build_limits_dict(self.load_limits),
-            "warnings": list(self.warnings),
-            "refusal": None if self.refusal is None else str(self.refusal),
-        }
+        entries = super().as_dict()
+        entries["plan"] = entries.pop("decisions")
+        return entries | {"refusal": None if self.refusal is None else str(self.refusal)}
 
     def with_refusal(self, fault: InputError) -> Plan:
         """Return the plan of a scene that ``auto`` refuses."""

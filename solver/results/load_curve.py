@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field
 
 from geometry.provenance.block import Provenance
-from solver.results.load_limits import LargestLoad, LoadLimits, build_limits_dict
-from solver.results.notebook import Notebook
+from solver.results.load_limits import LoadedRecord, LoadLimits
 from solver.results.warnings import Note
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True)
@@ -24,7 +19,7 @@ class LoadRange:
 
 
 @dataclass(frozen=True)
-class LoadCurve(Notebook):
+class LoadCurve(LoadedRecord):
     """A scene under rising loads; tuples of one length.
 
     Attributes:
@@ -70,23 +65,3 @@ class LoadCurve(Notebook):
     load_limits: LoadLimits | None = None
     warnings: tuple[Note, ...] = ()
     provenance: Provenance | None = field(default=None, compare=False, repr=False)
-
-    @property
-    def linear_limit_load(self) -> LargestLoad | None:
-        """Load up to which linear elasticity holds; None where no limit is known."""
-        return None if self.load_limits is None else self.load_limits.linear
-
-    @property
-    def gap_closure_load(self) -> LargestLoad | None:
-        """Load at which the gap's walls touch; None where no such load is known."""
-        return None if self.load_limits is None else self.load_limits.gap_closure
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the JSON object of ``probe-design load``."""
-        return asdict(self) | build_limits_dict(self.load_limits)
-
-    def plot(self) -> Figure:
-        """Draw ratio, log-sensitivity and the gap's walls against force; returns the figure, whose ``savefig`` writes it."""
-        from solver.results.figures import draw_load_curve
-
-        return draw_load_curve(self)

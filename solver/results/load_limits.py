@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, fields
 from typing import Any, Literal
 
 from geometry.common.limits import format_maximum
+from solver.results.record import Record
 
 Basis = Literal["bound", "formulas", "contact"]
 
@@ -96,8 +97,22 @@ class LoadLimits:
         return (f"{limit.question}: up to {limit}" for limit in self.available_limits)
 
 
-def build_limits_dict(limits: LoadLimits | None) -> dict[str, Any]:
-    """Return the limits as every JSON object has them: the two used most at the top, and all of them together."""
-    linear, closure = (None, None) if limits is None else (limits.linear, limits.gap_closure)
-    named = {"linear_limit_load": linear, "gap_closure_load": closure, "load_limits": limits}
-    return {name: None if limit is None else asdict(limit) for name, limit in named.items()}
+class LoadedRecord(Record):
+    """Base of results at a load, which have the limits of the load as ``load_limits``."""
+
+    load_limits: LoadLimits | None
+
+    @property
+    def linear_limit_load(self) -> LargestLoad | None:
+        """Load up to which linear elasticity holds at the requested accuracy; None where that is not known."""
+        return None if self.load_limits is None else self.load_limits.linear
+
+    @property
+    def gap_closure_load(self) -> LargestLoad | None:
+        """Load up to which the gap stays open; None where that is not known, or where it stays open at any load."""
+        return None if self.load_limits is None else self.load_limits.gap_closure
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the JSON object of the command: all fields, and at its top the two limits used most."""
+        limits = {"linear_limit_load": self.linear_limit_load, "gap_closure_load": self.gap_closure_load}
+        return super().as_dict() | {name: None if limit is None else asdict(limit) for name, limit in limits.items()}

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field
 
 from geometry.provenance.block import Provenance
-from solver.results.load_limits import LargestLoad, LoadLimits, build_limits_dict
-from solver.results.notebook import Notebook
+from solver.results.load_limits import LoadedRecord, LoadLimits
 from solver.results.warnings import Note
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 MAX_EFFECT = 1e9  # larger effects are cut to this, as JSON has no infinity
 
@@ -57,7 +52,7 @@ class Decision:
 
 
 @dataclass(frozen=True)
-class Result(Notebook):
+class Result(LoadedRecord):
     """The result of an evaluator for a scene at its load; values are ``None`` where a warning gives the reason.
 
     Attributes:
@@ -106,23 +101,9 @@ class Result(Notebook):
     warnings: tuple[Note, ...] = ()
     provenance: Provenance | None = field(default=None, compare=False, repr=False)
 
-    @property
-    def linear_limit_load(self) -> LargestLoad | None:
-        """Load up to which linear elasticity holds at the requested accuracy; None where that is not known."""
-        return None if self.load_limits is None else self.load_limits.linear
-
-    @property
-    def gap_closure_load(self) -> LargestLoad | None:
-        """Load up to which the gap stays open; None where that is not known, or where it stays open at any load."""
-        return None if self.load_limits is None else self.load_limits.gap_closure
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the JSON object of ``probe-design evaluate``."""
-        return asdict(self) | build_limits_dict(self.load_limits)
-
 
 @dataclass(frozen=True)
-class Curve(Notebook):
+class Curve(LoadedRecord):
     """Results for many Young's moduli of the scene's target inclusion; tuples of one length.
 
     Attributes:
@@ -145,13 +126,3 @@ class Curve(Notebook):
     plan: tuple[Decision, ...] = ()
     warnings: tuple[Note, ...] = ()
     provenance: Provenance | None = field(default=None, compare=False, repr=False)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the JSON object of ``probe-design curve``."""
-        return asdict(self) | build_limits_dict(self.load_limits)
-
-    def plot(self) -> Figure:
-        """Draw ratio and log-sensitivity against Young's modulus; returns the figure, whose ``savefig`` writes it."""
-        from solver.results.figures import draw_curve
-
-        return draw_curve(self)

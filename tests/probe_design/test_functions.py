@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import inspect
 import json
 import pydoc
@@ -9,6 +10,7 @@ import re
 import subprocess
 import sys
 from html.parser import HTMLParser
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -22,7 +24,8 @@ from geometry.common.errors import InputError
 from geometry.provenance.block import build_provenance
 from geometry.provenance.texts import read_block
 from geometry.scenes.scene_file import read_scene
-from probe_design import curve, detectability, estimate, evaluate, export, load, scan, sweep
+from probe_design import curve, detectability, estimate, evaluate, export, load, plot, scan, sweep
+from probe_design.notebook import format_record
 from tests.support.paths import SCENE
 from tests.support.program import run
 
@@ -69,7 +72,7 @@ def test_functions_say_what_they_take() -> None:
         text = inspect.getdoc(function)
         assert text is not None
         for parameter in inspect.signature(function).parameters.values():
-            assert f"{parameter.name}:" in text, (name, parameter.name)
+            assert re.search(rf"^ *{parameter.name}(:|$)", text, re.MULTILINE), (name, parameter.name)
             if parameter.name in ("progress", "tell"):
                 assert parameter.default is None
 
@@ -110,9 +113,32 @@ def test_functions_need_no_plots_and_no_tables() -> None:
 
 def test_a_result_shows_its_numbers() -> None:
     result = evaluate(SCENE, evaluator="closed-form", accuracy=0.1)
-    cells = Cells(result._repr_html_()).cells
+    cells = Cells(format_record(result)).cells
     assert f"{result.ratio:.6g}" in cells
     assert cells[cells.index("stress_inner") + 2] == "Pa"
+
+
+def test_a_notebook_shows_results_as_tables(monkeypatch: pytest.MonkeyPatch) -> None:
+    """IPython looks functions up by a class's module and name, so that registering imports no result."""
+    registered: dict[tuple[str, str], Any] = {}
+
+    class Formatter:
+        def for_type_by_name(self, module: str, name: str, function: Any) -> None:
+            registered[module, name] = function
+
+    shell = SimpleNamespace(display_formatter=SimpleNamespace(formatters={"text/html": Formatter()}))
+    monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: shell))
+    importlib.reload(probe_design)
+    result = evaluate(SCENE, evaluator="closed-form", accuracy=0.1)
+    keys = [(parent.__module__, parent.__name__) for parent in type(result).__mro__]
+    display = next(registered[key] for key in keys if key in registered)
+    assert f"{result.ratio:.6g}" in Cells(display(result)).cells
+    assert all(hasattr(importlib.import_module(module), name) for module, name in registered)
+
+
+def test_what_has_no_picture_is_refused() -> None:
+    with pytest.raises(InputError, match="a result of curve, load, scan or detectability"):
+        plot(evaluate(SCENE, evaluator="closed-form", accuracy=0.1))  # type: ignore[arg-type]
 
 
 def test_scan_as_arrays_and_picture() -> None:
@@ -124,9 +150,9 @@ def test_scan_as_arrays_and_picture() -> None:
         "position": "m", "stiffness": "N/m", "stress_inner": "Pa"
     }  # fmt: skip
     assert json.loads(data.attrs["provenance"])["scene"] == line.provenance["scene"]
-    assert len(line.plot().axes) == 3
+    assert len(plot(line).axes) == 3
     assert "scene" not in line.as_dict()
-    assert f"{line.ratio[0]:.6g}" in Cells(line._repr_html_()).cells
+    assert f"{line.ratio[0]:.6g}" in Cells(format_record(line)).cells
 
 
 def test_map_as_arrays_and_picture() -> None:
@@ -135,7 +161,7 @@ def test_map_as_arrays_and_picture() -> None:
     assert data["seen"].dims == ("depth", "diameter")
     assert np.isnan(data["change"].values[1, 2])  # does not fit
     assert data["change"].values[0, 0] == mapped.change[0][0]
-    assert mapped.plot().axes
+    assert plot(mapped).axes
 
 
 def test_curve_as_arrays_and_picture() -> None:
@@ -143,7 +169,7 @@ def test_curve_as_arrays_and_picture() -> None:
     data = modulus_curve.to_dataset()
     assert data["ratio"].sel(youngs_modulus=1e5) == modulus_curve.ratio[1]
     assert data["youngs_modulus"].attrs["units"] == "Pa"
-    assert len(modulus_curve.plot().axes) == 2
+    assert len(plot(modulus_curve).axes) == 2
 
 
 @pytest.mark.slow
@@ -153,7 +179,7 @@ def test_load_as_arrays_and_picture() -> None:
     assert data["indentation"].dims == ("force",)
     assert data["closest_walls"].attrs["units"] == "m"
     assert data["indentation"].values.tolist() == list(path.indentation)
-    assert len(path.plot().axes) == 3
+    assert len(plot(path).axes) == 3
 
 
 def test_estimate_needs_one_way_to_readings() -> None:
@@ -165,14 +191,14 @@ def test_estimate_is_the_command_line_s() -> None:
     estimated = estimate(SCENE, ratio=0.62, noise=0.05)
     output = json.loads(run("estimate", SCENE, "--ratio", "0.62", "--noise", "0.05", "--json").stdout)
     assert output["interval"] == list(estimated.interval)
-    assert "unknown" in Cells(estimated._repr_html_()).cells
+    assert "unknown" in Cells(format_record(estimated)).cells
 
 
 def test_sweep_as_arrays(tmp_path: Any) -> None:
     variables = {"probe.gap": {"values": [1e-4, 2e-4]}}
     swept = sweep({"scene": SCENE, "evaluator": "closed-form", "variables": variables}, tmp_path, workers=1)
     assert swept.to_dataset()["ratio"].dims == ("probe.gap",)
-    assert "designs" in Cells(swept._repr_html_()).cells
+    assert "designs" in Cells(format_record(swept)).cells
 
 
 @pytest.mark.slow

@@ -37,7 +37,7 @@ import json, sys
 from pathlib import Path
 import geometry, hw, probe_design, solver
 from probe_design.data.builtin import read_loaded_builtin_scene
-from probe_design.reports.page import Text, Chapter, build_page
+from probe_design.reporting.page import Text, Chapter, build_page
 from geometry.provenance.block import build_provenance
 from geometry.scenes.scene_file import scene_to_toml
 for package in (geometry, hw, probe_design, solver):

@@ -10,7 +10,7 @@ import pytest
 from geometry import Load, Refusal, Scene, read_scene
 from geometry.scenes.probe import Probe
 from probe_design.optimisation.candidate import FINER_ACCURACY, Candidate, evaluate_candidate, merge_candidates
-from probe_design.optimisation.comparison import list_comparison_rows, list_headings
+from probe_design.optimisation.comparison import build_comparison_table
 from probe_design.optimisation.design_space import build_space, read_variables
 from probe_design.optimisation.global_search import search_designs
 from probe_design.optimisation.objective import Noise
@@ -124,8 +124,9 @@ def test_where_nothing_is_verified_the_recommended_design_is_the_start_everywher
     room, start = build_space(read_scene(SCENE)), judged(1.0, 0.04)
     tried = replace(judged(0.98, 0.04), scene=start.scene.model_copy(update={"probe": _widest(start.scene, room.outer_radius)}))
     optimum = Optimum("axisymmetric", room, NOISE, start, (tried,))
-    assert list_headings(optimum)[1:3] == ("best tried, no gain", "start, recommended")
-    radii = next(row for row in list_comparison_rows(optimum) if row[0] == "outer radius, mm")
+    table = build_comparison_table(optimum)
+    assert table.headings[1:3] == ("best tried, no gain", "start, recommended")
+    radii = next(row for row in table.rows if row[0] == "outer radius, mm")
     assert radii[1:3] == (f"{1e3 * room.outer_radius:.4g}", f"{1e3 * start.scene.probe.tube_radius:.4g}")
     assert not next(limit.active for limit in optimum.limits if limit.name == "largest outer_radius")
     answer = build_summary(optimum, ())

@@ -11,7 +11,7 @@ import pytest
 
 from geometry import Load, Scene
 from probe_design.optimisation.candidate import Candidate, evaluate_candidate
-from probe_design.optimisation.comparison import list_comparison_rows
+from probe_design.optimisation.comparison import build_comparison_table
 from probe_design.optimisation.loaded_candidate import needs_contact, optimize_load
 from probe_design.optimisation.loaded_search import remove_load_limit, restore_load
 from probe_design.optimisation.objective import Noise
@@ -153,7 +153,7 @@ def test_a_tighter_limit_of_the_load_never_gives_a_better_optimum() -> None:
     gain, error = last.best.compute_gain(last.best.linear or last.best)
     assert (text["under_load"]["gain"], text["under_load"]["gain_error"]) == pytest.approx((gain, error))
     assert text["force_limited_by"] == last.best.pressing.limited_by
-    rows = {name: optima for name, _, optima, _ in list_comparison_rows(last)}
+    rows = {name: optima for name, _, optima, _ in build_comparison_table(last).rows}
     assert rows["force limited by"] == last.best_tried.pressing.limited_by
     assert float(rows["gain of more load, %"]) == pytest.approx(100 * gain, rel=0.01)
     assert any("where linear elasticity ends" in line for line in last.remarks)

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from rich.table import Table
-
-from probe_design.reports.page import PageTable, Text
-from probe_design.terminal.check_report import convert_table
+from probe_design.reporting.page import Text
+from probe_design.reporting.table import Table
+from probe_design.terminal.check_report import show_below_title
 
 
 def test_a_table_stands_below_its_title_and_an_empty_one_nowhere() -> None:
-    shown = Table("name", "z", title="passed: chi-square 3.2")
-    assert convert_table(shown) == ()
-    shown.add_row("block of 3 kPa", "0.82")
-    assert convert_table(shown) == (
-        Text("Passed: chi-square 3.2:"),
-        PageTable(("name", "z"), (("block of 3 kPa", "0.82"),)),
-    )
+    title, headings = "passed: chi-square 3.2", ("name", "z")
+    assert show_below_title(Table(headings, (), title)) == ()
+    table = Table(headings, (("block of 3 kPa", "0.82"),), title)
+    assert show_below_title(table) == (Text("Passed: chi-square 3.2:"), table)

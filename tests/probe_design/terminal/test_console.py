@@ -7,11 +7,12 @@ from io import StringIO
 
 import pytest
 from rich.console import Console
-from rich.table import Table
 
 from geometry import read_scene
+from probe_design.reporting.table import Table
 from probe_design.terminal import console
 from probe_design.terminal.console import build_result_table, list_plan_lines, show_stages, show_steps, show_table, write_message
+from probe_design.terminal.whole_table import WholeTable
 from solver import Result, plan
 from solver.results.load_limits import LargestLoad, LoadLimits
 from tests.support.paths import SCENE
@@ -25,7 +26,7 @@ def test_a_load_that_is_printed_is_allowed(exact: tuple[float, float]) -> None:
     said = list_plan_lines(replace(plan(read_scene(SCENE)), load_limits=limits))[-1]
     assert "up to 0.0359 N, an indentation of 0.237 mm" in said
     stream = StringIO()
-    Console(file=stream).print(build_result_table(Result("closed-form", 0.1, load_limits=limits)))
+    Console(file=stream).print(WholeTable(build_result_table(Result("closed-form", 0.1, load_limits=limits))))
     assert " 0.0359 " in stream.getvalue()
 
 
@@ -43,11 +44,8 @@ def test_each_stage_has_one_row(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def figures() -> Table:
-    table = Table(title="a title of some words")
-    for heading, whole in (("quantity", True), ("value", False), ("a heading of words", False)):
-        table.add_column(heading, no_wrap=whole)
-    table.add_row("far edges", "3.16227766e-05", "[/red]:smile: 1.2345e-308")
-    return table
+    headings = ("quantity", "value", "a heading of words")
+    return Table(headings, [("far edges", "3.16227766e-05", "[/red]:smile: 1.2345e-308")], "a title of some words")
 
 
 @pytest.mark.parametrize("width", ["1", "20", "40", "80", "0", "-1", "", "²", "wide", "1e3"])
@@ -72,9 +70,7 @@ def test_a_table_keeps_to_a_width_that_its_words_allow(
 
 def test_names_do_not_speak_to_the_terminal(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     name = "a\x1b[31m\x9b\x07\r\u202e\udcff[/b].toml"
-    table = Table("name", title=name)
-    table.add_row(name)
-    show_table(table)
+    show_table(Table(("name",), [(name,)], name))
     write_message(f"wrote {name}")
     monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
     with show_steps(name) as tell:

@@ -21,12 +21,13 @@ from rich.console import Console
 from geometry import Scene
 from geometry.common.errors import Refusal, escape_unprintable
 from probe_design.data.builtin import read_typical_scenes
+from probe_design.reporting.table import Table
+from probe_design.terminal.whole_table import WholeTable
 from probe_design.tradeoffs.rows import Row, Setting, compare_with_reference, find_cheapest, find_pareto_front, remove_duplicates
 from probe_design.tradeoffs.study import REFERENCE_SETTINGS, SKIPPED_EVALUATORS, TIMED_SETTINGS, Tradeoff, measure_tradeoff
 from probe_design.tradeoffs.tables import (
     SUMMARY_HEADINGS,
     build_choice_table,
-    build_markdown_table,
     build_summary_cells,
     build_summary_table,
     escape_markdown,
@@ -167,8 +168,8 @@ def test_a_reference_that_left_the_groove_out_says_so() -> None:
 @pytest.mark.slow
 def test_tables_fit_a_terminal(made_tradeoff: Tradeoff) -> None:
     console = Console(width=80, file=io.StringIO(), record=True)
-    console.print(build_summary_table(made_tradeoff))
-    console.print(build_choice_table(made_tradeoff))
+    console.print(WholeTable(build_summary_table(made_tradeoff)))
+    console.print(WholeTable(build_choice_table(made_tradeoff)))
     text = console.export_text()
     assert "equivalent-inclusion" in text
     assert "\u2026" not in text
@@ -272,7 +273,7 @@ def test_the_page_s_table_is_one_of_the_command_s(made_tradeoff: Tradeoff) -> No
     block = re.search(r"<!-- tradeoff -->\n(.*?)\n<!-- /tradeoff -->", page, re.S)
     assert block is not None
     lines = block[1].splitlines()
-    assert lines[:2] == build_markdown_table(SUMMARY_HEADINGS, []).splitlines()
+    assert lines[:2] == Table(SUMMARY_HEADINGS, []).to_markdown().splitlines()
     shown = [tuple(cell.strip() for cell in line.strip("|").split("|")) for line in lines[2:]]
     settings = [
         (row_stated.evaluator, "-" if row_stated.accuracy is None else f"{row_stated.accuracy:g}")

@@ -15,8 +15,9 @@ from geometry.common.limits import format_maximum
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_to_toml
 from geometry.scenes.variables import list_values
-from probe_design.reports.bodies import build_bodies
-from probe_design.reports.page import Chapter, Code, PageTable, Part, Picture, Text, TurningView
+from probe_design.reporting.bodies import build_bodies
+from probe_design.reporting.page import Chapter, Code, Part, Picture, Text, TurningView
+from probe_design.reporting.table import Table
 from solver.axisymmetric.gradients import Gradients
 from solver.axisymmetric.level import Axisymmetric
 from solver.equivalent_inclusion.level import EquivalentInclusion
@@ -80,7 +81,7 @@ def _build_plan(scene: Scene) -> Iterator[Part]:
         f"Evaluated by {scene_plan.evaluator or 'no evaluator'}: {scene_plan.dimension}. Effects are relative changes "
         "of the ratio."
     )
-    yield PageTable(("feature", "modelled", "effect", "why"), rows)
+    yield Table(("feature", "modelled", "effect", "why"), rows)
 
 
 def _build_loads(scene: Scene) -> Iterator[Part]:
@@ -95,9 +96,7 @@ def _build_loads(scene: Scene) -> Iterator[Part]:
     force, indentation = (
         "-" if item is None else f"{size * item:.3g}" for item, size in ((load.force, 1.0), (load.indentation, 1e3))
     )
-    yield PageTable(
-        ("load", "force, N", "indentation, mm", "limited by", "known"), (("here", force, indentation, "-", "-"), *rows)
-    )
+    yield Table(("load", "force, N", "indentation, mm", "limited by", "known"), (("here", force, indentation, "-", "-"), *rows))
     yield Text(
         "These limits hold for the tumours of this scene. Higher loads need the evaluator contact: "
         "probe-design load draws ratio and walls against force."
@@ -106,7 +105,7 @@ def _build_loads(scene: Scene) -> Iterator[Part]:
 
 def _build_curve(scene: Scene) -> Iterator[Part]:
     """Draw ratio and log-sensitivity over the modulus of the tumour."""
-    from solver.results.figures import draw_curve
+    from probe_design.reporting.curve_figures import draw_curve
 
     moduli = np.geomspace(1e3, 1e6, CURVE_POINTS)
     curve = _choose_evaluator(scene).curve(scene, moduli, NUMBER_ACCURACY)
@@ -120,12 +119,12 @@ def _build_map(scene: Scene, noise: float) -> Iterator[Part]:
     from probe_design.maps.detectability import detectability
     from probe_design.maps.sphere_effects import Thresholds
     from probe_design.maps.target_grid import choose_sizes
+    from probe_design.reporting.detectability_figure import draw_detectability
 
     depths, diameters = choose_sizes(scene, MAP_POINTS)
     tumour_map = detectability(scene, depths, diameters, Thresholds(noise), accuracy=DRAWING_ACCURACY, linear=True)
-    yield Picture.from_figure(
-        tumour_map.plot(), "maps over diameter and depth: change of the ratio, standard deviation of ln E_object"
-    )
+    caption = "maps over diameter and depth: change of the ratio, standard deviation of ln E_object"
+    yield Picture.from_figure(draw_detectability(tumour_map, scene), caption)
     for text in tumour_map.warnings:
         yield Text(f"{text}.")
 
@@ -135,7 +134,7 @@ def _build_sensitivities(scene: Scene) -> Iterator[Part]:
     derivatives = _compute_gradients(scene)
     rows = tuple(_build_sensitivity_row(scene, derivatives, k) for k in range(len(derivatives.variables)))
     yield Text("Change of ratio and stiffness in per cent, and of the log-sensitivity, for an increase of each number by 1 %.")
-    yield PageTable(("1 % more of", "ratio, %", "stiffness, %", "log-sensitivity"), rows)
+    yield Table(("1 % more of", "ratio, %", "stiffness, %", "log-sensitivity"), rows)
 
 
 def _compute_gradients(scene: Scene) -> Gradients:
@@ -170,7 +169,7 @@ def _build_sensitivity_row(scene: Scene, derivatives: Gradients, k: int) -> tupl
 
 def _build_stresses(scene: Scene) -> Iterator[Part]:
     """Draw the vertical pressure in the meridian plane."""
-    from probe_design.reports.stresses import draw_stress_figure
+    from probe_design.reporting.stresses import draw_stress_figure
 
     upright = scene.model_copy(update={"inclusion": ()}) if Axisymmetric().refusal(scene) is not None else scene
     states = Axisymmetric().compute_converged(upright, NUMBER_ACCURACY).sample.states

@@ -1,16 +1,15 @@
-"""Display of results in notebooks, and their arrays as an xarray dataset; xarray is imported when it is used."""
+"""The base of results: their JSON objects, and their arrays as an xarray dataset; xarray is imported when it is used."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
-from dataclasses import fields
-from html import escape
+from dataclasses import asdict, fields, replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from geometry.common.arrays import Floats
 from geometry.common.errors import MissingLibrary
 
 if TYPE_CHECKING:
@@ -26,35 +25,41 @@ SI_UNITS = {
     "seconds": "s", "strength": "m^3", "p_value": "1",
 }  # fmt: skip
 """SI units of the fields of results, by name; 1 is a pure number."""
-MAX_TABLE_ROWS = 12  # rows of a long table that a notebook shows
 
 
-class Notebook:
+class Record:
     """Base of frozen dataclasses that hold numbers and arrays along ``DIMENSIONS``.
 
     Attributes:
         DIMENSIONS: the fields along which the arrays lie, in their order; none where there are no arrays.
         LABELS: further fields that say where along the dimensions an entry is.
+        INTERNAL: fields that the JSON object does not have.
     """
 
     DIMENSIONS: ClassVar[tuple[str, ...]] = ()
     LABELS: ClassVar[tuple[str, ...]] = ()
+    INTERNAL: ClassVar[tuple[str, ...]] = ()
 
-    def _collect_arrays(self) -> dict[str, np.ndarray]:
+    def as_dict(self) -> dict[str, Any]:
+        """Return the JSON object of the command that computes the result."""
+        public = replace(self, **dict.fromkeys(self.INTERNAL)) if self.INTERNAL else self  # type: ignore[type-var]
+        return {name: value for name, value in asdict(public).items() if name not in self.INTERNAL}  # type: ignore[call-overload]
+
+    def collect_numbers(self) -> dict[str, Any]:
+        """Return the fields that are one number or text."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
+        return {name: value for name, value in values.items() if isinstance(value, str | bool | int | float)}
+
+    def collect_arrays(self) -> dict[str, Floats]:
         """Return the fields that are arrays along the dimensions; NaN where a value is missing, as a warning then explains."""
         shape = tuple(len(getattr(self, name)) for name in self.DIMENSIONS)
-        arrays: dict[str, np.ndarray] = {}
+        arrays: dict[str, Floats] = {}
         for field in fields(self):  # type: ignore[arg-type]
             value = getattr(self, field.name)
             if isinstance(value, tuple) and field.name in SI_UNITS and field.name not in self.DIMENSIONS and shape:
                 array = np.array(value, dtype=float)  # None becomes NaN
                 arrays |= {field.name: array} if array.shape == shape else {}
         return arrays
-
-    def _collect_numbers(self) -> dict[str, Any]:
-        """Return the fields that are one number or text."""
-        values = {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
-        return {name: value for name, value in values.items() if isinstance(value, str | bool | int | float)}
 
     def to_dataset(self) -> xr.Dataset:
         """Return the arrays with their labels, units in the ``attrs`` of each; NaN where there is no value.
@@ -68,47 +73,12 @@ class Notebook:
             xarray = import_module("xarray")
         except ImportError:
             raise MissingLibrary("xarray is not installed: pip install 'probe-design[sweep]'") from None
-        arrays: dict[str, Any] = {name: (self.DIMENSIONS, values) for name, values in self._collect_arrays().items()}
+        arrays: dict[str, Any] = {name: (self.DIMENSIONS, values) for name, values in self.collect_arrays().items()}
         labels = {name: (name, np.array(getattr(self, name))) for name in self.DIMENSIONS}
         labels |= {name: arrays.pop(name) for name in self.LABELS}
         dataset: xr.Dataset = xarray.Dataset(arrays, coords=labels)
         for name in dataset.variables:
             dataset[name].attrs["units"] = SI_UNITS[str(name)]
-        dataset.attrs |= self._collect_numbers() | {"warnings": [*map(str, getattr(self, "warnings", ()))]}
+        dataset.attrs |= self.collect_numbers() | {"warnings": [*map(str, getattr(self, "warnings", ()))]}
         dataset.attrs["provenance"] = json.dumps(getattr(self, "provenance", None))
         return dataset
-
-    def _repr_html_(self) -> str:
-        """Return what a notebook shows as HTML: the numbers, some rows of the arrays, the warnings."""
-        single = [(name, _format_value(value), _format_unit(name)) for name, value in self._collect_numbers().items()]
-        parts = [format_html_table(("quantity", "value", "unit"), single)]
-        if len(self.DIMENSIONS) == 1:
-            dimension = self.DIMENSIONS[0]
-            columns = {dimension: np.array(getattr(self, dimension))} | self._collect_arrays()
-            rows = list(zip(*columns.values(), strict=True))
-            heads = [f"{name}, {_format_unit(name)}".rstrip(", ") for name in columns]
-            parts.append(
-                format_html_table(
-                    heads, [[_format_value(value) for value in row] for row in rows[:: -(-len(rows) // MAX_TABLE_ROWS)]]
-                )
-            )
-        notes = "".join(f"<li>{escape(str(text))}</li>" for text in getattr(self, "warnings", ()))
-        return "".join(parts) + (f"<ul>{notes}</ul>" if notes else "")
-
-
-def format_html_table(headings: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    """Return a table as HTML; texts are escaped."""
-    head = "".join(f"<th>{escape(text)}</th>" for text in headings)
-    body = "".join("<tr>" + "".join(f"<td>{escape(text)}</td>" for text in row) + "</tr>" for row in rows)
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
-
-
-def _format_unit(name: str) -> str:
-    return SI_UNITS.get(name, "").replace("1", "")
-
-
-def _format_value(value: Any) -> str:
-    """Return a number with six digits, or a dash for None and NaN."""
-    if isinstance(value, str | bool):
-        return str(value)
-    return "-" if value is None or value != value else f"{value:.6g}"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +10,6 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Inclusion, Scene
 from probe_design.maps.scan import Column, Scan
-from probe_design.pictures.formats import check_format, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -23,18 +21,7 @@ MAX_SECTION_HEIGHT_IN = 5.5  # section, inches
 TISSUE_COLOUR, STIFF_COLOUR, SOFT_COLOUR, INNER_COLOUR, OUTER_COLOUR = "#f6d9c4", "#a33b2e", "#3f7fb5", "#4d6f9a", "#8fb0d3"
 
 
-def plot(scan: Scan, scene: Scene, path: Path) -> Path:
-    """Draw a scan of a scene to a file; return ``path``.
-
-    Raises:
-        InputError: see ``check_format``.
-        OSError: the file cannot be written.
-    """
-    check_format(path)
-    return save_figure(draw_figure(scan, scene), path)
-
-
-def draw_figure(scan: Scan, scene: Scene) -> Figure:
+def draw_scan(scan: Scan, scene: Scene) -> Figure:
     """Draw a scan of a scene; return the figure."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +10,6 @@ from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
 from probe_design.maps.detectability import Detectability
 from probe_design.maps.target_grid import find_target
-from probe_design.pictures.formats import check_format, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -20,18 +18,7 @@ MM_PER_M = 1e3
 COLOUR_RANGE_FACTOR = 100.0  # ratio of either end of the colour scale to the threshold
 
 
-def plot(maps: Detectability, scene: Scene, path: Path) -> Path:
-    """Draw both maps to a file; return ``path``.
-
-    Raises:
-        InputError: see ``check_format``.
-        OSError: the file cannot be written.
-    """
-    check_format(path)
-    return save_figure(draw_figure(maps, scene), path)
-
-
-def draw_figure(maps: Detectability, scene: Scene) -> Figure:
+def draw_detectability(maps: Detectability, scene: Scene) -> Figure:
     """Draw both maps; return the figure."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.colors import LogNorm, SymLogNorm

@@ -11,7 +11,7 @@ import pytest
 from geometry import read_scene
 from geometry.common.arrays import Floats, Ints
 from probe_design.data.builtin import read_builtin_scene
-from probe_design.reports.bodies import build_bodies, build_ring, build_sphere, iterate_probe_meshes
+from probe_design.reporting.bodies import build_bodies, build_ring, build_sphere, iterate_probe_meshes
 from tests.support.paths import EXAMPLES
 
 QUARTERS = 0.75

@@ -9,15 +9,16 @@ import pytest
 
 from geometry import Scene, read_scene
 from geometry.scenes.variables import list_values
-from probe_design.reports import scene_sections as sections_module
-from probe_design.reports.page import PageTable, Text, build_page
+from probe_design.reporting import scene_sections as sections_module
+from probe_design.reporting.page import Text, build_page
+from probe_design.reporting.table import Table
 from solver import evaluate
 from tests.support.browser import shown
 from tests.support.paths import EXAMPLES, SCENE
 
 
 def table(scene: Scene) -> dict[str, tuple[float, ...]]:
-    rows = next(part for part in sections_module._build_sensitivities(scene) if isinstance(part, PageTable)).rows
+    rows = next(part for part in sections_module._build_sensitivities(scene) if isinstance(part, Table)).rows
     return {name: tuple(map(float, cells)) for name, *cells in rows}
 
 

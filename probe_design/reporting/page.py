@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from geometry.common.errors import escape_unprintable
 from geometry.provenance.texts import format_html_script
+from probe_design.reporting.table import Table
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
 
 
 _CONTROL_CHARACTERS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")  # in names: a terminal that shows the page would obey them
-MAX_CELL_CHARACTERS = 24  # characters of a table cell: longer text is wrapped
 
 
 @dataclass(frozen=True)
@@ -53,20 +53,6 @@ class Items:
     items: tuple[str, ...]
     links: bool = False
     kind: str = "items"
-
-
-@dataclass(frozen=True)
-class PageTable:
-    """A table of texts, which a reader can copy into a spreadsheet."""
-
-    headings: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    kind: str = "table"
-
-    @property
-    def wordy(self) -> list[bool]:
-        """Whether each column contains sentences, which are wrapped; numbers and names are not."""
-        return [any(len(row[k]) > MAX_CELL_CHARACTERS for row in self.rows) for k in range(len(self.headings))]
 
 
 @dataclass(frozen=True)
@@ -113,7 +99,7 @@ class TurningView:
         return json.dumps(self.bodies, separators=(",", ":"))
 
 
-Part = Text | Code | Items | PageTable | Picture | TurningView
+Part = Text | Code | Items | Table | Picture | TurningView
 
 
 @dataclass(frozen=True)
@@ -148,14 +134,14 @@ def build_page(
     return _CONTROL_CHARACTERS.sub(lambda code: escape_unprintable(code[0]), text)
 
 
-def _build_provenance_table(block: dict[str, Any]) -> PageTable:
+def _build_provenance_table(block: dict[str, Any]) -> Table:
     """Build the table of provenance."""
     entries = {**block, "dependencies": [f"{name} {version}" for name, version in block["dependencies"].items()]}
     command = block["command"]
     entries["command"] = None if command is None else shlex.join(["probe-design", *command])
     entries["inputs"] = [f"{name} {sha[:12]}" for name, sha in block["inputs"].items()]
     texts = {name: ", ".join(value) if isinstance(value, list) else value for name, value in entries.items()}
-    return PageTable(("", "provenance"), tuple((name, str(value)) for name, value in texts.items() if value not in (None, "")))
+    return Table(("", "provenance"), tuple((name, str(value)) for name, value in texts.items() if value not in (None, "")))
 
 
 @lru_cache(maxsize=1)

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from solver.results.load_curve import LoadCurve
+from solver.results.result import Curve
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from solver.results.load_curve import LoadCurve
-    from solver.results.result import Curve
 
 
 def draw_curve(curve: Curve, scene_modulus: float | None = None, tissue_modulus: float | None = None) -> Figure:

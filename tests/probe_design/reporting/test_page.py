@@ -11,8 +11,9 @@ import pytest
 from geometry import read_scene
 from geometry.provenance.block import build_provenance
 from geometry.provenance.texts import read_block
-from probe_design.reports.bodies import build_bodies
-from probe_design.reports.page import Chapter, Code, Items, PageTable, Part, Text, TurningView, build_page
+from probe_design.reporting.bodies import build_bodies
+from probe_design.reporting.page import Chapter, Code, Items, Part, Text, TurningView, build_page
+from probe_design.reporting.table import Table
 from tests.support.browser import shown
 from tests.support.paths import EXAMPLES, SCENE
 
@@ -29,7 +30,7 @@ def written(folder: Path, *parts: Part) -> Path:
 
 @pytest.fixture
 def report(tmp_path: Path) -> Path:
-    wide = PageTable(tuple(f"heading {k}" for k in range(15)), (tuple("1.2345678" for _ in range(15)), (LONG, *"abcdefghijklmn")))
+    wide = Table(tuple(f"heading {k}" for k in range(15)), (tuple("1.2345678" for _ in range(15)), (LONG, *"abcdefghijklmn")))
     view = TurningView(build_bodies(read_scene(EXAMPLES / "two-tumours.toml")), "the probe")
     return written(tmp_path, Text(ODD), Text(LONG), Code(LONG), Items((ODD, "design.toml"), links=True), wide, view)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 from pathlib import Path
 
-from probe_design.reports.page import Code, Text
+from probe_design.reporting.page import Code, Text
 
 DESIGN_FILE, PACKAGE_FOLDER = "design.toml", "workshop"  # in the folder of an optimisation
 WORKSHOP_PARTS = (

@@ -6,7 +6,7 @@ import pytest
 
 from geometry.meridian.section import Body
 from probe_design.data.builtin import read_loaded_builtin_scene
-from probe_design.reports.stresses import compute_pressures, draw_stress_figure
+from probe_design.reporting.stresses import compute_pressures, draw_stress_figure
 from solver import evaluate
 from solver.axisymmetric.level import Axisymmetric
 

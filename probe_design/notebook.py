@@ -1,0 +1,54 @@
+"""Display of results in notebooks. IPython gets these functions when it imports the package; results know nothing of them."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from html import escape
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from probe_design.reporting.table import Table, format_number, format_unit
+
+if TYPE_CHECKING:
+    from probe_design.optimisation.optimum import Optimum
+    from solver.results.record import Record
+
+MAX_TABLE_ROWS = 12  # rows of a long table that a notebook shows
+
+
+def register_displays() -> None:
+    """Make a running IPython show results as tables; nothing happens elsewhere, and no result is imported."""
+    shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
+    if shell is not None:
+        formatter = shell.display_formatter.formatters["text/html"]
+        formatter.for_type_by_name("solver.results.record", "Record", format_record)
+        formatter.for_type_by_name("probe_design.optimisation.optimum", "Optimum", format_optimum)
+
+
+def format_record(record: Record) -> str:
+    """Return the numbers of a result, some rows of its arrays and its warnings as HTML."""
+    notes = "".join(f"<li>{escape(str(text))}</li>" for text in getattr(record, "warnings", ()))
+    return "".join(table.to_html() for table in _build_tables(record)) + (f"<ul>{notes}</ul>" if notes else "")
+
+
+def format_optimum(optimum: Optimum) -> str:
+    """Return the verdict of an optimisation and the comparison of start and optimum as HTML."""
+    from probe_design.optimisation.comparison import build_comparison_table
+
+    return f"<p>{escape(optimum.verdict)}</p>{build_comparison_table(optimum).to_html()}"
+
+
+def _build_tables(record: Record) -> Iterator[Table]:
+    numbers = record.collect_numbers().items()
+    yield Table(("quantity", "value", "unit"), [(name, _format_value(value), format_unit(name)) for name, value in numbers])
+    if len(record.DIMENSIONS) == 1:
+        dimension = record.DIMENSIONS[0]
+        columns = {dimension: np.array(getattr(record, dimension))} | record.collect_arrays()
+        shown = {f"{name}, {format_unit(name)}".rstrip(", "): (values.tolist(), 6) for name, values in columns.items()}
+        yield Table.from_columns("", shown, MAX_TABLE_ROWS)
+
+
+def _format_value(value: str | bool | float) -> str:
+    return str(value) if isinstance(value, str | bool) else format_number(value, 6)

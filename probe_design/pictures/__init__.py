@@ -1,1 +1,0 @@
-"""Pictures as files: formats, and writing a file as a whole."""

@@ -1,0 +1,54 @@
+"""Draw any result that has a picture."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from geometry.common.errors import InputError, Words
+from geometry.scenes.scene import Scene
+from probe_design.maps.detectability import Detectability
+from probe_design.maps.scan import Scan
+from probe_design.reporting.curve_figures import draw_curve, draw_load_curve
+from probe_design.reporting.detectability_figure import draw_detectability
+from probe_design.reporting.scan_figure import draw_scan
+from solver.results.load_curve import LoadCurve
+from solver.results.result import Curve
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def plot(result: Curve | LoadCurve | Scan | Detectability) -> Figure:
+    """Draw the result of ``curve``, ``load``, ``scan`` or ``detectability`` as their commands do with ``--plot``.
+
+    Parameters
+    ----------
+    result
+        What one of these functions returned.
+
+    Returns:
+    -------
+    Figure
+        Its ``savefig`` writes it to a file.
+
+    Raises:
+    ------
+    InputError
+        The result has no picture, or is a map or scan that carries no scene.
+    """
+    match result:
+        case Curve():
+            return draw_curve(result)
+        case LoadCurve():
+            return draw_load_curve(result)
+        case Scan():
+            return draw_scan(result, _require_scene(result.scene))
+        case Detectability():
+            return draw_detectability(result, _require_scene(result.scene))
+    raise InputError("result", Words(f"a {type(result).__name__}"), "a result of curve, load, scan or detectability")
+
+
+def _require_scene(scene: Scene | None) -> Scene:
+    if scene is None:
+        raise InputError("scene", Words("missing"), "a result that the toolkit made, which carries its scene")
+    return scene

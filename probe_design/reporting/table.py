@@ -1,0 +1,94 @@
+"""Describe a table of texts once, for the terminal, a page, a notebook, a Markdown page or a CSV file."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from typing import ClassVar
+
+from solver.results.record import SI_UNITS
+
+MAX_CELL_CHARACTERS = 24  # of numbers and names, which stay in one line; longer text is wrapped
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of texts.
+
+    Attributes:
+        headings: of the columns.
+        rows: cells, as many in each row as there are headings.
+        title: stands above the table on a terminal.
+        caption: stands below it on a terminal.
+        left: the columns that are aligned left; the others, which contain numbers, are aligned right.
+    """
+
+    headings: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    title: str = ""
+    caption: str = ""
+    left: tuple[int, ...] = (0,)
+    kind: ClassVar[str] = "table"  # as a part of a page
+
+    @classmethod
+    def from_columns(
+        cls, title: str, columns: Mapping[str, tuple[Sequence[float | None], int]], max_rows: int, *, keep_last: bool = False
+    ) -> Table:
+        """Return a table of numbers, thinned out evenly where there are many.
+
+        Parameters
+        ----------
+        title
+            Of the table.
+        columns
+            Values by heading, each with the number of significant digits.
+        max_rows
+            The largest number of rows.
+        keep_last
+            Whether the last row is kept, and not the first.
+        """
+        rows = list(zip(*(values for values, _ in columns.values()), strict=True))
+        step = max(-(-len(rows) // max_rows), 1)
+        shown = rows[::-1][::step][::-1] if keep_last else rows[::step]
+        digits = [count for _, count in columns.values()]
+        cells = [[format_number(value, count) for value, count in zip(row, digits, strict=True)] for row in shown]
+        return cls(tuple(columns), cells, title, left=())
+
+    def is_wordy(self, column: int) -> bool:
+        """Return whether a column contains sentences, which are wrapped; numbers and names are not."""
+        return any(len(row[column]) > MAX_CELL_CHARACTERS for row in self.rows)
+
+    def to_html(self) -> str:
+        """Return headings and rows as HTML; the class ``words`` marks columns of sentences."""
+        classes = [' class="words"' if self.is_wordy(column) else "" for column in range(len(self.headings))]
+
+        def join(tag: str, cells: Sequence[str]) -> str:
+            return "".join(f"<{tag}{kind}>{escape(cell)}</{tag}>" for cell, kind in zip(cells, classes, strict=True))
+
+        body = "\n".join(f"<tr>{join('td', row)}</tr>" for row in self.rows)
+        return f"<table><thead><tr>{join('th', self.headings)}</tr></thead>\n<tbody>{body}</tbody></table>"
+
+    def to_markdown(self) -> str:
+        """Return headings and rows as a Markdown table."""
+        lines = ["| " + " | ".join(self.headings) + " |", "|---" * len(self.headings) + "|"]
+        return "\n".join([*lines, *("| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in self.rows)])
+
+    def to_csv(self) -> str:
+        """Return headings and rows as comma-separated values."""
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerows((self.headings, *self.rows))
+        return text.getvalue()
+
+
+def format_unit(name: str) -> str:
+    """Return the SI unit of a field of results; nothing for a pure number."""
+    return SI_UNITS.get(name, "").replace("1", "")
+
+
+def format_number(value: float | None, digits: int = 4) -> str:
+    """Return a number with so many significant digits; a dash for None and for what is not finite."""
+    return "-" if value is None or not math.isfinite(value) else f"{value:.{digits}g}"

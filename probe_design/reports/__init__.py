@@ -1,1 +1,0 @@
-"""Reports: one self-contained HTML file, for every command that writes one."""
