@@ -110,7 +110,7 @@ P = TypeVar("P", "Result", "Plan", "LoadCurve")
 
 def _add_load_limits(result: P, scene: Scene, accuracy: float) -> P:
     """Return a result, plan or curve with the load limits computed by ``contact``, or with a warning why they are not."""
-    from solver.contact.level import ContactEvaluator
+    from solver.contact.evaluator import ContactEvaluator
     from solver.contact.load_curve import LoadEnds, find_load_ends
     from solver.planning.load_limits import combine_computed_limits, compute_load_limits
 

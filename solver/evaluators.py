@@ -13,7 +13,7 @@ from solver.results.evaluator import Evaluator, ProgressCallback
 
 AUTO, CONTACT = "auto", "contact"
 EVALUATOR_NAMES = ("published", "closed-form", "equivalent-inclusion", "axisymmetric", "contact", "solid")
-"""Names of the evaluators; each is made by the module ``solver/<name>/level.py``."""
+"""Names of the evaluators; each is made by the module ``solver/<name>/evaluator.py``."""
 
 
 def evaluator(name: str, tell: ProgressCallback | None = None, workspace: Workspace | None = None) -> Evaluator:
@@ -29,9 +29,9 @@ def evaluator(name: str, tell: ProgressCallback | None = None, workspace: Worksp
     """
     if name not in EVALUATOR_NAMES:
         raise InputError("evaluator", name, describe_choices(name, (AUTO, *EVALUATOR_NAMES)))
-    module = import_module(f"solver.{name.replace('-', '_')}.level")
+    module = import_module(f"solver.{name.replace('-', '_')}.evaluator")
     with use_workspace(get_workspace() if workspace is None else workspace):
-        return cast(Evaluator, module.level(tell))
+        return cast(Evaluator, module.create_evaluator(tell))
 
 
 def load_scene(scene: Scene | Path | str) -> Scene:

@@ -29,7 +29,7 @@ from geometry.common.arrays import Floats
 from solver.closed_form.designs import build_parameters
 from solver.closed_form.error_bound import BOUNDED_QUANTITIES, MIN_SENSITIVITY_ERROR, bound_errors
 from solver.closed_form.error_features import FEATURE_NAMES, compute_features
-from solver.closed_form.level import MAX_LOG_RATIO_ERROR, ClosedForm, compute_variants
+from solver.closed_form.evaluator import MAX_LOG_RATIO_ERROR, ClosedForm, compute_variants
 
 ROOT = Path(__file__).parents[2]
 REFERENCE = ROOT / "tests" / "reference"

@@ -19,7 +19,7 @@ from benchmarks.closed_form.accuracy import REFERENCE
 from geometry import InputError, read_scene
 from geometry.common.arrays import Floats
 from solver.closed_form.designs import MAX_WAVE_NODES, Shape, build_parameters, compute_forces
-from solver.closed_form.level import ClosedForm
+from solver.closed_form.evaluator import ClosedForm
 
 DESIGNS = 24
 ROUNDING_SCENE_NAME = (

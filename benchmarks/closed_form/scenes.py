@@ -19,7 +19,7 @@ import numpy as np
 from benchmarks.closed_form.random_scenes import draw
 from geometry import InputError, Scene
 from solver import evaluate
-from solver.closed_form.level import ClosedForm
+from solver.closed_form.evaluator import ClosedForm
 from solver.linalg.memory import give_back
 
 ACCURACY = 0.01

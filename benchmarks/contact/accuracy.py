@@ -21,7 +21,7 @@ from geometry.common.resources import Limits, use_limits
 from geometry.meridian.mesh_lines import MeridianFineness
 from geometry.scenes.scene import Contact, Load
 from solver.axisymmetric.sections import build_sections
-from solver.contact.level import ContactEvaluator
+from solver.contact.evaluator import ContactEvaluator
 from solver.contact.model import ContactModel
 from solver.contact.path import Path as LoadPath
 from solver.evaluation import load

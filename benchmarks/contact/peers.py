@@ -40,7 +40,7 @@ from geometry import Scene, read_scene
 from geometry.common.arrays import Floats
 from geometry.meridian.mesh_lines import MeridianFineness
 from solver.axisymmetric.sections import build_sections
-from solver.contact.level import ContactEvaluator
+from solver.contact.evaluator import ContactEvaluator
 from solver.contact.model import ContactModel
 from solver.contact.path import Path as LoadPath
 

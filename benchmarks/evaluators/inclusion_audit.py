@@ -12,7 +12,7 @@ from benchmarks.evaluators.inclusion_draws import DrawnScene, draw, draw_layered
 from benchmarks.tables import MeasuredTable
 from geometry import InputError, Refusal
 from geometry.common.errors import SolveError
-from solver.axisymmetric.level import Axisymmetric
+from solver.axisymmetric.evaluator import Axisymmetric
 from solver.equivalent_inclusion.probe_on_tissue import solve_undisturbed
 from solver.equivalent_inclusion.readings import Readings, compute_readings
 from solver.inclusions.tumours import Tumours

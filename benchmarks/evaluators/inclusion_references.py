@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.tables import MeasuredTable
 from geometry import Scene, read_scene
 from solver.equivalent_inclusion.ellipsoids import correct_for_ellipsoids
-from solver.equivalent_inclusion.level import EquivalentInclusion
+from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed, solve_undisturbed
 from solver.equivalent_inclusion.readings import Readings, compute_readings
 from solver.inclusions.tumours import Tumours

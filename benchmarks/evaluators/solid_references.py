@@ -22,7 +22,7 @@ from rich.console import Console
 from benchmarks.tables import MeasuredTable
 from geometry import Refusal, Scene, read_scene
 from geometry.common.errors import SolveError
-from solver.solid.level import SolidEvaluator
+from solver.solid.evaluator import SolidEvaluator
 
 REFERENCE = Path(__file__).parents[2] / "tests" / "reference"
 

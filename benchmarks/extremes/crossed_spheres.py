@@ -34,7 +34,7 @@ from geometry.common.resources import Limits, use_limits
 from geometry.meridian.mesh import build_topology, compute_nodes
 from geometry.meridian.mesh_lines import MeridianFineness, find_kind
 from geometry.scenes.scene import Layer
-from solver.axisymmetric.level import Axisymmetric
+from solver.axisymmetric.evaluator import Axisymmetric
 from solver.axisymmetric.refinement import MESH_LEVELS
 from solver.axisymmetric.sample import solve_on_mesh
 from solver.axisymmetric.sections import build_sections

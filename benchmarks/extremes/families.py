@@ -25,7 +25,7 @@ from benchmarks.evaluators.inclusion_draws import draw, draw_layered
 from benchmarks.tables import MeasuredTable
 from geometry import InputError, Scene
 from geometry.common.errors import ProbeError
-from solver.axisymmetric.level import Axisymmetric
+from solver.axisymmetric.evaluator import Axisymmetric
 from solver.batch import find_smooth_kinds
 from solver.families import EXCLUDED_NUMBERS, find_families, iterate_leaves
 from solver.interpolation import interpolate_family

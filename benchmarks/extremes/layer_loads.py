@@ -27,7 +27,7 @@ from geometry.common.errors import SolveError
 from geometry.common.resources import LimitReached, start_clock
 from geometry.scenes.scene import Contact
 from geometry.scenes.scene_file import scene_from_dict
-from solver.contact.level import ContactEvaluator
+from solver.contact.evaluator import ContactEvaluator
 from solver.contact.limits import is_gap_closed
 from solver.contact.loaded_scene import LoadedScene
 from solver.contact.path import Path

@@ -27,7 +27,7 @@ from geometry import ProbeError, Scene
 from geometry.common.errors import SolveError
 from geometry.common.resources import LimitReached, start_clock
 from geometry.scenes.scene_file import scene_from_dict
-from solver.contact.level import ContactEvaluator
+from solver.contact.evaluator import ContactEvaluator
 from solver.contact.limits import find_gap_closure_load
 from solver.contact.loaded_scene import LoadedScene
 from solver.planning.load_limits import build_load_rule, compute_rule_numbers

@@ -31,7 +31,7 @@ from benchmarks.tables import MeasuredTable
 from geometry import InputError, Scene, read_scene
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, SolveError
-from solver.axisymmetric.level import Axisymmetric
+from solver.axisymmetric.evaluator import Axisymmetric
 from solver.axisymmetric.lower_order import bound_by_descent, bound_by_last_degree, bound_by_lower_order, is_graded_everywhere
 from solver.axisymmetric.refinement import LIGHT_MESH, MAX_LIGHT_MESH_BOUND, MESH_LEVELS, SampleErrors
 from solver.axisymmetric.sample import MeshSample, solve_on_mesh

@@ -15,8 +15,8 @@ from geometry.meridian.mesh_lines import MeridianFineness
 from solver import evaluate as solver_evaluate
 from solver.axisymmetric.base_states import build_model, solve_base_states
 from solver.axisymmetric.energy_derivatives import list_variables
+from solver.axisymmetric.evaluator import Axisymmetric
 from solver.axisymmetric.gradients import differentiate_areas, differentiate_by_section
-from solver.axisymmetric.level import Axisymmetric
 from solver.axisymmetric.sample import solve_on_mesh
 from solver.axisymmetric.sections import build_sections
 from solver.linalg import cholesky as factor

@@ -22,7 +22,7 @@ from geometry.common.resources import Limits
 from geometry.scenes.scene import Inclusion, Scene
 from probe_design.populations.scan_errors import bound_groove_change
 from solver import evaluate
-from solver.equivalent_inclusion.level import EquivalentInclusion
+from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.results.result import Result
 
 LIMITS = Limits(seconds=1200.0)

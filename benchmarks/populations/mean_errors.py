@@ -20,7 +20,7 @@ from geometry.scenes.scene import Load, Scene
 from probe_design.design_search.design_source import read_builtin_design
 from probe_design.populations.design_file import Design
 from probe_design.populations.judge import verify
-from solver.equivalent_inclusion.level import EquivalentInclusion
+from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.equivalent_inclusion.readings import compute_readings
 from solver.inclusions.tumours import Tumours
 

@@ -25,7 +25,7 @@ from geometry.scenes.scene import Layer
 from geometry.tetra.cache import CACHE_VARIABLE
 from solver.linalg.workspace import Workspace
 from solver.results.result import Result
-from solver.solid.level import SolidEvaluator
+from solver.solid.evaluator import SolidEvaluator
 
 SCENE = Path(__file__).parents[2] / "tests" / "reference" / "solid" / "flank.toml"
 SKIN = Layer(thickness=1.5e-3, youngs_modulus=3e4, poisson_ratio=0.45)

@@ -26,7 +26,7 @@ from geometry import Refusal, Scene, SolveError
 from geometry.common.resources import LimitReached, Limits, use_limits
 from solver import evaluate
 from solver.results.result import Result
-from solver.solid.level import SolidEvaluator
+from solver.solid.evaluator import SolidEvaluator
 
 COLUMNS = ("scene", "accuracy", "true, error", "stated, error", "worst share", "log-sensitivity, share", "meshes", "processor, s")
 QUANTITIES = "ratio", "stress_inner", "stress_outer", "stiffness"

@@ -27,7 +27,7 @@ from geometry.common.errors import InputError
 from geometry.common.resources import Limits, use_limits
 from geometry.tetra.cache import CACHE_VARIABLE
 from solver.linalg.workspace import Workspace
-from solver.solid.level import SolidEvaluator
+from solver.solid.evaluator import SolidEvaluator
 
 COLUMNS = ("scene", "from", "true, error", "stated, error", "log-sensitivity, error", "processor, s", "meshes")
 

@@ -19,8 +19,8 @@ from geometry.scenes.units import SI_CONTEXT
 from geometry.scenes.variables import list_values
 from probe_design.built_probe.bench import Reference, Workshop
 from solver.axisymmetric.converged_forces import Converged
+from solver.axisymmetric.evaluator import Axisymmetric
 from solver.axisymmetric.gradients import compute_gradients
-from solver.axisymmetric.level import Axisymmetric
 from solver.planning.coarse_model import CoarseModel
 from solver.planning.load_check import LINEAR_REMEDY, explain_limit
 from solver.planning.load_limits import find_largest_load

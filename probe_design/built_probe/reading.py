@@ -18,8 +18,8 @@ from probe_design.built_probe.film_forces import compute_film_forces
 from probe_design.built_probe.gain_matrix import Gains
 from probe_design.built_probe.load_checks import check_film_sum, check_scene_load
 from probe_design.built_probe.ratio_phase import SD_PER_BOUND, add_ratio_phase, compare_ratio_phase, compute_ratio_phase
-from solver.axisymmetric.level import Axisymmetric
-from solver.equivalent_inclusion.level import EquivalentInclusion
+from solver.axisymmetric.evaluator import Axisymmetric
+from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.evaluation import evaluate
 from solver.evaluators import AUTO
 from solver.planning.load_check import add_load_effect, check_load

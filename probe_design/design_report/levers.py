@@ -40,7 +40,7 @@ def compute_levers(scene: Scene, design: Design, *, unseen: bool = False, progre
     Args:
         scene: the design's scene, perhaps with another probe and load.
         design: what it is judged by.
-        unseen: whether to ask the judge's level, of tumours that no search has seen; the formulas otherwise.
+        unseen: whether to ask the evaluator that verifies, of tumours that no search has seen; the formulas otherwise.
         progress: called with levers done and all.
 
     Raises:

@@ -52,7 +52,7 @@ def optimize(design: Design, progress: Progress | None = None) -> PopulationOpti
 
     Raises:
         InputError: the file leaves no design to choose, a load of 0, or a population that does not fit the tissue.
-        Refusal: the levels cannot take the scene.
+        Refusal: the evaluators cannot take the scene.
     """
     tell = progress or (lambda stage, done, total: None)
     begin = perf_counter()

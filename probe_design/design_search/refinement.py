@@ -1,6 +1,6 @@
-"""Polishing on the equivalent-inclusion level: the closed form, corrected to that level's value and slopes at the design.
+"""Polishing on the equivalent-inclusion evaluator: the closed form, corrected to that evaluator's value and slopes at the design.
 
-With f the closed form's objective, g the level's and u the logarithms of the free variables,
+With f the closed form's objective, g the evaluator's and u the logarithms of the free variables,
 
     f(u) + g(u_0) - f(u_0) + (g'(u_0) - f'(u_0)) . (u - u_0)                                          (DS.3)
 

@@ -55,7 +55,7 @@ def verify_design(
 
     Raises:
         InputError: the population does not fit the tissue, or the probe would leave it.
-        Refusal: the levels cannot take the scene.
+        Refusal: the evaluators cannot take the scene.
     """
     loaded, pressed = rule.apply_force(scene)
     verification = verify(loaded, design, progress=progress)

@@ -12,7 +12,7 @@ from geometry.common.resources import start_clock
 from geometry.scenes.scene import Load, Placement, Scene
 from probe_design.estimation.model import TARGET_UNKNOWNS, TargetModel
 from probe_design.estimation.predictions import MAX_LOG_RATIO_ERROR
-from solver.contact.level import DECISION_FEATURE, ContactEvaluator
+from solver.contact.evaluator import DECISION_FEATURE, ContactEvaluator
 from solver.contact.loaded_scene import LoadedScene, solve_neighbour
 from solver.results.film_forces import FilmForces
 from solver.results.result import Decision

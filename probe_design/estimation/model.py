@@ -18,7 +18,7 @@ from probe_design.estimation.measurements import Measurements
 from probe_design.estimation.phases import build_turned_bodies, build_turned_scenes, insert_phases
 from probe_design.estimation.predictions import Predictions
 from probe_design.maps.target_grid import check_spheres
-from solver.equivalent_inclusion.level import EquivalentInclusion
+from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.equivalent_inclusion.readings import Readings, compute_readings
 from solver.inclusions.tumours import Tumours

@@ -27,7 +27,7 @@ from probe_design.estimation.nuisances import NuisanceErrors, compute_nuisance_e
 from probe_design.estimation.predictions import Predictions
 from probe_design.estimation.shared_errors import SharedErrors
 from probe_design.estimation.strength import eshelby_beta
-from solver.equivalent_inclusion.level import EquivalentInclusion
+from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.results.result import Decision
 
 SOFT_CONTRASTS = (

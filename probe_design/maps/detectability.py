@@ -19,7 +19,7 @@ from geometry.scenes.scene import Scene
 from probe_design.maps.scan import Progress, check_accuracy
 from probe_design.maps.sphere_effects import SphereEffects, Thresholds, compute_effects
 from probe_design.maps.target_grid import Spheres, check_spheres, find_target
-from solver.equivalent_inclusion.level import EquivalentInclusion
+from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.equivalent_inclusion.readings import compute_readings
 from solver.planning.load_check import LoadChanges, build_load_notes, check_known_load, check_load, compute_budget

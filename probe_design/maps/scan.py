@@ -14,7 +14,7 @@ from geometry.provenance.block import Provenance, build_provenance
 from geometry.scenes.scene import Scene
 from probe_design.maps.scan_line import ScanLine
 from probe_design.maps.target_grid import check_spheres
-from solver.equivalent_inclusion.level import EquivalentInclusion
+from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed
 from solver.equivalent_inclusion.readings import Readings, compute_readings
 from solver.planning.load_check import LoadChanges, build_load_notes, check_load, compute_budget

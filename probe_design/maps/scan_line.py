@@ -18,7 +18,7 @@ from geometry.common.limits import format_maximum_mm
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Placement, Scene
 from geometry.scenes.units import SI_CONTEXT
-from solver.equivalent_inclusion.level import EquivalentInclusion
+from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed
 from solver.equivalent_inclusion.readings import Readings
 from solver.inclusions.tumours import Tumours

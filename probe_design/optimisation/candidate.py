@@ -97,7 +97,7 @@ def evaluate_candidate(
     Args:
         scene: with the probe.
         noise: of a reading.
-        judge: the level's name.
+        judge: the evaluator's name.
         accuracy: of the judge.
         formula: what the closed form finds, or its refusal, where that is known, see ``evaluate_closed_form``.
 
@@ -135,7 +135,7 @@ def evaluate_films(scene: Scene, evaluator_name: str, accuracy: float = JUDGE_AC
     """Return the answer of an evaluator, with the error of its log-sensitivity.
 
     Raises:
-        Refusal: the level cannot take the scene.
+        Refusal: the evaluator cannot take the scene.
     """
     made = evaluator(evaluator_name)
     assert isinstance(made, FilmEvaluator)

@@ -1,4 +1,4 @@
-"""A design under loads that linear elasticity does not answer for: its load is a variable, and level ``contact`` judges it.
+"""A design under loads that linear elasticity does not answer for: its load is a variable, and ``contact`` judges it.
 
 What a design is worth under a limit is the best of what it is worth under any load up to that, the linear range included: a
 wider limit makes none worse. Loads are tried at ``DEPTHS_RELATIVE``, which do not hang on the limit.
@@ -31,14 +31,14 @@ from probe_design.optimisation.pressing import (
     compute_force,
     round_load_down,
 )
-from solver.contact.level import ContactEvaluator
+from solver.contact.evaluator import ContactEvaluator
 from solver.contact.limits import CLOSED_GAP_RELATIVE, find_gap_closure_load, is_gap_closed
 from solver.contact.loaded_scene import LoadedScene
 from solver.contact.path import Path
 from solver.contact.path_points import LoadedForces, PathPoint, StoppedError
 from solver.results.load_limits import LargestLoad
 
-DEPTHS_RELATIVE = (0.1, 0.2, 0.3, 0.4, 0.5)  # outer radii deep: the last is what level ``contact`` is held to reach
+DEPTHS_RELATIVE = (0.1, 0.2, 0.3, 0.4, 0.5)  # outer radii deep: the last is what ``contact`` is held to reach
 GAP_SAFETY_FACTOR = 0.9  # of the load at which the gap closes, or beyond which no step converges: a workshop's gap is not exact
 CONTACT_EVALUATOR = ContactEvaluator().name
 

@@ -27,7 +27,7 @@ from solver.closed_form.designs import (
     build_parameters,
     compute_forces,
 )
-from solver.closed_form.level import ClosedForm
+from solver.closed_form.evaluator import ClosedForm
 
 NODE_ROUNDING = 8  # nodes by which groups differ: fewer groups, each a little more exact
 MIN_OFFSET_PER_DIAMETER = 1e-6  # of the diameter: an offset that counts as the least one beside the axis

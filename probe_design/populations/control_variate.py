@@ -1,6 +1,6 @@
 """The sample's error made smaller: the formulas, asked of many more tumours, tell how far the judged ones are from all.
 
-The judge's level takes seconds for some tens of tumours, the formulas one for hundreds. Their probabilities c_i of the same
+The verifying evaluator takes seconds for some tens of tumours, the formulas one for hundreds. Their probabilities c_i of the same
 tumours under the same draws differ little from the judge's P_i, so that with C_k those of N others of the population
 
     P = 1/n sum_i (P_i - c_i) + 1/N sum_k C_k                                                      (PO.10)

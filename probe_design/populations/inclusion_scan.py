@@ -28,7 +28,7 @@ from probe_design.populations.population import ScenePopulation, TumourDraw, get
 from probe_design.populations.scan_errors import ERROR_CAUSES, LOAD_CAUSE, bound_film_errors
 from probe_design.populations.scan_readings import ScanReadings, compute_logarithms
 from probe_design.populations.tables import NoiseModel, Protocol
-from solver.equivalent_inclusion.level import EquivalentInclusion
+from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed, solve_other_tissue
 from solver.equivalent_inclusion.readings import Readings, compute_readings
 from solver.inclusions.tumours import Tumours
@@ -70,7 +70,7 @@ class InclusionScan:
         """Solve the probe on one tissue; its bounds are those of the position farthest from the middle.
 
         Raises:
-            Refusal: the level cannot take the scene.
+            Refusal: the evaluator cannot take the scene.
         """
         scene = draw.tissues[number]
         far = Placement(x=float(np.abs(protocol.places).max()), y=abs(scene.placement.y), tilt=scene.placement.tilt)
@@ -189,7 +189,7 @@ def compute_inclusion_readings(
 
     Raises:
         InputError: the probe would leave the tissue.
-        Refusal: the level cannot take the scene, or nothing is known of its load in linear elasticity.
+        Refusal: the evaluator cannot take the scene, or nothing is known of its load in linear elasticity.
     """
     ScanLine(draw.scene, "x", draw.scene.placement.y, BASE_ACCURACY).check_positions(protocol.places)
     best, first = (_create_empty_readings(draw, protocol, names) for _ in range(2))

@@ -43,7 +43,7 @@ def examine(
 
     Raises:
         InputError: the population does not fit the tissue, or the probe would leave it.
-        Refusal: the levels cannot take the scene.
+        Refusal: the evaluators cannot take the scene.
     """
     start, population, protocol = (
         perf_counter(),
@@ -83,7 +83,7 @@ def verify(
 
     Raises:
         InputError: the population does not fit the tissue, or the probe would leave it.
-        Refusal: the levels cannot take the scene.
+        Refusal: the evaluators cannot take the scene.
     """
     return examine(scene, design, samples=samples, unseen=True, progress=progress).evaluate_all_channels(design, seed)
 

@@ -18,9 +18,9 @@ from geometry.scenes.variables import list_values
 from probe_design.reporting.bodies import build_bodies
 from probe_design.reporting.page import Chapter, Code, Part, Picture, Text, TurningView
 from probe_design.reporting.table import Table
+from solver.axisymmetric.evaluator import Axisymmetric
 from solver.axisymmetric.gradients import Gradients
-from solver.axisymmetric.level import Axisymmetric
-from solver.equivalent_inclusion.level import EquivalentInclusion
+from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 
 MAP_POINTS, CURVE_POINTS = 12, 13  # points on each side of a map, and on a curve
 NUMBER_ACCURACY, DRAWING_ACCURACY = 0.01, 0.02  # relative accuracy of printed numbers, and of pictures

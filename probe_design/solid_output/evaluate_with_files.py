@@ -13,7 +13,7 @@ from geometry.common.files import check_writable_file
 from geometry.scenes.scene import Scene
 from solver.planning.load_check import add_load_warning
 from solver.results.result import Result
-from solver.solid.level import SolidEvaluator, compute_indentation
+from solver.solid.evaluator import SolidEvaluator, compute_indentation
 
 
 def evaluate_with_files(
@@ -31,7 +31,7 @@ def evaluate_with_files(
 
     Raises:
         InputError: another evaluator, or a file name with another suffix.
-        Refusal: see ``solver.solid.level.SolidEvaluator.solve``.
+        Refusal: see ``solver.solid.evaluator.SolidEvaluator.solve``.
     """
     from probe_design.solid_output.vtu import draw_solid, write_vtu
 

@@ -110,7 +110,7 @@ class Job:
         if self.evaluator == evaluators.AUTO:
             import solver.planning.plan
         elif self.evaluator == "closed-form":
-            import solver.closed_form.level  # noqa: F401
+            import solver.closed_form.evaluator  # noqa: F401
         else:
             evaluators.evaluator(self.evaluator)
 

@@ -32,7 +32,7 @@ from probe_design.tolerances.derivatives import choose_evaluator, compute_deriva
 from probe_design.tolerances.sample_statistics import OUTPUT_NAMES, SampleStatistics, sample_probes
 from probe_design.tolerances.uncertain_numbers import UncertainNumber, list_uncertain_numbers
 from solver import evaluator
-from solver.closed_form.level import ClosedForm
+from solver.closed_form.evaluator import ClosedForm
 from solver.planning.load_check import add_load_warning
 from solver.results.result import Result
 from solver.results.warnings import select_notes

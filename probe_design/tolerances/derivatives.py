@@ -23,11 +23,11 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal
 from geometry.scenes.scene import Scene
 from probe_design.tolerances.uncertain_numbers import GAIN_NAMES, GAP_KEY, RADIUS_KEY, UncertainNumber
+from solver.axisymmetric.evaluator import Axisymmetric
 from solver.axisymmetric.gradients import Gradients, compute_gradients
-from solver.axisymmetric.level import Axisymmetric
 from solver.axisymmetric.sections import build_sections
+from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.equivalent_inclusion.gradients import compute_tumour_gradients, solve_first_order
-from solver.equivalent_inclusion.level import EquivalentInclusion
 
 
 def choose_evaluator(scene: Scene) -> str:

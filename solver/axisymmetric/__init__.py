@@ -1,1 +1,1 @@
-"""Level 3, and the systems of the meridian plane that level 2 stands on."""
+"""Evaluator `axisymmetric`, and the systems of the meridian plane that `equivalent-inclusion` stands on."""

@@ -13,13 +13,13 @@ from geometry.meridian.mesh_lines import Kind, MeshTopology
 from geometry.scenes.base_sizes import base_sizes
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import SI_CONTEXT
+from solver.axisymmetric.evaluator import Axisymmetric
 from solver.axisymmetric.gradients import Gradients, compute_gradients
-from solver.axisymmetric.level import Axisymmetric
 from solver.axisymmetric.sample import solve_on_mesh
 from solver.axisymmetric.sections import Sections, add_details, build_sections
 from solver.casadi_functions.base import DifferentiableFunction
+from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.equivalent_inclusion.gradients import compute_tumour_gradients, solve_first_order
-from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.results.result import Decision
 
 OUTPUT_NAMES = ("ratio", "stress_inner", "stress_outer", "log_sensitivity")

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 INTEGRAL_REACH = 10.0  # exponent at which the integrals over wave numbers are cut off
 FLOOR_REACH = 6.0
-MIN_PATH_RADII = 0.1  # in radii, for a sphere that an interface cuts; ``level`` refuses such scenes
+MIN_PATH_RADII = 0.1  # in radii, for a sphere that an interface cuts; ``evaluator`` refuses such scenes
 NODES_PER_WAVE, MIN_WAVE_NODES = 0.35, 8  # nodes per wave number times outermost radius, and those that long waves need
 
 

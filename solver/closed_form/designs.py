@@ -1,7 +1,7 @@
 """The closed form on arrays of designs, and of complex steps for derivatives.
 
 All use ``contact.solve_contact``: ``compute_forces`` evaluates it on arrays of designs, ``compute_gradients`` on arrays of
-complex steps, which ``solver.casadi_functions.closed_form`` hands to casadi, and ``level`` on scenes and on the variants from
+complex steps, which ``solver.casadi_functions.closed_form`` hands to casadi, and ``evaluator`` on scenes and on the variants from
 which their errors are estimated.
 """
 
@@ -44,7 +44,7 @@ TISSUE_PARAMETERS = ("tissue_depth", "tissue_radius", "tissue_modulus", "tissue_
 SPHERE_PARAMETERS = ("radius", "depth", "offset", "modulus", "poisson")
 LAYER_PARAMETERS = ("layer_thickness", "layer_modulus", "layer_poisson")
 MAX_WAVE_NODES = 256  # nodes of the integrals over wave numbers
-MIN_FACE_GAP_DIAMETERS = 0.05  # gap between a sphere's points and a face, in its diameters; ``level`` refuses smaller ones
+MIN_FACE_GAP_DIAMETERS = 0.05  # gap between a sphere's points and a face, in its diameters; ``evaluator`` refuses smaller ones
 DESIGNS_PER_CHUNK = (
     520  # designs at a time, so that the work arrays stay in the processor's cache; a power of two would share cache lines
 )

@@ -17,7 +17,7 @@ from geometry.common.errors import SolveError, Words
 from geometry.common.resources import LimitReached, start_clock
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
-from solver.contact.level import ContactEvaluator
+from solver.contact.evaluator import ContactEvaluator
 from solver.contact.limits import find_change_load, find_gap_closure_load, is_gap_closed
 from solver.contact.loaded_scene import LoadedScene
 from solver.contact.path import Path

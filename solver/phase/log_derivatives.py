@@ -12,13 +12,13 @@ from geometry.meridian.mesh_lines import MeridianFineness
 from geometry.scenes.scene import Scene
 from geometry.scenes.variables import list_values
 from solver.axisymmetric.energy_derivatives import COMPLEX_STEP
+from solver.axisymmetric.evaluator import Axisymmetric
 from solver.axisymmetric.gradients import Gradients, compute_gradients
-from solver.axisymmetric.level import Axisymmetric
 from solver.axisymmetric.refinement import MESH_LEVELS
 from solver.axisymmetric.sample import solve_on_mesh
 from solver.axisymmetric.sections import add_details, build_sections
+from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.equivalent_inclusion.gradients import FirstOrder, compute_tumour_gradients, solve_first_order
-from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import FIELD_FINENESSES
 from solver.phase.losses import ValueOfMaterial
 

@@ -1,1 +1,1 @@
-"""Which level at which accuracy, what may be left out, what that changes."""
+"""Which evaluator at which accuracy, what may be left out, what that changes."""

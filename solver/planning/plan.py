@@ -15,10 +15,10 @@ import numpy as np
 from geometry.common.errors import InputError, Refusal
 from geometry.scenes.scene import Scene
 from solver.axisymmetric.converged_forces import NEGLIGIBLE_SHARE
-from solver.axisymmetric.level import Axisymmetric
+from solver.axisymmetric.evaluator import Axisymmetric
 from solver.axisymmetric.omitted_details import IN_PLANE_DETAILS, OUTER_TISSUE, Change
-from solver.contact.level import ContactEvaluator
-from solver.equivalent_inclusion.level import EquivalentInclusion
+from solver.contact.evaluator import ContactEvaluator
+from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.planning.coarse_model import CoarseModel
 from solver.planning.layers import decide_layers, warn_of_missing_skin
 from solver.planning.load_check import LoadChanges, add_load_effect, add_load_error, build_load_notes, check_load, compute_budget
@@ -32,7 +32,7 @@ from solver.results.refusals import find_geometry_refusal, find_linear_refusal
 from solver.results.result import Curve, Decision, Effect, Result
 from solver.results.warnings import Note, explain_null_sensitivity
 from solver.solid.domain import choose_domain, compute_reach
-from solver.solid.level import BEST_ACCURACY, SolidEvaluator
+from solver.solid.evaluator import BEST_ACCURACY, SolidEvaluator
 
 AXISYMMETRIC, HARMONICS, SOLID, CONTACT = "axisymmetric", "equivalent-inclusion", "solid", "contact"
 MESHED_FEATURES = "inclusion", "groove", "sides"  # features whose effects have a relative error on meshes of tetrahedra

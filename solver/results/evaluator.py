@@ -25,7 +25,7 @@ def ignore_progress(text: str) -> None:
 
 
 class Evaluator(Protocol):
-    """A model of one fidelity; the module ``level`` of its package makes it by ``level(tell)``.
+    """A model of one fidelity; the module ``evaluator`` of its package makes it by ``create_evaluator(tell)``.
 
     Attributes:
         name: as on the command line.

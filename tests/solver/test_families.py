@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from geometry import Scene
 from geometry.scenes.scene import Load
 from solver import Result, evaluate, evaluate_many
-from solver.axisymmetric import level
+from solver.axisymmetric import evaluator as axisymmetric
 from solver.axisymmetric.converged_forces import Converged, compute_converged_forces
 from solver.families import Family, find_families
 from tests.support.references import named
@@ -55,7 +55,7 @@ def test_gaps_are_interpolated_within_their_errors(monkeypatch: pytest.MonkeyPat
         solved.append(scene)
         return compute_converged_forces(scene, accuracy, None if moduli is None else np.asarray(moduli))
 
-    monkeypatch.setattr(level, "compute_converged_forces", counting)
+    monkeypatch.setattr(axisymmetric, "compute_converged_forces", counting)
     scenes = [with_gap(gap) for gap in GAPS.tolist()]
     shuffled = [scenes[k] for k in np.random.default_rng(1).permutation(len(scenes))]
     together = evaluate_many(shuffled, "axisymmetric", 0.02)

@@ -11,9 +11,9 @@ from geometry.common.resources import LimitReached, Limits, start_clock, use_lim
 from geometry.tetra import mesher
 from solver import automatic, evaluate, evaluators
 from solver.axisymmetric import converged_forces
-from solver.axisymmetric.level import Axisymmetric
+from solver.axisymmetric.evaluator import Axisymmetric
 from solver.axisymmetric.refinement import SampleErrors
-from solver.equivalent_inclusion.level import EquivalentInclusion
+from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.equivalent_inclusion.readings import compute_readings
 from solver.inclusions.tumours import Tumours
 from solver.linalg.workspace import Workspace, measure_bytes

@@ -17,7 +17,7 @@ from solver.axisymmetric.converged_forces import solve_on_mesh
 from solver.axisymmetric.refinement import MESH_LEVELS
 from solver.axisymmetric.sections import build_sections
 from solver.closed_form.designs import build_parameters, compute_forces
-from solver.equivalent_inclusion.level import EquivalentInclusion, build_film_forces
+from solver.equivalent_inclusion.evaluator import EquivalentInclusion, build_film_forces
 from solver.equivalent_inclusion.readings import compute_readings
 from solver.inclusions.tumours import Tumours
 from solver.results.film_forces import Bound, FilmForces

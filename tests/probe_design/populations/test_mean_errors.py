@@ -12,7 +12,7 @@ from probe_design.populations.examination import Examination
 from probe_design.populations.judge import examine, verify
 from probe_design.populations.noise import build_difference_noise
 from probe_design.populations.scan_errors import ERROR_CAUSES, GROOVE_SAFETY_FACTOR, bound_groove_change
-from solver.equivalent_inclusion.level import EquivalentInclusion
+from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from tests.support.designs import SUPERFICIAL, THREE, example_design
 
 NOISE = {"white": 0.02, "charge": "0 pC"}

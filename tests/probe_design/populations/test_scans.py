@@ -1,4 +1,4 @@
-"""Readings over populations: against single evaluations, between the levels, and their derivatives."""
+"""Readings over populations: against single evaluations, between the evaluators, and their derivatives."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ def one_scene(draw: TumourDraw, number: int, position: float) -> Scene:
     return tissue.model_copy(update={"inclusion": (body,), "placement": Placement(x=position)})
 
 
-def single(draw: TumourDraw, number: int, level: str) -> Floats:
+def single(draw: TumourDraw, number: int, evaluator: str) -> Floats:
     """ln ratio and ln stiffness at all positions, less those without the tumour, one evaluation each."""
     rows = []
     for position in DESIGN.protocol.positions:
         scene = one_scene(draw, number, position)
         over_tumour, bare = (
-            evaluate(scene_evaluated, level) for scene_evaluated in (scene, scene.model_copy(update={"inclusion": ()}))
+            evaluate(scene_evaluated, evaluator) for scene_evaluated in (scene, scene.model_copy(update={"inclusion": ()}))
         )
         rows.append([np.log(getattr(over_tumour, key) / getattr(bare, key)) for key in ("ratio", "stiffness")])
     return np.array(rows).T.ravel()
@@ -64,7 +64,7 @@ def test_the_judge_s_readings_are_those_of_single_scenes() -> None:
 
 
 @pytest.mark.slow
-def test_levels_agree_and_so_do_their_derivatives() -> None:
+def test_evaluators_agree_and_so_do_their_derivatives() -> None:
     draw, names = POPULATION.draw_tumours(2), (*FIELDS, "tissue")
     formulas = ClosedFormScan.from_draw(draw, DESIGN.protocol).compute_readings(DESIGN.scene, names)
     elements = compute_inclusion_readings(draw, DESIGN.protocol, names, noise=FINE).best

@@ -8,7 +8,7 @@ from geometry.meridian.section import Body
 from probe_design.data.builtin import read_loaded_builtin_scene
 from probe_design.reporting.stresses import compute_pressures, draw_stress_figure
 from solver import evaluate
-from solver.axisymmetric.level import Axisymmetric
+from solver.axisymmetric.evaluator import Axisymmetric
 
 
 def test_pressures_in_the_blocks_are_the_films_stresses() -> None:

@@ -12,8 +12,8 @@ from geometry.scenes.scene import Load
 from geometry.scenes.scene_file import scene_from_toml
 from geometry.scenes.units import SI_CONTEXT
 from geometry.scenes.variables import list_values
+from solver.axisymmetric.evaluator import Axisymmetric
 from solver.axisymmetric.gradients import compute_gradients
-from solver.axisymmetric.level import Axisymmetric
 from solver.axisymmetric.refinement import MESH_LEVELS
 from solver.axisymmetric.sample import solve_on_mesh
 from solver.axisymmetric.sections import build_sections

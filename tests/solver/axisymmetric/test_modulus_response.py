@@ -10,7 +10,7 @@ from geometry.meridian.mesh_lines import MeridianFineness
 from geometry.meridian.section import Body
 from solver import curve, evaluate
 from solver.axisymmetric.base_states import BaseStates, build_model, solve_base_states
-from solver.axisymmetric.level import Axisymmetric
+from solver.axisymmetric.evaluator import Axisymmetric
 from solver.axisymmetric.modulus_response import compute_response
 from solver.axisymmetric.sections import build_sections
 from tests.support.references import named

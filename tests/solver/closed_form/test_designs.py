@@ -18,9 +18,9 @@ from solver.closed_form.bessel import bessel, spherical_bessel
 from solver.closed_form.block_compliance import ElasticBlocks
 from solver.closed_form.contact import Tissue, solve_contact
 from solver.closed_form.designs import PROBE_PARAMETERS, TISSUE_PARAMETERS, build_parameters, compute_forces, compute_gradients
+from solver.closed_form.evaluator import ClosedForm
 from solver.closed_form.half_space import compute_disc_works
 from solver.closed_form.layer import Waves, compute_floor_compliance, solve_waves
-from solver.closed_form.level import ClosedForm
 from solver.closed_form.off_axis import Disc, compute_off_axis_response
 from solver.closed_form.surface_images import (
     ALL_MOMENTS,

@@ -14,7 +14,7 @@ from solver.closed_form.designs import (
     build_parameters,
     iterate_solutions,
 )
-from solver.closed_form.level import ClosedForm
+from solver.closed_form.evaluator import ClosedForm
 from tests.solver.closed_form.test_layers import EXAMPLE, OWN, add_layers
 
 

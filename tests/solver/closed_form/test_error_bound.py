@@ -17,7 +17,7 @@ from solver.closed_form.block_compliance import ElasticBlocks
 from solver.closed_form.contact import Tissue, solve_contact
 from solver.closed_form.error_bound import BOUNDED_QUANTITIES, read_weights
 from solver.closed_form.error_features import ALL_VARIANTS, FEATURE_NAMES, compute_features
-from solver.closed_form.level import MAX_LOG_RATIO_ERROR, ClosedForm
+from solver.closed_form.evaluator import MAX_LOG_RATIO_ERROR, ClosedForm
 from tests.support.named import runs
 from tests.support.paths import ROOT, SCENE
 from tests.support.slow import slow_unless

@@ -23,10 +23,10 @@ from solver.closed_form.designs import (
     compute_forces,
     compute_gradients,
 )
+from solver.closed_form.evaluator import ClosedForm
 from solver.closed_form.layer import build_waves_in_layer, compute_fields, solve_waves
 from solver.closed_form.layered_spheres import build_sphere_in_layer
 from solver.closed_form.layered_works import count_layer_nodes
-from solver.closed_form.level import ClosedForm
 from solver.closed_form.surface_images import ALL_MOMENTS, SphereArray, compute_sphere_waves, compute_surface_image
 from solver.layers.stack import TissueLayer, compute_arriving, compute_compliance_change, compute_echoes
 from solver.results.film_forces import compute_result_fields

@@ -12,7 +12,7 @@ from geometry.meridian.mesh import UNIT_SQUARE, compute_nodes
 from geometry.meridian.section import Body
 from geometry.scenes.scene import Contact, Load
 from solver.axisymmetric.sections import build_sections
-from solver.contact.level import ContactEvaluator
+from solver.contact.evaluator import ContactEvaluator
 from solver.contact.model import ContactModel
 from solver.contact.path import Path
 from solver.evaluation import evaluate, plan

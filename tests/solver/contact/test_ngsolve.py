@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from solver.contact.level import ContactEvaluator
+from solver.contact.evaluator import ContactEvaluator
 from tests.support.load_paths import FOLDER, scene_of
 
 EXPECTED = json.loads((FOLDER / "ngsolve.json").read_text())

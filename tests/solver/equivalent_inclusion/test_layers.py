@@ -9,12 +9,12 @@ from geometry import Refusal, Scene, read_scene
 from geometry.scenes.variables import list_values
 from probe_design.maps.detectability import detectability
 from probe_design.maps.scan import scan
+from solver.axisymmetric.evaluator import Axisymmetric
 from solver.axisymmetric.gradients import OUTPUT_NAMES, compute_gradients
-from solver.axisymmetric.level import Axisymmetric
 from solver.axisymmetric.sections import build_sections
 from solver.casadi_functions.finite_elements import TumourCallback
+from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.equivalent_inclusion.gradients import compute_tumour_gradients, solve_first_order
-from solver.equivalent_inclusion.level import EquivalentInclusion
 from solver.equivalent_inclusion.readings import Readings, compute_readings
 from solver.evaluation import plan
 from solver.inclusions.tumours import Tumours

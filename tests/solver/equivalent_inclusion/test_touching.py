@@ -6,7 +6,7 @@ from benchmarks.evaluators.inclusion_audit import judge
 from benchmarks.evaluators.inclusion_draws import draw_near
 from geometry import Inclusion, read_scene
 from geometry.scenes.scene import CylinderTissue, Layer
-from solver.axisymmetric.level import Axisymmetric
+from solver.axisymmetric.evaluator import Axisymmetric
 from solver.equivalent_inclusion.probe_on_tissue import solve_undisturbed
 from solver.equivalent_inclusion.readings import compute_readings
 from solver.inclusions.tumours import Tumours

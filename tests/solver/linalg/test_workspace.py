@@ -11,8 +11,8 @@ import scipy.sparse as sp
 
 from geometry import InputError, read_scene
 from solver import evaluate, evaluator
-from solver.axisymmetric.level import Axisymmetric
-from solver.equivalent_inclusion.level import EquivalentInclusion
+from solver.axisymmetric.evaluator import Axisymmetric
+from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.linalg import workspace
 from solver.linalg.cholesky import Pattern, factorise
 from solver.linalg.workspace import Workspace, get_process_workspace, get_workspace, keep_result, measure_bytes, use_workspace

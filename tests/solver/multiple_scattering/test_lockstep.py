@@ -10,7 +10,7 @@ import pytest
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import SolveError
-from solver.equivalent_inclusion.level import EquivalentInclusion
+from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.equivalent_inclusion.readings import compute_readings
 from solver.inclusions.tumours import Tumours
 from solver.multiple_scattering.lockstep import Steps, run_in_lockstep, run_steps

@@ -11,7 +11,7 @@ import pytest
 from geometry import Scene, read_scene
 from geometry.common.arrays import Floats
 from geometry.scenes.scene_file import scene_from_dict
-from solver.contact.level import ContactEvaluator
+from solver.contact.evaluator import ContactEvaluator
 from solver.contact.limits import find_gap_closure_load
 from solver.planning.coarse_model import CoarseModel
 from solver.planning.gap_profile import GapProfile

@@ -11,7 +11,7 @@ from geometry import read_scene
 from geometry.common.errors import InputError, Refusal
 from geometry.scenes.scene_file import scene_from_dict, scene_to_dict
 from solver import evaluate, plan
-from solver.contact.level import ContactEvaluator
+from solver.contact.evaluator import ContactEvaluator
 from solver.planning.coarse_model import CoarseModel
 from solver.planning.loads import (
     bound_closure_force,

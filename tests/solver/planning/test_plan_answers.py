@@ -11,7 +11,7 @@ from benchmarks.plans.draws import KINDS, scenes
 from geometry import Load, Refusal, read_scene, scene_to_toml
 from geometry.scenes.scene import Placement
 from solver import automatic, evaluate, plan
-from solver.equivalent_inclusion.level import EquivalentInclusion
+from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.planning.load_check import build_load_rule
 from solver.planning.plan import build_plan as run_plan
 from solver.results.evaluator import OutOfReach

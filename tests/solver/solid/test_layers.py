@@ -13,7 +13,7 @@ from geometry.scenes.scene import Layer
 from solver import evaluate, plan
 from solver.results.result import Result
 from solver.solid.domain import choose_domain, compute_reach
-from solver.solid.level import SolidEvaluator
+from solver.solid.evaluator import SolidEvaluator
 from solver.solid.regions import Region
 from tests.support.meshes import LAYERED, scene_mesh
 from tests.support.references import Expected, expected, named

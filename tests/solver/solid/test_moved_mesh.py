@@ -15,7 +15,7 @@ from geometry.tetra.tet_mesh import BEYOND_BODY, FIRST_INCLUSION_BODY, TISSUE_BO
 from solver.linalg.workspace import Workspace
 from solver.solid.body_stiffness import Part
 from solver.solid.domain import choose_domain, compute_reach
-from solver.solid.level import SolidEvaluator
+from solver.solid.evaluator import SolidEvaluator
 from solver.solid.moved_mesh import may_move, move_mesh
 from solver.solid.problem import Solid
 from tests.support.meshes import SCENE, stored_mesh

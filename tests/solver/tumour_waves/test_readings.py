@@ -9,7 +9,7 @@ from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
 from probe_design.data.builtin import read_typical_scenes
 from solver.closed_form.designs import PROBE_PARAMETERS, build_parameters
-from solver.equivalent_inclusion.level import EquivalentInclusion
+from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.equivalent_inclusion.readings import compute_readings
 from solver.inclusions.tumours import Tumours
 from solver.tumour_waves.population import TumourDraws

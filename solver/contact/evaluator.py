@@ -14,7 +14,7 @@ from geometry.common.errors import Refusal, SolveError, Words
 from geometry.common.resources import LimitReached
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Contact, Scene
-from solver.axisymmetric.level import Axisymmetric
+from solver.axisymmetric.evaluator import Axisymmetric
 from solver.contact.loaded_scene import LoadedScene, compute_modulus_curve
 from solver.contact.path_points import LoadedForces, StoppedError
 from solver.linalg.workspace import use_own_workspace
@@ -161,6 +161,6 @@ def press_refined(
     return result, loaded, ()
 
 
-def level(tell: ProgressCallback | None = None) -> ContactEvaluator:
+def create_evaluator(tell: ProgressCallback | None = None) -> ContactEvaluator:
     """Return the evaluator; it does not report progress."""
     return ContactEvaluator()

@@ -101,6 +101,6 @@ def _decide_reflections(base: Undisturbed, read: Readings, k: int) -> list[Decis
     return [Decision(feature, modelled, effect, base.accuracy, reason)]
 
 
-def level(tell: ProgressCallback | None = None) -> EquivalentInclusion:
+def create_evaluator(tell: ProgressCallback | None = None) -> EquivalentInclusion:
     """Return the evaluator; it reports no progress."""
     return EquivalentInclusion()

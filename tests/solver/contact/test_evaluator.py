@@ -12,9 +12,9 @@ import pytest
 from geometry import Refusal, Scene, read_scene
 from geometry.common.errors import SolveError
 from geometry.scenes.scene import Contact, HalfSpaceTissue, Load
-from solver.axisymmetric.level import Axisymmetric
+from solver.axisymmetric.evaluator import Axisymmetric
 from solver.contact import path
-from solver.contact.level import ContactEvaluator
+from solver.contact.evaluator import ContactEvaluator
 from solver.contact.loaded_scene import LoadedScene
 from solver.contact.model import ContactModel
 from solver.contact.newton import Equilibrium, solve

@@ -15,8 +15,8 @@ from geometry.scenes.scene import Load
 from solver import evaluate
 from solver.results.result import Result
 from solver.solid.domain import choose_domain, compute_reach
+from solver.solid.evaluator import SolidEvaluator
 from solver.solid.film_forces import compute_solid_forces
-from solver.solid.level import SolidEvaluator
 from tests.support.meshes import SCENE, scene_mesh
 from tests.support.references import Expected, expected, named
 

@@ -8,7 +8,7 @@ import pytest
 from geometry import Contact, CylinderTissue, HalfSpaceTissue, Inclusion, Load, Material, Placement, Probe, Refusal, Scene
 from geometry.meridian.mesh_lines import MeridianFineness
 from solver import evaluate
-from solver.axisymmetric.level import Axisymmetric
+from solver.axisymmetric.evaluator import Axisymmetric
 from solver.axisymmetric.refinement import MESH_LEVELS
 from solver.axisymmetric.sample import solve_on_mesh
 from solver.axisymmetric.sections import build_sections

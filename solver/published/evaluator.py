@@ -94,6 +94,6 @@ def _write_corrected(sizes: tuple[float, float, float], moduli: tuple[float, flo
         return f"none without their defects ({fault})"
 
 
-def level(tell: ProgressCallback | None = None) -> Published:
+def create_evaluator(tell: ProgressCallback | None = None) -> Published:
     """Return the evaluator; it reports no progress."""
     return Published()

@@ -1,4 +1,4 @@
-"""The levels behind one interface: each by its name, their curves and accuracies, and warnings that carry their kind."""
+"""The evaluators behind one interface: each by its name, their curves and accuracies, and warnings that carry their kind."""
 
 from __future__ import annotations
 
@@ -31,20 +31,20 @@ def with_modulus(scene: Scene, modulus: float) -> Scene:
 
 
 @pytest.mark.parametrize("name", EVALUATOR_NAMES)
-def test_a_name_gives_a_level_that_answers_to_it(name: str) -> None:
-    level = evaluator(name)
-    assert level.name == name
-    assert level.summary
-    assert all(callable(getattr(level, method)) for method in ("refusal", "evaluate", "evaluate_within", "curve"))
+def test_a_name_gives_an_evaluator_that_answers_to_it(name: str) -> None:
+    named = evaluator(name)
+    assert named.name == name
+    assert named.summary
+    assert all(callable(getattr(named, method)) for method in ("refusal", "evaluate", "evaluate_within", "curve"))
 
 
 @pytest.mark.parametrize(("name", "rounding"), [("closed-form", 1e-12), ("equivalent-inclusion", 1e-6), ("axisymmetric", 0.01)])
 def test_a_curve_goes_through_the_answers(scene: Scene, name: str, rounding: float) -> None:
     """The finite elements' curve comes from other solutions on perhaps another mesh: within the accuracy asked for."""
-    level = evaluator(name)
-    curve = level.curve(scene, MODULI, 0.01)
+    named = evaluator(name)
+    curve = named.curve(scene, MODULI, 0.01)
     for k, modulus in enumerate(MODULI):
-        alone = level.evaluate(with_modulus(scene, modulus), 0.01)
+        alone = named.evaluate(with_modulus(scene, modulus), 0.01)
         assert curve.ratio[k] == pytest.approx(alone.ratio, rel=rounding)
         assert curve.log_sensitivity[k] == pytest.approx(alone.log_sensitivity, rel=5 * rounding)
 
@@ -85,7 +85,7 @@ def test_the_accuracy_that_a_refusal_names_is_reached(path: str, accuracy: float
     assert estimate <= float(named[1])
 
 
-def test_no_text_calls_a_level_planned_that_is_built() -> None:
+def test_no_text_calls_an_evaluator_planned_that_is_built() -> None:
     texts = [path.read_text(encoding="utf-8") for path in sources("solver")]
     assert {name for text in texts for name in re.findall(r"planned: ([a-z-]+)", text)}.isdisjoint(EVALUATOR_NAMES)
 
@@ -107,7 +107,7 @@ def test_a_warning_is_its_text_and_keeps_its_kind() -> None:
 
 
 @pytest.mark.parametrize(("name", "kinds"), [("published", {"null", "published"}), ("closed-form", {"accuracy"})])
-def test_levels_say_of_what_kind_their_warnings_are(scene: Scene, name: str, kinds: set[str]) -> None:
+def test_evaluators_say_of_what_kind_their_warnings_are(scene: Scene, name: str, kinds: set[str]) -> None:
     warnings = evaluator(name).evaluate(scene, 1e-3).warnings
     assert kinds <= {note.kind for note in warnings}
     assert all(

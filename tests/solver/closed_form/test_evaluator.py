@@ -15,7 +15,7 @@ from geometry import InputError, Scene, read_scene
 from geometry.common.arrays import Floats
 from solver import Result
 from solver.closed_form.designs import build_parameters, compute_forces
-from solver.closed_form.level import ClosedForm, ClosedFormForces, _build_variants
+from solver.closed_form.evaluator import ClosedForm, ClosedFormForces, _build_variants
 from tests.support.paths import SCENE
 from tests.support.random_scenes import in_a_block, scenes
 

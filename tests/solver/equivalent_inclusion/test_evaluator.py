@@ -9,7 +9,7 @@ import pytest
 
 from geometry import Inclusion, Placement, Refusal, Scene
 from solver import curve, evaluate
-from solver.equivalent_inclusion.level import EquivalentInclusion
+from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import solve_undisturbed
 from solver.equivalent_inclusion.readings import compute_readings
 from solver.inclusions.tumours import Tumours

@@ -159,6 +159,6 @@ def _list_tilt_notes(scene: Scene, films: FilmForces) -> list[Note]:
     return [Note("linear", f"{sides}: the model lets this side pull the tissue, but real contact opens there")]
 
 
-def level(tell: ProgressCallback | None = None) -> SolidEvaluator:
+def create_evaluator(tell: ProgressCallback | None = None) -> SolidEvaluator:
     """Return the evaluator, which reports its progress to ``tell``."""
     return SolidEvaluator(tell=tell or ignore_progress)

@@ -2,7 +2,7 @@
 
 Each result is bit for bit that of the scene alone: what numpy and LAPACK do to one column of ``designs.compute_forces`` does
 not depend on the other columns, as long as these come in fours, the variants of one scene;
-``tests/solver/closed_form/test_level.py`` holds that.
+``tests/solver/closed_form/test_evaluator.py`` holds that.
 """
 
 from __future__ import annotations
@@ -228,6 +228,6 @@ def _build_variants(shape: Shape, values: Floats) -> Floats:
     return np.stack([columns[name] for name in PARAMETER_VARIANTS], axis=1)
 
 
-def level(tell: ProgressCallback | None = None) -> ClosedForm:
+def create_evaluator(tell: ProgressCallback | None = None) -> ClosedForm:
     """Return the evaluator; it reports no progress."""
     return ClosedForm()
