@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from geometry.cad.drawing import format_number
 from geometry.cad.stamp import Stamp
 from geometry.provenance.texts import format_markdown_comment
 from geometry.scenes.base_sizes import assumed_sizes
@@ -14,6 +13,7 @@ from geometry.workshop.casting_notes import compute_gap_deviation
 from geometry.workshop.csv_lists import combine_scatter
 from geometry.workshop.film_pattern import FilmPattern
 from geometry.workshop.mould_sizes import DEFAULT_DRAFT_RAD, MouldSizes, compute_cavity_volume
+from geometry.workshop.sheet import format_number
 from geometry.workshop.tolerance import Budget, find_tolerance, format_deviation
 
 MAX_LISTED_PARTS = 4  # parts of the ratio's scatter that are named

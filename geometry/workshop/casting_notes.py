@@ -5,13 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from geometry.cad.drawing import format_number
 from geometry.scenes.probe import Probe
 from geometry.workshop.mould_sizes import MouldSizes
 from geometry.workshop.processes import find_process
+from geometry.workshop.sheet import DIAMETER_SIGN, format_number
 from geometry.workshop.tolerance import CASTING_PROCESS, MACHINING_PROCESS, Budget, find_tolerance, format_deviation
-
-DIAMETER_SIGN = "\N{LATIN CAPITAL LETTER O WITH STROKE}"
 
 
 def list_casting_notes(mould: MouldSizes, budget: Budget) -> tuple[str, ...]:

@@ -8,7 +8,6 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from geometry.cad.drawing import format_number
 from geometry.cad.materials import PartMaterial
 from geometry.cad.parts_check import compute_expected_bodies
 from geometry.cad.stamp import Stamp
@@ -21,6 +20,7 @@ from geometry.workshop.mould_sizes import (
     compute_holes_volume,
 )
 from geometry.workshop.parts import DRAWING_TITLES, RATIO_DRAWINGS, Measure, PartView
+from geometry.workshop.sheet import format_number
 from geometry.workshop.tolerance import DEVIATION_PER_SD, MACHINING_PROCESS, Budget, Tolerance, format_deviation
 
 BILL_COLUMNS = ("part", "quantity", "material", "properties", "volume_mm3", "mass_g", "source_file")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from geometry.cad.drawing import format_number
 from geometry.cad.stamp import Stamp
 from geometry.workshop.parts import DRAWING_TITLES, SEAT_ROUGHNESS, Measure, PartView
 from geometry.workshop.processes import find_process
@@ -17,6 +16,7 @@ from geometry.workshop.sheet import (
     View,
     find_bounds,
     find_text_width,
+    format_number,
 )
 from geometry.workshop.title_block import BLOCK_HEIGHT_MM, NOTE_SPACING_MM, Title, draw_frame, draw_notes, draw_title_block
 from geometry.workshop.tolerance import MACHINING_PROCESS, Budget, find_tolerance, format_deviation

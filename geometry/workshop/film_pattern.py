@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from geometry.cad.drawing import format_number
 from geometry.cad.stamp import Stamp
 from geometry.scenes.probe import Probe
 from geometry.workshop.dxf_properties import add_properties
+from geometry.workshop.millimetres import Millimetres, convert_to_mm
 from geometry.workshop.outlines import build_box, build_disc, build_open_ring, compute_area
-from geometry.workshop.parts import DRAWING_TITLES, Millimetres, convert_to_mm
-from geometry.workshop.sheet import Loop, find_bounds
+from geometry.workshop.parts import DRAWING_TITLES
+from geometry.workshop.sheet import Loop, find_bounds, format_number
 
 MAX_INSET_MM, MAX_INSET_FRACTION = 0.5, 0.1  # mm between an electrode and the edge, at most this part of the film's width
 TAB_LENGTH_MM = 5.0  # mm: length of the tabs, on which a connector or a conductive adhesive finds hold

@@ -18,7 +18,7 @@ import numpy as np
 from geometry.cad.materials import PartMaterial
 from geometry.common.errors import InputError, Words
 from geometry.scenes.probe import Probe
-from geometry.workshop.parts import Millimetres, convert_to_mm
+from geometry.workshop.millimetres import Millimetres, convert_to_mm
 
 DEFAULT_SHRINKAGE = 0.001
 """Linear; an assumption: platinum-cure silicones cast at room temperature are sold as not shrinking notably."""

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 
-from geometry.cad import solids
-from geometry.scenes.base_sizes import base_sizes
-from geometry.scenes.probe import Probe
-from geometry.workshop.sheet import Loop
+from geometry.workshop.millimetres import Millimetres
+from geometry.workshop.sheet import Loop, Point
 
+CHORDS_PER_QUARTER = 32  # that are drawn for a quarter of a circle where arcs have to be polygons
 QUARTER_BULGE = math.tan(math.pi / 8)  # bulge of a quarter of a circle, to the left
 
 
@@ -25,15 +24,11 @@ def build_block(left: float, right: float, top: float, edge: float) -> Loop:
     return [*low, (right, top, 0.0), (left, top, 0.0)]
 
 
-def build_base_section(probe: Probe) -> Loop:
+def build_base_section(lengths: Millimetres) -> Loop:
     """Return the section of the base; see ``geometry.cad.solids.build_base``."""
-    sizes, mm = base_sizes(probe), solids.MM_PER_M
-    low, side = (height * mm for height in solids.find_film_tops(probe))
-    ro, rf, rm = probe.tube_radius * mm, sizes.flange_radius * mm, (probe.inner_radius + probe.gap / 2) * mm
-    flange_bottom = max(low, side) + sizes.step_height * mm
-    top = flange_bottom + sizes.thickness * mm
+    low, side, rm, ro, rf = lengths.low, lengths.side, lengths.middle, lengths.ro, lengths.rf
     half = [(rm, low), (rm, side)] if low != side else []
-    half += [(ro, side), *([(ro, flange_bottom), (rf, flange_bottom)] if rf > ro else []), (rf, top)]
+    half += [(ro, side), *([(ro, lengths.flange_bottom), (rf, lengths.flange_bottom)] if rf > ro else []), (rf, lengths.top)]
     return [(x, z, 0.0) for x, z in half] + [(-x, z, 0.0) for x, z in reversed(half)]
 
 
@@ -61,3 +56,18 @@ def compute_area(loop: Loop) -> float:
             radius = math.hypot(next_x - x, next_y - y) / (2 * math.sin(angle / 2))
             total += radius**2 * (angle - math.sin(angle)) / 2
     return abs(total)
+
+
+def convert_to_polygon(loop: Loop) -> list[Point]:
+    """Return the corners of an outline, its arcs as chords, ``CHORDS_PER_QUARTER`` for a quarter of a circle."""
+    corners: list[Point] = []
+    for (x, y, bulge), (next_x, next_y, _) in zip(loop, [*loop[1:], loop[0]], strict=True):
+        corners.append((x, y))
+        angle = 4 * math.atan(bulge)
+        count = round(CHORDS_PER_QUARTER * abs(angle) / (math.pi / 2))
+        for k in range(1, count):  # on the arc of that angle: the chord from the start, at half of what is left to turn
+            turn = angle * k / count / 2
+            length, lean = math.sin(turn) / math.sin(angle / 2), turn - angle / 2
+            dx, dy = length * (next_x - x), length * (next_y - y)
+            corners.append((x + dx * math.cos(lean) - dy * math.sin(lean), y + dx * math.sin(lean) + dy * math.cos(lean)))
+    return corners

@@ -7,12 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from geometry.cad import solids
 from geometry.cad.materials import PartMaterial, find_part_materials
-from geometry.scenes.base_sizes import assumed_sizes, base_sizes
+from geometry.scenes.base_sizes import assumed_sizes
 from geometry.scenes.probe import Probe
+from geometry.workshop.millimetres import Millimetres, convert_to_mm
 from geometry.workshop.outlines import build_base_section, build_block, build_box, build_disc, build_open_ring
-from geometry.workshop.sheet import Loop, Point
+from geometry.workshop.sheet import DIAMETER_SIGN, Loop, Point
 from geometry.workshop.tolerance import MACHINING_PROCESS, Budget, Tolerance, find_tolerance
 
 Place = Literal["below", "left", "right", "plan"]
@@ -98,35 +98,6 @@ class PartView:
         return max(math.hypot(x, y) for loop in self.plan for x, y, _ in loop)
 
 
-@dataclass(frozen=True)
-class Millimetres:
-    """A probe's dimensions in mm: radii of inner block, hole and tube, heights, thickness of the films, groove, round edges."""
-
-    r2: float
-    ri: float
-    ro: float
-    h2: float
-    h1: float
-    t: float
-    half_width: float
-    depth: float
-    edge: float
-
-    @property
-    def groove_ends(self) -> tuple[float, float]:
-        """Where the groove's sides meet the hole's and the tube's wall: x."""
-        inner, outer = (math.sqrt((radius - self.half_width) * (radius + self.half_width)) for radius in (self.ri, self.ro))
-        return inner, outer
-
-
-def convert_to_mm(probe: Probe, edge_radius: float = 0.0) -> Millimetres:
-    """Return a probe's dimensions in mm; 0 for a groove, films or round edges that it has not."""
-    width, depth = (0.0, 0.0) if probe.groove is None else (probe.groove.width, probe.groove.depth)
-    radii = probe.inner_radius, probe.hole_radius, probe.tube_radius
-    heights = probe.core_height, probe.tube_height, solids.film_thickness(probe)
-    return Millimetres(*(length * solids.MM_PER_M for length in (*radii, *heights, width / 2, depth, edge_radius)))
-
-
 def build_part_views(probe: Probe, edge_radius: float = 0.0) -> dict[str, PartView]:
     """Return what is drawn of each part, by its name; ``edge_radius`` in m."""
     lengths = convert_to_mm(probe, edge_radius)
@@ -139,13 +110,13 @@ def build_part_views(probe: Probe, edge_radius: float = 0.0) -> dict[str, PartVi
         "inner": _build_inner(lengths),
         "outer": _build_outer(lengths),
         **films,
-        "base": _build_base(probe, lengths, open_sizes),
+        "base": _build_base(lengths, open_sizes),
     }
 
 
 def build_diameter(name: str, radius: float, z: float, assumed: bool = False, auxiliary: bool = False) -> Measure:
     """Return a diameter, dimensioned below the section."""
-    return Measure(name, (-radius, z), (radius, z), "below", "\N{LATIN CAPITAL LETTER O WITH STROKE}", assumed, auxiliary)
+    return Measure(name, (-radius, z), (radius, z), "below", DIAMETER_SIGN, assumed, auxiliary)
 
 
 def _build_inner(lengths: Millimetres) -> PartView:
@@ -233,12 +204,9 @@ def _build_outer_film(lengths: Millimetres, assumed: bool) -> PartView:
     return PartView("film-outer", ((left, 0.0),), (*sides, *ends), plan, measures=tuple(measures))
 
 
-def _build_base(probe: Probe, lengths: Millimetres, open_sizes: set[str]) -> PartView:
-    sizes = base_sizes(probe)
-    low, side = (height * solids.MM_PER_M for height in solids.find_film_tops(probe))
-    rf, middle = sizes.flange_radius * solids.MM_PER_M, (lengths.r2 + lengths.ri) / 2
-    flange_bottom = max(low, side) + sizes.step_height * solids.MM_PER_M
-    top = flange_bottom + sizes.thickness * solids.MM_PER_M
+def _build_base(lengths: Millimetres, open_sizes: set[str]) -> PartView:
+    low, side, middle = lengths.low, lengths.side, lengths.middle
+    rf, flange_bottom, top = lengths.rf, lengths.flange_bottom, lengths.top
     wide, bottom = rf > lengths.ro, min(low, side)
     measures = [build_diameter("boss_radius", middle, low)] if low != side else []
     measures.append(build_diameter("outer_radius", lengths.ro, side))
@@ -256,7 +224,7 @@ def _build_base(probe: Probe, lengths: Millimetres, open_sizes: set[str]) -> Par
         measures.append(Measure("base_height", (-lengths.ro, bottom), (-rf, top), "left", auxiliary=True))
     return PartView(
         "base",
-        cut=((build_base_section(probe), 0.0),),
+        cut=((build_base_section(lengths), 0.0),),
         plan=(build_disc(rf),),
         hidden=(*((lengths.ro,) if wide else ()), *((middle,) if low != side else ())),
         measures=tuple(measures),
@@ -272,8 +240,7 @@ HATCH_ANGLES_DEG = {"inner": 0.0, "outer": 90.0, "film-inner": 0.0, "film-outer"
 def build_assembly_view(probe: Probe, edge_radius: float = 0.0) -> PartView:
     """Return what is drawn of the whole probe."""
     lengths, alone = convert_to_mm(probe, edge_radius), build_part_views(probe, edge_radius)
-    base = build_base_section(probe)
-    top, rf = max(z for _, z, _ in base), max(x for x, _, _ in base)
+    top, rf = lengths.top, lengths.rf
     tips = {
         "base": (0.6 * lengths.ro, top - 0.3 * (top - lengths.h1)),
         "film-outer": ((sum(lengths.groove_ends) if lengths.depth else lengths.ri + lengths.ro) / 2, lengths.h1 + lengths.t / 2),

@@ -36,6 +36,7 @@ LINE_STYLES = {  # layer: colour index, line width in 1/100 mm, line type; ISO 1
     "FRAME": (7, 50, "CONTINUOUS"),
 }
 DIMENSION_STYLE = "WORKSHOP"
+DIAMETER_SIGN = "\N{LATIN CAPITAL LETTER O WITH STROKE}"
 
 
 @dataclass(frozen=True)
@@ -220,3 +221,8 @@ def find_bounds(loops: Iterable[Loop]) -> tuple[float, float, float, float]:
     points = [point for loop in loops for point in loop]
     x, y = [point[0] for point in points], [point[1] for point in points]
     return min(x), min(y), max(x), max(y)
+
+
+def format_number(length: float) -> str:
+    """Write a length in mm to 0.1 um, finer only where nothing would be left."""
+    return f"{length:.4f}".rstrip("0").rstrip(".") if length >= 5e-4 else f"{length:.3g}"

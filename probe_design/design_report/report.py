@@ -67,9 +67,9 @@ def write_all(
         OSError: the folder cannot be written.
     """
     progress(WRITING_STAGE, 0, 4)
-    from geometry.cad.drawing import draw_probe
     from geometry.cad.export import export_parts
     from geometry.cad.parts_record import RECORD_NAME, list_part_files
+    from geometry.workshop.overview import draw_probe
 
     scene = optimum.scene
     probe, edge = scene.probe, scene.contact.edge_radius

@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any
 
 from geometry.cad import fixture
-from geometry.cad.drawing import section_outlines
 from geometry.cad.solids import PART_COLOURS
 from geometry.provenance.texts import build_picture_metadata
 from geometry.scenes.probe import Probe, format_mm
 from geometry.scenes.scene import Scene
+from geometry.workshop.overview import build_section_outlines
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import LINEARITY_ACCURACY, compute_inner_shares, predict_blocks
 from probe_design.built_probe.load_checks import SAFE_SHARE
@@ -109,7 +109,7 @@ def _format_headline(probe: Probe, name: str) -> str:
 def _draw_section(axes: Any, probe: Probe, part: str, title: str) -> None:
     """Draw the section of the probe on pin or ring, with the sleeve up (dashed) and down."""
     sizes = fixture.find_fixture_sizes(probe)
-    for name, polygons in section_outlines(probe).items():
+    for name, polygons in build_section_outlines(probe).items():
         for polygon in polygons:
             axes.fill(*zip(*polygon, strict=True), facecolor=(*PART_COLOURS[name], 0.75), edgecolor="0.2", lw=0.5)
     for polygon in _build_pressing_outlines(sizes, part):

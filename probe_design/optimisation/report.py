@@ -37,9 +37,9 @@ def write_all(
         OSError: the folder cannot be written.
     """
     progress("writing STEP files, drawing and report", 0, 3)
-    from geometry.cad.drawing import draw_probe
     from geometry.cad.export import export_parts
     from geometry.cad.parts_record import RECORD_NAME, list_part_files
+    from geometry.workshop.overview import draw_probe
 
     probe, edge = optimum.best.scene.probe, optimum.best.scene.contact.edge_radius
     texts: dict[str, Callable[[], str]] = {

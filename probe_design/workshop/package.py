@@ -8,7 +8,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from geometry.cad.drawing import draw_probe
 from geometry.cad.export import Writer
 from geometry.cad.export import export_parts as write
 from geometry.cad.parts_record import check_same_design
@@ -21,6 +20,7 @@ from geometry.scenes.probe import Probe, format_mm
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_to_toml
 from geometry.workshop.mould_sizes import compute_mould_sizes
+from geometry.workshop.overview import draw_probe
 from geometry.workshop.package import DEFAULT_CASTING, Casting, build_writers
 from probe_design.workshop.ratio_budget import check_tolerance, compute_ratio_budget
 from probe_design.workshop.rounding import Rounding, add_cost, round_sizes

@@ -141,6 +141,7 @@ ALLOWED: dict[str, set[str]] = {
         "probe_design.reporting",
         "probe_design.populations",
         "geometry.cad",
+        "geometry.workshop",
         "geometry.provenance",
         *ANSWERS,
     },
@@ -165,6 +166,7 @@ ALLOWED: dict[str, set[str]] = {
         "solver.contact",
         "solver.planning",
         "geometry.cad",
+        "geometry.workshop",
         *ANSWERS,
     },
     "probe_design.maps": {
@@ -216,7 +218,8 @@ ALLOWED: dict[str, set[str]] = {
     },
     "probe_design.measuring": {
         "probe_design.built_probe",
-        "geometry.cad",  # the fixture's sizes and the probe's outlines, on the page to print
+        "geometry.cad",
+        "geometry.workshop",  # the fixture's sizes and the probe's outlines, on the page to print
         "solver.planning",
         "hw",
         "hw.common",

@@ -9,9 +9,10 @@ from pathlib import Path
 import pytest
 from scipy.integrate import quad
 
-from geometry.cad import drawing, parts_record, solids
 from geometry.cad import export as step
+from geometry.cad import parts_record, solids
 from geometry.common.errors import ExportError, InputError
+from geometry.workshop import overview
 from tests.support.parts import make, read
 
 EDGE = 0.1  # mm
@@ -107,7 +108,7 @@ def test_outlines_lose_what_the_arcs_leave_of_their_squares(name):
     def area(polygon: list[tuple[float, float]]) -> float:
         return sum(a * d - b * c for (a, b), (c, d) in zip(polygon, polygon[1:] + polygon[:1], strict=True)) / 2
 
-    sharp, rounded = (drawing.section_outlines(make(), edge)[name] for edge in (0.0, 1e-4))
+    sharp, rounded = (overview.build_section_outlines(make(), edge)[name] for edge in (0.0, 1e-4))
     for sharp_outline, rounded_outline in zip(sharp, rounded, strict=True):
         lost = 2 * (1 - math.pi / 4) * EDGE**2
         assert area(sharp_outline) - area(rounded_outline) == pytest.approx(lost, rel=2e-3)  # chords for arcs
@@ -120,7 +121,7 @@ def test_the_drawing_tells_the_radius(tmp_path, monkeypatch):
     drawn = []
     monkeypatch.setattr(Figure, "savefig", lambda figure, path, **_: drawn.append(figure) or Path(path).touch())
     for edge in (1e-4, 0.0):
-        drawing.draw_probe(make(), tmp_path / "probe.png", edge)
+        overview.draw_probe(make(), tmp_path / "probe.png", edge)
     rounded, sharp = ([text.get_text() for text in figure.findobj(Text)] for figure in drawn)
     assert "R 0.1" in rounded
     assert "lower edges R 0.1; A1, A2 as if sharp" in rounded

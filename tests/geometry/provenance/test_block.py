@@ -13,10 +13,10 @@ import pytest
 from PIL import Image
 
 from geometry import InputError, read_scene, scene_from_toml
-from geometry.cad.drawing import draw_probe
 from geometry.provenance.block import build_provenance, record_command
 from geometry.provenance.digest import compute_file_digest, compute_scene_digest
 from geometry.provenance.texts import format_html_script, format_toml_comment, read_block
+from geometry.workshop.overview import draw_probe
 from tests.support.paths import SCENE
 
 TEXT = SCENE.read_text(encoding="utf-8")

@@ -48,7 +48,7 @@ def handed(monkeypatch: pytest.MonkeyPatch) -> Handed:
         got.append(("drawing", edge_radius))
 
     monkeypatch.setattr("geometry.cad.export.export_parts", write)
-    monkeypatch.setattr("geometry.cad.drawing.draw_probe", draw)
+    monkeypatch.setattr("geometry.workshop.overview.draw_probe", draw)
     for name, instead in (("write", write), ("draw_probe", draw), ("compute_ratio_budget", lambda scene, ratio: NO_BUDGET)):
         monkeypatch.setattr(package, name, instead)
     return got

@@ -1,25 +1,25 @@
-"""One page for the workshop: a dimensioned axial section, a magnified detail, and a cutaway view of the assembly."""
+"""One page for a first look: a dimensioned axial section, a magnified detail, and a cutaway view of the assembly."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from geometry.cad import cutaway, solids
+from geometry.cad import solids
 from geometry.cad.materials import find_part_materials
 from geometry.common.files import write_whole
 from geometry.provenance.texts import build_picture_metadata
-from geometry.scenes.base_sizes import assumed_sizes, base_sizes, has_flange
+from geometry.scenes.base_sizes import assumed_sizes, has_flange
 from geometry.scenes.probe import Probe
+from geometry.workshop import cutaway
+from geometry.workshop.millimetres import convert_to_mm
+from geometry.workshop.outlines import build_box, convert_to_polygon
+from geometry.workshop.parts import build_part_views
+from geometry.workshop.sheet import DIAMETER_SIGN, Point, format_number
 
 ASSUMED_MARK = "*"  # behind dimensions that the scene does not give
-DIAMETER_SIGN = "\N{LATIN CAPITAL LETTER O WITH STROKE}"
-Points = list[tuple[float, float]]
 SHEET_SIZE_INCH = (16.0, 9.0)  # inches
 SECTION_PANEL = (0.025, 0.05, 0.56, 0.86)  # the section's place on the sheet: left, bottom, width, height
-CHORDS_PER_ARC = 32  # that are drawn for a round edge
 DIMENSION_SPACING_INCH = 0.34  # inches between two dimension lines
 HATCH_OF_PART = {"inner": "//", "outer": "\\\\", "film-inner": "xxxx", "film-outer": "xxxx", "base": "/"}
 
@@ -57,75 +57,30 @@ def draw_probe(probe: Probe, path: Path, edge_radius: float = 0.0) -> Path:
     return Path(path)
 
 
-def section_outlines(probe: Probe, edge_radius: float = 0.0) -> dict[str, list[Points]]:
-    """Return polygons (x, z) in mm in which plane y = 0 cuts each part; round edges (radius in m) by ``CHORDS_PER_ARC`` each."""
-    mm, t, groove = solids.MM_PER_M, solids.film_thickness(probe) * solids.MM_PER_M, probe.groove
-    r2, ri, ro, h2, h1 = _lengths_mm(probe)
-    ends, edge = (h1, h1) if groove is None else (h1, h1 - groove.depth * mm), edge_radius * mm
-    films = [_box_outline(-ro, -ri, h1, h1 + t)] + ([_box_outline(ri, ro, h1, h1 + t)] if groove is None else [])
-    sizes, middle = base_sizes(probe), (r2 + ri) / 2
-    rf, flange_bottom = sizes.flange_radius * mm, max(h1, h2) + t + sizes.step_height * mm
-    side = [
-        (middle, h2 + t),
-        (middle, h1 + t),
-        (ro, h1 + t),
-        (ro, flange_bottom),
-        (rf, flange_bottom),
-        (rf, flange_bottom + sizes.thickness * mm),
-    ]
-    return {
-        "inner": [_block_outline(-r2, r2, h2, edge)],
-        "outer": [_block_outline(-ro, -ri, ends[0], edge), _block_outline(ri, ro, ends[1], edge)],
-        **({} if probe.film is None else {"film-inner": [_box_outline(-r2, r2, h2, h2 + t)], "film-outer": films}),
-        "base": [side + [(-x, z) for x, z in reversed(side)]],
-    }
-
-
-def _lengths_mm(probe: Probe) -> tuple[float, float, float, float, float]:
-    lengths = (probe.inner_radius, probe.hole_radius, probe.tube_radius, probe.core_height, probe.tube_height)
-    return tuple(length * solids.MM_PER_M for length in lengths)  # type: ignore[return-value]
-
-
-def _box_outline(left: float, right: float, bottom: float, top: float) -> Points:
-    return [(left, bottom), (right, bottom), (right, top), (left, top)]
-
-
-def _block_outline(left: float, right: float, top: float, edge: float) -> Points:
-    """A box on z = 0 whose lower corners are arcs, from left to right, where ``edge`` is not 0."""
-    if edge == 0:
-        return _box_outline(left, right, 0, top)
-    angles = np.linspace(0, np.pi / 2, CHORDS_PER_ARC + 1)
-    across, rise = edge * (1 - np.cos(angles)), edge * (1 - np.sin(angles))
-    arcs = [*zip(left + across, rise, strict=True), *zip(right - across[::-1], rise[::-1], strict=True)]
-    return [(float(x), float(z)) for x, z in arcs] + [(right, top), (left, top)]
+def build_section_outlines(probe: Probe, edge_radius: float = 0.0) -> dict[str, list[list[Point]]]:
+    """Return the polygons (x, z), mm, in which the plane y = 0 cuts each part; round edges (radius in m) are chords."""
+    views = build_part_views(probe, edge_radius)
+    return {name: [convert_to_polygon(loop) for loop, _ in view.cut] for name, view in views.items()}
 
 
 def _fill_section(axes: Any, probe: Probe, edge_radius: float) -> None:
     if probe.groove is not None:  # what is seen behind the cut: the groove's side, and the film's edge above it
-        _, ri, ro, _, h1 = _lengths_mm(probe)
-        bottom, top = h1 - probe.groove.depth * solids.MM_PER_M, h1 + solids.film_thickness(probe) * solids.MM_PER_M
-        axes.fill(
-            *zip(*_box_outline(ri, ro, bottom, h1), strict=True),
-            facecolor=(*solids.PART_COLOURS["outer"], 0.25),
-            edgecolor="0.4",
-            lw=0.6,
-        )
-        axes.fill(
-            *zip(*_box_outline(ri, ro, h1, top), strict=True),
-            facecolor=(*solids.PART_COLOURS["film-outer"], 0.35),
-            edgecolor="none",
-        )
-    for name, polygons in section_outlines(probe, edge_radius).items():
+        lengths = convert_to_mm(probe)
+        side = build_box(lengths.ri, lengths.ro, lengths.h1 - lengths.depth, lengths.h1)
+        film = build_box(lengths.ri, lengths.ro, lengths.h1, lengths.h1 + lengths.t)
+        for box, name, opacity, edge in ((side, "outer", 0.25, "0.4"), (film, "film-outer", 0.35, "none")):
+            tint = (*solids.PART_COLOURS[name], opacity)
+            axes.fill(*zip(*convert_to_polygon(box), strict=True), facecolor=tint, edgecolor=edge, lw=0.6)
+    for name, polygons in build_section_outlines(probe, edge_radius).items():
         tint = (*solids.PART_COLOURS[name], 0.75)
         for polygon in polygons:
             axes.fill(*zip(*polygon, strict=True), facecolor=tint, edgecolor="0.15", hatch=HATCH_OF_PART[name], lw=0.9)
 
 
 def _draw_section(axes: Any, probe: Probe, edge_radius: float) -> None:
-    base, t = base_sizes(probe), solids.film_thickness(probe) * solids.MM_PER_M
-    r2, ri, ro, h2, h1 = _lengths_mm(probe)
-    rf, flange_bottom = base.flange_radius * solids.MM_PER_M, max(h1, h2) + t + base.step_height * solids.MM_PER_M
-    top = flange_bottom + base.thickness * solids.MM_PER_M
+    lengths = convert_to_mm(probe, edge_radius)
+    r2, ri, ro, h2, h1, edge = lengths.r2, lengths.ri, lengths.ro, lengths.h2, lengths.h1, lengths.edge
+    rf, flange_bottom, top = lengths.rf, lengths.flange_bottom, lengths.top
     inch = _set_frame(axes, rf, top)  # mm of the probe in an inch of paper
     _fill_section(axes, probe, edge_radius)
     axes.axhline(0, color="0.55", lw=0.6, ls=(0, (6, 3)), zorder=0)
@@ -143,7 +98,8 @@ def _draw_section(axes: Any, probe: Probe, edge_radius: float) -> None:
     if has_flange(probe):
         text = DIAMETER_SIGN + _format_length(probe, "base.flange_radius", 2 * rf)
         _draw_dimension(axes, (-rf, top), (rf, top), line_position=top + step, text=text, inch=inch)
-        text, low = _format_length(probe, "base.step_height", base.step_height * solids.MM_PER_M), max(h1, h2) + t
+        low = max(lengths.low, lengths.side)
+        text = _format_length(probe, "base.step_height", flange_bottom - low)
         _draw_dimension(axes, (ro, flange_bottom), (ro, low), line_position=rf + 2 * step, text=text, inch=inch, upright=True)
     whole = format_number(top) + ASSUMED_MARK * (assumed_sizes(probe).keys() - {"probe.base.flange_radius"} != set())
     lefts = [((-ro, h1), format_number(h1)), ((-r2, h2), format_number(h2)), ((-rf, top), whole)]
@@ -151,22 +107,17 @@ def _draw_section(axes: Any, probe: Probe, edge_radius: float) -> None:
         _draw_dimension(axes, (-ro, 0), corner, line_position=-rf - level * step, text=text, inch=inch, upright=True)
     text = _format_length(probe, "base.thickness", top - flange_bottom)
     _draw_dimension(axes, (rf, flange_bottom), (rf, top), line_position=rf + step, text=text, inch=inch, upright=True)
-    _draw_leader(
-        axes, (-(r2 + ri) / 2, edge_radius * solids.MM_PER_M), (-rf - step, -2.2 * step), f"gap {format_number(ri - r2)}"
-    )
-    if edge_radius > 0:
-        edge = edge_radius * solids.MM_PER_M
+    _draw_leader(axes, (-lengths.middle, edge), (-rf - step, -2.2 * step), f"gap {format_number(ri - r2)}")
+    if edge > 0:
         cut = edge * (1 - 0.5**0.5)  # from the corner that is not there to the middle of the arc
         low = min(-0.35 * step, h1 - 0.25 * inch - 0.5 * step)  # below the arrows of what is measured to the right
         _draw_leader(axes, (ro - cut, cut), (rf + 2.2 * step, low), f"R {format_number(edge)}")
     if probe.groove is not None:
-        depth = probe.groove.depth * solids.MM_PER_M
+        depth = lengths.depth
         _draw_dimension(
             axes, (ro, h1 - depth), (ro, h1), line_position=rf + 3 * step, text=format_number(depth), inch=inch, upright=True
         )
-        text = (
-            f"groove {format_number(probe.groove.width * solids.MM_PER_M)} wide, {format_number(depth)} deep,\non this side only"
-        )
+        text = f"groove {format_number(2 * lengths.half_width)} wide, {format_number(depth)} deep,\non this side only"
         _draw_leader(axes, ((ri + ro) / 2, h1 - depth / 2), (max(rf, ro + 0.6 * inch) + step, -3.8 * step), text)
 
 
@@ -223,16 +174,16 @@ def _draw_leader(axes: Any, tip: tuple[float, float], place: tuple[float, float]
 
 def _draw_detail(axes: Any, probe: Probe, edge_radius: float) -> None:
     """Magnify the gap's corner at the outer film."""
-    r2, ri, ro, h2, h1 = _lengths_mm(probe)
-    t, gap = solids.film_thickness(probe) * solids.MM_PER_M, ri - r2
+    lengths = convert_to_mm(probe)
+    ri, ro, h1, t, gap = lengths.ri, lengths.ro, lengths.h1, lengths.t, lengths.ri - lengths.r2
     reach = 2.2 * max(gap, t)
-    x, z = -(r2 + ri) / 2, h1 + t / 2
+    x, z = -lengths.middle, h1 + t / 2
     axes.set(xlim=(x - reach, x + reach), ylim=(z - reach, z + reach), xticks=[], yticks=[], aspect="equal")
     place = "film" if probe.film else "block's upper end"
     axes.set_title(f"detail at the outer {place}, -x side", fontsize=10)
     _fill_section(axes, probe, edge_radius)
     height = h1 - min(reach, h1) / 2
-    boss = h2 + t < height  # the base reaches down into the hole and halves the gap
+    boss = lengths.low < height  # the base reaches down into the hole and halves the gap
     tip, text = (x - gap / 4, f"clearance {format_number(gap / 2)}") if boss else (x, f"gap {format_number(gap)}")
     _draw_leader(axes, (tip, height), (x - 0.5 * reach, z - 0.85 * reach), text)
     if probe.film is not None:
@@ -253,8 +204,9 @@ def _build_notes(probe: Probe, edge_radius: float) -> list[tuple[str, Any]]:
         "base": ("base" if probe.base.material is None else f"base of {probe.base.material}")
         + (f", step {step}" if has_flange(probe) else f", {step}"),
     }
-    drawn = section_outlines(probe)
-    lines: list[tuple[str, Any]] = [(text, solids.PART_COLOURS[name]) for name, text in texts.items() if name in drawn]
+    lines: list[tuple[str, Any]] = [
+        (text, solids.PART_COLOURS[name]) for name, text in texts.items() if probe.film or "film" not in name
+    ]
     lines += [] if probe.film else [("no films: the scene has none", None)]
     areas = {"inner end A2": probe.inner_area, "outer end A1": probe.outer_area}
     if cut:
@@ -270,8 +222,3 @@ def _build_notes(probe: Probe, edge_radius: float) -> list[tuple[str, Any]]:
 def _format_length(probe: Probe, key: str, length: float) -> str:
     """Return a length in mm as text, with a mark if it is assumed because the scene leaves ``key`` of the probe open."""
     return format_number(length) + (ASSUMED_MARK if f"probe.{key}" in assumed_sizes(probe) else "")
-
-
-def format_number(length: float) -> str:
-    """Write a length in mm to 0.1 um, finer only where nothing would be left."""
-    return f"{length:.4f}".rstrip("0").rstrip(".") if length >= 5e-4 else f"{length:.3g}"

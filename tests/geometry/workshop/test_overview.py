@@ -5,9 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from geometry.cad import drawing, solids
+from geometry.cad import solids
 from geometry.scenes.base_sizes import assumed_sizes
 from geometry.scenes.probe import Base, Film
+from geometry.workshop import overview
+from geometry.workshop.sheet import format_number
 from tests.support.parts import FLANGE, make
 
 
@@ -30,7 +32,7 @@ def test_what_the_scene_leaves_open(options, wanted):
 
 
 def test_png_of_its_size_written_whole(tmp_path):
-    path = drawing.draw_probe(make(inner_height=5e-3, outer_height=6e-3), tmp_path / "probe.png")
+    path = overview.draw_probe(make(inner_height=5e-3, outer_height=6e-3), tmp_path / "probe.png")
     data = path.read_bytes()
     assert data[:8] == b"\x89PNG\r\n\x1a\n"
     assert struct.unpack(">II", data[16:24]) == (2400, 1350)
@@ -39,7 +41,7 @@ def test_png_of_its_size_written_whole(tmp_path):
 
 @pytest.mark.parametrize(("gap", "height", "groove"), [(1e-6, 0.1e-3, None), (5e-3, 100e-3, (5e-3, 50e-3))])
 def test_extremes(tmp_path, gap, height, groove):
-    drawing.draw_probe(make(gap=gap, height=height, groove=groove), tmp_path / "probe.png")
+    overview.draw_probe(make(gap=gap, height=height, groove=groove), tmp_path / "probe.png")
 
 
 @pytest.mark.parametrize(
@@ -65,7 +67,7 @@ def test_says_what_there_is_and_what_is_assumed(tmp_path, monkeypatch, options, 
 
     drawn = []
     monkeypatch.setattr(Figure, "savefig", lambda figure, path, **_: drawn.append(figure) or Path(path).touch())
-    drawing.draw_probe(make(outer_radius=6e-3, **options), tmp_path / "probe.png")
+    overview.draw_probe(make(outer_radius=6e-3, **options), tmp_path / "probe.png")
     texts = [text.get_text() for text in drawn[0].findobj(Text)]
     for word in present:
         assert any(word in text for text in texts), (word, texts)
@@ -78,7 +80,7 @@ def test_outlines_enclose_the_area_that_the_solids_have_in_the_plane(options):
     probe = make(inner_height=4e-3, outer_height=5e-3, **options)
     cq = solids.load_cadquery()
     plane = cq.Face.makePlane(100, 100, (0, 0, 0), (0, 1, 0))
-    for name, polygons in drawing.section_outlines(probe).items():
+    for name, polygons in overview.build_section_outlines(probe).items():
         area = sum(abs(sum(a * d - b * c for (a, b), (c, d) in zip(p, p[1:] + p[:1], strict=True))) / 2 for p in polygons)
         assert area == pytest.approx(plane.intersect(solids.build_parts(probe)[name]).Area(), rel=1e-9), name
 
@@ -87,4 +89,4 @@ def test_outlines_enclose_the_area_that_the_solids_have_in_the_plane(options):
     ("length", "text"), [(5.0, "5"), (11.44849, "11.4485"), (0.001, "0.001"), (0.0001, "0.0001"), (100.0, "100")]
 )
 def test_numbers(length, text):
-    assert drawing.format_number(length) == text
+    assert format_number(length) == text
