@@ -18,10 +18,11 @@ from typing import Any
 
 ROUNDING_RELATIVE = 1e-6  # relative: differences between processors and libraries
 LOG_SENSITIVITY_TOLERANCE = 1e-5  # absolute, of a log-sensitivity, as documented for the accuracy
-# keys that describe a run and not its result, or repeat numbers in words
+# keys that describe a run and not its result, repeat numbers in words, or say what may differ
 IGNORED_KEYS = {
     "seconds", "provenance", "files", "folder", "answered", "warnings", "plan", "verdict", "remarks", "reason", "versions",
     "residual", "p_value", "date", "asked", "version", "program",
+    "error_estimate", "stress_inner_error", "stress_outer_error", "stiffness_error",
 }  # fmt: skip
 _QUANTITY_PATTERN = re.compile(r"\s*([+-]?[0-9.]+(?:[eE][+-]?[0-9]+)?)\s*([^\s0-9][^0-9]*)?\s*")
 
@@ -66,7 +67,7 @@ def _iterate_pairs(recorded: Any, repeated: Any, place: str, errors: Errors = (N
     """Yield the leaves of both trees: place, values, and their allowed difference, relative and absolute."""
     if isinstance(recorded, Mapping) and isinstance(repeated, Mapping):
         estimates = recorded.get("error_estimate"), repeated.get("error_estimate")
-        for key in [key for key in {**recorded, **repeated} if key not in IGNORED_KEYS and key != "error_estimate"]:
+        for key in [key for key in {**recorded, **repeated} if key not in IGNORED_KEYS]:
             yield from _iterate_pairs(recorded.get(key), repeated.get(key), f"{place}.{key}".lstrip("."), estimates)
     elif isinstance(recorded, list) and isinstance(repeated, list) and len(recorded) == len(repeated):
         for k, (left, right) in enumerate(zip(recorded, repeated, strict=True)):

@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 
 SHOWN_QUANTITIES = (
     "stress_inner", "stress_outer", "ratio", "log_sensitivity", "stiffness", "charge_inner", "charge_outer", "error_estimate",
-    "equivalent_modulus", "residual", "frequency", "ratio_phase", "ratio_phase_error",
+    "stress_inner_error", "stress_outer_error", "stiffness_error", "equivalent_modulus", "residual", "frequency",
+    "ratio_phase", "ratio_phase_error",
 )  # fmt: skip
 
 CURVE_ROWS, SCAN_ROWS, MAP_ROWS = 25, 41, 20  # largest numbers of rows of a table
@@ -44,8 +45,15 @@ def warn(warnings: Iterable[str]) -> None:
 
 def build_result_table(result: Result) -> Table:
     """Return the results of one evaluation as a table; null values are left out, and a warning gives the reason."""
+    from solver.results.result import ERROR_FIELDS
+
     values = ((name, getattr(result, name)) for name in SHOWN_QUANTITIES)
-    rows = [(name, format_number(value, 6), format_unit(name)) for name, value in values if value is not None]
+    quantiles = ERROR_FIELDS if result.error_kind == "95 %" else ()
+    rows = [
+        (f"{name} (95 %)" if name in quantiles else name, format_number(value, 6), format_unit(name))
+        for name, value in values
+        if value is not None
+    ]
     rows += [
         (f"{name} ({limit.basis_text})", format_maximum(limit.force, 3), "N")
         for name, limit in (("linear_limit_load", result.linear_limit_load), ("gap_closure_load", result.gap_closure_load))

@@ -35,10 +35,12 @@ from solver.linalg.workspace import use_own_workspace
 from solver.results.evaluator import FilmEvaluator, FilmSolution, ProgressCallback
 from solver.results.film_forces import FilmForces, find_shortfalls
 from solver.results.refusals import find_geometry_refusal
+from solver.results.result import ErrorKind
 
 MIN_COVER_DIAMETERS = 0.1  # of an inclusion, in its diameters
 MAX_LOG_RATIO_ERROR = 2.9  # of ln(ratio): scenes with a larger bound are refused
 MAX_RESIDUAL = 1e-10
+ERROR_KIND: ErrorKind = "95 %"
 MIN_DEPTH_OUTER_RADII = 0.1  # of the tissue, in outer radii
 # Poisson's ratios up to which rounding, in differences of terms that go with 1 / (1 - 2 nu), stays below a seventh of the stated
 # errors; in tissue with a tumour it grows with the third power, and is beyond them from 0.4999999 on. ``tests`` hold both.
@@ -97,7 +99,8 @@ class ClosedForm(FilmEvaluator):
             solutions.append(item)
         worst = max(solutions, key=lambda item: item.errors.largest)
         notes = tuple(find_shortfalls(worst.films, worst.errors.largest, accuracy))
-        return FilmSolution(tuple(item.films for item in solutions), max(item.residual for item in solutions), notes=notes)
+        films, residual = tuple(item.films for item in solutions), max(item.residual for item in solutions)
+        return FilmSolution(films, residual, notes=notes, error_kind=ERROR_KIND)
 
     @use_own_workspace
     def solve_many(self, scenes: Sequence[Scene], accuracies: Sequence[float]) -> list[FilmSolution | InputError]:
@@ -143,9 +146,8 @@ class ClosedForm(FilmEvaluator):
 
 
 def _build_answer(forces: ClosedFormForces, accuracy: float) -> FilmSolution:
-    return FilmSolution(
-        (forces.films,), forces.residual, notes=tuple(find_shortfalls(forces.films, forces.errors.largest, accuracy))
-    )
+    notes = tuple(find_shortfalls(forces.films, forces.errors.largest, accuracy))
+    return FilmSolution((forces.films,), forces.residual, notes=notes, error_kind=ERROR_KIND)
 
 
 def _is_near_interface(body: Inclusion, scene: Scene) -> bool:

@@ -20,6 +20,7 @@ from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import FREQUENCY_QUANTITY
 from solver.materials.linear import Isotropic
+from solver.results.result import combine_errors
 
 TISSUE_DENSITY_KG_M3 = 1100.0  # kg/m^3: tissue and elastomers
 MAX_INERTIA_NUMBER = 0.5  # of eq. PH.4: larger ones are refused
@@ -47,7 +48,7 @@ def add_inertia_error(error: float | None, scene: Scene, frequency: float) -> fl
 
     Complex solutions with masses give changes up to 0.6 N.
     """
-    return None if error is None else (1 + error) * (1 + compute_inertia_number(scene, frequency)) - 1
+    return combine_errors(error, compute_inertia_number(scene, frequency))
 
 
 def _compute_wave_number(scene: Scene, frequency: float) -> float:

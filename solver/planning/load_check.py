@@ -76,13 +76,8 @@ def compute_budget(rule: LoadRule, force: float, accuracy: float, promise: bool)
     return (1 + accuracy) / (1 + min(change, LOAD_SHARE * accuracy)) - 1
 
 
-def add_load_error(error: float | None, change: float) -> float | None:
-    """Return an error bound with what the load may change on top; None where either is not known."""
-    return None if error is None or math.isinf(change) else float(math.expm1(math.log1p(error) + math.log1p(change)))
-
-
 def add_load_effect(result: Result, scene: Scene, rule: LoadRule, accuracy: float, promise: bool) -> Result:
-    """Return a linear result with the load's effect added to its error.
+    """Return a linear result with the load's effect added to its errors.
 
     Args:
         result: of the scene.
@@ -91,8 +86,8 @@ def add_load_effect(result: Result, scene: Scene, rule: LoadRule, accuracy: floa
         accuracy: see ``find_largest_load``.
         promise: likewise.
     """
-    error = add_load_error(result.error_estimate, rule.bound_ratio_change(rule.compute_force(scene)))
-    result = replace(result, error_estimate=error, load_limits=build_limits(rule, accuracy, promise))
+    result = result.add_error(rule.bound_ratio_change(rule.compute_force(scene)))
+    result = replace(result, load_limits=build_limits(rule, accuracy, promise))
     return _add_notes(result, build_load_notes(scene, rule, accuracy, promise))
 
 

@@ -21,7 +21,7 @@ from solver.contact.evaluator import ContactEvaluator
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.planning.coarse_model import CoarseModel
 from solver.planning.layers import decide_layers, warn_of_missing_skin
-from solver.planning.load_check import LoadChanges, add_load_effect, add_load_error, build_load_notes, check_load, compute_budget
+from solver.planning.load_check import LoadChanges, add_load_effect, build_load_notes, check_load, compute_budget
 from solver.planning.load_limits import build_limits
 from solver.planning.loads import LoadRule
 from solver.planning.negligible_inclusions import LEFT_OUT_ACCURACY_SHARE, leave_out_negligible
@@ -29,7 +29,7 @@ from solver.planning.nonlinear_effects import decide_nonlinear_effects
 from solver.results.evaluator import OutOfReach
 from solver.results.load_limits import LoadedRecord, LoadLimits
 from solver.results.refusals import find_geometry_refusal, find_linear_refusal
-from solver.results.result import Curve, Decision, Effect, Result
+from solver.results.result import Curve, Decision, Effect, Result, combine_errors
 from solver.results.warnings import Note, explain_null_sensitivity
 from solver.solid.domain import choose_domain, compute_reach
 from solver.solid.evaluator import BEST_ACCURACY, SolidEvaluator
@@ -115,7 +115,7 @@ class Plan(LoadedRecord):
         notes = tuple(note for note in result.warnings if note.kind != "accuracy")  # of a share of what was asked, which is met
         result = replace(result, plan=self._merge_decisions(result.plan), warnings=(*notes, *self.warnings))
         if len(self.scene.inclusion) < len(scene.inclusion):
-            result = replace(result, error_estimate=add_load_error(result.error_estimate, float(np.expm1(self.left_out))))
+            result = result.add_error(float(np.expm1(self.left_out)))
             result = result if scene.target is not None else _remove_sensitivity(result)
         if self.evaluator == CONTACT:
             result = replace(result, load_limits=self.load_limits)
@@ -132,13 +132,13 @@ class Plan(LoadedRecord):
         """Complete an evaluator's curve of the reduced scene to one of the whole; see ``complete_result``."""
         left = float(np.expm1(self.left_out))
         if self.evaluator == CONTACT:
-            errors = tuple(add_load_error(error, left) for error in curve.error_estimate)
+            errors = tuple(combine_errors(error, left) for error in curve.error_estimate)
             return replace(curve, error_estimate=errors, plan=self._merge_decisions(curve.plan), load_limits=self.load_limits)
         changes = LoadChanges.from_stiffness(scene, self.rule, np.array(curve.stiffness))
         if not linear:
             check_load(scene, changes.weakest, accuracy, True)
         pairs = zip(curve.error_estimate, changes.ratio.tolist(), strict=True)
-        errors = tuple(add_load_error(add_load_error(error, left), load) for error, load in pairs)
+        errors = tuple(combine_errors(combine_errors(error, left), load) for error, load in pairs)
         notes = build_load_notes(scene, changes.weakest, accuracy, True)
         completed = replace(curve, error_estimate=errors, plan=self._merge_decisions(curve.plan), load_limits=self.load_limits)
         return replace(completed, warnings=(*curve.warnings, *notes))

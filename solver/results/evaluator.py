@@ -14,7 +14,7 @@ from geometry.common.resources import start_clock
 from geometry.scenes.scene import Scene
 from solver.linalg.workspace import Workspace, get_workspace, use_own_workspace
 from solver.results.film_forces import FilmForces, check_moduli, compute_ratio_fields, compute_result_fields
-from solver.results.result import Curve, Decision, Result
+from solver.results.result import Curve, Decision, ErrorKind, Result
 from solver.results.warnings import Note, select_notes
 
 ProgressCallback = Callable[[str], None]
@@ -79,6 +79,7 @@ class FilmSolution:
         plan: what was modelled and what was left out.
         notes: the evaluator's own warnings.
         stiffness: N/m, where it is not the sum of the film forces.
+        error_kind: of the errors of ``films``.
     """
 
     films: tuple[FilmForces, ...]
@@ -86,6 +87,7 @@ class FilmSolution:
     plan: tuple[Decision, ...] = ()
     notes: tuple[Note, ...] = ()
     stiffness: float | None = None
+    error_kind: ErrorKind = "bound"
 
     def build_result(self, name: str, scene: Scene, seconds: float) -> Result:
         """Return the result at the scene's own target modulus."""
@@ -93,14 +95,18 @@ class FilmSolution:
         if self.stiffness is not None:
             fields["stiffness"] = self.stiffness
         warnings = (*fields.pop("warnings"), *self.notes)
-        return Result(name, seconds, **fields, residual=self.residual, plan=self.plan, warnings=warnings)
+        return Result(
+            name, seconds, **fields, error_kind=self.error_kind, residual=self.residual, plan=self.plan, warnings=warnings
+        )
 
     def build_curve(self, name: str, scene: Scene, moduli: Floats, seconds: float) -> Curve:
         """Return the curve over moduli of the target, Pa, shape (k,)."""
         rows = [compute_ratio_fields(scene, films) for films in self.films]
         values: dict[str, Any] = {key: tuple(row[key] for row in rows) for key in ("ratio", "log_sensitivity", "error_estimate")}
         values["stiffness"] = tuple(float(films.totals.sum()) for films in self.films)
-        return Curve(name, seconds, tuple(moduli.tolist()), **values, plan=self.plan, warnings=self.notes)
+        return Curve(
+            name, seconds, tuple(moduli.tolist()), **values, error_kind=self.error_kind, plan=self.plan, warnings=self.notes
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

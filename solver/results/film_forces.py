@@ -107,13 +107,17 @@ class FilmForces:
         """Bound on the relative error of the total force per indentation."""
         return float(self.bound.totals.sum() / abs(self.totals.sum()))
 
-    def compute_max_error(self, scene: Scene) -> float:
-        """Return the largest relative error bound of ratio, both stresses and stiffness, for the scene's kind of load.
+    def compute_stress_errors(self, scene: Scene) -> tuple[float, float]:
+        """Return the relative errors of the inner and the outer stress, for the scene's kind of load.
 
         Where the force is given, the stresses are shares of it, so that the ratio's error bounds theirs.
         """
-        stresses = self.ratio_error if scene.load.force is not None else float(self.relative_errors.max())
-        return max(self.ratio_error, stresses, self.stiffness_error)
+        inner, outer = (self.ratio_error,) * 2 if scene.load.force is not None else self.relative_errors.tolist()
+        return inner, outer
+
+    def compute_max_error(self, scene: Scene) -> float:
+        """Return the largest relative error of ratio, both stresses and stiffness, for the scene's kind of load."""
+        return max(self.ratio_error, *self.compute_stress_errors(scene), self.stiffness_error)
 
 
 def compute_result_fields(scene: Scene, films: FilmForces) -> dict[str, Any]:
@@ -135,6 +139,7 @@ def compute_result_fields(scene: Scene, films: FilmForces) -> dict[str, Any]:
         "stress_inner": float(stress[0]),
         "stress_outer": float(stress[1]),
         "stiffness": float(films.totals.sum()),
+        "stiffness_error": films.stiffness_error,
         "charge_inner": None if charge[0] is None else float(charge[0]),
         "charge_outer": None if charge[1] is None else float(charge[1]),
         **compute_ratio_fields(scene, films),
@@ -159,19 +164,23 @@ def compute_indentation(scene: Scene, stiffness: float) -> float:
 
 
 def compute_ratio_fields(scene: Scene, films: FilmForces) -> dict[str, Any]:
-    """Return the fields ratio, log_sensitivity, film_log_sensitivities and error_estimate of a ``Result``.
+    """Return the ratio of a ``Result``, its log-sensitivities and the errors of ratio and stresses.
 
-    All are None where a stress is smaller than its error bound.
+    All are None where a stress is smaller than its error.
     """
-    if films.stress_below_error is not None:
-        return dict.fromkeys(("ratio", "log_sensitivity", "film_log_sensitivities", "error_estimate"))
-    inner, outer = films.totals / [scene.probe.inner_area, scene.probe.outer_area]
-    return {
-        "ratio": float(inner / outer),
+    with np.errstate(divide="ignore"):
+        inner, outer = films.totals / [scene.probe.inner_area, scene.probe.outer_area]
+        ratio = float(inner / outer)
+    inner_error, outer_error = films.compute_stress_errors(scene)
+    fields = {
+        "ratio": ratio,
         "log_sensitivity": films.log_sensitivity,
         "film_log_sensitivities": films.film_log_sensitivities,
         "error_estimate": films.ratio_error,
+        "stress_inner_error": inner_error,
+        "stress_outer_error": outer_error,
     }
+    return fields if films.stress_below_error is None else dict.fromkeys(fields)
 
 
 def check_moduli(scene: Scene, moduli: Floats) -> Floats:

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 
 SI_UNITS = {
     "stress_inner": "Pa", "stress_outer": "Pa", "ratio": "1", "log_sensitivity": "1", "stiffness": "N/m", "charge_inner": "C",
-    "charge_outer": "C", "error_estimate": "1", "equivalent_modulus": "Pa", "residual": "1", "frequency": "Hz",
+    "charge_outer": "C", "error_estimate": "1", "stress_inner_error": "1", "stress_outer_error": "1", "stiffness_error": "1",
+    "equivalent_modulus": "Pa", "residual": "1", "frequency": "Hz",
     "ratio_phase": "rad", "ratio_phase_error": "rad", "youngs_modulus": "Pa", "force": "N", "indentation": "m",
     "tangent_stiffness": "N/m", "closest_walls": "m", "contact_radius": "m", "largest_strain": "1", "position": "m", "at": "m",
     "ratio_without": "1", "depth": "m", "diameter": "m", "change": "1", "standard_deviation": "1", "error": "1", "seen": "1",

@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
 
 from geometry.provenance.block import Provenance
 from solver.results.load_limits import LoadedRecord, LoadLimits
 from solver.results.warnings import Note
 
+ErrorKind = Literal["bound", "95 %"]
+"""What a stated error is: a bound, or a quantile, which the true error is below in 95 % of scenes."""
+ERROR_FIELDS = ("error_estimate", "stress_inner_error", "stress_outer_error", "stiffness_error")
+"""Fields of a result that are relative errors, of the kind ``error_kind``."""
 MAX_EFFECT = 1e9  # larger effects are cut to this, as JSON has no infinity
+
+
+def combine_errors(error: float | None, change: float) -> float | None:
+    """Return a relative error with a further relative change on top; None where either is not known."""
+    return None if error is None or math.isinf(change) else math.expm1(math.log1p(error) + math.log1p(change))
 
 
 @dataclass(frozen=True)
@@ -63,7 +74,9 @@ class Result(LoadedRecord):
             less the second.
         stiffness: force on the base per indentation, N/m.
         charge_inner, charge_outer: film charges by the paper's eq. (12), C.
-        error_estimate: bound on the relative error of ``ratio``; if the evaluator was named, against linear elasticity.
+        error_estimate: of ``ratio``, relative; if the evaluator was named, against linear elasticity.
+        error_kind: what all errors here are: bounds, or of ``closed-form`` 95 % quantiles.
+        stress_inner_error, stress_outer_error, stiffness_error: like ``error_estimate``; inertia is not counted in them.
         evaluator: name of the evaluator that computed it.
         seconds: how long it took.
         equivalent_modulus: Pa; from ``published`` alone.
@@ -90,6 +103,10 @@ class Result(LoadedRecord):
     charge_inner: float | None = None
     charge_outer: float | None = None
     error_estimate: float | None = None
+    error_kind: ErrorKind = "bound"
+    stress_inner_error: float | None = None
+    stress_outer_error: float | None = None
+    stiffness_error: float | None = None
     equivalent_modulus: float | None = None
     residual: float | None = None
     load_limits: LoadLimits | None = None
@@ -101,6 +118,11 @@ class Result(LoadedRecord):
     warnings: tuple[Note, ...] = ()
     provenance: Provenance | None = field(default=None, compare=False, repr=False)
 
+    def add_error(self, change: float) -> Result:
+        """Return the result with all its errors increased by a further relative change; None where that is infinite."""
+        errors: dict[str, Any] = {name: combine_errors(getattr(self, name), change) for name in ERROR_FIELDS}
+        return replace(self, **errors)
+
 
 @dataclass(frozen=True)
 class Curve(LoadedRecord):
@@ -109,7 +131,8 @@ class Curve(LoadedRecord):
     Attributes:
         youngs_modulus: of the target, Pa.
         ratio, log_sensitivity: see ``Result``; None where ``stress_outer`` is below its own error.
-        error_estimate: bound on the relative error of each ratio.
+        error_estimate: of each ratio, relative.
+        error_kind: see ``Result``.
         stiffness: force on the base per indentation, N/m.
         evaluator, seconds, load_limits, plan, warnings, provenance: see ``Result``.
     """
@@ -122,6 +145,7 @@ class Curve(LoadedRecord):
     log_sensitivity: tuple[float | None, ...]
     error_estimate: tuple[float | None, ...]
     stiffness: tuple[float, ...]
+    error_kind: ErrorKind = "bound"
     load_limits: LoadLimits | None = None
     plan: tuple[Decision, ...] = ()
     warnings: tuple[Note, ...] = ()

@@ -13,6 +13,7 @@ import pytest
 from geometry import Load, Refusal, Scene, read_scene
 from solver import evaluate, evaluator
 from solver.evaluators import EVALUATOR_NAMES
+from solver.results.result import ERROR_FIELDS
 from solver.results.warnings import Note, select_notes
 from tests.support.imports import sources
 from tests.support.paths import REFERENCE, SCENE
@@ -113,3 +114,15 @@ def test_evaluators_say_of_what_kind_their_warnings_are(scene: Scene, name: str,
     assert all(
         isinstance(text, str) for text in json.loads(json.dumps(evaluator(name).evaluate(scene, 1e-3).as_dict()))["warnings"]
     )
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"), [("closed-form", "95 %"), ("equivalent-inclusion", "bound"), ("axisymmetric", "bound")]
+)
+def test_results_state_the_errors_of_all_values_and_their_kind(scene: Scene, name: str, kind: str) -> None:
+    result = evaluate(scene, name)
+    assert result.error_kind == kind
+    assert all(getattr(result, field) > 0 for field in ERROR_FIELDS)
+    assert result.stress_inner_error == result.stress_outer_error == result.error_estimate  # shares of a given force
+    raised = result.add_error(0.1)
+    assert all(getattr(raised, field) == pytest.approx(1.1 * getattr(result, field) + 0.1) for field in ERROR_FIELDS)
