@@ -133,13 +133,11 @@ def parse_field_reading(contents: dict[str, Any], name: str, scene: Scene) -> Fi
     if "ratio" in contents and contents["ratio"] is None:
         raise InputError(f"{name}: ratio", Words("null"), "a reading whose outer stress stands out: press harder, or read longer")
     ratio, spread, force = (_get_number(contents, key, name) for key in ("ratio", "ratio_uncertainty", "force"))
-    if ratio == 0 or not 0 < spread <= MAX_RELATIVE_SD * abs(ratio):
-        raise InputError(
-            f"{name}: ratio", ratio, f"a ratio other than 0, its uncertainty above 0, up to {MAX_RELATIVE_SD:g} of it"
-        )
+    if not 0 < spread <= MAX_RELATIVE_SD * ratio:
+        raise InputError(f"{name}: ratio", ratio, f"a ratio above 0, its uncertainty above 0, up to {MAX_RELATIVE_SD:g} of it")
     if not isinstance(contents.get("calibration_sha256"), str | None):
         raise InputError(f"{name}: calibration_sha256", contents["calibration_sha256"], f"a text, as {READING_ORIGIN}")
-    whole = spread / abs(ratio)
+    whole = spread / ratio
     own_noise = min(_get_number(contents, "ratio_noise", name), whole) if contents.get("ratio_noise") is not None else 0.0
     place = contents.get("placement")
     return FieldReading(

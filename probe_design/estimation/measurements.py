@@ -40,7 +40,7 @@ READING_KEYS = ("x", "y", "ratio", "noise", "stiffness", "stiffness_noise", "rat
 MAX_READINGS = 1000
 MAX_FILE_BYTES = 200_000  # bytes
 POSITION_QUANTITY = Quantity("position", "m", "mm", -10.0, 10.0)
-ALLOWED_RATIO = "a number other than 0, stress_inner over stress_outer"
+ALLOWED_RATIO = "a number above 0, stress_inner over stress_outer, both of which are pressures"
 PHASE_QUANTITY = Quantity("phase", "rad", "deg", -1.5, 1.5)
 PHASE_SD_QUANTITY = Quantity("phase", "rad", "deg", 1e-7, 1.5)
 STIFFNESS_QUANTITY = Quantity("stiffness", "N/m", "N/m", 1e-9, 1e15)
@@ -52,7 +52,7 @@ class Reading:
 
     Attributes:
         x, y: of its axis, m.
-        ratio: ``stress_inner / stress_outer``, not 0.
+        ratio: ``stress_inner / stress_outer``, above 0.
         noise: relative, one standard deviation.
         stiffness: force on the base per indentation, N/m, or None.
         stiffness_noise: relative, one standard deviation.
@@ -205,7 +205,7 @@ def _check_reading(key_prefix: str, row: Mapping[str, Any], scene: Scene, noise:
     defaults = {"noise": noise, "stiffness_noise": stiffness_noise}
     entries = defaults | {key: value for key, value in row.items() if value is not None}
     ratio = read_number(f"{key_prefix}ratio", entries.get("ratio"), ALLOWED_RATIO)
-    if ratio == 0 or not math.isfinite(ratio):
+    if not 0 < ratio < math.inf:
         raise InputError(f"{key_prefix}ratio", entries["ratio"], ALLOWED_RATIO)
     ratio_noise = _read_noise(f"{key_prefix}noise", entries.get("noise"))
     stated_noise = entries.get("stiffness_noise")

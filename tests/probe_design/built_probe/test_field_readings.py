@@ -79,7 +79,7 @@ def test_json_of_read() -> None:
 @pytest.mark.parametrize(
     ("key", "value", "words"),
     [
-        ("ratio", None, "ratio = null"), ("ratio", "0.5", "ratio = '0.5'"), ("ratio", 0.0, "other than 0"),
+        ("ratio", None, "ratio = null"), ("ratio", "0.5", "ratio = '0.5'"), ("ratio", 0.0, "above 0"), ("ratio", -1.0, "above 0"),
         ("ratio", True, "ratio = true"), ("ratio_uncertainty", -1.0, "above 0"), ("ratio_uncertainty", float("nan"), "nan"),
         ("placement", [1.0], "placement"), ("placement", ["a", 2], "placement"), ("force", None, "force"),
         ("placement", [-1e308, 0.0], "placement"), ("placement", [10**400, 0.0], "placement"), ("force", 10**400, "force"),

@@ -186,7 +186,7 @@ def test_what_cannot_be_told_is_said_plainly() -> None:
     assert any("contradict" in warning for warning in upper.warnings)
     noisy = estimate(truth, build_single_reading(truth, 0.7, 2.0))
     assert "any E_object" in str(noisy.reason)
-    negative = estimate(truth, build_single_reading(truth, -0.7, 0.05))
+    negative = estimate(truth, (Reading(0.0, 0.0, -0.7, 0.05),))
     assert "sign" in str(negative.reason)
 
 
@@ -244,7 +244,8 @@ def test_readings_files(tmp_path: Path) -> None:
     [
         ("scan.txt", "", (".toml or .csv",)),
         ("scan.csv", "x,ratio\n90 mm,0.5\n", ("reading[0].x", "90 mm", "less than")),
-        ("scan.csv", "x,ratio\n0 mm,0\n", ("reading[0].ratio", "other than 0")),
+        ("scan.csv", "x,ratio\n0 mm,0\n", ("reading[0].ratio", "above 0")),
+        ("scan.csv", "x,ratio\n0 mm,-1\n", ("reading[0].ratio", "'-1'", "above 0")),
         ("scan.csv", "x,ratio\n0,0.5\n", ("reading[0].x", "unit is missing")),
         ("scan.csv", "x,ratio,noise\n0 mm,0.5,-1\n", ("reading[0].noise", "1e-06")),
         ("scan.csv", "x,ratio\n0 mm\n", ("reading[0]", "cells")),
@@ -307,7 +308,9 @@ def test_command_line(tmp_path: Path) -> None:
     ("arguments", "words"),
     [
         ((), ("ratio", "missing")),
-        (("--ratio", "0"), ("ratio", "other than 0")),
+        (("--ratio", "0"), ("ratio", "above 0")),
+        (("--ratio", "-1"), ("ratio = '-1'", "above 0")),
+        (("--ratio", "-1", "--json"), ("ratio = '-1'", "above 0")),
         (("--ratio", "much"), ("ratio", "much")),
         (("--ratio", "0.6", "--noise", "0"), ("noise", "1e-06")),
         (("--ratio", "0.6", "--noise", "nan"), ("noise", "nan")),
