@@ -109,10 +109,11 @@ class Gains:
         return float(chdtrc(self.freedom, self.chi_square)) if self.freedom else 1.0
 
     @property
-    def covariance_as_drawn(self) -> Floats:
-        """Covariance of the entries for a probe exactly as drawn, without the workshop's tolerances, shape (4, 4)."""
+    def errors_as_drawn(self) -> Floats:
+        """Independent errors of the entries, 1 sd, without the workshop's tolerances: for a probe as drawn, shape (4, 4)."""
         spread = self.slopes * self.workshop
-        return np.asarray(self.covariance - spread @ spread.T)
+        variances, directions = np.linalg.eigh(self.covariance - spread @ spread.T)
+        return np.asarray(directions * np.sqrt(np.maximum(variances, 0.0)))
 
     def compute_forces(self, films: Floats) -> Floats:
         """Return the film forces f, N, from readings y, N, shape (2,)."""

@@ -33,6 +33,7 @@ from probe_design.estimation.predictions import Predictions
 from probe_design.estimation.profile import POINTS_PER_NODE, Track
 from probe_design.estimation.shared_errors import SharedErrors
 from probe_design.estimation.strength import Interval
+from probe_design.inference.linear_gaussian import LinearGaussian
 
 DRAW_COUNT = 64
 COARSE_POINTS = 10  # points from node to node that bracket the ends of intervals
@@ -274,7 +275,6 @@ def _draw_truths(fit: Likelihood, y: Floats, probability: Floats) -> Floats:
 
 def _draw_nuisances(errors: SharedErrors, residual: Floats, normal: Floats) -> Floats:
     """Return eta of eq. ES.11, shape (s, q), for A of shape (s, k, q), r of shape (s, k) and standard normal numbers, (s, q)."""
-    A = errors.linear
-    M = np.linalg.inv(np.eye(A.shape[-1]) + A.swapaxes(1, 2) @ A)
-    middle = (M @ (A.swapaxes(1, 2) @ residual[..., None]))[..., 0]
-    return np.asarray(middle + (np.linalg.cholesky(M) @ normal[..., None])[..., 0])
+    model = LinearGaussian.from_shared_errors(errors.linear, np.ones(residual.shape[-1]))
+    root = np.linalg.cholesky(model.compute_posterior_covariance())
+    return np.asarray(model.compute_posterior_mean(residual) + (root @ normal[..., None])[..., 0])

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.common.arrays import Floats, Ints
+from probe_design.inference.linear_gaussian import LinearGaussian
 
 GAUSS_NEWTON_STEPS = 8  # Gauss-Newton steps for eta
 MAX_STEP_SDS = 1.0  # standard deviations: largest change of eta in one step
@@ -73,17 +74,18 @@ class SharedErrors:
 
     def decorrelate(self, values: Floats) -> Floats:
         """Return W v, with W of eq. ES.8, for values v divided by the noise, shape (..., k)."""
-        return values - _multiply(self.linear, self._solve(self.linear, _multiply(_transpose(self.linear), values)))
+        return _build_unit_noise(self.linear).weigh(values)
 
     def compute_misfit(self, residual: Floats) -> Floats:
         """Return chi2 of eq. ES.8 for differences y - m divided by the noise, shape (..., k)."""
         if not self.linear.shape[-1]:
             return np.asarray((residual**2).sum(axis=-1))
-        eta = self._solve(self.linear, _multiply(_transpose(self.linear), residual))
+        eta = _build_unit_noise(self.linear).compute_posterior_mean(residual)
         min_chi2 = self._evaluate_misfit(residual, eta)
         for _ in range(GAUSS_NEWTON_STEPS):
             tangent = self.differentiate(eta)
-            step = self._solve(tangent, _multiply(_transpose(tangent), residual - self.evaluate(eta)) - eta)
+            linearised_residual = residual - self.evaluate(eta) + _multiply(tangent, eta)
+            step = _build_unit_noise(tangent).compute_posterior_mean(linearised_residual) - eta
             eta = eta + step / np.maximum(1.0, np.abs(step).max(axis=-1, keepdims=True) / MAX_STEP_SDS)
             min_chi2 = np.minimum(min_chi2, self._evaluate_misfit(residual, eta))
         return min_chi2
@@ -92,10 +94,10 @@ class SharedErrors:
         """Return the sum of eq. ES.8 at given eta, which the misfit minimises."""
         return np.asarray(((residual - self.evaluate(eta)) ** 2).sum(axis=-1) + (eta**2).sum(axis=-1))
 
-    def _solve(self, linear: Floats, right: Floats) -> Floats:
-        """Solve (I + A^T A) x = right, with A the linear coefficients, shape (..., k, q)."""
-        square = np.eye(linear.shape[-1]) + _transpose(linear) @ linear
-        return np.asarray(np.linalg.solve(square, right[..., None])[..., 0])
+
+def _build_unit_noise(linear: Floats) -> LinearGaussian:
+    """Return data of unit noise that share standard normal errors with coefficients A of shape (..., k, q)."""
+    return LinearGaussian.from_shared_errors(linear, np.ones(linear.shape[-2]))
 
 
 def _multiply(matrix: Floats, vector: Floats) -> Floats:
@@ -105,7 +107,3 @@ def _multiply(matrix: Floats, vector: Floats) -> Floats:
 def _compute_products(eta: Floats, powers: Ints) -> Floats:
     """Return products of powers of eta, shape (..., n)."""
     return np.asarray(np.prod(eta[..., None, :] ** powers, axis=-1))
-
-
-def _transpose(matrix: Floats) -> Floats:
-    return np.swapaxes(matrix, -1, -2)

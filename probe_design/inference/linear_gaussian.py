@@ -125,7 +125,7 @@ class LinearGaussian:
         mean = self._project(values[..., None])[1][:, 0]
         R, scale = _align_batch(self._factors.R, 2, mean.ndim - 1), _align_batch(self._factors.scale, 1, mean.ndim - 1)
         for k in reversed(range(len(mean))):
-            mean[k] = _divide(mean[k] - (R[k, k + 1 :] * mean[k + 1 :]).sum(axis=0), R[k, k])
+            mean[k] = (mean[k] - (R[k, k + 1 :] * mean[k + 1 :]).sum(axis=0)) * _invert(R[k, k])
         return np.moveaxis(mean * scale, 0, -1)
 
     def compute_posterior_sd(self, combination: Array) -> Array:
@@ -150,26 +150,31 @@ class LinearGaussian:
         both = _restore_axes(is_resolved[:, None] & is_resolved)
         return np.where(both, covariance, np.where(np.eye(covariance.shape[-1]) > 0, np.inf, np.nan))
 
+    @property
+    def _batch(self) -> tuple[int, ...]:
+        return np.broadcast_shapes(self.derivatives.shape[:-2], self.variance.shape[:-1], self.prior_sd.shape[:-1])
+
     @cached_property
     def _factors(self) -> _Factors:
         """Orthogonalise eq. LG.2 by modified Gram-Schmidt."""
-        batch = np.broadcast_shapes(self.derivatives.shape[:-2], self.variance.shape[:-1], self.prior_sd.shape[:-1])
-        q = self.derivatives.shape[-1]
-        prior_sd = np.moveaxis(np.broadcast_to(self.prior_sd, (*batch, q)), -1, 0)
-        whitened = self.derivatives / np.sqrt(self.variance)[..., None]
-        readings_rows = _put_batch_last(np.broadcast_to(whitened, (*batch, *whitened.shape[-2:])))
-        size = np.abs(readings_rows).max(axis=1, initial=0.0)
+        (m, q), batch = self.derivatives.shape[-2:], self._batch
+        noise_sd, prior_sd = (
+            np.moveaxis(np.broadcast_to(part, (*batch, part.shape[-1])), -1, 0)
+            for part in (np.sqrt(self.variance), self.prior_sd)
+        )
+        Q = np.zeros((q, m + q, *batch), dtype=np.result_type(self.derivatives, noise_sd, float))
+        np.divide(_put_batch_last(np.broadcast_to(self.derivatives, (*batch, m, q))), noise_sd, out=Q[:, :m])
+        size = np.abs(Q).max(axis=1, initial=0.0)
         scale = np.minimum(prior_sd, np.divide(1.0, size, out=np.full(size.shape, np.inf), where=size > np.finfo(float).tiny))
         scale = np.where(np.isinf(scale), 1.0, scale)  # of an unknown that neither prior nor readings determine
         prior_rows = np.divide(scale, prior_sd, out=np.ones(scale.shape), where=prior_sd > 0)
-        below = np.zeros((q, q, *batch))
-        below[np.arange(q), np.arange(q)] = prior_rows
-        Q = np.concatenate([readings_rows * scale[:, None], below], axis=1)
+        Q *= scale[:, None]
+        Q[range(q), range(m, m + q)] = prior_rows
         R = np.zeros((q, q, *batch), dtype=Q.dtype)
         for k, column in enumerate(Q):
             length = np.sqrt((column**2).sum(axis=0))
             R[k, k] = np.where(length.real <= _RELATIVE_ROUNDING * len(column), 0.0, length)  # a sum of the columns before it
-            column[:] = _divide(column, R[k, k])
+            column *= _invert(R[k, k])
             for j in range(k + 1, q):
                 R[k, j] = (column * Q[j]).sum(axis=0)
                 Q[j] -= R[k, j] * column
@@ -177,11 +182,11 @@ class LinearGaussian:
 
     def _project(self, columns: Array) -> tuple[Array, Array]:
         """Return columns w of eq. LG.3, shape (c, m + q, ...), and Q^T [V^-1/2 y; 0], (q, c, ...), for columns y (..., m, c)."""
-        whitened, Q = _put_batch_last(columns / np.sqrt(self.variance)[..., None]), self._factors.Q
-        Q, whitened = _align_batch(Q, 2, whitened.ndim - 2), _align_batch(whitened, 2, Q.ndim - 2)
-        batch = np.broadcast_shapes(whitened.shape[2:], Q.shape[2:])
-        w = np.zeros((len(whitened), Q.shape[1], *batch), dtype=np.result_type(whitened, Q))
-        w[:, : whitened.shape[1]] = whitened
+        m, batch = columns.shape[-2], np.broadcast_shapes(columns.shape[:-2], self._batch)
+        Q = _align_batch(self._factors.Q, 2, len(batch))
+        w = np.zeros((columns.shape[-1], Q.shape[1], *batch), dtype=np.result_type(columns, Q))
+        w[:, :m] = _align_batch(_put_batch_last(columns), 2, len(batch))
+        w[:, :m] /= _align_batch(np.moveaxis(np.sqrt(self.variance), -1, 0), 1, len(batch))
         coefficients = np.zeros((len(Q), len(w), *batch), dtype=w.dtype)
         for k, column in enumerate(Q):
             coefficients[k] = (column * w).sum(axis=1)
@@ -197,7 +202,7 @@ class LinearGaussian:
             terms = R[:k, None, k] * root[:k]
             remainder, largest = right[k] - terms.sum(axis=0), np.abs(right[k]) + np.abs(terms).sum(axis=0)
             is_resolved &= (R[k, k] != 0) | (np.abs(remainder) <= _RELATIVE_ROUNDING * len(R) * largest)
-            root[k] = _divide(remainder, R[k, k])
+            root[k] = remainder * _invert(R[k, k])
         return root, is_resolved
 
 
@@ -238,6 +243,6 @@ def _restore_axes(columns: Array) -> Array:
     return np.moveaxis(columns, (0, 1), (-1, -2))
 
 
-def _divide(numerator: Array, pivot: Array) -> Array:
-    """Return the quotient, 0 where the pivot is 0: nothing is known in that direction."""
-    return np.where(pivot == 0, 0.0, numerator / np.where(pivot == 0, 1.0, pivot))
+def _invert(pivot: Array) -> Array:
+    """Return the inverse, 0 where the pivot is 0: nothing is known in that direction."""
+    return np.where(pivot == 0, 0.0, 1 / np.where(pivot == 0, 1.0, pivot))

@@ -14,12 +14,14 @@ from geometry.common.errors import ProbeError
 from geometry.scenes.scene import Scene
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import BLOCK_MODULI, BlockPredictions, express_by_outer_radius, predict_blocks
+from probe_design.inference.linear_gaussian import LinearGaussian
 from probe_design.probe_check.deviation import Deviation
 
 GAIN_NAME = "relative gain"
 MAX_STEPS = 12  # of Gauss-Newton
 MAX_HALVINGS = 6  # of a step that leads to an invalid or worse design
 MAX_STEP = 0.7  # step of ln(value): a factor of 2
+UNKNOWN_STEP_SD = 1e6  # of a step before the readings: nothing is known, and results stay finite
 STEP_TOLERANCE_SD = 0.05  # step over standard deviation at which the fit has converged
 MIN_RELATIVE_GAIN = 0.01  # relative decrease of chi-square below which no further step is made
 
@@ -120,66 +122,56 @@ class Fit:
 
 def fit_changes(changes: Changes, deviation: Deviation) -> Fit:
     """Fit the variables' values to a deviation, starting from the present ones."""
-    weight = deviation.compute_weight(*changes.names)
+    errors = deviation.build_errors(*changes.names)
+    chi_square = _compute_chi_square(changes, deviation, errors)
     for k in range(MAX_STEPS):
-        step, spread = _compute_newton_step(changes, deviation, weight)
-        if k and _predict_gain(changes, deviation, weight, step) < MIN_RELATIVE_GAIN * (
-            1.0 + _compute_chi_square(changes, deviation, weight)
-        ):
+        model = _build_linear_model(changes, deviation, errors)
+        step = model.compute_posterior_mean(changes.compute_residual(deviation))
+        expected_gain = float(errors.compute_chi_square(changes.compute_derivatives(deviation) @ step))
+        if k and expected_gain < MIN_RELATIVE_GAIN * (1.0 + chi_square):
             break  # saves solving a design that is no better; not at first, where linear theory may miss an improvement
-        better = _find_better(changes, deviation, weight, step * (MAX_STEP / max(MAX_STEP, float(np.abs(step).max()))))
+        better = _find_better(changes, deviation, errors, step * (MAX_STEP / max(MAX_STEP, float(np.abs(step).max()))))
         if better is None:
             break
-        gain = _compute_chi_square(changes, deviation, weight) - _compute_chi_square(better, deviation, weight)
-        changes = better
-        if np.all(np.abs(step) < STEP_TOLERANCE_SD * spread) or gain < MIN_RELATIVE_GAIN * (
-            1.0 + _compute_chi_square(better, deviation, weight)
-        ):
+        changes, previous, chi_square = better, chi_square, _compute_chi_square(better, deviation, errors)
+        is_converged = np.all(np.abs(step) < STEP_TOLERANCE_SD * _compute_sds(model))
+        if is_converged or previous - chi_square < MIN_RELATIVE_GAIN * (1.0 + chi_square):
             break
-    _, spread = _compute_newton_step(changes, deviation, weight)
-    return Fit(changes, _compute_chi_square(changes, deviation, weight), spread * changes.per_step)
+    return Fit(changes, chi_square, _compute_sds(_build_linear_model(changes, deviation, errors)) * changes.per_step)
 
 
 def predict_chi_square(fit: Fit, deviation: Deviation, second_name: str) -> float:
     """Predict the chi-square with a second variable, by linear theory about a fit of one."""
     names = (*fit.changes.names, second_name)
-    weight = deviation.compute_weight(*names)
-    slopes, residual = fit.changes.compute_derivatives(deviation, names), fit.changes.compute_residual(deviation)
-    root = np.linalg.cholesky(weight).T
-    steps = np.linalg.lstsq(root @ slopes, root @ residual)[0]
-    remainder = residual - slopes @ steps
-    return float(remainder @ weight @ remainder)
+    model = _build_linear_model(fit.changes, deviation, deviation.build_errors(*names), names)
+    return float(model.compute_chi_square(fit.changes.compute_residual(deviation)))
 
 
-def _compute_newton_step(changes: Changes, deviation: Deviation, weight: Floats) -> tuple[Floats, Floats]:
-    """Return the Gauss-Newton step and its standard deviations, shape (n,) each."""
-    slopes, root = changes.compute_derivatives(deviation), np.linalg.cholesky(weight).T
-    step = np.linalg.lstsq(root @ slopes, root @ changes.compute_residual(deviation))[0]
-    information = slopes.T @ weight @ slopes
-    scale = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
-    spread = np.sqrt(np.diag(np.linalg.pinv(information / np.outer(scale, scale)))) / scale
-    return np.asarray(step), np.asarray(spread)
+def _build_linear_model(
+    changes: Changes, deviation: Deviation, errors: LinearGaussian, names: tuple[str, ...] = ()
+) -> LinearGaussian:
+    """Return the deviation's dependence on steps of ``names``, or of the changed variables, of which nothing is known before."""
+    slopes = changes.compute_derivatives(deviation, names)
+    return errors.add_unknowns(slopes, np.full(slopes.shape[1], UNKNOWN_STEP_SD))
 
 
-def _predict_gain(changes: Changes, deviation: Deviation, weight: Floats, step: Floats) -> float:
-    """Return the decrease of chi-square by a step, by linear theory."""
-    moved = changes.compute_derivatives(deviation) @ step
-    return float(moved @ weight @ moved)
+def _compute_sds(model: LinearGaussian) -> Floats:
+    """Return the standard deviations of the steps, shape (n,)."""
+    return np.asarray(np.sqrt(np.diag(model.compute_posterior_covariance())))
 
 
-def _find_better(changes: Changes, deviation: Deviation, weight: Floats, step: Floats) -> Changes | None:
+def _find_better(changes: Changes, deviation: Deviation, errors: LinearGaussian, step: Floats) -> Changes | None:
     """Return the changes after a step, which is halved until chi-square decreases, or None."""
-    initial = _compute_chi_square(changes, deviation, weight)
+    initial = _compute_chi_square(changes, deviation, errors)
     for halving in range(MAX_HALVINGS):
         candidate = changes.apply_steps(step / 2**halving)
-        if candidate is not None and _compute_chi_square(candidate, deviation, weight) < initial:
+        if candidate is not None and _compute_chi_square(candidate, deviation, errors) < initial:
             return candidate
     return None
 
 
-def _compute_chi_square(changes: Changes, deviation: Deviation, weight: Floats) -> float:
-    residual = changes.compute_residual(deviation)
-    return float(residual @ weight @ residual)
+def _compute_chi_square(changes: Changes, deviation: Deviation, errors: LinearGaussian) -> float:
+    return float(errors.compute_chi_square(changes.compute_residual(deviation)))
 
 
 def _get_nominal(shares: BlockPredictions, name: str) -> float:

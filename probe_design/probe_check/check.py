@@ -212,9 +212,9 @@ class Comparison:
         logs, noise, gain_derivatives = (np.array(part) for part in zip(*parts, strict=True))
         blocks = zip(self.shares.blocks, self.bench.blocks, strict=True)
         model = np.array([share.compute_variance(block) for share, block in blocks])
-        read = np.diag(noise) + gain_derivatives @ self.gains.covariance_as_drawn @ gain_derivatives.T
         bias = {name: gain_derivatives @ self.gains.slopes[:, k] for k, name in enumerate(self.variables)}
-        return Deviation(logs, self.shares.log_ratios, read, model, bias, self._compute_workshop(bias))
+        gain_errors = gain_derivatives @ self.gains.errors_as_drawn
+        return Deviation(logs, self.shares.log_ratios, noise, gain_errors, model, bias, self._compute_workshop(bias))
 
     def find_exchanges(self, films: Films) -> tuple[Misplacement, ...]:
         """Find the exchanges that explain readings outside the workshop's tolerances."""
@@ -267,8 +267,8 @@ def _compute_log_ratio(gains: Gains, films: Floats, covariance: Floats) -> tuple
 def _build_blocks(scene: Scene, bench: Bench, deviation: Deviation) -> tuple[BlockDeviation, ...]:
     areas = scene.probe.outer_area / scene.probe.inner_area
     ratios, predictions = np.exp(deviation.logs) * areas, np.exp(deviation.drawn) * areas
-    read, whole = np.diag(deviation.read), np.diag(deviation.compute_covariance())
-    z = (deviation.logs - deviation.drawn) / np.sqrt(whole)
-    columns = (ratios, ratios * np.sqrt(read), predictions, predictions * np.sqrt(whole - read), z)
+    read_sd, variance = deviation.reading_sd, np.diag(deviation.build_errors().covariance)
+    z = deviation.difference / np.sqrt(variance)
+    columns = (ratios, ratios * read_sd, predictions, predictions * np.sqrt(variance - read_sd**2), z)
     rows = np.stack(columns, axis=1).tolist()
     return tuple(BlockDeviation(block.name, *row) for block, row in zip(bench.blocks, rows, strict=True))

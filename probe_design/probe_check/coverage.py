@@ -11,13 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from geometry.common.arrays import Floats
 from probe_design.probe_check.deviation import DETECTED_TOLERANCES, MIN_POWER, Deviation, compute_power
 
 MAX_TOLERANCES = 1e6  # tolerances: what is not detected there is never detected
 BISECTION_STEPS = 40
 MAX_POISSON_RATIO = 0.5  # upper limit of a Poisson's ratio, and so of its deviation
-EXACT_FACTOR = 1e-6  # factor on standard deviations that makes them negligible
 
 
 @dataclass(frozen=True)
@@ -87,21 +85,16 @@ def _explain_hidden(deviation: Deviation, name: str, tolerance: float) -> str:
     for reason, reduced in _iterate_reduced(deviation, name):
         if _is_detected(reduced, name):
             return reason
-    bare = replace(
-        _isolate_variable(deviation, name), read=EXACT_FACTOR**2 * deviation.read, model=EXACT_FACTOR**2 * deviation.model
-    )
-    if _is_detected(bare, name):
-        return (
-            f"the {_format_percent(deviation.read)} of noise and gains, the blocks' moduli and other tolerances hide it together"
-        )
+    if _is_detected(_isolate_variable(deviation, name).shrink_errors("noise", "gains", "model"), name):
+        return f"the {_format_reading_sd(deviation)} of noise and gains, the blocks' moduli and other tolerances hide it together"
     return "it hardly changes these ratios"
 
 
 def _iterate_reduced(deviation: Deviation, name: str) -> Iterator[tuple[str, Deviation]]:
-    noise = f"not observable at this noise: noise and gains make {_format_percent(deviation.read)} of a ratio"
-    yield noise, replace(deviation, read=EXACT_FACTOR**2 * deviation.read)
+    noise = f"not observable at this noise: noise and gains make {_format_reading_sd(deviation)} of a ratio"
+    yield noise, deviation.shrink_errors("noise", "gains")
     yield "the tolerances of other variables hide it, which do the same to the ratios", _isolate_variable(deviation, name)
-    yield "the blocks' moduli are not known well enough", replace(deviation, model=EXACT_FACTOR**2 * deviation.model)
+    yield "the blocks' moduli are not known well enough", deviation.shrink_errors("model")
 
 
 def _isolate_variable(deviation: Deviation, name: str) -> Deviation:
@@ -112,6 +105,6 @@ def _is_detected(deviation: Deviation, name: str) -> bool:
     return bool(np.any(deviation.workshop[name] != 0)) and compute_power(deviation, {name: DETECTED_TOLERANCES}) >= MIN_POWER
 
 
-def _format_percent(covariance: Floats) -> str:
-    """Format the largest relative standard deviation in a covariance of logarithms as percent."""
-    return f"{100 * float(np.sqrt(np.diag(covariance).max())):.2g} %"
+def _format_reading_sd(deviation: Deviation) -> str:
+    """Format the largest relative standard deviation of a reading as percent."""
+    return f"{100 * float(deviation.reading_sd.max()):.2g} %"

@@ -3,30 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
 from scipy.special import chdtrc, chdtri, ndtri
 
 from geometry.common.arrays import Floats
+from probe_design.inference.linear_gaussian import LinearGaussian
 
 SIGNIFICANCE_LEVEL = 0.01  # p-value below which a deviation is significant, and the probe fails
 DETECTED_TOLERANCES = 5.0  # tolerances: a deviation that a check should detect
 MIN_POWER = 0.5  # probability of its detection from which a variable counts as tested
 MIN_PAIR_TOLERANCES = 2.0  # tolerances: if the smaller deviation of a pair is less, it is not unusual, and the pair is no pair
+EXACT_FACTOR = 1e-6  # factor on standard deviations that makes them negligible
 MIN_INFORMATION = 1e-12  # information, in units of tolerances, below which a direction is not determined
 NORMAL_QUANTILES = ndtri((np.arange(100) + 0.5) / 100)  # a unit normal variable at equal steps of its probability
 
 
 @dataclass(frozen=True)
 class Deviation:
-    """The readings and predictions on k blocks, with their covariances.
+    """The readings and predictions on k blocks, with their errors.
 
     Attributes:
         logs: ln(F_inner / F_outer) as read, shape (k,).
         drawn: as predicted for the probe as drawn, shape (k,).
-        read: covariance of ``logs``, shape (k, k).
+        noise: variances of ``logs`` by noise, shape (k,).
+        gains: changes of ``logs`` by one standard deviation of each of g independent errors of the gains, shape (k, g).
         model: variances of ``drawn`` for the probe as drawn, shape (k,).
         calibration_bias: G S of eq. PC.2 by variable, shape (k,) each; 0 for missing variables.
         workshop: (J - G S) t of eq. PC.2 by variable, t its workshop tolerance, shape (k,) each.
@@ -34,26 +37,31 @@ class Deviation:
 
     logs: Floats
     drawn: Floats
-    read: Floats
+    noise: Floats
+    gains: Floats
     model: Floats
     calibration_bias: Mapping[str, Floats]
     workshop: Mapping[str, Floats] = field(default_factory=dict)
 
-    def compute_covariance(self, *excluded: str) -> Floats:
-        """Return C of eq. PC.1 without the tolerances of the named variables, shape (k, k)."""
+    def build_errors(self, *excluded: str) -> LinearGaussian:
+        """Return the errors of ``difference`` of covariance C, eq. PC.1, without the tolerances of the named variables."""
         columns = [column for name, column in self.workshop.items() if name not in excluded]
-        allowed = np.array(columns).reshape(len(columns), len(self.logs))
-        return np.asarray(self.read + np.diag(self.model) + allowed.T @ allowed)
+        return LinearGaussian.from_shared_errors(np.column_stack([self.gains, *columns]), self.noise + self.model)
 
-    def compute_weight(self, *excluded: str) -> Floats:
-        """Return the inverse of ``compute_covariance``, shape (k, k)."""
-        return np.asarray(np.linalg.inv(self.compute_covariance(*excluded)), dtype=float)
+    @property
+    def difference(self) -> Floats:
+        """Readings less predictions, shape (k,)."""
+        return self.logs - self.drawn
+
+    @property
+    def reading_sd(self) -> Floats:
+        """Standard deviations of ``logs`` by noise and gains, shape (k,)."""
+        return np.asarray(np.sqrt(self.noise + (self.gains**2).sum(axis=1)))
 
     @property
     def chi_square(self) -> float:
         """Chi-square for a probe within the workshop's tolerances, eq. PC.1 of ``probe_design.probe_check.check``."""
-        difference = self.logs - self.drawn
-        return float(difference @ self.compute_weight() @ difference)
+        return float(self.build_errors().compute_chi_square(self.difference))
 
     @property
     def p_value(self) -> float:
@@ -64,16 +72,17 @@ class Deviation:
         """Return G S of a variable, shape (k,), the shift of ln rho by the calibration's wrong assumption."""
         return self.calibration_bias.get(name, np.zeros(len(self.logs)))
 
+    def shrink_errors(self, *names: str) -> Deviation:
+        """Return the deviation with negligible errors of these attributes, ``noise``, ``gains`` and ``model``."""
+        return replace(self, **{name: EXACT_FACTOR**2 * getattr(self, name) for name in names})
+
     def drop_block(self, k: int) -> Deviation:
         """Return the deviation without block k."""
-
-        def drop_entries(by_name: Mapping[str, Floats]) -> dict[str, Floats]:
-            return {name: np.delete(column, k) for name, column in by_name.items()}
-
-        return Deviation(
-            np.delete(self.logs, k), np.delete(self.drawn, k), np.delete(np.delete(self.read, k, 0), k, 1),
-            np.delete(self.model, k), drop_entries(self.calibration_bias), drop_entries(self.workshop),
-        )  # fmt: skip
+        arrays = {name: np.delete(getattr(self, name), k, axis=0) for name in ("logs", "drawn", "noise", "gains", "model")}
+        bias, workshop = (
+            {name: np.delete(column, k) for name, column in columns.items()} for columns in (self.calibration_bias, self.workshop)
+        )
+        return replace(self, **arrays, calibration_bias=bias, workshop=workshop)
 
 
 @dataclass(frozen=True)
@@ -136,4 +145,4 @@ def _list_movable(deviation: Deviation) -> list[str]:
 def _compute_information(deviation: Deviation, names: Sequence[str]) -> Floats:
     """Return the information matrix of n variables in units of their tolerances, (n, n): chi-square is its quadratic form."""
     columns = np.stack([deviation.workshop[name] for name in names], axis=1)
-    return np.asarray(columns.T @ deviation.compute_weight(*names) @ columns)
+    return deviation.build_errors(*names).compute_information(columns)

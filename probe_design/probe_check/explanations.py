@@ -75,13 +75,11 @@ def compute_explanations(deviation: Deviation, shares: BlockPredictions) -> tupl
     """Fit each variable alone by linear theory; return the explanations, best first, and the names of undetermined variables."""
     slopes = dict(zip(shares.variables, shares.slopes.T, strict=True)) | {GAIN_NAME: np.ones(len(deviation.logs))}
     nominal = dict(zip(shares.variables, shares.nominal.tolist(), strict=True)) | {GAIN_NAME: 1.0}
-    difference = deviation.logs - deviation.drawn
-    fits = [
-        _fit_variable(deviation, name, slope - deviation.get_bias(name), difference, nominal[name])
-        for name, slope in slopes.items()
-    ]
+    fits = [_fit_variable(deviation, name, slope - deviation.get_bias(name), nominal[name]) for name, slope in slopes.items()]
     good = [explanation for explanation in fits if explanation.uncertainty < MAX_RELATIVE_SD * explanation.nominal]
-    return _sort_by_chi_square(good), tuple(explanation.variable for explanation in fits if explanation not in good)
+    return tuple(sorted(good, key=lambda explanation: explanation.chi_square)), tuple(
+        explanation.variable for explanation in fits if explanation not in good
+    )
 
 
 def fit_variables(
@@ -129,10 +127,6 @@ def list_indistinguishable(explained: Sequence[Explanation]) -> tuple[str, ...]:
     )
 
 
-def _sort_by_chi_square(fits: Sequence[Explanation]) -> tuple[Explanation, ...]:
-    return tuple(sorted(fits, key=lambda explanation: explanation.chi_square))
-
-
 def build_explanation(fit: Fit, deviation: Deviation, index: int = 0) -> Explanation:
     """Build the explanation by one of a fit's variables."""
     p_value = _compute_p_value(fit.chi_square, len(deviation.logs) - len(fit.changes.names))
@@ -156,20 +150,17 @@ def _compute_p_value(left: float, freedom: int) -> float:
     return float(chdtrc(freedom, left)) if freedom > 0 else 1.0
 
 
-def _fit_variable(deviation: Deviation, name: str, shift: Floats, difference: Floats, nominal: float) -> Explanation:
+def _fit_variable(deviation: Deviation, name: str, shift: Floats, nominal: float) -> Explanation:
     """Fit one variable by eq. PC.3, and compute the remaining chi-square."""
-    weight = deviation.compute_weight(name)
-    information = max(float(shift @ weight @ shift), np.finfo(float).tiny)
-    change = float(shift @ weight @ difference) / information
-    residual = difference - shift * change
-    left = float(residual @ weight @ residual)
-    p_value = _compute_p_value(left, len(difference) - 1)
+    model = deviation.build_errors(name).add_unknowns(shift[:, None], np.array([np.inf]))
+    chi_square = float(model.compute_chi_square(deviation.difference))
+    p_value = _compute_p_value(chi_square, len(deviation.logs) - 1)
     return Explanation(
         variable=name,
-        change=change,
-        uncertainty=float(information**-0.5),
+        change=float(model.compute_posterior_mean(deviation.difference)[0]),
+        uncertainty=float(model.compute_posterior_sd(np.ones(1))),
         nominal=nominal,
-        chi_square=left,
+        chi_square=chi_square,
         p_value=p_value,
         explains=p_value >= SIGNIFICANCE_LEVEL,
     )

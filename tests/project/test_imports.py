@@ -178,6 +178,7 @@ ALLOWED: dict[str, set[str]] = {
     },
     "probe_design.estimation": {
         "probe_design.data",
+        "probe_design.inference",
         "probe_design.maps.target_grid",
         "solver.contact",
         "solver.equivalent_inclusion",
@@ -226,7 +227,7 @@ ALLOWED: dict[str, set[str]] = {
         "hw.signal",
         *ANSWERS,
     },
-    "probe_design.probe_check": {"probe_design.built_probe", "hw.common", "hw.signal", *ANSWERS},
+    "probe_design.probe_check": {"probe_design.built_probe", "probe_design.inference", "hw.common", "hw.signal", *ANSWERS},
     "probe_design.doctor": {"probe_design.built_probe", "hw.common", "hw.signal", "hw.usb", *SCENES},
     "probe_design.solid_output": {
         "probe_design.reporting",

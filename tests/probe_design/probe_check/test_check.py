@@ -89,9 +89,9 @@ def test_large_changes_need_the_refined_fit() -> None:
     """Linear in 20 % the modulus would be 3 standard deviations off."""
     name, known = "probe.outer.youngs_modulus", shares()
     logs = predict_blocks(scene().replace({name: 1.2 * list_values(scene())[name]}), BENCH.reference).log_ratios
-    read = 0.0027**2 * np.eye(len(logs))  # what the loop above leaves
+    read = np.full(len(logs), 0.0027**2)  # what the loop above leaves
     model = np.array([share.compute_variance(block) for share, block in zip(known.blocks, BENCH.blocks, strict=True)])
-    deviation = Deviation(logs, known.log_ratios, read, model, {})
+    deviation = Deviation(logs, known.log_ratios, read, np.zeros((len(logs), 0)), model, {})
     linear = _find_explanation("probe.outer.youngs_modulus", compute_explanations(deviation, known)[0])
     (fit,) = fit_variables(scene(), BLOCKS, deviation, known, ["probe.outer.youngs_modulus"])
     repeated = build_explanation(fit, deviation)
@@ -101,8 +101,8 @@ def test_large_changes_need_the_refined_fit() -> None:
 
 def test_nothing_to_explain_is_explained_by_no_change() -> None:
     name, known = "probe.outer.youngs_modulus", shares()
-    read = 0.0027**2 * np.eye(len(known.log_ratios))
-    deviation = Deviation(known.log_ratios, known.log_ratios, read, np.zeros_like(read), {})
+    read = np.full(len(known.log_ratios), 0.0027**2)
+    deviation = Deviation(known.log_ratios, known.log_ratios, read, np.zeros((len(read), 0)), np.zeros_like(read), {})
     (fit,) = fit_variables(scene(), BLOCKS, deviation, known, [name])
     assert fit.changes.values[0] == list_values(scene())[name]
     assert fit.chi_square == 0
