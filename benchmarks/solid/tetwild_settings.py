@@ -22,8 +22,8 @@ from benchmarks.evaluators.solid_references import scenes
 from benchmarks.solid.changes import processor
 from benchmarks.tables import MeasuredTable
 from geometry import Scene
-from geometry.common.child_process import Failure
 from geometry.common.errors import SolveError
+from geometry.processes.child import Failure
 from geometry.tetra import mesher
 from geometry.tetra.layout import build_layout, find_extent
 from geometry.tetra.mesh_check import check_mesh, find_max_error

@@ -1,4 +1,4 @@
-"""Triangles of an STL or STEP file as a program of ``geometry/common/child_process.py``: damaged files crash their readers.
+"""Triangles of an STL or STEP file as a program of ``geometry/processes/child.py``: damaged files crash their readers.
 
 OpenCASCADE ends a process by signal 11 over some, and reads others without an end; VTK reads STL and takes points together.
 """

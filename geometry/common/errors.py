@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import reprlib
 from collections.abc import Iterable
+from importlib import import_module
+from typing import Any
 
 
 class Words(str):
@@ -51,6 +53,14 @@ class ExportError(ProbeError):
 
 class MissingLibrary(ProbeError):  # noqa: N818 - says what is missing
     """A system library that a dependency needs; the text names the package to install."""
+
+
+def import_extra(name: str) -> Any:
+    """Import a library of the optional dependencies ``sweep``. Raises ``MissingLibrary`` where it is not installed."""
+    try:
+        return import_module(name)
+    except ImportError:
+        raise MissingLibrary(f"{name.split('.')[0]} is not installed: pip install '.[sweep]' brings it") from None
 
 
 def suggest_word(word: object, words: Iterable[str]) -> str:

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geometry.common.arrays import Points
-from geometry.common.child_process import run_program
 from geometry.common.resources import find_seconds_left, get_limits
+from geometry.processes.programs import run_program
 
 _PROGRAM = Path(__file__).with_name("netgen_program.py")
 Indices = NDArray[np.int64]
@@ -66,7 +66,7 @@ class GluedShapes:
         """Mesh all pieces in a process that takes one core; ``patience`` in s.
 
         Raises:
-            TooLong, Failure, KeyboardInterrupt: see ``geometry.common.child_process.run_program``.
+            TooLong, Failure, KeyboardInterrupt: see ``geometry.processes.programs.run_program``.
         """
         arrays = {field.name: np.asarray(getattr(self, field.name)) for field in fields(self)}
         return Pieces(**run_program(_PROGRAM, arrays, min(patience, find_seconds_left()), get_limits().memory))

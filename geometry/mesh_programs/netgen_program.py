@@ -1,4 +1,4 @@
-"""netgen as a program of ``geometry/common/child_process.py``: it brings an OpenCASCADE of its own, apart from cadquery's."""
+"""netgen as a program of ``geometry/processes/child.py``: it brings an OpenCASCADE of its own, apart from cadquery's."""
 
 from __future__ import annotations
 

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from geometry.common.arrays import Points
-from geometry.common.child_process import Arrays, run_program
 from geometry.common.resources import find_seconds_left, get_limits
+from geometry.processes.programs import run_program
 
 _PROGRAM = Path(__file__).with_name("tetwild_program.py")
 
 
-def tetrahedralize(arrays: Arrays, patience: float) -> tuple[Points, NDArray[np.int64]]:
+def tetrahedralize(arrays: Mapping[str, object], patience: float) -> tuple[Points, NDArray[np.int64]]:
     """Call ``pytetwild.tetrahedralize`` in a process of its own that takes one core; safe in several threads at a time.
 
     Args:
@@ -25,7 +26,7 @@ def tetrahedralize(arrays: Arrays, patience: float) -> tuple[Points, NDArray[np.
         Points (n, 3) in the unit of the given ones, and tetrahedra (t, 4) in VTK's order.
 
     Raises:
-        TooLong, Failure, KeyboardInterrupt: see ``geometry.common.child_process.run_program``.
+        TooLong, Failure, KeyboardInterrupt: see ``geometry.processes.programs.run_program``.
     """
     mesh = run_program(_PROGRAM, arrays, min(patience, find_seconds_left()), get_limits().memory)
     return mesh["points"], mesh["tetrahedra"].astype(np.int64)

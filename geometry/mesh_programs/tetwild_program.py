@@ -1,4 +1,4 @@
-"""pytetwild as a program of ``geometry/common/child_process.py``: it is slow at times without an end, and may crash."""
+"""pytetwild as a program of ``geometry/processes/child.py``: it is slow at times without an end, and may crash."""
 
 from __future__ import annotations
 

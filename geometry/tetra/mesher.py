@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from geometry.cad.decimation import DECIMATED_TRIANGLES, MAX_DIRECT_TRIANGLES
 from geometry.common.arrays import Points
-from geometry.common.child_process import Failure, TooLong
 from geometry.common.errors import SolveError
 from geometry.common.resources import check_time
 from geometry.mesh_programs.tetwild import tetrahedralize
+from geometry.processes.child import Failure, TooLong
 from geometry.tetra.facets import halve_triangles
 from geometry.tetra.labels import label_points
 from geometry.tetra.layers import cut_by_planes

@@ -43,7 +43,7 @@ def mesh_regular_layout(layout: BodyLayout, fineness: TetraFineness, space: Mesh
     """Mesh a regular layout; ``space`` says how sizes grow far away, ``patience`` is in s.
 
     Raises:
-        TooLong, Failure, KeyboardInterrupt: see ``geometry.common.child_process.run_program``.
+        TooLong, Failure, KeyboardInterrupt: see ``geometry.processes.programs.run_program``.
         SolveError: a piece is in no body, or in two.
     """
     pieces = build_shapes(layout, fineness, space).mesh(patience)

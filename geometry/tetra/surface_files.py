@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from geometry.common.arrays import Points
-from geometry.common.child_process import Failure, run_program
 from geometry.common.errors import InputError, Words
 from geometry.common.resources import find_seconds_left, get_limits
 from geometry.common.text_files import read_bytes
 from geometry.common.winding import WindingTree
+from geometry.processes.child import Failure
+from geometry.processes.programs import run_program
 from geometry.scenes.surface_names import check_surface_name
 
 _READER_PROGRAM = Path(__file__).parents[1] / "cad" / "surface_program.py"
@@ -161,7 +162,9 @@ def _read_triangles(suffix: str, content: bytes) -> dict[str, NDArray[Any]]:
         path = Path(folder, f"surface{suffix}")
         path.write_bytes(content)
         arguments = {"name": np.array(str(path)), "suffix": np.array(suffix)}
-        mesh = run_program(_READER_PROGRAM, arguments, min(_READ_TIME_LIMIT_S, find_seconds_left()), get_limits().memory)
+        mesh: dict[str, NDArray[Any]] = run_program(
+            _READER_PROGRAM, arguments, min(_READ_TIME_LIMIT_S, find_seconds_left()), get_limits().memory
+        )
     for array in mesh.values():
         array.setflags(write=False)
     return mesh

@@ -6,11 +6,10 @@ import csv
 import json
 from collections.abc import Iterator
 from contextlib import suppress
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from geometry.common.errors import InputError, MissingLibrary
+from geometry.common.errors import InputError, import_extra
 from geometry.common.files import write_whole
 from geometry.common.text_files import read_text
 from geometry.provenance.block import Provenance, build_provenance
@@ -27,19 +26,6 @@ COLUMN_UNITS = {
     "time_limit": "s", "memory_limit": "byte",
 }  # fmt: skip
 _FORMULA_PREFIXES = tuple("=+-@\t\r\n＝＋－＠")  # a spreadsheet runs a text that begins with one of these as a formula
-
-
-def import_extra(name: str) -> Any:
-    """Import a library of the optional dependencies ``sweep``.
-
-    Raises:
-        MissingLibrary: it is not installed.
-    """
-    try:
-        return import_module(name)
-    except ImportError:
-        library = name.split(".")[0]
-        raise MissingLibrary(f"{library} is not installed: pip install '.[sweep]' brings it") from None
 
 
 def read_request(folder: Path | str) -> dict[str, Any]:

@@ -39,6 +39,7 @@ MAX_CURVE_DESIGNS = 64  # moduli and loads of a design at once: more are hardly 
 # keys whose values the axisymmetric evaluator covers with one curve
 CURVE_KEYS = {("inclusion", 0, "youngs_modulus"), ("load", "force"), ("load", "indentation")}
 AUTO_EVALUATOR = "auto"
+Design = tuple[Value, ...]  # values of the variables
 Row = dict[str, Any]
 T = TypeVar("T")
 
@@ -72,7 +73,7 @@ class Job:
         """The keys of the variables."""
         return tuple(find_key(name, self.base, Scene) for name in self.names)
 
-    def compute_digest(self, keys: tuple[Key, ...], values: tuple[Value, ...]) -> bytes:
+    def compute_digest(self, keys: tuple[Key, ...], values: Design) -> bytes:
         """Compute the SHA-256 that identifies one design's result: scene, evaluator, accuracy, ``linear`` and version.
 
         The scene is hashed as JSON with sorted keys and exact floats; surface files enter with their content, not their
@@ -82,7 +83,7 @@ class Job:
         bodies = [_replace_surface_name(body) if body.get("surface") else body for body in scene.get("inclusion", ())]
         return _hash_json([scene | {"inclusion": bodies}, self.evaluator, self.accuracy, self.linear, self.version])
 
-    def group_designs(self, designs: Sequence[tuple[Value, ...]]) -> list[Hashable]:
+    def group_designs(self, designs: Sequence[Design]) -> list[Hashable]:
         """Return a group key for each design; designs with the same key can be evaluated together.
 
         The closed form takes arrays of any designs. The finite elements compute all moduli of a single inclusion, and all loads,
@@ -96,15 +97,24 @@ class Job:
         groups = [tuple(values[k] for k in separate_columns) for values in designs]
         return [*groups] if len(separate_columns) < len(self.names) else [*range(len(designs))]
 
-    def count_parts(self, designs: Sequence[tuple[Value, ...]]) -> list[int]:
+    def count_parts(self, designs: Sequence[Design]) -> list[int]:
         """Return the sizes of consecutive parts of ``designs`` that are evaluated together."""
         max_designs = MAX_CLOSED_FORM_DESIGNS if self.evaluator == "closed-form" else MAX_CURVE_DESIGNS
         runs = [len(list(run)) for _, run in groupby(self.group_designs(designs))]
         return [min(max_designs, run - first) for run in runs for first in range(0, run, max_designs)]
 
     def warm_up(self) -> None:
-        """Import the evaluator and build the scene once, so that the first row is not charged for it."""
+        """Import the evaluator and build the scene once, so that the first row is not charged for it.
+
+        Raises:
+            InputError: this software has another version than the job.
+        """
         from solver import evaluators
+
+        if compute_version() != self.version:
+            raise InputError(
+                "version", Words(compute_version()), f"{self.version}, on every worker as where the sweep was started"
+            )
 
         _catch_fault(lambda: build_scene(self.base, (), ()))
         if self.evaluator == evaluators.AUTO:
@@ -114,29 +124,26 @@ class Job:
         else:
             evaluators.evaluator(self.evaluator)
 
-    def evaluate_parts(self, designs: Sequence[tuple[Value, ...]]) -> Iterator[list[Row]]:
+    def evaluate_parts(self, designs: Sequence[Design]) -> Iterator[list[Row]]:
         """Evaluate designs part by part; yield the rows of each part, or single rows where a part cannot be evaluated together.
 
         Linear algebra uses one thread, so that results are the same to the last bit on every machine. Each design has the limits
         ``geometry.common.resources.get_limits``; n designs that are evaluated together have n times its time.
-
-        Raises:
-            InputError: this software has another version than the job.
         """
+        from solver.linalg.memory import give_back
         from solver.linalg.threads import limit_to_one_thread
 
-        if compute_version() != self.version:
-            raise InputError(
-                "version", Words(compute_version()), f"{self.version}, on every worker as where the sweep was started"
-            )
         keys = self.keys
-        with limit_to_one_thread():
-            first = 0
-            for count in self.count_parts(designs):
-                yield from self._evaluate_part(keys, designs[first : first + count])
-                first += count
+        first = 0
+        try:
+            with limit_to_one_thread():
+                for count in self.count_parts(designs):
+                    yield from self._evaluate_part(keys, designs[first : first + count])
+                    first += count
+        finally:  # also where no more parts are wanted
+            give_back()
 
-    def _evaluate_part(self, keys: tuple[Key, ...], designs: Sequence[tuple[Value, ...]]) -> Iterator[list[Row]]:
+    def _evaluate_part(self, keys: tuple[Key, ...], designs: Sequence[Design]) -> Iterator[list[Row]]:
         """Evaluate a part: together if possible, else one by one."""
         start = perf_counter()
         scenes = [_catch_fault(lambda values=values: build_scene(self.base, keys, values)) for values in designs]  # type: ignore[misc]

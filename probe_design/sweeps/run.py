@@ -16,16 +16,16 @@ from typing import TYPE_CHECKING, Any
 from geometry.common.errors import InputError
 from geometry.common.files import write_text
 from geometry.common.resources import Limits
+from geometry.processes.executor import Executor, ExecutorError, Outcome
+from geometry.processes.local_executor import LocalExecutor
 from geometry.provenance.block import build_provenance
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import SI_CONTEXT
 from probe_design.sweeps.file import Sweep, read_sweep, sweep_from_dict
-from probe_design.sweeps.local_workers import LocalPool
 from probe_design.sweeps.progress import Progress, Tell, open_log
-from probe_design.sweeps.rows import MAX_CURVE_DESIGNS, Job, Row, build_unanswered_row
+from probe_design.sweeps.rows import MAX_CURVE_DESIGNS, Design, Job, Row, build_unanswered_row
 from probe_design.sweeps.store import Store, StoreError, open_for_writing
 from probe_design.sweeps.variables import check_integer
-from probe_design.sweeps.workers import Batch, FinishedBatch, Outcome, Task, WorkerPool, WorkerPoolError
 from solver.results.record import Record
 
 if TYPE_CHECKING:
@@ -108,7 +108,7 @@ def sweep(
     Raises:
         InputError: the specification is not valid, or another process is writing to the folder.
         StoreError: the store cannot be read or written, or is moved or deleted meanwhile. Committed rows are kept.
-        WorkerPoolError: workers do not start, have another version of this program, or the scheduler is lost for good.
+        ExecutorError: workers do not start, have another version of this program, or the scheduler is lost for good.
             Committed rows are kept.
         KeyboardInterrupt: committed rows are kept.
     """
@@ -133,8 +133,10 @@ def sweep(
         log(f"begins: {total} designs, {len(tasks)} to be evaluated, version {job.version}")
         if tasks:
             processes = min(workers or _count_processors(), len(tasks))
-            with _open_pool(job, scheduler, processes, limits=checked_sweep.limits, folder=folder, log=log_notice) as pool:
-                _SweepRun(store, pool, tell, log, total=total, seconds=checked_sweep.limits.seconds).process_tasks(tasks)
+            with _open_executor(
+                job, scheduler, processes, limits=checked_sweep.limits, folder=folder, log=log_notice
+            ) as executor:
+                _SweepRun(store, executor, tell, log, total=total, seconds=checked_sweep.limits.seconds).process_tasks(tasks)
         counts = store.count_rows()
         if sum(counts.values()) != total:
             raise StoreError(f"{folder}: the store has {sum(counts.values())} rows of {total} designs: start again")
@@ -162,57 +164,88 @@ def _combine_logs(log: Log, notice: Log) -> Log:
     return log_both
 
 
-class _SweepRun:
-    """One run of a sweep: gives batches to the worker pool and commits their rows."""
+@dataclass(frozen=True)
+class Task:
+    """A design to be evaluated.
 
-    def __init__(self, store: Store, pool: WorkerPool, tell: Tell, log: Log, *, total: int, seconds: float) -> None:
-        self._store, self._pool, self._tell, self._log, self._total, self._seconds = store, pool, tell, log, total, seconds
+    Attributes:
+        key: of its row.
+        values: of the variables.
+        count: number of identical designs.
+        deaths: number of workers that died with it.
+        group: number of a group that is evaluated together, in one batch; None where any designs can be.
+    """
+
+    key: bytes
+    values: Design
+    count: int = 1
+    deaths: int = 0
+    group: int | None = None
+
+
+Batch = tuple[Task, ...]
+
+
+class _SweepRun:
+    """One run of a sweep: gives batches to the executor and commits their rows."""
+
+    def __init__(
+        self, store: Store, executor: Executor[Design, Row], tell: Tell, log: Log, *, total: int, seconds: float
+    ) -> None:
+        self._store, self._executor, self._tell, self._log, self._total, self._seconds = (
+            store,
+            executor,
+            tell,
+            log,
+            total,
+            seconds,
+        )
         self._start_time, self._counts = monotonic(), store.count_rows()
         self._initial_count = sum(self._counts.values())
         self._cost = BATCH_TIME_S  # seconds per row, as measured; the first batch is one design
+        self._batches: dict[int, Batch] = {}  # that workers have, by the executor's numbers
 
     def process_tasks(self, tasks: list[Task]) -> None:
         """Evaluate all tasks; return when each has a row."""
-        waiting, alone, batches_out = deque(tasks), deque[Task](), 0
+        waiting, alone = deque(tasks), deque[Task]()
         self._report()
-        while waiting or alone or batches_out:
-            while (waiting or alone) and self._pool.count_free() > 0:
-                self._pool.submit((alone.popleft(),) if alone else self._take_batch(waiting))
-                batches_out += 1
-            finished = self._pool.collect(1.0)
+        while waiting or alone or self._batches:
+            while (waiting or alone) and self._executor.count_free() > 0:
+                batch = (alone.popleft(),) if alone else self._take_batch(waiting)
+                self._batches[self._executor.submit([task.values for task in batch])] = batch
+            finished = self._executor.collect(1.0)
             self._store.check_file()
-            for finished_batch in finished:
-                batches_out -= 1
-                unstarted, suspects = self._store_outcome(finished_batch)
+            for number, outcome in finished:
+                unstarted, suspects = self._store_outcome(self._batches.pop(number), outcome)
                 waiting.extendleft(reversed(unstarted))
                 alone.extend(suspects)
             self._report()
 
     def _take_batch(self, waiting: deque[Task]) -> Batch:
         """Take the next batch: half a second of work, less at the end so that all workers end together; groups stay whole."""
-        share = len(waiting) / (2 * max(1, self._pool.count_workers()))
+        share = len(waiting) / (2 * max(1, self._executor.count_workers()))
         count = max(1, min(int(BATCH_TIME_S / self._cost), MAX_BATCH_DESIGNS, int(share)))
         batch = [waiting.popleft() for _ in range(min(count, len(waiting)))]
         while waiting and waiting[0].group is not None and waiting[0].group == batch[-1].group:
             batch.append(waiting.popleft())
         return tuple(batch)
 
-    def _store_outcome(self, finished_batch: FinishedBatch) -> tuple[list[Task], list[Task]]:
+    def _store_outcome(self, batch: Batch, outcome: Outcome[Row]) -> tuple[list[Task], list[Task]]:
         """Commit the rows of a batch; return its tasks that were not started, and those to be tried again, each alone."""
-        outcome, count = finished_batch.outcome, len(finished_batch.outcome.rows)
+        count = len(outcome.rows)
         if outcome.refusal:
-            raise WorkerPoolError(outcome.refusal)
+            raise ExecutorError(outcome.refusal)
         if count:
-            self._commit(finished_batch.batch[:count], outcome.rows)
+            self._commit(batch[:count], outcome.rows)
             cost = sum(row["seconds"] for row in outcome.rows) / count
             self._cost = max(0.5 * (self._cost + cost), 1e-6)
-        begun, unstarted = finished_batch.batch[: count + outcome.unfinished], finished_batch.batch[count + outcome.unfinished :]
+        begun, unstarted = batch[: count + outcome.unfinished], batch[count + outcome.unfinished :]
         retries = self._retry_held(begun[count:], outcome) if outcome.unfinished else []
         # the rest of a group whose first designs were evaluated one by one
         interrupted = [task for task in unstarted if begun and None is not task.group == begun[-1].group]
         return list(unstarted[len(interrupted) :]), [*retries, *interrupted]
 
-    def _retry_held(self, tasks: Batch, outcome: Outcome) -> list[Task]:
+    def _retry_held(self, tasks: Batch, outcome: Outcome[Row]) -> list[Task]:
         """Return the tasks to be tried again, each alone, after a worker ended with them; a design that ended it gets a row."""
         reason = f"longer than {self._seconds:g} s" if outcome.is_late else outcome.failure
         self._log(f"a worker ended with {len(tasks)} designs: {reason}")
@@ -239,7 +272,7 @@ class _SweepRun:
         done = sum(self._counts.values())
         rate = (done - self._initial_count) / max(monotonic() - self._start_time, 1e-9)
         counts = (self._counts["refused"], self._counts["failed"])
-        self._tell(Progress(self._total, done, *counts, rate, self._pool.count_workers()))
+        self._tell(Progress(self._total, done, *counts, rate, self._executor.count_workers()))
 
 
 def _order_tasks(job: Job, tasks: list[Task]) -> list[Task]:
@@ -295,19 +328,21 @@ def _digest_surfaces(sweep: Sweep, job: Job) -> bytes:
 
 
 @contextmanager
-def _open_pool(job: Job, scheduler: str | None, workers: int, *, limits: Limits, folder: Path, log: Log) -> Iterator[WorkerPool]:
-    """Open the worker pool on a Dask cluster or this computer, and close it at the end."""
-    pool: WorkerPool
+def _open_executor(
+    job: Job, scheduler: str | None, workers: int, *, limits: Limits, folder: Path, log: Log
+) -> Iterator[Executor[Design, Row]]:
+    """Open the executor on a Dask cluster or this computer, and close it at the end."""
+    executor: Executor[Design, Row]
     if scheduler is None:
-        pool = LocalPool(job, workers, limits, folder / "workers.log")
+        executor = LocalExecutor(job, workers, limits, folder / "workers.log")
     else:
-        from probe_design.sweeps.dask_workers import DaskPool
+        from geometry.processes.dask_executor import DaskExecutor
 
-        pool = DaskPool(job, scheduler, limits, log)
+        executor = DaskExecutor(job, scheduler, limits, log)
     try:
-        yield pool
+        yield executor
     finally:
-        pool.close()
+        executor.close()
 
 
 def _count_processors() -> int:

@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 
 from geometry.common.arrays import Floats
+from geometry.common.errors import import_extra
 from geometry.common.files import write_text
 from geometry.scenes.units import convert_to_unit
 from probe_design.reporting.page import Chapter, Picture, Text, build_page
 from probe_design.reporting.table import Table
-from probe_design.sweeps.results import COLUMN_UNITS, import_extra, iterate_rows, read_provenance, read_request
+from probe_design.sweeps.results import COLUMN_UNITS, iterate_rows, read_provenance, read_request
 
 SUMMARY_COLUMNS = ("ratio", "log_sensitivity", "stiffness", "error_estimate")
 MAX_POINTS = 5000  # designs drawn in a scatter plot

@@ -7,14 +7,13 @@ finer one, if its agreement with the coarser of both would suffice; else a finer
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 
 from geometry.common.arrays import Floats
-from geometry.common.child_process import ProgramGroup
 from geometry.common.resources import LimitReached
+from geometry.processes.programs import ChildThreads
 from geometry.scenes.scene import Scene
 from geometry.tetra.sizing import COARSE_FINENESS, FINE_FINENESS, ROUGH_FINENESS, ROUGHEST_FINENESS, TetraFineness
 from geometry.tetra.tet_mesh import TetMesh
@@ -165,8 +164,8 @@ def _meshes(domain: Domain, finenesses: tuple[TetraFineness, ...], tell: Tell) -
         if finenesses == (ROUGHEST_FINENESS,)
         else "meshing more finely"
     )
-    with ThreadPoolExecutor(len(finenesses)) as pool, ProgramGroup() as group:
-        for made in [pool.submit(group.context().run, mesh_domain, domain, fineness) for fineness in finenesses]:
+    with ChildThreads(len(finenesses)) as threads:
+        for made in [threads.submit(mesh_domain, domain, fineness) for fineness in finenesses]:
             yield made.result()
 
 

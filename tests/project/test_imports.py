@@ -29,8 +29,9 @@ ALLOWED: dict[str, set[str]] = {
     "geometry.provenance": SCENES,
     "geometry.cad": PROVENANCE,
     "geometry.workshop": {"geometry.cad", *PROVENANCE},
-    "geometry.mesh_programs": {"geometry.common"},
-    "geometry.tetra": {"geometry.cad", "geometry.mesh_programs", *SCENES},
+    "geometry.processes": {"geometry.common"},
+    "geometry.mesh_programs": {"geometry.processes", "geometry.common"},
+    "geometry.tetra": {"geometry.cad", "geometry.mesh_programs", "geometry.processes", *SCENES},
     # hw stands alone: a measuring computer needs neither shapes nor solvers; sources of samples know the wire, the reader all
     "hw": {"hw.common", "hw.foreign", "hw.wire", "hw.recordings", "hw.usb", "hw.serial_port", "hw.simulation", "hw.oscilloscope"},
     "hw.common": set(),
@@ -73,7 +74,15 @@ ALLOWED: dict[str, set[str]] = {
         "solver.results",
         *MESHES,
     },
-    "solver.solid": {"solver.axisymmetric", "solver.linalg", "solver.materials", "solver.results", "geometry.tetra", *SCENES},
+    "solver.solid": {
+        "solver.axisymmetric",
+        "solver.linalg",
+        "solver.materials",
+        "solver.results",
+        "geometry.processes",
+        "geometry.tetra",
+        *SCENES,
+    },
     "solver.phase": {"solver.axisymmetric", "solver.equivalent_inclusion", "solver.materials", "solver.results", *MESHES},
     "solver.planning": {
         "solver.axisymmetric",
@@ -206,7 +215,14 @@ ALLOWED: dict[str, set[str]] = {
         "geometry.tetra",
         *ANSWERS,
     },
-    "probe_design.sweeps": {"probe_design.reporting", "solver.closed_form", "solver.linalg", "solver.planning", *ANSWERS},
+    "probe_design.sweeps": {
+        "probe_design.reporting",
+        "geometry.processes",
+        "solver.closed_form",
+        "solver.linalg",
+        "solver.planning",
+        *ANSWERS,
+    },
     "probe_design.built_probe": {
         "solver.axisymmetric",
         "solver.equivalent_inclusion",
@@ -220,6 +236,7 @@ ALLOWED: dict[str, set[str]] = {
     "probe_design.measuring": {
         "probe_design.built_probe",
         "geometry.cad",
+        "geometry.processes",
         "geometry.workshop",  # the fixture's sizes and the probe's outlines, on the page to print
         "solver.planning",
         "hw",
@@ -234,6 +251,7 @@ ALLOWED: dict[str, set[str]] = {
         "solver.planning",
         "solver.solid",
         "geometry.cad",
+        "geometry.processes",
         "geometry.tetra",
         *ANSWERS,
     },

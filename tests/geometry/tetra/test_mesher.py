@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from geometry import Refusal, SolveError
-from geometry.common.child_process import Failure, TooLong
+from geometry.processes.child import Failure, TooLong
 from geometry.tetra import mesher as module
 from geometry.tetra.layout import Ellipsoid, build_layout, find_extent, is_mirror_symmetric
 from geometry.tetra.mesh_check import MIN_QUALITY, check_mesh, compute_errors, find_max_error

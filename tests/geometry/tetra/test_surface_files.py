@@ -7,8 +7,8 @@ import pytest
 import pyvista
 
 from geometry import InputError, Refusal, SolveError
-from geometry.common.child_process import Failure, TooLong
 from geometry.common.resources import LimitReached, Limits, start_clock, use_limits
+from geometry.processes.child import Failure, TooLong
 from geometry.tetra import surface_files
 from geometry.tetra.layout import build_layout
 from geometry.tetra.layout_fit import compute_distances

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from geometry import SolveError
-from geometry.common import child_process
-from geometry.common.child_process import Failure, TooLong
 from geometry.mesh_programs.tetwild import tetrahedralize
+from geometry.processes import child as child_process
+from geometry.processes.child import Failure, TooLong
 from geometry.tetra import mesher as volume_mesh
 from geometry.tetra.cache import CACHE_VARIABLE
 from geometry.tetra.layout import build_layout
@@ -111,7 +111,7 @@ import sys
 from pathlib import Path
 from geometry import scene_from_toml
 from geometry.tetra.cache import read_or_make_mesh
-from geometry.common import child_process
+from geometry.processes import child as child_process
 start = child_process.subprocess.Popen.__init__
 def started(self, *args, **options):
     start(self, *args, **options)

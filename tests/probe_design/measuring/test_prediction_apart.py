@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from geometry.common.child_process import Failure
 from geometry.common.errors import Refusal
+from geometry.processes.child import Failure
 from probe_design.built_probe.reading import predict_scene
 from probe_design.cli.reference_readings import choose_prediction
 from probe_design.measuring import prediction_process

@@ -7,17 +7,18 @@ import shutil
 import sqlite3
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from geometry import InputError
+from geometry.processes.executor import Outcome
 from probe_design import sweep
 from probe_design.sweeps.progress import Progress
 from probe_design.sweeps.results import iterate_rows, read_request
 from probe_design.sweeps.rows import Job, build_unanswered_row
 from probe_design.sweeps.store import DAMAGED_FILE, STORE_FILE, StoreError, open_for_writing
-from probe_design.sweeps.workers import Batch, FinishedBatch, Outcome
 from tests.support.slow import slow_unless
 from tests.support.sweeps import grid, make_table, run, stored, toml
 
@@ -126,7 +127,7 @@ class InProcessCrew:
     """A crew of this process, which starts in no time."""
 
     def __init__(self, job: Job, *_: object) -> None:
-        self._job, self._given = job, list[Batch]()
+        self._job, self._given, self._number = job, list[Any](), 0
 
     def count_free(self) -> int:
         return 1 - len(self._given)
@@ -134,13 +135,15 @@ class InProcessCrew:
     def count_workers(self) -> int:
         return 1
 
-    def submit(self, batch: Batch) -> None:
-        self._given.append(batch)
+    def submit(self, designs: Any) -> int:
+        self._given.append(designs)
+        self._number += 1
+        return self._number
 
-    def collect(self, _: float) -> list[FinishedBatch]:
-        (batch,), self._given = self._given, []
-        row_list = [row for rows in self._job.evaluate_parts([task.values for task in batch]) for row in rows]
-        return [FinishedBatch(batch, Outcome(tuple(row_list)))]
+    def collect(self, _: float) -> list[tuple[int, Outcome[Any]]]:
+        (designs,), self._given = self._given, []
+        row_list = [row for rows in self._job.evaluate_parts(designs) for row in rows]
+        return [(self._number, Outcome(tuple(row_list)))]
 
     def close(self) -> None:
         self._given.clear()
@@ -165,7 +168,7 @@ def test_the_table_is_right_or_the_store_refused(
     damage: Callable[[bytearray, random.Random], None], tries: int, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of a sweep of 300 designs: bits anywhere in the file, its end, a sector."""
-    monkeypatch.setattr("probe_design.sweeps.run.LocalPool", InProcessCrew)
+    monkeypatch.setattr("probe_design.sweeps.run.LocalExecutor", InProcessCrew)
     path, known, chance = toml(tmp_path), stored(whole), random.Random(25)
     outcomes = [report_after(damage, path, whole, tmp_path / str(k), known, chance) for k in range(tries)]
     assert set(outcomes) <= {"the same", "mended", "refused"}

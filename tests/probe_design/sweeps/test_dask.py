@@ -21,22 +21,23 @@ import pytest
 
 from geometry import InputError
 from geometry.common.resources import Limits
+from geometry.processes import dask_executor, silence
+from geometry.processes import dask_task as sweep_remote
+from geometry.processes.child import Child
+from geometry.processes.dask_executor import DaskExecutor
+from geometry.processes.executor import ExecutorError
 from probe_design import sweep
-from probe_design.sweeps import dask_task as sweep_remote
-from probe_design.sweeps import dask_workers, progress
-from probe_design.sweeps.dask_workers import DaskPool
+from probe_design.sweeps import progress
 from probe_design.sweeps.file import sweep_from_dict
-from probe_design.sweeps.local_workers import WorkerProcess
 from probe_design.sweeps.results import iterate_rows
 from probe_design.sweeps.rows import Job
-from probe_design.sweeps.workers import WorkerPoolError
 from tests.support.paths import ROOT
 from tests.support.sweeps import command, grid, run, stored, toml, wait_for_rows
 
 CLUSTER = """
 import os, signal, sys
 import dask, distributed
-from probe_design.sweeps import dask_workers as sweep_dask
+from geometry.processes import dask_executor as sweep_dask
 from probe_design.sweeps import run as sweep_run
 
 def main(path, out):
@@ -107,7 +108,7 @@ def test_what_stops_is_told_of_and_may_go_on(
     which: int, stop: signal.Signals, message: str, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It goes on as soon as that is said, or another one is started."""
-    monkeypatch.setattr(progress, "SILENCE_INTERVAL_S", 2.0)
+    monkeypatch.setattr(silence, "SILENCE_INTERVAL_S", 2.0)
     monkeypatch.setattr("probe_design.sweeps.run.BATCH_TIME_S", 0.02)
     address, lines = unused(), list[str]()
     cluster = begun(address)
@@ -136,9 +137,9 @@ def test_what_stops_is_told_of_and_may_go_on(
 
 @pytest.mark.slow
 def test_a_scheduler_that_stays_away_ends_the_sweep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(progress, "SILENCE_INTERVAL_S", 2.0)
-    monkeypatch.setattr(dask_workers, "CONNECTION_TIMEOUT_S", 1.0)
-    monkeypatch.setattr(dask_workers, "MAX_SCHEDULER_ABSENCE_S", 6.0)
+    monkeypatch.setattr(silence, "SILENCE_INTERVAL_S", 2.0)
+    monkeypatch.setattr(dask_executor, "CONNECTION_TIMEOUT_S", 1.0)
+    monkeypatch.setattr(dask_executor, "MAX_SCHEDULER_ABSENCE_S", 6.0)
     monkeypatch.setattr("probe_design.sweeps.run.BATCH_TIME_S", 0.02)
     address, lines = unused(), list[str]()
     cluster = begun(address)
@@ -149,7 +150,7 @@ def test_a_scheduler_that_stays_away_ends_the_sweep(tmp_path: Path, monkeypatch:
 
     try:
         wait_for_scheduler(address)
-        with pytest.raises(WorkerPoolError, match=r"no scheduler for 6 s; all rows are kept, start again"):
+        with pytest.raises(ExecutorError, match=r"no scheduler for 6 s; all rows are kept, start again"):
             sweep(toml(tmp_path), tmp_path / "out", scheduler=address, progress=act, notice=lines.append)
     finally:
         end(cluster)
@@ -195,10 +196,10 @@ def test_workers_without_this_program_are_one_line(tmp_path: Path, monkeypatch: 
     def missing(*_: object) -> None:
         raise ModuleNotFoundError("No module named\n'probe_design'")
 
-    monkeypatch.setattr("probe_design.sweeps.dask_workers.evaluate_batch", missing)
+    monkeypatch.setattr("geometry.processes.dask_executor.evaluate_batch", missing)
     with (
         distributed.LocalCluster(processes=False, n_workers=1, dashboard_address=":0", silence_logs=60) as cluster,
-        pytest.raises(WorkerPoolError, match=r"cannot run this program.*ModuleNotFoundError: No module named 'probe_design'"),
+        pytest.raises(ExecutorError, match=r"cannot run this program.*ModuleNotFoundError: No module named 'probe_design'"),
     ):
         sweep(grid(2, 2), tmp_path, scheduler=cluster.scheduler_address)
 
@@ -207,22 +208,21 @@ def test_workers_without_this_program_are_one_line(tmp_path: Path, monkeypatch: 
 def test_a_dask_worker_keeps_its_process_for_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sweep_remote, "MAX_IDLE_TIME_S", 2.0)
     started: list[int] = []
-    begun = WorkerProcess._start
-    monkeypatch.setattr(WorkerProcess, "_start", lambda worker: bool(started.append(1)) or begun(worker))
+    begun = Child.__init__
+    monkeypatch.setattr(Child, "__init__", lambda child, *words, **named: started.append(1) or begun(child, *words, **named))
     made_sweep = sweep_from_dict(grid(2, 2))
     job, designs = Job.from_sweep(made_sweep), [values for _, values in made_sweep.list_designs()]
     assert [len(sweep_remote.evaluate_batch(job, Limits(), designs[k:]).rows) for k in range(3)] == [4, 3, 2]
     assert len(started) == 1
     (_, _, kept), *_ = sweep_remote._IDLE_PROCESSES._idle
-    process = kept._process
-    assert process is not None
-    assert process.wait(60) != 0  # ended by the pool
+    assert kept._child is not None
+    assert kept._child._process.wait(60) != 0  # ended by the pool
     assert sweep_remote._IDLE_PROCESSES._idle == []
 
 
 def test_a_scheduler_that_is_not_there_is_one_line(tmp_path: Path) -> None:
     program = (
-        "from probe_design.__main__ import main; from probe_design.sweeps import dask_workers as dask; "
+        "from probe_design.__main__ import main; from geometry.processes import dask_executor as dask; "
         "dask.CONNECTION_TIMEOUT_S = 0.5; main()"
     )
     arguments = ["sweep", toml(tmp_path), "-o", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:9"]
@@ -309,12 +309,12 @@ def test_what_is_no_scheduler_is_refused(
     """However it answers, or does not: nothing else is printed, and nothing waited for."""
     pytest.importorskip("distributed")
     if behaviour is silent:
-        monkeypatch.setattr(dask_workers, "CONNECTION_TIMEOUT_S", 0.2)
+        monkeypatch.setattr(dask_executor, "CONNECTION_TIMEOUT_S", 0.2)
     address = served(behaviour)
     with pytest.raises(
         InputError, match=rf"^scheduler = '{address}': allowed: the address of a Dask scheduler, tcp://host:8786 \(({why})"
     ):
-        DaskPool(Job.from_sweep(sweep_from_dict(grid(2, 2))), address, Limits(), print)
+        DaskExecutor(Job.from_sweep(sweep_from_dict(grid(2, 2))), address, Limits(), print)
     gc.collect()
     assert capfd.readouterr() == ("", "")
 
@@ -333,7 +333,7 @@ def test_dask_s_own_other_ports_are_refused(monkeypatch: pytest.MonkeyPatch) -> 
             (worker.address, "what answers there is a Dask Worker"),
         ):
             with pytest.raises(InputError, match=rf"^scheduler = '{address}'.*\({why}\)"):
-                DaskPool(Job.from_sweep(sweep_from_dict(grid(2, 2))), address, Limits(), print)
+                DaskExecutor(Job.from_sweep(sweep_from_dict(grid(2, 2))), address, Limits(), print)
 
 
 @pytest.mark.slow
@@ -363,10 +363,10 @@ def test_a_scheduler_that_stands_still_is_told_of_once_a_minute(monkeypatch: pyt
     pytest.importorskip("distributed")
     messages: list[str] = []
     now = [0.0]
-    monkeypatch.setattr(dask_workers.time, "monotonic", lambda: now[0])
-    monkeypatch.setattr(progress, "monotonic", lambda: now[0])
-    monkeypatch.setattr(DaskPool, "_connect_client", lambda crew: Still(10))
-    crew = DaskPool(Job.from_sweep(sweep_from_dict(grid(2, 2))), "tcp://127.0.0.1:8786", Limits(), messages.append)
+    monkeypatch.setattr(dask_executor.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(silence, "monotonic", lambda: now[0])
+    monkeypatch.setattr(DaskExecutor, "_connect_client", lambda crew: Still(10))
+    crew = DaskExecutor(Job.from_sweep(sweep_from_dict(grid(2, 2))), "tcp://127.0.0.1:8786", Limits(), messages.append)
     for now[0] in range(20, 240, 20):
         crew.collect(0.0)
     assert [line.partition(" for ")[2] for line in messages] == [f"{s} s; start it again, or wait" for s in (60, 120, 180)]

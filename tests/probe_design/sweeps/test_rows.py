@@ -12,12 +12,12 @@ from typing import Any
 import pytest
 
 from geometry import InputError, read_scene
+from geometry.processes.executor import ExecutorError
 from probe_design import sweep
 from probe_design.sweeps.file import sweep_from_dict
 from probe_design.sweeps.results import iterate_rows
 from probe_design.sweeps.rows import Job, compute_version
 from probe_design.sweeps.store import open_for_writing
-from probe_design.sweeps.workers import WorkerPoolError
 from solver import evaluate
 from tests.support.paths import SCENE
 from tests.support.slow import slow_unless
@@ -56,7 +56,7 @@ class TestRows:
     def test_another_version_answers_nothing(self) -> None:
         job = Job.from_sweep(sweep_from_dict(grid(2, 2)))
         with pytest.raises(InputError, match="version"):
-            next(replace(job, version="0").evaluate_parts([(1e-4, 0.009)]))
+            replace(job, version="0").warm_up()
 
     def test_other_sources_or_data_are_another_version(self, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
         monkeypatch.setattr("probe_design.sweeps.rows.SOURCE_ROOT", tmp_path)
@@ -102,7 +102,7 @@ class TestRows:
     ) -> None:
         assert sweep(grid(2, 2), tmp_path, workers=1).answered == 4
         monkeypatch.setattr("probe_design.sweeps.rows.compute_version", lambda: "0")
-        with pytest.raises(WorkerPoolError, match="version"):  # its workers are of the old one
+        with pytest.raises(ExecutorError, match="version"):  # its workers are of the old one
             sweep(grid(2, 2), tmp_path, workers=1)
         assert list(iterate_rows(tmp_path)) == []
         monkeypatch.undo()

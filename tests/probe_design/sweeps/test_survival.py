@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import random
 import signal
@@ -11,15 +10,17 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from geometry.processes.child import Child
+from geometry.processes.executor import ExecutorError
+from geometry.processes.local_executor import Worker
 from probe_design import sweep
 from probe_design.sweeps.file import sweep_from_dict
-from probe_design.sweeps.local_workers import WorkerProcess
 from probe_design.sweeps.results import iterate_rows
 from probe_design.sweeps.rows import Job
-from probe_design.sweeps.workers import WorkerPoolError
 from tests.support.paths import ROOT, SCENE
 from tests.support.sweeps import count, grid, run, stored, toml, wait_for_rows
 
@@ -27,20 +28,20 @@ from tests.support.sweeps import count, grid, run, stored, toml, wait_for_rows
 class TestSurvival:
     @pytest.mark.slow
     def test_the_design_that_kills_its_workers_fails_and_no_other(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        send = WorkerProcess._send
+        send = Child.send
 
-        def deadly(worker: WorkerProcess, line: str) -> None:
-            if "[0.0002, " in line:
-                worker.kill()
-            send(worker, line)
+        def deadly(child: Child, request: Any) -> None:
+            if any(gap == 2e-4 for gap, _ in request[2] or ()):
+                child.kill()
+            send(child, request)
 
-        monkeypatch.setattr(WorkerProcess, "_send", deadly)
+        monkeypatch.setattr(Child, "send", deadly)
         monkeypatch.setattr("probe_design.sweeps.run.BATCH_TIME_S", 1e9)  # so that it shares a batch with others
         results = sweep(grid(4, 2), tmp_path, workers=1)
         assert (results.ok, results.failed) == (6, 2)
         for row in iterate_rows(tmp_path):
             assert (row["status"] == "failed") == (row["probe.gap"] == 2e-4)
-        assert "killed by signal 9" in row["reason"]
+        assert "ended by SIGKILL" in row["reason"]
 
     @pytest.mark.slow
     def test_twenty_kills_leave_what_no_kill_leaves(self, tmp_path: Path) -> None:
@@ -123,15 +124,15 @@ class TestSurvival:
     @pytest.mark.slow
     def test_the_design_that_takes_too_long_fails_and_no_other(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         """A worker that is stopped in the middle answers as one does that computes for ever."""
-        line = WorkerProcess._read_line
+        receive = Child.receive
 
-        def endless(worker: WorkerProcess, count: int) -> bytes:
-            if order.pop() == 2 and worker._process is not None:
-                worker._process.send_signal(signal.SIGSTOP)
-            return line(worker, count)
+        def endless(child: Child) -> Any:
+            if order.pop() == 4:
+                os.kill(child.process_id, signal.SIGSTOP)
+            return receive(child)
 
-        order = [*range(20, 0, -1)]  # the second line that is waited for is held up
-        monkeypatch.setattr(WorkerProcess, "_read_line", endless)
+        order = [*range(40, 0, -1)]  # the second row is held up: before it come readiness, the first row and its end
+        monkeypatch.setattr(Child, "receive", endless)
         monkeypatch.setattr("probe_design.sweeps.run.BATCH_TIME_S", 1e9)
         job = grid(3, 2) | {"evaluator": "axisymmetric", "time_limit": 8.0}
         results = sweep(job, tmp_path, workers=1)
@@ -146,16 +147,16 @@ class TestSurvival:
     @pytest.mark.slow
     def test_formulas_too_have_a_time_limit(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         """Of designs that are answered together each is tried alone, and the one that is held up fails."""
-        send, held = WorkerProcess._send, json.dumps(sweep_from_dict(grid(4, 4)).list_designs()[4][1])
+        send, held = Child.send, sweep_from_dict(grid(4, 4)).list_designs()[4][1]
         sizes = []
 
-        def endless(worker: WorkerProcess, line: str) -> None:
-            if held in line and worker._process is not None:
-                sizes.append(len(json.loads(line)))
-                worker._process.send_signal(signal.SIGSTOP)
-            send(worker, line)
+        def endless(child: Child, request: Any) -> None:
+            if held in (request[2] or ()):
+                sizes.append(len(request[2]))
+                os.kill(child.process_id, signal.SIGSTOP)
+            send(child, request)
 
-        monkeypatch.setattr(WorkerProcess, "_send", endless)
+        monkeypatch.setattr(Child, "send", endless)
         monkeypatch.setattr("probe_design.sweeps.run.BATCH_TIME_S", 1e9)
         results = sweep(grid(4, 4) | {"time_limit": 8.0}, tmp_path, workers=1)  # which a busy machine keeps
         assert (results.ok, results.failed) == (15, 1)
@@ -164,7 +165,7 @@ class TestSurvival:
 
     def test_workers_that_do_not_start_are_one_line_and_no_rows(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr("sys.executable", "/bin/false")
-        with pytest.raises(WorkerPoolError, match=r"no worker process starts; .*workers\.log"):
+        with pytest.raises(ExecutorError, match=r"no worker process starts; .*workers\.log"):
             sweep(grid(2, 2), tmp_path)
         assert list(iterate_rows(tmp_path)) == []
 
@@ -175,10 +176,10 @@ class TestSurvival:
     ) -> None:
         monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
         checked = sweep_from_dict(grid(2, 2))
-        worker = WorkerProcess(Job.from_sweep(checked), checked.limits)
+        worker = Worker(Job.from_sweep(checked), checked.limits, 2)
         assert worker.evaluate([values for _, values in checked.list_designs()]).rows
-        assert worker._process is not None
-        environment = Path(f"/proc/{worker._process.pid}/environ").read_bytes().split(b"\0")
+        assert worker._child is not None
+        environment = Path(f"/proc/{worker._child.process_id}/environ").read_bytes().split(b"\0")
         (folder,) = tmp_path.iterdir()
         assert f"TMPDIR={folder}".encode() in environment
         (folder / "surface-1").mkdir()

@@ -1,15 +1,13 @@
-"""Render coloured triangles and lines in three dimensions: a separate program, as VTK crashes where OpenGL is missing.
-
-Called as ``python -P render_process.py arrays.npz picture.png``; the arrays are those that ``render.py`` writes.
-It imports nothing of this project, so that it can be run by its path.
-"""
+"""Render coloured triangles and lines in three dimensions, as a program of ``geometry/processes/child.py``."""
 
 from __future__ import annotations
 
-import sys
+from typing import Any
 
 import numpy as np
 import pyvista
+
+from geometry.common.arrays import Floats
 
 VIEW_DIRECTION = (-0.42, -1.0, 0.5)  # towards the camera
 LIGHT_POSITION = (-0.45, -1.0, 0.95)  # so that cut and top are both bright, but differently
@@ -17,15 +15,15 @@ PLANE_TOLERANCE_RELATIVE = 1e-7  # of the mesh's size: points this close to y = 
 LINE_OFFSET_RELATIVE = 1e-3  # of the mesh's size: lines are moved this far in front of their surfaces
 
 
-def render(arrays: str, picture: str) -> None:
-    """Draw the part y >= 0 on white, viewed from the side of the cut and slightly from above.
+def run(drawing: dict[str, Any]) -> Floats:
+    """Draw the part y >= 0 on white, viewed from the side of the cut and slightly from above; see ``render.render_faces``.
 
-    A positive ``close`` in the arrays is half the height of the view about the origin, m.
+    Returns:
+        Pixels from 0 to 1, shape (height, width, 3).
     """
-    with np.load(arrays) as data:
-        points, triangles, colours, lines = (data[name] for name in ("points", "triangles", "colours", "lines"))
-        width, height = (int(size) for size in data["size"])
-        half_height = float(data["close"])
+    points, triangles, colours, lines, half_height = (
+        drawing[name] for name in ("points", "triangles", "colours", "lines", "half_height")
+    )
     surface = pyvista.PolyData.from_regular_faces(points, triangles)
     edges = pyvista.PolyData(points, lines=np.column_stack([np.full(len(lines), 2), lines]).ravel())
     surface.cell_data["colour"] = colours
@@ -34,7 +32,7 @@ def render(arrays: str, picture: str) -> None:
         surface, edges = (part.clip(normal="y", origin=(0, min_y, 0), invert=False) for part in (surface, edges))
     # moved towards the camera, so that surfaces do not hide them
     edges.points = edges.points + LINE_OFFSET_RELATIVE * np.ptp(points, axis=0).max() * np.array(VIEW_DIRECTION)
-    plotter = pyvista.Plotter(off_screen=True, window_size=[width, height], lighting="none")
+    plotter = pyvista.Plotter(off_screen=True, window_size=[*drawing["size"]], lighting="none")
     plotter.add_light(pyvista.Light(position=LIGHT_POSITION, focal_point=(0, 0, 0), light_type="scene light"))
     plotter.renderer.set_background("white")
     plotter.add_mesh(surface, scalars="colour", rgb=True, ambient=0.45, diffuse=0.75, specular=0.0)
@@ -48,9 +46,6 @@ def render(arrays: str, picture: str) -> None:
         plotter.camera.focal_point, plotter.camera.parallel_scale = (0, 0, -0.3 * half_height), half_height
         plotter.camera.position = tuple(2 * np.ptp(points, axis=0).max() * np.array(VIEW_DIRECTION))
         plotter.reset_camera_clipping_range()
-    plotter.screenshot(picture)
+    pixels: Floats = plotter.screenshot(return_img=True)[:, :, :3] / np.float32(255)
     plotter.close()
-
-
-if __name__ == "__main__":
-    render(sys.argv[1], sys.argv[2])
+    return pixels

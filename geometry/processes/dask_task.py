@@ -1,22 +1,21 @@
-"""The task that a Dask worker runs: evaluate a batch of designs in a separate process.
+"""The task that a Dask worker runs: evaluate a batch in a separate process.
 
-The process is reused for later batches. A design that crashes or takes too long ends only this process, not the Dask worker.
+The process is reused for later batches. An item that crashes or takes too long ends only this process, not the Dask worker.
 """
 
 from __future__ import annotations
 
-import json
+import pickle
 import threading
 from collections.abc import Sequence
-from dataclasses import asdict
 from time import monotonic
+from typing import Any
 
 from geometry.common.resources import Limits
-from geometry.scenes.keys import Value
-from probe_design.sweeps.local_workers import WorkerProcess
-from probe_design.sweeps.rows import Job
-from probe_design.sweeps.workers import Outcome
+from geometry.processes.executor import Item, Job, Outcome, Row
+from geometry.processes.local_executor import Worker
 
+_STANDARD_ERROR = 2  # its file descriptor
 MAX_IDLE_TIME_S = 60.0  # seconds without work after which a process is stopped
 
 
@@ -24,10 +23,10 @@ class _IdleProcesses:
     """Worker processes without work, each with the job and limits that it was started for."""
 
     def __init__(self) -> None:
-        self._idle: list[tuple[float, str, WorkerProcess]] = []
+        self._idle: list[tuple[float, bytes, Worker[Any, Any]]] = []
         self._lock, self._is_scheduled = threading.Lock(), False
 
-    def borrow(self, name: str) -> WorkerProcess | None:
+    def borrow(self, name: bytes) -> Worker[Any, Any] | None:
         """Take an idle process for this job and these limits, or return None."""
         with self._lock:
             entry = next((item for item in self._idle if item[1] == name), None)
@@ -36,7 +35,7 @@ class _IdleProcesses:
             self._idle.remove(entry)
             return entry[2]
 
-    def give_back(self, name: str, worker: WorkerProcess) -> None:
+    def give_back(self, name: bytes, worker: Worker[Any, Any]) -> None:
         """Keep a process for the next batch."""
         with self._lock:
             self._idle.append((monotonic(), name, worker))
@@ -63,16 +62,20 @@ class _IdleProcesses:
 _IDLE_PROCESSES = _IdleProcesses()
 
 
-def evaluate_batch(job: Job, limits: Limits, designs: Sequence[tuple[Value, ...]]) -> Outcome:
-    """Evaluate a batch of designs in an idle or new worker process.
+def evaluate_batch(job: Job[Item, Row], limits: Limits, items: Sequence[Item]) -> Outcome[Row]:
+    """Evaluate a batch in an idle or new worker process.
 
-    Args:
-        job: settings shared by all designs.
-        limits: time and memory of each design.
-        designs: values of the variables, one tuple per design.
+    Parameters
+    ----------
+    job : Job
+        What is done with all items.
+    limits : Limits
+        Time and memory of each item.
+    items : sequence
+        The batch.
     """
-    name = json.dumps([asdict(job), asdict(limits)])
-    worker = _IDLE_PROCESSES.borrow(name) or WorkerProcess(job, limits)
-    outcome = worker.evaluate(designs)
+    name = pickle.dumps((job, limits))
+    worker = _IDLE_PROCESSES.borrow(name) or Worker(job, limits, _STANDARD_ERROR)
+    outcome = worker.evaluate(items)
     _IDLE_PROCESSES.give_back(name, worker)
     return outcome

@@ -1,12 +1,12 @@
 import os
 import sys
 import time
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 
-from geometry.common.child_process import Failure, ProgramGroup, TooLong, run_program
+from geometry.processes.child import Failure, TooLong
+from geometry.processes.programs import ChildThreads, run_program
 
 POSIX = pytest.mark.skipif(os.name == "nt", reason="signals end processes on POSIX systems only")
 
@@ -63,8 +63,8 @@ def test_programs_of_threads_end_with_the_block_that_an_exception_leaves(program
 
     def interrupted():
         nonlocal running
-        with ThreadPoolExecutor(1) as pool, ProgramGroup() as group:
-            running = pool.submit(group.context().run, twice)
+        with ChildThreads(1) as threads:
+            running = threads.submit(twice)
             while not begun.exists():
                 time.sleep(0.01)
             raise KeyboardInterrupt

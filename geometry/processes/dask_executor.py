@@ -1,4 +1,4 @@
-"""Worker pool on a Dask cluster. Workers evaluate, only this process writes. Workers may die and the scheduler may restart."""
+"""Executor on a Dask cluster. Workers may die, and the scheduler may restart."""
 
 from __future__ import annotations
 
@@ -6,18 +6,17 @@ import asyncio
 import logging
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from itertools import count
 from queue import Empty, SimpleQueue
-from typing import Any
+from typing import Any, Generic
 
-from geometry.common.errors import InputError
+from geometry.common.errors import InputError, import_extra
 from geometry.common.resources import Limits
-from probe_design.sweeps.dask_task import evaluate_batch
-from probe_design.sweeps.progress import SilenceMonitor
-from probe_design.sweeps.results import import_extra
-from probe_design.sweeps.rows import Job
-from probe_design.sweeps.workers import Batch, FinishedBatch, Outcome, WorkerPoolError
+from geometry.processes.dask_task import evaluate_batch
+from geometry.processes.executor import ExecutorError, Item, Job, Outcome, Row
+from geometry.processes.silence import SilenceMonitor
 
 MAX_SCHEDULER_ABSENCE_S = 600.0  # seconds to wait for a lost scheduler to return
 CONNECTION_TIMEOUT_S = 5.0  # seconds for a connection, and for each request before there is a client
@@ -32,36 +31,46 @@ _NOISY_LOGGERS = ("distributed", "distributed.client", "tornado.application", "a
 
 
 @dataclass
-class _SubmittedBatch:
+class _SubmittedBatch(Generic[Item]):
     """A batch that the cluster works on, as one or more futures."""
 
-    batch: Batch
+    number: int
+    items: Sequence[Item]
     submit_time: float
     futures: list[Any] = field(default_factory=list)
     faults: int = 0
 
 
-class DaskPool:
-    """The worker pool of a Dask scheduler; see ``workers.WorkerPool``."""
+class DaskExecutor(Generic[Item, Row]):
+    """The workers of a Dask scheduler; see ``executor.Executor``."""
 
-    def __init__(self, job: Job, address: str, limits: Limits, log: Callable[[str], None]) -> None:
+    def __init__(self, job: Job[Item, Row], address: str, limits: Limits, log: Callable[[str], None]) -> None:
         """Connect to a scheduler.
 
-        Args:
-            job: settings shared by all designs.
-            address: of the scheduler.
-            limits: time and memory of each design.
-            log: called with a line when the scheduler is lost and when it returns.
+        Parameters
+        ----------
+        job : Job
+            What is done with all items.
+        address : str
+            Of the scheduler.
+        limits : Limits
+            Time and memory of each item.
+        log : callable
+            Called with a line when the scheduler is lost and when it returns.
 
         Raises:
-            InputError: there is no scheduler at the address.
-            MissingLibrary: Dask is not installed.
+        ------
+        InputError
+            There is no scheduler at the address.
+        MissingLibrary
+            Dask is not installed.
         """
         self._distributed, self._job, self._limits, self._address = import_extra("distributed"), job, limits, address
         self._log = log
         self._log_levels = {name: logging.getLogger(name).level for name in _NOISY_LOGGERS}
         self._set_log_levels(dict.fromkeys(_NOISY_LOGGERS, logging.CRITICAL + 1))  # lost connections are handled here
-        self._submitted: list[_SubmittedBatch] = []
+        self._numbers = count()
+        self._submitted: list[_SubmittedBatch[Item]] = []
         self._usual_seconds: float | None = None
         self._count_time, self._worker_count = -1.0, 1
         self._scheduler_silence, self._answer_silence = SilenceMonitor(log), SilenceMonitor(log)
@@ -93,13 +102,14 @@ class DaskPool:
         """Return how many more batches can be submitted."""
         return BATCHES_PER_WORKER * self.count_workers() - len(self._submitted)
 
-    def submit(self, batch: Batch) -> None:
+    def submit(self, items: Sequence[Item]) -> int:
         """Submit a batch to the scheduler."""
-        submitted = _SubmittedBatch(batch, time.monotonic())
+        submitted = _SubmittedBatch(next(self._numbers), items, time.monotonic())
         self._submitted.append(submitted)
         self._start_attempt(submitted)
+        return submitted.number
 
-    def collect(self, seconds: float) -> list[FinishedBatch]:
+    def collect(self, seconds: float) -> list[tuple[int, Outcome[Row]]]:
         """Wait at most ``seconds`` for finished batches; reconnect to a lost scheduler."""
         deadline = time.monotonic() + seconds
         while True:
@@ -130,15 +140,15 @@ class DaskPool:
         self._disconnect()
         self._set_log_levels(self._log_levels)
 
-    def _start_attempt(self, submitted: _SubmittedBatch) -> None:
+    def _start_attempt(self, submitted: _SubmittedBatch[Item]) -> None:
         """Start one more attempt at a batch; a lost scheduler is noticed later, in ``collect``."""
         try:
-            designs = tuple(task.values for task in submitted.batch)
-            submitted.futures.append(self._client.submit(evaluate_batch, self._job, self._limits, designs, pure=False))
+            future = self._client.submit(evaluate_batch, self._job, self._limits, submitted.items, pure=False)
+            submitted.futures.append(future)
         except (OSError, RuntimeError, ValueError):
             return
 
-    def _poll_batch(self, submitted: _SubmittedBatch) -> FinishedBatch | None:
+    def _poll_batch(self, submitted: _SubmittedBatch[Item]) -> tuple[int, Outcome[Row]] | None:
         """Return a batch if one of its futures is finished; start it again if they were lost."""
         for future in list(submitted.futures):
             if future.status == "finished":
@@ -149,7 +159,7 @@ class DaskPool:
                 continue
             if outcome is not None:
                 self._finish_batch(submitted)
-                return FinishedBatch(submitted.batch, outcome)
+                return submitted.number, outcome
             submitted.futures.remove(future)  # its worker died before the rows were fetched, or Dask failed
             if not submitted.futures:
                 submitted.submit_time = time.monotonic()
@@ -158,23 +168,23 @@ class DaskPool:
             self._start_attempt(submitted)
         return None
 
-    def _read_failure(self, submitted: _SubmittedBatch, future: Any) -> Outcome | None:
+    def _read_failure(self, submitted: _SubmittedBatch[Item], future: Any) -> Outcome[Row] | None:
         """Return the outcome of a failed future, or None if the batch is to be tried again."""
         if future.status != "error":  # cancelled or lost together with the scheduler
             return None
         fault = self._fetch_exception(future)
         if isinstance(fault, self._distributed.scheduler.KilledWorker):
-            return Outcome(unfinished=len(submitted.batch), failure="the Dask workers that held it died")
+            return Outcome(unfinished=len(submitted.items), failure="the Dask workers that held it died")
         submitted.faults += fault is not None
         if submitted.faults < MAX_DASK_FAULTS:
             return None
         reason = " ".join(f"{type(fault).__name__}: {fault}".split())[:300]
         return Outcome(refusal=f"Dask workers cannot run this program, of this version ({reason})")
 
-    def _fetch_outcome(self, future: Any) -> Outcome | None:
+    def _fetch_outcome(self, future: Any) -> Outcome[Row] | None:
         """Fetch the outcome of a finished future, or return None."""
         try:
-            outcome: Outcome = future.result(timeout=FETCH_TIMEOUT_S)
+            outcome: Outcome[Row] = future.result(timeout=FETCH_TIMEOUT_S)
             return outcome
         except Exception:  # whatever went wrong on the way: the batch is computed again
             return None
@@ -187,7 +197,7 @@ class DaskPool:
         except Exception:
             return None
 
-    def _finish_batch(self, submitted: _SubmittedBatch) -> None:
+    def _finish_batch(self, submitted: _SubmittedBatch[Item]) -> None:
         """Release the futures of a batch and update the usual duration."""
         self._submitted.remove(submitted)
         seconds = time.monotonic() - submitted.submit_time
@@ -203,7 +213,7 @@ class DaskPool:
             if len(submitted.futures) == 1 and time.monotonic() - submitted.submit_time > max(
                 SLOW_BATCH_FACTOR * self._usual_seconds, MIN_SLOW_BATCH_S
             ):
-                self._log(f"a batch of {len(submitted.batch)} designs takes long and is given to another worker too")
+                self._log(f"a batch of {len(submitted.items)} designs takes long and is given to another worker too")
                 self._start_attempt(submitted)
 
     def _reconnect(self) -> None:
@@ -218,7 +228,7 @@ class DaskPool:
             except Exception:  # any, as in __init__
                 if time.monotonic() > deadline:
                     reason = f"{self._address}: no scheduler for {MAX_SCHEDULER_ABSENCE_S:g} s; all rows are kept, start again"
-                    raise WorkerPoolError(reason) from None
+                    raise ExecutorError(reason) from None
                 self._report_scheduler("has been gone", "start it again")
                 time.sleep(1.0)
         self._log("a Dask scheduler is there again")

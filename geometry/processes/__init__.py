@@ -1,0 +1,1 @@
+"""Functions in processes of their own, under limits of time and memory: one child, a pool on this computer, a Dask cluster."""

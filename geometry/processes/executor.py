@@ -1,0 +1,76 @@
+"""What evaluates batches of items elsewhere: the interface of executors, of the job that they do, and the outcomes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
+
+from geometry.common.errors import ProbeError
+
+Item = TypeVar("Item")
+ItemIn = TypeVar("ItemIn", contravariant=True)
+Row = TypeVar("Row")
+
+
+class ExecutorError(ProbeError):
+    """The workers cannot run, for a reason that is not in the items."""
+
+
+class Job(Protocol[ItemIn, Row]):
+    """What workers do: evaluate items to rows. It can be pickled, and its module imported by a worker."""
+
+    def warm_up(self) -> None:
+        """Load what is needed, before the first item. Raises where this worker cannot do the job."""
+        ...
+
+    def count_parts(self, items: Sequence[ItemIn]) -> list[int]:
+        """Return the sizes of consecutive parts of ``items`` that are evaluated together."""
+        ...
+
+    def evaluate_parts(self, items: Sequence[ItemIn]) -> Iterator[list[Row]]:
+        """Yield the rows of each part, or, where a part cannot be evaluated together, of its items one by one."""
+        ...
+
+
+@dataclass(frozen=True)
+class Outcome(Generic[Row]):
+    """What became of the items of a batch.
+
+    Attributes:
+        rows: of the first items.
+        unfinished: number of items after these that the worker evaluated when it ended; 0 if it did not end.
+        failure: how the worker ended.
+        is_late: whether the worker was killed because it took too long.
+        refusal: why no worker can evaluate any item.
+    """
+
+    rows: tuple[Row, ...] = ()
+    unfinished: int = 0
+    failure: str = ""
+    is_late: bool = False
+    refusal: str = ""
+
+
+class Executor(Protocol[ItemIn, Row]):
+    """Workers on this computer or a cluster, with limits of time and memory of each item."""
+
+    def count_free(self) -> int:
+        """Return how many more batches can be submitted now."""
+        ...
+
+    def count_workers(self) -> int:
+        """Return the number of workers."""
+        ...
+
+    def submit(self, items: Sequence[ItemIn]) -> int:
+        """Give a batch to a worker, and return the number by which ``collect`` names it."""
+        ...
+
+    def collect(self, seconds: float) -> list[tuple[int, Outcome[Row]]]:
+        """Wait at most ``seconds`` for finished batches."""
+        ...
+
+    def close(self) -> None:
+        """Stop all workers; unfinished batches are lost."""
+        ...
