@@ -46,6 +46,6 @@ def run(drawing: dict[str, Any]) -> Floats:
         plotter.camera.focal_point, plotter.camera.parallel_scale = (0, 0, -0.3 * half_height), half_height
         plotter.camera.position = tuple(2 * np.ptp(points, axis=0).max() * np.array(VIEW_DIRECTION))
         plotter.reset_camera_clipping_range()
-    pixels: Floats = plotter.screenshot(return_img=True)[:, :, :3] / np.float32(255)
+    pixels: Floats = np.asarray(plotter.screenshot(return_img=True))[:, :, :3] / np.float32(255)
     plotter.close()
     return pixels
