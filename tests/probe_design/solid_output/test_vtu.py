@@ -14,12 +14,12 @@ import pyvista
 from matplotlib.image import imread
 
 from geometry.common.errors import InputError, MissingLibrary
-from geometry.scenes.probe import Material
 from geometry.tetra.tet_mesh import BEYOND_BODY, FIRST_INCLUSION_BODY, GROOVE_BODY, INNER_BODY, OUTER_BODY, TISSUE_BODY, TetMesh
 from probe_design.solid_output import render as solid_space
 from probe_design.solid_output.faces import Faces, cut_section, extract_skin, name_region
 from probe_design.solid_output.stress_panel import deform_section
 from probe_design.solid_output.vtu import draw_solid, write_vtu
+from solver.materials.linear import Isotropic
 from solver.solid.base_states import SolidFields, SolidStates, compute_fields, solid_states
 from solver.solid.problem import Problem, Solid
 from solver.solid.regions import Region
@@ -29,8 +29,8 @@ from tests.support.paths import ROOT
 DOWN = np.array([1e-5, 1e-5, 0.0])
 
 
-def material(modulus: float, ratio: float = 0.45) -> Material:
-    return Material(youngs_modulus=modulus, poisson_ratio=ratio)
+def material(modulus: float, ratio: float = 0.45) -> Isotropic:
+    return Isotropic(modulus, ratio)
 
 
 MATERIALS = {
