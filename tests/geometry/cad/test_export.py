@@ -10,10 +10,11 @@ from pathlib import Path
 import pytest
 from scipy.integrate import quad
 
-from geometry.cad import drawing, solids, step_check, step_writer
 from geometry.cad import export as step
+from geometry.cad import solids, step_check, step_writer
 from geometry.common.errors import ExportError, InputError, MissingLibrary
 from geometry.scenes.probe import Base, Film, Groove
+from geometry.workshop import overview
 from tests.support.parts import FLANGE, make, read
 
 NAMES = ["inner", "outer", "film-inner", "film-outer", "base"]
@@ -342,7 +343,7 @@ class TestInterruption:
             for printer in printers:  # as OCC has it by itself; cadquery 2.8 turns it down, earlier ones do not
                 printer.SetTraceLevel(Message_Gravity.Message_Trace)
             step.export_parts(make(), tmp_path)
-            drawing.draw_probe(make(), tmp_path / "probe.png")
+            overview.draw_probe(make(), tmp_path / "probe.png")
         finally:
             for printer, level in zip(printers, levels, strict=True):
                 printer.SetTraceLevel(level)
@@ -361,7 +362,7 @@ class TestMissingLibrary:
 
         monkeypatch.delitem(sys.modules, "cadquery", raising=False)
         monkeypatch.setattr(builtins, "__import__", without_gl)
-        for use in (lambda: step.export_parts(make(), tmp_path), lambda: drawing.draw_probe(make(), tmp_path / "probe.png")):
+        for use in (lambda: step.export_parts(make(), tmp_path), lambda: overview.draw_probe(make(), tmp_path / "probe.png")):
             with pytest.raises(MissingLibrary, match=r"libGL\.so\.1.*apt install libgl1") as fault:
                 use()
             assert "\n" not in str(fault.value)
