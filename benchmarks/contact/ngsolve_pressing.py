@@ -4,7 +4,9 @@ Curved triangles, refined at the blocks' corners; displacements alone or with pr
 condensed; ``ContactBoundary`` with penalties for the gap's walls and for each wall with the tissue beside it; each load's start
 extrapolated from the last three; the log-sensitivity from two solutions of the loaded state's tangent. The law is
 
-    W = mu/2 (J^(-2/3) I1 - 3) + K/4 (J^2 - 1 - 2 ln J).
+    W = mu/2 (x + c2 x^2 + c3 x^3) + K/4 (J^2 - 1 - 2 ln J),   x = J^(-2/3) I1 - 3,
+
+by default with c2 = c3 = 0.
 
 Where tissue and wall leave their common corner at a right angle ``ContactBoundary`` finds penetration in rounding: points count
 as they turn to the wall. Lengths are in inner radii, moduli in the tissue's.
@@ -25,6 +27,7 @@ from benchmarks.references.axisymmetric import materials
 from benchmarks.references.outline import ENDS, INCLUSION, INNER, NAMES, OUTER, Edge, outline, sizes
 from geometry import Probe, Scene
 from geometry.common.arrays import Floats
+from geometry.scenes.probe import LAW_CONSTANTS
 
 FIRST_INDENTATION = 1e-4  # the first indentation
 MIN_STEP, MAX_NEWTON_STEPS, MIN_STEP_SHARE = 1e-4, 25, 0.2  # of indentations; Newton's steps, and the least share of one
@@ -83,8 +86,11 @@ def name_contact_line(edge: Edge, probe: Probe) -> str:
     return edge.name
 
 
-def compute_energy_density(displacement: Any, young: Any, nu: Any, pressure: Any = None) -> Any:
-    """Return W; with a pressure p its bulk part U(J) as p (J - J*) + U(J*), J* that at which U' = p."""
+def compute_energy_density(displacement: Any, young: Any, nu: Any, pressure: Any = None, law: tuple[Any, Any] = (0, 0)) -> Any:
+    """Return W for the constants c2, c3 of ``law``; with a pressure p its bulk part U(J) as p (J - J*) + U(J*).
+
+    J* is the volume at which U' = p.
+    """
     slope = ngs.Grad(displacement)
     a, b, c, d, hoop = 1 + slope[0, 0], slope[0, 1], slope[1, 0], 1 + slope[1, 1], 1 + displacement[0] / ngs.x
     volume, first = (a * d - b * c) * hoop, a**2 + b**2 + c**2 + d**2 + hoop**2
@@ -94,7 +100,10 @@ def compute_energy_density(displacement: Any, young: Any, nu: Any, pressure: Any
         x = pressure / bulk
         held = x + ngs.sqrt(1 + x * x)
         share = pressure * (volume - held)
-    return shear / 2 * (volume ** (-2 / 3) * first - 3) + share + bulk / 4 * (held**2 - 1 - 2 * ngs.log(held))
+    distortion, (c2, c3) = volume ** (-2 / 3) * first - 3, law
+    return (
+        shear / 2 * (distortion + c2 * distortion**2 + c3 * distortion**3) + share + bulk / 4 * (held**2 - 1 - 2 * ngs.log(held))
+    )
 
 
 class PressedProbe:
@@ -122,7 +131,9 @@ class PressedProbe:
         young = self.mesh.MaterialCF({NAMES[k]: material.youngs_modulus / unit for k, material in bodies.items()})
         young *= self.mesh.MaterialCF({NAMES[INCLUSION]: self.stiffer}, default=1.0)
         nu = self.mesh.MaterialCF({NAMES[k]: material.poisson_ratio for k, material in bodies.items()})
-        energy = (2 * math.pi * ngs.x * compute_energy_density(moved, young, nu, pressure)).Compile()
+        constants = [self.mesh.MaterialCF({NAMES[k]: getattr(m, key) for k, m in bodies.items()}) for key in LAW_CONSTANTS]
+        density = compute_energy_density(moved, young, nu, pressure, (constants[0], constants[1]))
+        energy = (2 * math.pi * ngs.x * density).Compile()
         self.form = ngs.BilinearForm(self.space, symmetric=True, condense=True)
         self.form += ngs.Variation(energy * ngs.dx(bonus_intorder=4))
         self.sphere = ngs.BilinearForm(self.space, symmetric=True)

@@ -24,6 +24,9 @@ ChargePerForce = Annotated[float, Quantity("charge per force", "C/N", "pC/N", -1
 PoissonRatio = Annotated[float, Field(ge=0.0, lt=0.5, description="a number from 0 to below 0.5")]
 LossFactor = Annotated[float, Field(ge=0.0, le=1.0, description="tan delta, a number from 0 to 1")]
 Number = Annotated[float, Field(ge=-100.0, le=100.0, description="a number from -100 to 100")]
+Law = Literal["neo-hookean", "yeoh"]
+LawConstant = Annotated[float, Field(ge=-1e4, le=1e4, description="a number from -10000 to 10000")]
+LAW_CONSTANTS = ("c2_over_c1", "c3_over_c1")
 MaterialName = Annotated[str, Field(min_length=1, max_length=100)]
 CATALOGUE_NAME_FIELD = Field(
     default=None, description="a name that `probe-design material list` shows", exclude_if=lambda name: name is None
@@ -38,25 +41,42 @@ class Frozen(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
 
+def _build_quiet_field(default: object) -> Any:
+    """Return a field that is left out of what is written where it has its default."""
+    return Field(default=default, exclude_if=lambda value: value == default)
+
+
 class Material(Frozen):
-    """An isotropic linear elastic material, by its numbers or by its name in the catalogue.
+    """An isotropic elastic material, by its numbers or by its name in the catalogue.
 
     Attributes:
         youngs_modulus: of the material; the storage modulus E' where it is lossy; left out: the named material's.
         poisson_ratio: likewise.
         loss_factor: tan delta = E''/E' at the load's frequency: E = E' (1 + j tan delta), Poisson's ratio being real.
         material: a name of the catalogue; a number beside it is a measured one, see ``geometry.scenes.catalogue.fill_in``.
+        law: at finite strain, which evaluator contact alone models; its small strains have the modulus and Poisson's ratio above.
+        c2_over_c1, c3_over_c1: Yeoh's constants C2 and C3 over C1, half the shear modulus.
     """
 
     youngs_modulus: Modulus
     poisson_ratio: PoissonRatio
     loss_factor: LossFactor = 0.0
     material: MaterialName | None = CATALOGUE_NAME_FIELD
+    law: Law = _build_quiet_field("neo-hookean")
+    c2_over_c1: LawConstant = _build_quiet_field(0.0)
+    c3_over_c1: LawConstant = _build_quiet_field(0.0)
 
     @model_validator(mode="before")
     @classmethod
     def _fill_from_catalogue(cls, table: Any) -> Any:
         return fill_in(table)
+
+    @model_validator(mode="after")
+    def _check_law(self) -> Self:
+        for key in LAW_CONSTANTS if self.law == "neo-hookean" else ():
+            if getattr(self, key):
+                raise InputError(key, getattr(self, key), "0, or any number beside law = 'yeoh'")
+        return self
 
     @property
     def catalogue_entry(self) -> CatalogueMaterial | None:

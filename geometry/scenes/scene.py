@@ -65,6 +65,7 @@ class CylinderTissue(_Layered):
         youngs_modulus: of the tissue below its layers.
         poisson_ratio: likewise.
         loss_factor: likewise, tan delta.
+        law, c2_over_c1, c3_over_c1: likewise.
         radius: of the piece.
         depth: from its top to the table.
     """
@@ -82,6 +83,7 @@ class BlockTissue(_Layered):
         youngs_modulus: of the tissue below its layers.
         poisson_ratio: likewise.
         loss_factor: likewise, tan delta.
+        law, c2_over_c1, c3_over_c1: likewise.
         length: along x.
         breadth: along y.
         depth: from its top to the table.
@@ -101,6 +103,7 @@ class HalfSpaceTissue(_Layered):
         youngs_modulus: of the tissue below its layers.
         poisson_ratio: likewise.
         loss_factor: likewise, tan delta.
+        law, c2_over_c1, c3_over_c1: likewise.
     """
 
     shape: Literal["half-space"]

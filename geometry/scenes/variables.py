@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from geometry.scenes.probe import LAW_CONSTANTS, Material
 from geometry.scenes.scene import Scene
 
 BLOCK_NAMES = ("inner", "outer")
@@ -38,11 +39,20 @@ def list_loss_factors(scene: Scene) -> dict[str, float]:
 
     The one inclusion of a scene is ``inclusion``, as in ``list_values``.
     """
+    return {f"{name}.loss_factor": body.loss_factor for name, body in _list_materials(scene).items()}
+
+
+def list_law_constants(scene: Scene) -> dict[str, float]:
+    """Return the constants of every law at finite strain that has some, by their keys, ``tissue.c2_over_c1``."""
+    bodies = {name: body for name, body in _list_materials(scene).items() if body.law != "neo-hookean"}
+    return {f"{name}.{key}": getattr(body, key) for name, body in bodies.items() for key in LAW_CONSTANTS}
+
+
+def _list_materials(scene: Scene) -> dict[str, Material]:
     bodies = {f"probe.{block}": getattr(scene.probe, block) for block in BLOCK_NAMES} | {"tissue": scene.tissue}
     bodies |= {f"tissue.layer[{index}]": layer for index, layer in enumerate(scene.tissue.layer)}
     alone = len(scene.inclusion) == 1
-    bodies |= {"inclusion" if alone else f"inclusion[{k}]": body for k, body in enumerate(scene.inclusion)}
-    return {f"{name}.loss_factor": body.loss_factor for name, body in bodies.items()}
+    return bodies | {"inclusion" if alone else f"inclusion[{k}]": body for k, body in enumerate(scene.inclusion)}
 
 
 def compute_length_derivatives(scene: Scene) -> dict[str, dict[str, float]]:

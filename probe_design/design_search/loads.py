@@ -22,6 +22,7 @@ from probe_design.populations.inclusion_scan import check_films_compressed
 from probe_design.populations.population import ScenePopulation, TumourDraw
 from solver.closed_form.bessel import Array
 from solver.planning.coarse_model import CoarseModel
+from solver.planning.law_factor import compute_law_factor
 from solver.planning.loads import CLOSURE_FORCE_SHARE, MAX_X, find_largest_x
 from solver.planning.strains import (
     bound_nearing,
@@ -197,7 +198,12 @@ class PressingRule:
         outer = outer * compute_slimness(sizes.outer_radius, sizes.outer_radius - sizes.inner_radius - sizes.gap)
         added = -minimum_by_real_part(-inner, -outer)
         x, strain = compute_both_strains(
-            sizes.outer_radius, tissue.tissue, scene.contact.interface, added, self.worst_cover_factor
+            sizes.outer_radius,
+            tissue.tissue,
+            scene.contact.interface,
+            added,
+            self.worst_cover_factor,
+            law=compute_law_factor(tissue, MAX_X),
         )
         scene_force = load.force if load.indentation is None else load.indentation * stiffness
         allowed = {"scene" if limits.force is None else "force": scene_force if limits.force is None else limits.force}

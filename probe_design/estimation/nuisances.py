@@ -29,7 +29,7 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, ProbeError, Words, describe_choices
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import read_fraction
-from geometry.scenes.variables import list_loss_factors, list_values
+from geometry.scenes.variables import list_law_constants, list_loss_factors, list_values
 from probe_design.estimation.model import TARGET_UNKNOWNS, TargetModel
 from probe_design.estimation.predictions import Predictions
 from probe_design.estimation.shared_errors import SharedErrors
@@ -81,10 +81,10 @@ def check_nuisances(scene: Scene, stated: Mapping[str, Any], unknown: str) -> di
         InputError: the scene has no such number, or it is the unknown, or its standard deviation is not allowed.
     """
     unknown_key = f"inclusion.{unknown}" if len(scene.inclusion) == 1 else unknown
-    lossy = [name for name, loss in list_loss_factors(scene).items() if loss]
+    others = [name for name, value in (list_loss_factors(scene) | list_law_constants(scene)).items() if value]
     allowed = [
         name
-        for name in (*list_values(scene), *lossy)
+        for name in (*list_values(scene), *others)
         if name not in (unknown_key, unknown) and not name.endswith("poisson_ratio")
     ]
     for name in stated:
@@ -173,7 +173,7 @@ def _compute_shift(
     Raises:
         InputError: the scene is not valid, or the model cannot predict the data.
     """
-    numbers = list_values(model.scene) | list_loss_factors(model.scene)
+    numbers = list_values(model.scene) | list_loss_factors(model.scene) | list_law_constants(model.scene)
     shifted = {name: (sd, step) for (name, sd), step in zip(nuisances.items(), eta, strict=True) if step}
     new_values = {name: numbers[name] * math.exp(sd * step) for name, (sd, step) in shifted.items()}
     name, (sd, _) = next(iter(shifted.items()))

@@ -15,7 +15,8 @@ import numpy as np
 
 from geometry.common.errors import InputError
 from geometry.scenes.scene import Load, Scene
-from solver.planning.loads import CLOSURE_FORCE_SHARE, LoadRule, find_largest_x
+from solver.planning.law_factor import compute_law_factor
+from solver.planning.loads import CLOSURE_FORCE_SHARE, MAX_X, LoadRule, find_largest_x
 from solver.planning.strains import compute_block_strain, compute_both_strains, compute_cover_factor, compute_slimness
 
 MAX_RATIO_CHANGE_RELATIVE = 0.01  # relative change of the ratio by finite strain that is allowed
@@ -106,7 +107,8 @@ def compute_pressing_force(scene: Scene, v: Any, radius: Any, totals: Any, wall_
     )
     slim = compute_slimness(radius, radius - v[0] - v[2])
     added = _maximum(inner, slim * outer)
-    _, strain = compute_both_strains(radius, scene.tissue, scene.contact.interface, added, compute_cover_factor(scene.inclusion))
+    cover, law = compute_cover_factor(scene.inclusion), compute_law_factor(scene, MAX_X)
+    _, strain = compute_both_strains(radius, scene.tissue, scene.contact.interface, added, cover, law=law)
     force = _minimum(
         compute_force(scene.load, stiffness), find_largest_x(MAX_RATIO_CHANGE_RELATIVE, promise=None)[0] / strain * stiffness
     )

@@ -88,6 +88,10 @@ class Elements:
         """Return the minimum volume ratio J = det F of all Gauss points."""
         return 1 + float(compute_volume_change(self.square.compute_gradients(u)).min())
 
+    def find_max_distortions(self, u: Floats) -> list[float]:
+        """Return the largest I - 3 of eq. LW.2 in the elements of each law that is not neo-Hookean."""
+        return self.material.find_max_distortions(self.square.compute_gradients(u)) if self.material.laws else []
+
     def compute_max_stretch(self, u: Floats) -> float:
         """Return the maximum |lambda - 1| of the principal stretches lambda at all Gauss points."""
         h = self.square.compute_gradients(u)
@@ -178,7 +182,8 @@ class Elements:
                 D[i, j] += h[i] * c[j]
         if stress.bend is not None:
             x = square.turn_stress(stress.distortion)
-            D += (w * stress.bend * x)[:, None] * x
+            for i in range(5):
+                D[i, i:] += w * stress.bend * x[i] * x[i:]
         unit = w * stress.identity_coefficient * square.turn_unit_matrix()
         D[0, 0] += unit[0]
         D[2, 2] += unit[0]

@@ -12,7 +12,6 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, Words
 from geometry.meridian.mesh_lines import MeridianFineness
 from geometry.meridian.section import Body, Section
-from geometry.scenes.probe import Material
 from geometry.scenes.scene import Scene
 from solver.axisymmetric.converged_forces import Converged, compute_converged_forces
 from solver.axisymmetric.sections import HALF_SPACE_SIZES
@@ -255,14 +254,12 @@ def _solve_neighbour(neighbour: LoadedScene, modulus: float, linear: Converged) 
 
 def _build_path(scene: Scene, linear: Converged, fineness: MeridianFineness) -> Path:
     """Build the load path, on one mesh, of the section that the linear solution used."""
-    rest_model, materials = linear.sample.states.model, {}
-    if scene.inclusion:
-        body = scene.inclusion[0]
-        materials[Body.INCLUSION] = Material(youngs_modulus=body.youngs_modulus, poisson_ratio=body.poisson_ratio)
+    rest_model = linear.sample.states.model
+    inclusion = {Body.INCLUSION: scene.inclusion[0]} if scene.inclusion else {}
     section = rest_model.section if scene.tissue.shape != "half-space" else _truncate_section(rest_model.section)
     faces, spring = scene.contact, SPRING_SHARES[fineness.order]
     model = ContactModel.from_section(
-        section, {**rest_model.materials, **materials}, faces.interface, fineness, faces.friction, spring=spring
+        section, {**rest_model.materials, **inclusion}, faces.interface, fineness, faces.friction, spring=spring
     )
     return Path(model, scene.target is not None, None if faces.interface == "unilateral" else linear.films[0].totals)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from geometry.meridian.mesh import UNIT_SQUARE, Topology, build_topology, comput
 from geometry.meridian.mesh_lines import MeridianFineness
 from geometry.meridian.mesh_lines import find_kind as kind_of
 from geometry.meridian.section import TISSUES, Body, Section
-from geometry.scenes.probe import Interface, Material
+from geometry.scenes.probe import Interface
 from solver.axisymmetric.base_states import Materials
 from solver.axisymmetric.dofs import Numbering, number_unknowns
 from solver.contact.assembly import Assembly
@@ -26,6 +27,7 @@ from solver.elements.shape_functions import build_shapes
 from solver.linalg.cholesky import factorise, factorise_any
 from solver.linalg.workspace import keep_result
 from solver.materials.hyperelastic import Hyperelastic
+from solver.materials.strain_energies import StableRange
 
 OPENING_LENGTH_RELATIVE, OPENING_BLUR_SHARE = (
     0.02,
@@ -97,7 +99,7 @@ class ContactModel:
 
     def with_modulus(self, youngs_modulus: float) -> ContactModel:
         """Return the model with another Young's modulus of the sphere, Pa, on the same mesh, pattern and pairs."""
-        sphere = Material(youngs_modulus=youngs_modulus, poisson_ratio=self.materials[Body.INCLUSION].poisson_ratio)
+        sphere = self.materials[Body.INCLUSION].model_copy(update={"youngs_modulus": youngs_modulus})
         materials = {**self.materials, Body.INCLUSION: sphere}
         return replace(self, materials=materials, elements=replace(self.elements, material=_build_laws(materials, self.mesh)))
 
@@ -225,6 +227,19 @@ class ContactModel:
         if any(np.any((r < radius) & (z > high - state.indentation)) for radius, high in limits):
             raise SolveError("the tissue reaches the base")
 
+    def check_laws(self, state: State) -> None:
+        """Raise ``SolveError`` if a material is strained so much that its law is not stable."""
+        distortions = self.elements.find_max_distortions(state.elements.u)
+        for x, (_, law), stable in zip(distortions, self.elements.material.laws, self._stable_ranges, strict=True):
+            if x > stable.x:
+                raise SolveError(
+                    f"{law.description} is unstable where a material is stretched beyond {stable.stretch:.3g} times its length"
+                )
+
+    @cached_property
+    def _stable_ranges(self) -> list[StableRange]:
+        return [StableRange.from_law(law) for _, law in self.elements.material.laws]
+
     def compute_film_forces(self, equations: Linearised) -> Floats:
         """Return the forces on the films, N, (2,): what the energy rises by per indentation of each block's base (CT.4)."""
         return np.asarray(self.lift.reshape(-1, 2).T @ (equations.balance.forces.ravel() + equations.contact))
@@ -260,8 +275,7 @@ class ContactModel:
 
 def _build_laws(materials: Materials, mesh: Topology) -> Hyperelastic:
     """Return the hyperelastic materials of all elements."""
-    moduli = [[materials[Body(body)].youngs_modulus, materials[Body(body)].poisson_ratio] for body in mesh.body]
-    return Hyperelastic.from_moduli(*np.array(moduli).T)
+    return Hyperelastic.from_materials([materials[Body(body)] for body in mesh.body])
 
 
 def _find_block_elements(section: Section, mesh: Topology) -> tuple[Bools, Bools]:

@@ -248,6 +248,7 @@ class Path:
         """
         model, equations, state = self.model, equilibrium.equations, equilibrium.state
         model.check_base(state)
+        model.check_laws(state)
         changes, slopes = model.compute_responses(state, equations, self._target)
         films, slopes = self._scale * model.compute_film_forces(equations), self._scale[:, None] * slopes
         sensitivity = 0.0

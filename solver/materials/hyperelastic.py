@@ -2,11 +2,11 @@ r"""Compute stresses and tangents of rubber-like materials at finite strain, wit
 
 The stored energy per undeformed volume is
 
-    W = f(I - 3) + K/4 (J^2 - 1 - 2 ln J),   I = J^(-2/3) tr(F^T F),   f(x) = c1 x + c2 x^2 + c3 x^3       (LW.2)
+    W = mu f(I - 3) + K/4 (J^2 - 1 - 2 ln J),   I = J^(-2/3) tr(F^T F)                                  (LW.2)
 
-with the deformation gradient F, J = det F, the bulk modulus K and material constants c1, c2, c3. c1 = mu/2, c2 = c3 = 0 is the
-neo-Hookean law of ``tests/reference/contact``; others are
-Yeoh's (Rubber Chem. Technol. 66, 1993, 754). Its tangent at rest is Hooke's law with the shear modulus mu = 2 c1.
+with the deformation gradient F, J = det F, the moduli mu and K of shear and of volume at rest, and a law f of
+``strain_energies.py``, by default the neo-Hookean f(x) = x / 2 of ``tests/reference/contact``. The tangent at rest is Hooke's
+law.
 
 The share lam/K of the part in J, lam the first Lame constant, is carried by a pressure p that is an unknown of its own: with
 U = lam/4 (J^2 - 1 - 2 ln J) and its conjugate U*, U = max over p of p (J - 1) - U*(p), where
@@ -18,11 +18,15 @@ so that nothing is divided by 1 - 2 nu, and the linear limit is the pair of ``so
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.common.arrays import Floats
+from geometry.common.arrays import Floats, Ints
+from geometry.scenes.probe import Material
+from solver.materials.linear import Isotropic
+from solver.materials.strain_energies import StrainEnergy, build_strain_energy
 
 MIN_LAM_RELATIVE = 1e-3  # of mu: the rest of a more compressible material's bulk modulus needs no pressure unknown
 RR, RZ, ZR, ZZ, TT = range(5)  # components of the displacement gradient, first axis: u_r,r, u_r,z, u_z,r, u_z,z, u_r / r
@@ -42,8 +46,8 @@ class Stress:
         cofactor: dJ/dh.
         F: deformation gradient.
         distortion: dI/dh.
-        weight: f' J^(-2/3), Pa.
-        bend: f'', Pa; None for neo-Hookean materials.
+        weight: mu f' J^(-2/3), Pa.
+        bend: mu f'', Pa; None for neo-Hookean materials.
         bulk: bulk modulus without the pressure's share, Pa, shape (n, 1).
     """
 
@@ -81,24 +85,29 @@ class Hyperelastic:
     """Material constants of n elements, for the law of eq. LW.2.
 
     Attributes:
-        shear: mu = 2 c1, Pa, shape (n,).
+        shear: mu, Pa, shape (n,).
         lam: modulus of the pressure's share, Pa, > 0, shape (n,).
         bulk: rest of the bulk modulus, K - lam, Pa, shape (n,).
-        yeoh: c2 / mu and c3 / mu, shape (2, n); zeros for neo-Hookean materials.
+        laws: numbers of the elements that are not neo-Hookean, with their f.
     """
 
     shear: Floats
     lam: Floats
     bulk: Floats
-    yeoh: Floats
+    laws: tuple[tuple[Ints, StrainEnergy], ...] = ()
 
     @classmethod
-    def from_moduli(cls, youngs_modulus: Floats, poisson_ratio: Floats, yeoh: Floats | None = None) -> Hyperelastic:
-        """Return the materials with these Young's moduli (Pa) and Poisson's ratios at rest, shape (n,) each."""
-        shear = youngs_modulus / (2 * (1 + poisson_ratio))
-        bulk = youngs_modulus / (3 * (1 - 2 * poisson_ratio))
-        lam = np.maximum(bulk - 2 * shear / 3, MIN_LAM_RELATIVE * shear)
-        return cls(shear, lam, bulk - lam, np.zeros((2, len(shear))) if yeoh is None else yeoh)
+    def from_moduli(cls, moduli: Isotropic, laws: tuple[tuple[Ints, StrainEnergy], ...] = ()) -> Hyperelastic:
+        """Return the materials with these moduli at rest, shape (n,)."""
+        lam = np.maximum(moduli.dilation_modulus, MIN_LAM_RELATIVE * moduli.shear_modulus)
+        return cls(moduli.shear_modulus, lam, moduli.bulk_modulus - lam, laws)
+
+    @classmethod
+    def from_materials(cls, materials: Sequence[Material]) -> Hyperelastic:
+        """Return the constants of elements with these materials, one for each."""
+        laws = [build_strain_energy(material) for material in materials]
+        groups = [(np.flatnonzero([law == other for other in laws]), law) for law in dict.fromkeys(laws) if law is not None]
+        return cls.from_moduli(Isotropic.from_materials(materials), tuple(groups))
 
     def compute_dilation(self, p: Floats) -> tuple[Floats, Floats]:
         """Return J*(p) - 1 of eq. LW.3 and its derivative with respect to p, 1/Pa, at pressures p, Pa; shape (n, q) each."""
@@ -112,14 +121,24 @@ class Hyperelastic:
         The pressure's share is p (J - J*(p)) + U(J*(p)), which in equilibrium equals its part of eq. LW.2.
         """
         change, dilation = compute_volume_change(h), self.compute_dilation(p)[0]
-        distortion = (3 + 2 * _compute_trace(h)) * (1 + change) ** (-2 / 3) - 3
         bulk, lam = (modulus[:, None] / 4 * _compute_volume_term(x) for modulus, x in ((self.bulk, change), (self.lam, dilation)))
-        return np.asarray(self._evaluate_f(distortion)[0] + bulk + lam + p * (change - dilation))
+        return np.asarray(self._evaluate_laws(_compute_distortion(h))[0] + bulk + lam + p * (change - dilation))
 
-    def _evaluate_f(self, x: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return f, f' and f'' of eq. LW.2 at x = I - 3, shape (n, q) each."""
-        mu, (c2, c3) = self.shear[:, None], self.shear[:, None] * self.yeoh[:, :, None]
-        return mu / 2 * x + c2 * x**2 + c3 * x**3, mu / 2 + 2 * c2 * x + 3 * c3 * x**2, 2 * c2 + 6 * c3 * x
+    def _evaluate_laws(self, x: Floats) -> tuple[Floats, Floats, Floats | None]:
+        """Return mu f, mu f' and mu f'' at x = I - 3, shape (n, q) each; None for f'' if all is neo-Hookean."""
+        mu = self.shear[:, None]
+        energy, slope = mu / 2 * x, np.repeat(mu / 2, x.shape[1], axis=1)
+        if not self.laws:
+            return energy, slope, None
+        bend = np.zeros_like(x)
+        for elements, law in self.laws:
+            for whole, part in zip((energy, slope, bend), law.evaluate(x[elements]), strict=True):
+                whole[elements] = mu[elements] * part
+        return energy, slope, bend
+
+    def find_max_distortions(self, h: Floats) -> list[float]:
+        """Return the largest I - 3 in the elements of each of ``laws``, for displacement gradients h, shape (5, n, q)."""
+        return [float(_compute_distortion(h[:, elements]).max()) for elements, _ in self.laws]
 
     def compute_stress(self, h: Floats) -> Stress:
         """Return stresses and their derivatives for displacement gradients h, shape (5, n, q)."""
@@ -131,10 +150,10 @@ class Hyperelastic:
         # dI/dF of I = J^(-2/3) I1 from small terms only: the rounding of 1 would appear as stress in large elements
         excess = (2 * trace / 3 - change) / J
         distortion = 2 * power * (h - _compute_cofactor_change(h) - excess * cof)
-        _, slope, bend = self._evaluate_f((3 + 2 * trace) * power - 3)
+        _, slope, bend = self._evaluate_laws((3 + 2 * trace) * power - 3)
         bulk = self.bulk[:, None]
         P = slope * distortion + bulk / 2 * change * (1 + 1 / J) * cof
-        return Stress(P, change, cof, F, distortion, slope * power, bend if np.any(self.yeoh) else None, bulk)
+        return Stress(P, change, cof, F, distortion, slope * power, bend, bulk)
 
 
 def compute_cofactor(F: Floats) -> Floats:
@@ -154,6 +173,11 @@ def _compute_cofactor_change(h: Floats) -> Floats:
     """Return dJ/dF minus its value at rest, without rounding error."""
     rr, rz, zr, zz, tt = h
     return np.stack([zz + tt + zz * tt, -zr * (1 + tt), -rz * (1 + tt), rr + tt + rr * tt, rr + zz + rr * zz - rz * zr])
+
+
+def _compute_distortion(h: Floats) -> Floats:
+    """Return I - 3 of eq. LW.2 for displacement gradients h."""
+    return np.asarray((3 + 2 * _compute_trace(h)) * (1 + compute_volume_change(h)) ** (-2 / 3) - 3)
 
 
 def _compute_volume_term(change: Floats) -> Floats:

@@ -17,6 +17,7 @@ import numpy as np
 from geometry.common.arrays import Floats, Ints
 
 VOIGT_PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))  # xx, yy, zz, yz, xz, xy
+VOIGT_INDEX = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])  # of each component among these
 VOIGT_WEIGHTS = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])  # of the products s_ij e_ij in s:e
 
 

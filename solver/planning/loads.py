@@ -5,9 +5,9 @@ log-sensitivity by at most exp(0.8 x) - 1, relative (PL.2). The rule is read off
 tests hold it against (``tests/reference/contact``); nothing is known beyond x = 0.3, nor beyond 1/20 of the force that closes
 the gap in linear elasticity, see eq. PL.9: the true closure was found at 1/14 of it in the worst of 235 scenes. Those solutions
 have stiff blocks on deep tissue, so that what else is strained counts as the indentation that would be as bad: shallow tissue by
-PL.5, layers and faces that slide by PL.6, soft blocks by PL.3. Large inclusions near the surface change ratio, stresses and
-stiffness more: PL.7; so does a film whose pressures nearly cancel: PL.10. Where a log-sensitivity nearly vanishes as those of
-both films cancel, it counts as larger: PL.8.
+PL.5, layers and faces that slide by PL.6, soft blocks by PL.3, laws that are not neo-Hookean by PL.12. Large inclusions near the
+surface change ratio, stresses and stiffness more: PL.7; so does a film whose pressures nearly cancel: PL.10. Where a
+log-sensitivity nearly vanishes as those of both films cancel, it counts as larger: PL.8.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
+from solver.planning.law_factor import compute_law_factor
 from solver.planning.strains import (
     RATIO_CHANGE_PER_X,
     bound_nearing,
@@ -138,9 +139,9 @@ class LoadRule:
         outer *= compute_slimness(probe.tube_radius, probe.tube_radius - probe.hole_radius)
         tilted = probe.tube_radius * math.tan(abs(scene.placement.tilt))
         added, cover = max(inner, outer), compute_cover_factor(scene.inclusion)
-        strain, of_ratio = (
-            float(value) for value in compute_both_strains(probe.tube_radius, scene.tissue, scene.contact.interface, added, cover)
-        )
+        law = compute_law_factor(scene, MAX_X)
+        strains = compute_both_strains(probe.tube_radius, scene.tissue, scene.contact.interface, added, cover, law=law)
+        strain, of_ratio = (float(value) for value in strains)
         covered = of_ratio / strain * compute_cancelling_factor(totals, (probe.inner_area, probe.outer_area))
         return cls(strain, float(totals.sum()), closure, tilted, covered)
 

@@ -55,7 +55,7 @@ def compute_cover_factor(bodies: Iterable[Inclusion]) -> float:
 
 
 def compute_both_strains(
-    tube_radius: Any, tissue: Tissue, interface: Interface, added: Any = 0.0, covered: float = 1.0
+    tube_radius: Any, tissue: Tissue, interface: Interface, added: Any = 0.0, covered: float = 1.0, *, law: float = 1.0
 ) -> tuple[Any, Any]:
     """Return x per indentation, 1/m, for the log-sensitivity, and its counterpart for ratio, stresses and stiffness.
 
@@ -70,13 +70,13 @@ def compute_both_strains(
         interface: of the blocks and the tissue.
         added: by the blocks, eq. PL.3, 1/m; it counts k times.
         covered: k.
+        law: s of eq. PL.12, which multiplies both.
     """
     deep, soft, plate = _compute_strains(tube_radius, tissue)
     bending = 1 + BENDING_COEFFICIENT * ((1 + PLATE_COEFFICIENT * plate) ** 0.5 - 1)
     of_ratio = (deep**2 * (bending**2 - 1 + covered**2) + (LAYERED_RATIO_FACTOR * soft) ** 2) ** 0.5
-    return compute_tissue_strain(tube_radius, tissue, interface) + added, _get_sliding_factor(
-        interface
-    ) * of_ratio + covered * added
+    slides = _get_sliding_factor(interface)
+    return law * (compute_tissue_strain(tube_radius, tissue, interface) + added), law * (slides * of_ratio + covered * added)
 
 
 def compute_tissue_strain(tube_radius: Any, tissue: Tissue, interface: Interface = "bonded") -> Any:

@@ -10,14 +10,11 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from geometry.common.arrays import Floats, Ints
-from solver.materials.linear import VOIGT_PAIRS, LinearLaw
+from solver.materials.linear import VOIGT_INDEX, LinearLaw
 from solver.solid.tetrahedron import compute_grams, compute_mean_dilation, iterate_quadrature
 
 BATCH_PAIRS = 1 << 15  # pairs at once, which limits the working memory
 LOWER_NODES, UPPER_NODES = np.tril_indices(10)  # pairs of an element's nodes
-VOIGT_INDEX = np.zeros((3, 3), dtype=int)  # from a component to its place in ``VOIGT_PAIRS``
-for _place, (_i, _j) in enumerate(VOIGT_PAIRS):
-    VOIGT_INDEX[_i, _j] = VOIGT_INDEX[_j, _i] = _place
 
 
 @dataclass(frozen=True)

@@ -49,7 +49,7 @@ ALLOWED: dict[str, set[str]] = {
     "solver.results": {"solver.linalg", *PROVENANCE},
     "solver.inclusions": {"solver.linalg", "solver.materials", *SCENES},
     "solver.published": {"solver.results", *SCENES},
-    "solver.materials": {"geometry.common"},
+    "solver.materials": SCENES,
     "solver.layers": {"solver.materials", *SCENES},
     "solver.closed_form": {"solver.inclusions", "solver.layers", "solver.linalg", "solver.results", *SCENES},
     "solver.tumour_waves": {"solver.closed_form", "solver.inclusions", "solver.layers", "geometry.common"},

@@ -7,7 +7,9 @@ from pathlib import Path
 import pytest
 
 from geometry.common.errors import InputError
+from geometry.provenance.digest import compute_scene_digest
 from geometry.scenes.scene_file import read_scene, scene_from_toml, scene_to_toml
+from geometry.scenes.variables import list_law_constants
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "scene.toml"
 
@@ -61,5 +63,35 @@ def test_a_key_that_excludes_a_new_one_goes() -> None:
     ],
 )
 def test_what_is_no_key_or_no_scene_is_refused(changes: dict[str, float | str], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        read_scene(EXAMPLE).replace(changes)
+
+
+def test_laws_at_finite_strain_are_replaced_by_path_and_written_back() -> None:
+    scene = read_scene(EXAMPLE).replace({"tissue.law": "yeoh", "tissue.c2_over_c1": 0.4, "inclusion.law": "yeoh"})
+    assert list_law_constants(scene) == {
+        "tissue.c2_over_c1": 0.4, "tissue.c3_over_c1": 0.0, "inclusion.c2_over_c1": 0.0, "inclusion.c3_over_c1": 0.0
+    }  # fmt: skip
+    assert scene_from_toml(scene_to_toml(scene)) == scene
+    stiffer = scene.replace({"tissue.c2_over_c1": 0.5})
+    assert compute_scene_digest(stiffer) != compute_scene_digest(scene) != compute_scene_digest(read_scene(EXAMPLE))
+
+
+def test_the_default_law_leaves_files_and_digests_as_they_were() -> None:
+    scene = read_scene(EXAMPLE)
+    stated = scene.replace({"tissue.law": "neo-hookean", "tissue.c2_over_c1": 0.0})
+    assert compute_scene_digest(stated) == compute_scene_digest(scene)
+    assert "law" not in scene_to_toml(scene)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"tissue.c2_over_c1": 0.3}, r"tissue\.c2_over_c1 = 0\.3: allowed: 0, or any number beside law = 'yeoh'"),
+        ({"tissue.law": "ogden"}, "'neo-hookean'.*'yeoh'"),
+        ({"tissue.law": "yeoh", "tissue.c3_over_c1": float("inf")}, "finite"),
+    ],
+)
+def test_laws_and_constants_that_do_not_fit_are_refused(changes: dict[str, float | str], message: str) -> None:
     with pytest.raises(InputError, match=message):
         read_scene(EXAMPLE).replace(changes)

@@ -5,12 +5,15 @@ import pytest
 from scipy.optimize import brentq
 
 from solver.materials.hyperelastic import Hyperelastic, Stress, compute_volume_change
+from solver.materials.linear import Isotropic
+from solver.materials.strain_energies import Yeoh
 
 RNG = np.random.default_rng(5)
 
 
 def material(poisson_ratio: float, yeoh: tuple[float, float] = (0.0, 0.0)) -> Hyperelastic:
-    return Hyperelastic.from_moduli(np.array([1.0]), np.array([poisson_ratio]), np.array(yeoh)[:, None])
+    laws = ((np.array([0]), Yeoh(*yeoh)),) if any(yeoh) else ()
+    return Hyperelastic.from_moduli(Isotropic(np.array([1.0]), np.array([poisson_ratio])), laws)
 
 
 def pressure(law: Hyperelastic, change: float) -> float:
@@ -45,7 +48,7 @@ def test_lubricated_cylinder_at_half_its_height(poisson_ratio: float, force: flo
     assert -np.pi * stresses(law, across, 0.5)[3] == pytest.approx(force, rel=2e-10)
 
 
-@pytest.mark.parametrize("yeoh", [(0.0, 0.0), (-0.03, 0.002)])
+@pytest.mark.parametrize("yeoh", [(0.0, 0.0), (-0.06, 0.004)])
 @pytest.mark.parametrize("poisson_ratio", [0.0, 0.3, 0.4999])
 def test_stress_is_the_energy_s_derivative_and_the_tangent_the_stress_s(poisson_ratio: float, yeoh: tuple[float, float]) -> None:
     law, step = material(poisson_ratio, yeoh), 1e-6

@@ -1,0 +1,96 @@
+"""Strain energies of rubber-like materials as functions f of x = I - 3, in shear moduli; see ``hyperelastic.py``.
+
+A law is stable up to where the stress of a stretched incompressible body no longer rises. With the stretch s in one mode of
+deformation and I(s) in it, the nominal stress f' I' rises while
+
+    f' > 0,   f' I'' + f'' I'^2 > 0                                                              (LW.4)
+
+for pulling one way, two ways alike, and in one plane, as is usual for such laws (D. C. Drucker's condition in these modes).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from geometry.common.arrays import Floats
+from geometry.scenes.probe import Material
+
+MAX_TESTED_STRETCH, TESTED_STRETCHES = 10.0, 2000  # of eq. LW.4, from 1 and from its inverse
+
+
+class StrainEnergy(Protocol):
+    """The law of one material at finite strain."""
+
+    @property
+    def description(self) -> str:
+        """The law with its constants, for messages."""
+
+    def evaluate(self, x: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return f, f' and f'' at x, in shear moduli; f'(0) = 1/2. All arrays have one shape."""
+
+
+@dataclass(frozen=True)
+class Yeoh:
+    """f = (x + c2 x^2 + c3 x^3) / 2 (O. H. Yeoh, Rubber Chem. Technol. 66, 1993, 754).
+
+    Attributes:
+        c2, c3: the constants C2 and C3 over C1 = mu / 2.
+    """
+
+    c2: float
+    c3: float
+
+    @property
+    def description(self) -> str:
+        """See ``StrainEnergy``."""
+        return f"Yeoh's law with c2_over_c1 = {self.c2:g}, c3_over_c1 = {self.c3:g}"
+
+    def evaluate(self, x: Floats) -> tuple[Floats, Floats, Floats]:
+        """See ``StrainEnergy``."""
+        c2, c3 = self.c2, self.c3
+        return (x + c2 * x**2 + c3 * x**3) / 2, (1 + 2 * c2 * x + 3 * c3 * x**2) / 2, c2 + 3 * c3 * x
+
+
+def build_strain_energy(material: Material) -> StrainEnergy | None:
+    """Return the law of a material; None for neo-Hookean ones, f = x / 2."""
+    if material.law == "yeoh" and (material.c2_over_c1 or material.c3_over_c1):
+        return Yeoh(material.c2_over_c1, material.c3_over_c1)
+    return None
+
+
+@dataclass(frozen=True)
+class StableRange:
+    """How far a law is stable, eq. LW.4.
+
+    Attributes:
+        x: the largest I - 3; infinite if nothing was found up to ``MAX_TESTED_STRETCH``.
+        stretch: one body pulled one way has there.
+    """
+
+    x: float
+    stretch: float
+
+    @classmethod
+    def from_law(cls, law: StrainEnergy) -> StableRange:
+        """Find the range of a law."""
+        s = np.geomspace(1.0, MAX_TESTED_STRETCH, TESTED_STRETCHES)
+        limit = np.inf
+        for stretches in (s, 1 / s):
+            for invariant, first, second in _list_modes(stretches):
+                _, slope, bend = law.evaluate(invariant - 3)
+                unstable = (slope <= 0) | (slope * second + bend * first**2 <= 0)
+                limit = min(limit, float(np.min(invariant[unstable] - 3, initial=np.inf)))
+        pulled = s**2 + 2 / s - 3
+        return cls(limit, float(np.interp(limit, pulled, s)))
+
+
+def _list_modes(s: Floats) -> tuple[tuple[Floats, Floats, Floats], ...]:
+    """Return I and its first two derivatives by the stretch s, pulled one way, two ways alike, and in one plane."""
+    return (
+        (s**2 + 2 / s, 2 * s - 2 / s**2, 2 + 4 / s**3),
+        (2 * s**2 + s**-4, 4 * s - 4 * s**-5, 4 + 20 * s**-6),
+        (s**2 + s**-2 + 1, 2 * s - 2 * s**-3, 2 + 6 * s**-4),
+    )
