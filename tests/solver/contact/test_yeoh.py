@@ -11,10 +11,10 @@ from geometry import Refusal, Scene
 from geometry.meridian.mesh import UNIT_SQUARE, compute_nodes
 from geometry.meridian.section import Body
 from geometry.scenes.scene import Layer
-from solver.axisymmetric.level import Axisymmetric
+from solver.axisymmetric.evaluator import Axisymmetric
 from solver.axisymmetric.sections import build_sections
 from solver.contact.elements import ElementValues
-from solver.contact.level import ContactEvaluator
+from solver.contact.evaluator import ContactEvaluator
 from solver.contact.model import ContactModel
 from solver.planning.load_limits import build_load_rule, compute_load_limits
 from tests.support.load_paths import COARSE, pressed, ratio, scene_of
