@@ -39,6 +39,7 @@ from probe_design.built_probe.block_predictions import (
     predict_blocks,
 )
 from probe_design.built_probe.calibration import calibrate
+from probe_design.built_probe.film_forces import measure_strict_reading
 from probe_design.built_probe.gain_matrix import Gains
 from probe_design.built_probe.virtual_probe import SAMPLE_RATE_HZ, BuiltProperties, build_signals
 
@@ -201,7 +202,8 @@ def outcome(fault: BenchFault, scene: Scene, bench: Bench, shares: BlockPredicti
     """Calibrate with a fault, then read the scene without noise."""
     drawn = DrawnBench.draw(fault, bench, shares, seed)
     try:
-        calibration = calibrate(scene, bench, drawn.read(fault, scene, bench, seed), shares)
+        readings = [measure_strict_reading(samples, bench, scene) for samples in drawn.read(fault, scene, bench, seed)]
+        calibration = calibrate(scene, bench, readings, shares)
     except (HardwareError, InputError) as why:
         return CalibrationOutcome(refused=str(why))
     truth = drawn.matrix(bench)

@@ -161,7 +161,7 @@ def calibrate(scene: Path | None, bench: Path | None, output: Path, linear: bool
     probe-design calibrate scene.toml --record run.probe -o probe.toml
     """  # noqa: D301
     from geometry.common.files import check_writable_file
-    from probe_design.built_probe.calibration import calibrate_measurements
+    from probe_design.built_probe.calibration import calibrate as calibrate_probe
     from probe_design.built_probe.calibration_record import build_record, check_free, write_record
     from probe_design.built_probe.probe_identity import check_serials, find_common_serial
     from probe_design.cli.hardware_sources import HardwareSetup, SampleSource, describe_device, hash_raw_data
@@ -173,7 +173,7 @@ def calibrate(scene: Path | None, bench: Path | None, output: Path, linear: bool
     check_writable_file(output)
     reference_readings = read_references(setup, sample_source, setup.bench.reference, run=0)
     with show_spinner("calibrating"):
-        calibration = calibrate_measurements(
+        calibration = calibrate_probe(
             setup.scene, setup.bench, [reading.measurement for reading in reference_readings], linear=linear
         )
     serials = {reading.name: reading.serial for reading in reference_readings}
@@ -219,7 +219,7 @@ def check(
     from probe_design.built_probe.calibration_record import check_free
     from probe_design.built_probe.probe_identity import check_serials, find_common_serial
     from probe_design.cli.hardware_sources import HardwareSetup, SampleSource
-    from probe_design.probe_check.check import check_measurements
+    from probe_design.probe_check.check import check as check_probe
     from probe_design.terminal.console import show_steps, show_table, warn
     from probe_design.terminal.hardware_tables import (
         build_check_table,
@@ -242,7 +242,7 @@ def check(
     record = setup.calibration
     gains, variables = (None, ()) if record is None else (record.build_gains(), record.variables)
     with show_steps("checking") as tell:
-        result = check_measurements(setup.scene, setup.bench, measurements, gains, variables=variables, linear=linear, tell=tell)
+        result = check_probe(setup.scene, setup.bench, measurements, gains, variables=variables, linear=linear, tell=tell)
     result = replace(result, serial=find_common_serial(serials), warnings=(*result.warnings, *serial_warnings))
     json_object, page = add_provenance(result.as_dict()), ""
     if report is not None:

@@ -9,7 +9,7 @@ d^T C^-1 d is a chi-square (PC.1). ``probe_design.probe_check.verdicts`` looks f
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -17,20 +17,17 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
 from geometry.scenes.scene import Scene
-from hw.common.samples import Samples
 from hw.signal.measure import Measurement
 from probe_design.built_probe.bench import Bench
-from probe_design.built_probe.block_predictions import BlockPredictions, compute_inner_shares, predict_blocks
-from probe_design.built_probe.calibration import list_waveform_warnings
+from probe_design.built_probe.block_predictions import BlockPredictions, compute_inner_shares
 from probe_design.built_probe.exchanges import Misplacement, check_films, compute_share_doubt, find_exchanges
-from probe_design.built_probe.film_forces import build_observation, compute_film_forces, measure_strict_reading
+from probe_design.built_probe.film_forces import compute_film_forces
 from probe_design.built_probe.gain_matrix import Gains
-from probe_design.built_probe.load_checks import apply_loads, check_reference_loads
-from probe_design.built_probe.phase_lags import list_lag_warnings
+from probe_design.built_probe.pressed_references import PressedReferences
 from probe_design.probe_check.coverage import VariableCoverage, compute_coverage
 from probe_design.probe_check.deviation import SIGNIFICANCE_LEVEL, CancellingPair, Deviation, find_cancelling_pairs
 from probe_design.probe_check.explanations import Explanation, VariablePair
-from probe_design.probe_check.verdicts import VERDICT_WITHIN, Verdict, decide_verdict
+from probe_design.probe_check.verdicts import VERDICT_WITHIN, decide_verdict
 from solver.results.evaluator import ProgressCallback, ignore_progress
 
 Films = Sequence[tuple[Floats, Floats]]  # both films' readings of each block, N, (2,), and their covariance, (2, 2)
@@ -101,37 +98,6 @@ class Check:
 def check(
     scene: Scene,
     bench: Bench,
-    samples: Sequence[Samples],
-    gains: Gains | None = None,
-    *,
-    variables: Sequence[str] = (),
-    shares: BlockPredictions | None = None,
-    linear: bool = False,
-) -> Check:
-    """Compare a probe with its prediction.
-
-    Args:
-        scene: the probe as drawn.
-        bench: blocks and tolerances.
-        samples: one reading for each of the bench's blocks of tissue, in their order.
-        gains: of a calibration; None: nominal, with the bench's tolerances.
-        variables: names of the variables of ``gains.slopes``.
-        shares: the predictions, if they are known already.
-        linear: whether to accept loads whose finite strain may change a prediction by more than 0.8 %; it is counted anyway.
-
-    Raises:
-        HardwareError: a reading has gaps, is saturated, too short or drifts.
-        InputError: there are no blocks, or not one reading for each; a film is dead or of reversed polarity.
-        Refusal: a load is above the limit of linear elasticity.
-    """
-    _check_count(samples, bench)
-    measurements = [measure_strict_reading(reading, bench, scene) for reading in samples]
-    return check_measurements(scene, bench, measurements, gains, variables=variables, shares=shares, linear=linear)
-
-
-def check_measurements(
-    scene: Scene,
-    bench: Bench,
     measurements: Sequence[Measurement],
     gains: Gains | None = None,
     *,
@@ -140,46 +106,42 @@ def check_measurements(
     linear: bool = False,
     tell: ProgressCallback = ignore_progress,
 ) -> Check:
-    """Compare measurements by ``film_forces.measure_strict_reading``; otherwise as ``check``. ``tell`` reports progress."""
-    _check_count(measurements, bench)
-    predictions = predict_blocks(scene, bench.reference) if shares is None else shares
+    """Compare a probe with its prediction.
+
+    Args:
+        scene: the probe as drawn.
+        bench: blocks and tolerances.
+        measurements: by ``film_forces.measure_strict_reading``, one on each of the bench's blocks of tissue, in their order.
+        gains: of a calibration; None: nominal, with the bench's tolerances.
+        variables: names of the variables of ``gains.slopes``.
+        shares: the predictions, if they are known already.
+        linear: whether to accept loads whose finite strain may change a prediction by more than 0.8 %; it is counted anyway.
+        tell: called with reports of progress.
+
+    Raises:
+        InputError: there are no blocks, or not one reading for each; a film is dead or of reversed polarity.
+        Refusal: a load is above the limit of linear elasticity.
+    """
+    pressed = PressedReferences.from_measurements(scene, bench, bench.blocks, measurements, shares, linear=linear)
+    predictions = pressed.predictions
     effective = Gains.from_bench(bench) if gains is None else gains.add_warming(bench.channels.warming)
-    observations = [build_observation(item, block, scene) for item, block in zip(measurements, bench.blocks, strict=True)]
-    signal_warnings = (*list_waveform_warnings(measurements, bench.blocks), *list_lag_warnings(measurements, bench.blocks, bench))
-    load_warnings = check_reference_loads(observations, predictions, scene)
-    predictions = apply_loads(predictions, observations, load_warnings, linear)
     films = [compute_film_forces(item, scene, tolerance=gains is None) for item in measurements]
     comparison = Comparison(bench, effective, tuple(variables), predictions)
     deviation, exchanges = comparison.compute_deviation(films), comparison.find_exchanges(films)
     tolerances = dict(zip(predictions.variables, predictions.compute_tolerances(bench.workshop).tolist(), strict=True))
     tested, names = compute_coverage(deviation, tolerances), [item.describe(bench.blocks) for item in exchanges]
     verdict = decide_verdict(scene, bench, deviation, predictions, names, tested=tested, tell=tell)
-    result = _build_check(verdict, deviation, _build_blocks(scene, bench, deviation), tested, calibrated=gains is not None)
-    return replace(result, warnings=(*load_warnings, *signal_warnings))
-
-
-def _check_count(readings: Sequence[Samples] | Sequence[Measurement], bench: Bench) -> None:
-    if not bench.blocks or len(readings) != len(bench.blocks):
-        raise InputError(
-            "readings", len(readings), f"one for each of the bench's {len(bench.blocks)} blocks of tissue, at least one"
-        )
-
-
-def _build_check(
-    verdict: Verdict, deviation: Deviation, blocks: tuple[BlockDeviation, ...], tested: Sequence[VariableCoverage],
-    *, calibrated: bool,
-) -> Check:  # fmt: skip
     return Check(
         verdict=verdict.verdict,
         reason=verdict.reason,
-        blocks=blocks,
+        blocks=_build_blocks(scene, bench, deviation),
         chi_square=deviation.chi_square,
-        degrees_of_freedom=len(blocks),
+        degrees_of_freedom=len(films),
         p_value=deviation.p_value,
         level=SIGNIFICANCE_LEVEL,
         passed=verdict.verdict == VERDICT_WITHIN,
         failed=deviation.p_value < SIGNIFICANCE_LEVEL,
-        calibrated=calibrated,
+        calibrated=gains is not None,
         explanations=verdict.explanations,
         alike=verdict.alike,
         pairs=verdict.pairs,
@@ -187,6 +149,7 @@ def _build_check(
         tested=tuple(entry for entry in tested if entry.tested),
         untested=tuple(entry for entry in tested if not entry.tested),
         cancelling=find_cancelling_pairs(deviation),
+        warnings=pressed.warnings,
     )
 
 

@@ -17,12 +17,12 @@ from hw.common.errors import HardwareError
 from hw.common.samples import Gap, Samples
 from probe_design.built_probe.bench import Bench, Reference, Workshop, bench_from_dict, read_bench
 from probe_design.built_probe.block_predictions import BLOCK_MODULI, build_block_scene, predict_blocks
-from probe_design.built_probe.calibration import Calibration, calibrate
+from probe_design.built_probe.calibration import Calibration
 from probe_design.built_probe.calibration_record import CalibrationRecord, Raw, build_record, read_record, write_record
 from probe_design.built_probe.gain_matrix import Gains, Observation, estimate_gains
 from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals
 from solver import evaluate
-from tests.support.hw.benches import BENCH, LOAD, films, sampled, scene, shares
+from tests.support.hw.benches import BENCH, LOAD, calibrate, films, sampled, scene, shares
 
 BUILT = BuiltProperties()
 

@@ -14,10 +14,10 @@ from geometry import InputError
 from geometry.scenes.variables import list_values
 from hw.common.samples import Samples
 from probe_design.built_probe.block_predictions import predict_blocks
-from probe_design.built_probe.calibration import Calibration, calibrate
+from probe_design.built_probe.calibration import Calibration
 from probe_design.built_probe.exchanges import check_films, find_dead_film
 from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals
-from tests.support.hw.benches import BENCH, films, sampled, scene, shares
+from tests.support.hw.benches import BENCH, calibrate, films, sampled, scene, shares
 from tests.support.slow import slow_unless
 
 NAMES = [reference.name for reference in BENCH.reference]

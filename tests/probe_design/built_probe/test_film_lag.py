@@ -11,9 +11,9 @@ import pytest
 
 from geometry import InputError
 from hw.common.samples import Samples
-from probe_design.built_probe.calibration import Calibration, calibrate
+from probe_design.built_probe.calibration import Calibration
 from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals
-from tests.support.hw.benches import BENCH, films, sampled, scene, shares
+from tests.support.hw.benches import BENCH, calibrate, films, sampled, scene, shares
 
 RATE = 2000.0
 NAMES = [reference.name for reference in BENCH.reference]

@@ -10,11 +10,9 @@ from geometry import InputError, Scene
 from geometry.scenes.scene import Load
 from hw.common.samples import Samples
 from probe_design.built_probe.bench import Bench
-from probe_design.built_probe.calibration import calibrate
 from probe_design.built_probe.load_checks import check_expected, describe_remedy
 from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals
-from probe_design.probe_check.check import check
-from tests.support.hw.benches import BENCH, LOAD, films, sampled, scene, shares
+from tests.support.hw.benches import BENCH, LOAD, calibrate, check, films, sampled, scene, shares
 
 STILL = BuiltProperties(drift=0.0, offsets=(0.0, 0.0, 0.0))
 ALONE = BENCH.model_copy(update={"force": None})

@@ -10,10 +10,9 @@ import pytest
 from hw.common.samples import Samples
 from hw.signal.measure import Measurement
 from probe_design.built_probe.bench import Bench
-from probe_design.built_probe.calibration import calibrate
 from probe_design.built_probe.film_forces import compute_film_forces, measure_reading
 from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals
-from tests.support.hw.benches import BENCH, films, sampled, scene, shares
+from tests.support.hw.benches import BENCH, calibrate, films, sampled, scene, shares
 
 EXACT = BuiltProperties(
     gains=((1.0, 0.0), (0.0, 1.0)), resistance=(1, 1), capacitance=(1, 1), force=1.0, frequency=1.0, hum=0.0, drift=0.0

@@ -21,7 +21,7 @@ from hw.signal.waveform import Flawed
 from hw.simulation.firmware import Fault
 from hw.simulation.virtual import make_virtual_probe
 from probe_design.built_probe import film_forces, reading
-from probe_design.built_probe.calibration import calibrate_measurements
+from probe_design.built_probe.calibration import calibrate
 from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals
 from probe_design.cli import hardware, hardware_sources, reference_readings
 from probe_design.cli.hardware_sources import HardwareSetup, SampleSource
@@ -159,7 +159,7 @@ def test_each_reading_is_fitted_once(devices: Devices, monkeypatch: pytest.Monke
     readings = reference_readings.read_references(SETUP, SampleSource(device="usb", seconds="5"), PINS, 0)
     known = replace(shares(), blocks=shares().blocks[:1])
     with pytest.raises(InputError, match="readings that agree"):  # pressed on the same thing thrice
-        calibrate_measurements(
+        calibrate(
             SETUP.scene, BENCH.model_copy(update={"reference": PINS}), [reading.measurement for reading in readings], known
         )
     assert fits == [2500] * 3

@@ -14,13 +14,12 @@ from geometry.scenes.variables import list_values
 from hw.common.samples import Samples
 from probe_design.built_probe.bench import Reference, Workshop
 from probe_design.built_probe.block_predictions import predict_blocks
-from probe_design.built_probe.calibration import calibrate
 from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals, draw_delivered
-from probe_design.probe_check.check import Check, check
+from probe_design.probe_check.check import Check
 from probe_design.probe_check.deviation import Deviation
 from probe_design.probe_check.explanations import Explanation, build_explanation, compute_explanations, fit_variables
 from probe_design.probe_check.verdicts import VERDICT_OUT, VERDICT_UNTESTED
-from tests.support.hw.benches import BENCH, films, sampled, scene, shares
+from tests.support.hw.benches import BENCH, calibrate, check, films, sampled, scene, shares
 
 BUILT = BuiltProperties()
 DRAWN = {"workshop": Workshop(length=1e-9, modulus=0.0, poisson_ratio=0.0)}  # a probe as drawn, whatever the workshop says

@@ -18,7 +18,7 @@ from probe_design.built_probe.block_predictions import BLOCK_MODULI, predict_blo
 from probe_design.built_probe.gain_matrix import Gains
 from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals
 from probe_design.probe_check.changed_designs import GAIN_NAME
-from probe_design.probe_check.check import Check, check
+from probe_design.probe_check.check import Check
 from probe_design.probe_check.coverage import VariableCoverage, compute_coverage
 from probe_design.probe_check.deviation import (
     DETECTED_TOLERANCES,
@@ -37,7 +37,7 @@ from probe_design.probe_check.verdicts import (
     Verdict,
     decide_verdict,
 )
-from tests.support.hw.benches import BENCH, films, sampled, scene, shares
+from tests.support.hw.benches import BENCH, check, films, sampled, scene, shares
 
 EXACT = BuiltProperties(gains=((1.0, 0.0), (0.0, 1.0)), resistance=(1.0, 1.0), capacitance=(1.0, 1.0))
 NOISE = 1e-3  # of ln rho: a good reading's

@@ -18,13 +18,12 @@ from hw.signal.running_fit import RunningFit
 from hw.signal.stretches import fit_sine
 from hw.simulation.firmware import Fault
 from hw.simulation.virtual import make_virtual_probe
-from probe_design.built_probe.calibration import calibrate
 from probe_design.built_probe.film_forces import measure_reading
 from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals
 from probe_design.measuring.acquisition import fit_reading, select_last
 from probe_design.terminal.braille_chart import BLANK_CODE_POINT, draw_chart
 from probe_design.terminal.live import show_live
-from tests.support.hw.benches import BENCH, films, sampled, scene, shares
+from tests.support.hw.benches import BENCH, calibrate, films, sampled, scene, shares
 
 
 def test_chart_of_a_falling_line() -> None:

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
 from geometry import Scene, read_scene
 from geometry.common.arrays import Floats
 from hw.common.samples import Samples
+from probe_design.built_probe import calibration
 from probe_design.built_probe.bench import Bench, read_builtin_bench
 from probe_design.built_probe.block_predictions import BlockPredictions, express_by_outer_radius, predict_blocks
+from probe_design.built_probe.film_forces import measure_strict_reading
+from probe_design.built_probe.gain_matrix import Gains
+from probe_design.probe_check import check as probe_check
 from tests.support.paths import SCENE
 
 BENCH = read_builtin_bench()
@@ -53,3 +58,14 @@ def sampled(signals: Callable[[Floats], Floats], rows: int = ROWS, rate: float =
         overruns=0,
         source={"transport": "simulated"},
     )
+
+
+def calibrate(drawn: Scene, bench: Bench, samples: Sequence[Samples], *shares: BlockPredictions) -> calibration.Calibration:
+    """Calibrate from samples on each reference."""
+    return calibration.calibrate(drawn, bench, [measure_strict_reading(item, bench, drawn) for item in samples], *shares)
+
+
+def check(drawn: Scene, bench: Bench, samples: Sequence[Samples], *gains: Gains, **settings: Any) -> probe_check.Check:
+    """Check a probe by samples on each block of tissue."""
+    measurements = [measure_strict_reading(item, bench, drawn) for item in samples]
+    return probe_check.check(drawn, bench, measurements, *gains, **settings)
