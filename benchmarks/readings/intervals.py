@@ -24,7 +24,8 @@ from scipy.stats import binomtest
 from benchmarks.readings.cases import cases
 from benchmarks.readings.truths import ReadingCase, ReadingTruth
 from geometry.common.arrays import Floats
-from probe_design.estimation.estimate import choose_accuracy, estimate
+from probe_design.data.noise import choose_accuracy
+from probe_design.estimation.estimate import estimate
 from probe_design.estimation.intervals import Likelihood, compute_hulls
 from probe_design.estimation.measurements import Measurements, Reading
 from probe_design.estimation.model import TargetModel
@@ -82,7 +83,7 @@ def build_row(truth: ReadingTruth, coverage: CoverageOutcome, defect: float) -> 
 def build_likelihood(case: ReadingCase, row: Floats) -> Likelihood:
     """Return what `estimate` holds readings against: predictions depend on places, noise and signs, not on values."""
     data = Measurements.from_readings(readings(case, row))
-    model = TargetModel(case.scene, data, choose_accuracy(None, data))
+    model = TargetModel(case.scene, data, choose_accuracy(float(data.noise[data.is_ratio].min()) / 4))
     return Likelihood(Track.from_model(model, case.unknown).add_nuisances(case.nuisances), data.noise)
 
 

@@ -14,6 +14,7 @@ from scipy.special import expit
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, Words
+from geometry.scenes.probe import Probe
 from geometry.scenes.scene import Placement, Scene
 from geometry.scenes.units import SI_CONTEXT
 from geometry.scenes.variables import list_values
@@ -29,7 +30,6 @@ from solver.results.film_forces import compute_result_fields
 
 PREDICTION_ACCURACY = 1e-3  # relative accuracy of the solver
 LINEARITY_ACCURACY = 0.01  # largest relative change by finite strain at which a load is allowed
-RELATIVE_STEP = 1e-5  # relative, of the central difference of the nominal areas' ratio, which is a polynomial
 TISSUE_MODULUS = "tissue.youngs_modulus"
 BLOCK_MODULI = "reference.youngs_modulus"  # an additional variable: one relative change of all blocks' moduli
 
@@ -186,18 +186,22 @@ def _predict_block(scene: Scene, names: tuple[str, ...]) -> BlockPrediction:
     gradient = compute_gradients(scene, solution.sample)
     by_name = dict(zip(gradient.variables, gradient.derivatives["ratio"][0] / gradient.values["ratio"][0], strict=True))
     modulus_derivative = float(by_name[TISSUE_MODULUS] * scene.tissue.youngs_modulus)
-    slopes = np.array([*(by_name.get(name, 0.0) + _differentiate_area_ratio(scene, name) for name in names), modulus_derivative])
+    slopes = np.array(
+        [*(by_name.get(name, 0.0) + differentiate_area_ratio(scene.probe, name) for name in names), modulus_derivative]
+    )
     rule = CoarseModel(scene, solution.sample, ()).build_rule(scene)
     return BlockPrediction(log_ratio, solution.films[0].bound.log_ratio, slopes, modulus_derivative, rule)
 
 
-def _differentiate_area_ratio(scene: Scene, name: str) -> float:
-    """Return the derivative of ln(A_inner / A_outer), the areas' ratio, which converts a ratio of stresses to one of forces."""
-    if name not in ("probe.inner_radius", "probe.outer_radius", "probe.gap"):
-        return 0.0
-    step = RELATIVE_STEP * list_values(scene)[name]
-    high, low = (scene.replace({name: list_values(scene)[name] + turn}).probe for turn in (step, -step))
-    return math.log(high.inner_area / high.outer_area * low.outer_area / low.inner_area) / (2 * step)
+def differentiate_area_ratio(probe: Probe, name: str) -> float:
+    """Return the derivative of ln(A_inner / A_outer), the areas' ratio, with respect to a number of the scene, 1/m.
+
+    It converts a ratio of stresses to one of forces. The outer area is that of the ring between hole and outer radius.
+    """
+    ring = probe.outer_area / math.pi
+    hole = 2 * probe.hole_radius / ring
+    derivatives = {"probe.inner_radius": 2 / probe.inner_radius + hole, "probe.gap": hole}
+    return (derivatives | {"probe.outer_radius": -2 * probe.tube_radius / ring}).get(name, 0.0)
 
 
 def _get_tolerance(name: str, value: float, workshop: Workshop) -> float:

@@ -25,6 +25,7 @@ from hw.common.samples import Ints
 from probe_design.built_probe.bench import Bench, Reference
 from probe_design.built_probe.block_predictions import BlockPredictions, compute_inner_shares
 from probe_design.built_probe.force_scale import ForceScale, compute_mean_gain_sd, compute_prior_sd
+from probe_design.inference.linear_gaussian import LinearGaussian
 
 ENTRY_NAMES = ("inner gain", "inner from outer", "outer from inner", "outer gain")
 FREE_ENTRIES = np.array([0, 1, 2])  # free entries if the common factor is unknown: the outer gain is then 1
@@ -155,15 +156,14 @@ def estimate_gains(observed: Sequence[Observation], shares: BlockPredictions, be
         ftol=1e-12,
         max_nfev=max_evaluations,
     )
-    jacobian = np.asarray(solved.jac)
-    information = jacobian.T @ jacobian
-    scale = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
-    if np.linalg.cond(information / np.outer(scale, scale)) > 1e14:
+    jacobian = np.asarray(solved.jac)  # of residuals over their standard deviations
+    fit = LinearGaussian(jacobian, np.ones(len(jacobian)), np.full(len(solved.x), np.inf))
+    whole = fit.compute_posterior_covariance()
+    if not np.isfinite(whole).all():
         raise _build_unresolved_error(np.inf)
-    whole = np.linalg.inv(information / np.outer(scale, scale)) / np.outer(scale, scale)
     matrix, derivatives = problem.compute_matrix(solved.x), problem.compute_matrix_derivatives(solved.x)
     covariance = derivatives @ whole @ derivatives.T
-    slopes = derivatives @ whole @ jacobian.T @ problem.compute_shift(shares.slopes)
+    slopes = derivatives @ fit.compute_posterior_mean(problem.compute_shift(shares.slopes).T).T
     spread = np.sqrt(np.diag(covariance))
     if max(spread[[0, 3]] / np.abs(np.diag(matrix))) > MAX_RESOLVED_GAIN_SD:
         raise _build_unresolved_error(max(spread[[0, 3]]))
@@ -254,11 +254,9 @@ class _Problem:
         loads, lambdas = np.exp(parameters[:count]), parameters[count : count + blocks]
         leaks = parameters[count + blocks :][: self._leaks.shape[1]]
         shown = self._compute_shares(lambdas, leaks) * loads[:, None] @ matrix.T
-        films = [
-            white @ (observation.films - y) for white, observation, y in zip(self._whitening, self.observed, shown, strict=True)
-        ]
+        films = self._whitening @ (np.array([observation.films for observation in self.observed]) - shown)[..., None]
         cross_talk = matrix[[0, 1], [1, 0]] / max(self.bench.channels.cross_talk, 1e-9)
-        parts = [*films, self._whiten_predictions(lambdas - self.shares.log_ratios), leaks, cross_talk]
+        parts = [films.ravel(), np.linalg.solve(self._root, lambdas - self.shares.log_ratios), leaks, cross_talk]
         parts += [self.compute_mean_gain_residual(unknowns), self._compute_known_residuals(loads, self._get_log_scale(unknowns))]
         if self.sensed:
             parts += [self._compute_force_residuals(loads), parameters[-1:]]
@@ -286,8 +284,7 @@ class _Problem:
         """Return minus the derivatives of the residuals with respect to the design's variables, shape (residuals, v)."""
         first_row = 2 * len(self.observed)
         shifts = np.zeros((len(self.compute_residuals(self.build_start())), slopes.shape[1]))
-        if len(slopes):
-            shifts[first_row : first_row + len(slopes)] = np.linalg.solve(self._root, slopes)
+        shifts[first_row : first_row + len(slopes)] = np.linalg.solve(self._root, slopes)
         return shifts
 
     def _compute_shares(self, lambdas: Floats, leaks: Floats) -> Floats:
@@ -326,13 +323,10 @@ class _Problem:
     def _compute_known_residuals(self, loads: Floats, log_scale: float) -> Floats:
         return np.array([(np.log(loads[k]) - log_scale - log) / spread for k, log, spread in self._known_forces])
 
-    def _whiten_predictions(self, deviations: Floats) -> Floats:
-        return np.asarray(np.linalg.solve(self._root, deviations), dtype=float) if len(deviations) else deviations
-
     @cached_property
-    def _whitening(self) -> list[Floats]:
-        """Matrices that make each reading's errors independent and of unit variance."""
-        return [np.linalg.inv(np.linalg.cholesky(observation.covariance)) for observation in self.observed]
+    def _whitening(self) -> Floats:
+        """Matrices that make each reading's errors independent and of unit variance, shape (readings, 2, 2)."""
+        return np.asarray(np.linalg.inv(np.linalg.cholesky([observation.covariance for observation in self.observed])))
 
     @cached_property
     def _root(self) -> Floats:
@@ -340,4 +334,5 @@ class _Problem:
         blocks = [observation.reference for observation in self.observed if observation.reference.on == "tissue"]
         block_variances = [share.compute_variance(block) for share, block in zip(self.shares.blocks, blocks, strict=True)]
         common = self.shares.slopes * self.shares.compute_tolerances(self.bench.workshop)
-        return np.asarray(np.linalg.cholesky(np.diag(block_variances) + common @ common.T), dtype=float)
+        errors = LinearGaussian.from_shared_errors(common, np.array(block_variances))
+        return np.asarray(np.linalg.cholesky(errors.covariance), dtype=float)

@@ -11,6 +11,7 @@ DEFAULT_NOISE = 0.05  # the paper's "about 5 %", section 3
 MAX_RESOLVED_LOG_SD = 0.5  # sd of ln E_object up to which a stiffness counts as resolved: a factor of 1.65 either way
 MIN_NOISE = 1e-6  # better than any electronics; the model's error is larger
 MAX_NOISE = 10.0
+MIN_ACCURACY, MAX_ACCURACY = 5e-4, 0.01  # default accuracies of an evaluator, between which the noise chooses
 ALLOWED_NOISE = (
     f"from {MIN_NOISE:g} to {MAX_NOISE:g}: relative, one standard deviation of the ratio, such as "
     f"{DEFAULT_NOISE:g} or {100 * DEFAULT_NOISE:g} %"
@@ -28,6 +29,11 @@ def check_noise(noise: float, key: str = "noise") -> float:
     from geometry.common.errors import InputError  # imported late: --help needs only the default
 
     raise InputError(key, noise, ALLOWED_NOISE)
+
+
+def choose_accuracy(noise: float) -> float:
+    """Return the relative accuracy that a noise asks of an evaluator: the noise itself, within limits."""
+    return min(max(noise, MIN_ACCURACY), MAX_ACCURACY)
 
 
 def compute_channel_noise(noise: float) -> float:

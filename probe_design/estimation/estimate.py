@@ -28,6 +28,7 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal, Words, describe_choices
 from geometry.scenes.scene import Scene
 from geometry.scenes.variables import list_values
+from probe_design.data.noise import MAX_ACCURACY, choose_accuracy
 from probe_design.estimation.depth_and_strength import Plane
 from probe_design.estimation.estimate_result import (
     OPEN_INTERVAL,
@@ -47,10 +48,10 @@ from probe_design.estimation.phases import select_usable
 from probe_design.estimation.profile import Track
 from probe_design.estimation.reasons import Findings, explain_unidentifiable, list_warnings
 from probe_design.estimation.strength import DepthAndStrength, Interval, compute_strength
+from solver.evaluators import check_accuracy
 from solver.planning.load_check import check_load
 
 TISSUE_KEY = re.compile(r"tissue\.(layer\[\d\]\.(thickness|youngs_modulus)|youngs_modulus)")
-FINEST_ACCURACY, COARSEST_ACCURACY = 5e-4, 0.01  # default accuracies, between which the noise chooses
 
 
 def estimate(
@@ -83,7 +84,9 @@ def estimate(
     data, notes = select_usable(scene, Measurements.from_readings(readings))
     if unknown in TARGET_UNKNOWNS and data.is_blank.all():
         raise InputError("reading.blank", Words("true in every reading"), f"one over the inclusion of unknown {unknown}")
-    model = TargetModel(scene, data, choose_accuracy(accuracy, data))
+    model_accuracy = choose_accuracy(float(data.noise[data.is_ratio].min()) / 4) if accuracy is None else accuracy
+    check_accuracy(model_accuracy)
+    model = TargetModel(scene, data, model_accuracy)
     is_useless = data.is_stiffness & (model.stiffness_error > data.noise)
     if is_useless.any():
         limit = f"the model's stiffness is good to {model.stiffness_error:.2g} only"
@@ -112,15 +115,6 @@ def _add_advice(result: Estimate, model: TargetModel, nuisances: Mapping[str, fl
     return replace(result, next=advice, seconds=result.seconds + perf_counter() - start)
 
 
-def choose_accuracy(requested: float | None, data: Measurements) -> float:
-    """Return the accuracy of the evaluator: the requested one, else a quarter of the smallest noise of ratios, within limits."""
-    min_noise = float(data.noise[data.is_ratio].min())
-    accuracy = float(np.clip(min_noise / 4, FINEST_ACCURACY, COARSEST_ACCURACY)) if requested is None else requested
-    if not 0 < accuracy < 1:
-        raise InputError("accuracy", accuracy, "a number above 0 and below 1, such as 0.01")
-    return accuracy
-
-
 def _build_loaded_model(
     model: TargetModel, unknown: str, accuracy: float | None, nuisances: Mapping[str, float]
 ) -> LoadedModel | None:
@@ -135,7 +129,7 @@ def _build_loaded_model(
         reason = explain_refusal(model, bool(nuisances))
         if reason is None:
             model = replace(model, data=model.data.select(~model.data.is_phase))
-            return LoadedModel(model, unknown, min(model.tolerance, COARSEST_ACCURACY) if accuracy is None else accuracy)
+            return LoadedModel(model, unknown, min(model.tolerance, MAX_ACCURACY) if accuracy is None else accuracy)
         raise Refusal(fault.key, fault.value, f"{fault.allowed}; contact, for larger loads, takes {reason}") from None
     return None
 

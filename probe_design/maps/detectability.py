@@ -16,18 +16,18 @@ import numpy as np
 from geometry.common.arrays import Bools, Floats
 from geometry.provenance.block import Provenance, build_provenance
 from geometry.scenes.scene import Scene
-from probe_design.maps.scan import Progress, check_accuracy
+from probe_design.data.noise import choose_accuracy
+from probe_design.maps.scan import Progress
 from probe_design.maps.sphere_effects import SphereEffects, Thresholds, compute_effects
 from probe_design.maps.target_grid import Spheres, check_spheres, find_target
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.equivalent_inclusion.readings import compute_readings
+from solver.evaluators import check_accuracy
 from solver.planning.load_check import LoadChanges, build_load_notes, check_known_load, check_load, compute_budget
 from solver.planning.load_limits import build_limits, build_load_rule
 from solver.results.load_limits import LoadedRecord, LoadLimits
 from solver.results.result import Decision
-
-FINEST_ACCURACY, COARSEST_ACCURACY = 5e-4, 0.01  # default accuracies, between which the noise chooses
 
 Map = tuple[tuple[float | None, ...], ...]
 Verdicts = tuple[tuple[bool | None, ...], ...]
@@ -95,7 +95,7 @@ def detectability(
     """
     start = perf_counter()
     thresholds = thresholds or Thresholds()
-    accuracy = float(np.clip(thresholds.noise, FINEST_ACCURACY, COARSEST_ACCURACY)) if accuracy is None else accuracy
+    accuracy = choose_accuracy(thresholds.noise) if accuracy is None else accuracy
     check_accuracy(accuracy)
     find_target(scene)
     check_spheres(scene, "detectability")

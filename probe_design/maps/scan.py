@@ -9,7 +9,7 @@ from time import perf_counter
 import numpy as np
 
 from geometry.common.arrays import Bools, Floats
-from geometry.common.errors import InputError, Refusal
+from geometry.common.errors import Refusal
 from geometry.provenance.block import Provenance, build_provenance
 from geometry.scenes.scene import Scene
 from probe_design.maps.scan_line import ScanLine
@@ -17,6 +17,7 @@ from probe_design.maps.target_grid import check_spheres
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion
 from solver.equivalent_inclusion.probe_on_tissue import ProbeAlone, Undisturbed
 from solver.equivalent_inclusion.readings import Readings, compute_readings
+from solver.evaluators import check_accuracy
 from solver.planning.load_check import LoadChanges, build_load_notes, check_load, compute_budget
 from solver.planning.load_limits import build_limits, build_load_rule
 from solver.planning.loads import LoadRule
@@ -130,12 +131,6 @@ def scan(
         scene=scene,
         provenance=build_provenance(scene, evaluator=EquivalentInclusion().name, accuracy=accuracy),
     )
-
-
-def check_accuracy(accuracy: float) -> None:
-    """Raise ``InputError`` for an accuracy that is not above 0 and below 1."""
-    if not 0 < accuracy < 1:
-        raise InputError("accuracy", accuracy, "a number above 0 and below 1, such as 0.01")
 
 
 def compute_indentation(scene: Scene, film_readings: Readings) -> Floats:

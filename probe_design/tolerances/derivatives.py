@@ -13,7 +13,6 @@ r_2 at fixed r_h, and with respect to r_h at fixed r_2, are
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -22,6 +21,7 @@ from threadpoolctl import threadpool_limits
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal
 from geometry.scenes.scene import Scene
+from probe_design.built_probe.block_predictions import differentiate_area_ratio
 from probe_design.tolerances.uncertain_numbers import GAIN_NAMES, GAP_KEY, RADIUS_KEY, UncertainNumber
 from solver.axisymmetric.evaluator import Axisymmetric
 from solver.axisymmetric.gradients import Gradients, compute_gradients
@@ -93,7 +93,7 @@ def _differentiate_number(scene: Scene, name: str, scene_gradients: Gradients) -
     return np.array(
         [
             ratio,
-            ratio + _differentiate_area_ratio(scene, name),
+            ratio + differentiate_area_ratio(scene.probe, name),
             derivatives["stiffness"] / value["stiffness"],
             derivatives["log_sensitivity"],
         ],
@@ -105,15 +105,3 @@ def _differentiate_gain(variable: UncertainNumber, shares: Floats) -> Floats:
     """Return the derivatives with respect to a gain, eq. TO.3; ``shares`` are the films' shares of the total force."""
     index = GAIN_NAMES.index(variable.name)
     return np.array([1.0 - 2 * index, 1.0 - 2 * index, shares[index], 0.0])
-
-
-def _differentiate_area_ratio(scene: Scene, name: str) -> float:
-    """Return the derivative of ln(A_inner / A_outer), which converts a ratio of stresses to one over the drawn areas."""
-    probe = scene.probe
-    ring = probe.outer_area / math.pi
-    by_ring = {
-        "probe.inner_radius": -2 * probe.hole_radius,
-        "probe.gap": -2 * probe.hole_radius,
-        "probe.outer_radius": 2 * probe.tube_radius,
-    }
-    return (2 / probe.inner_radius if name == "probe.inner_radius" else 0.0) - by_ring.get(name, 0.0) / ring

@@ -224,6 +224,7 @@ ALLOWED: dict[str, set[str]] = {
         *ANSWERS,
     },
     "probe_design.built_probe": {
+        "probe_design.inference",
         "solver.axisymmetric",
         "solver.equivalent_inclusion",
         "solver.phase",

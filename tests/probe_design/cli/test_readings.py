@@ -159,9 +159,7 @@ def test_each_reading_is_fitted_once(devices: Devices, monkeypatch: pytest.Monke
     readings = reference_readings.read_references(SETUP, SampleSource(device="usb", seconds="5"), PINS, 0)
     known = replace(shares(), blocks=shares().blocks[:1])
     with pytest.raises(InputError, match="readings that agree"):  # pressed on the same thing thrice
-        calibrate(
-            SETUP.scene, BENCH.model_copy(update={"reference": PINS}), [reading.measurement for reading in readings], known
-        )
+        calibrate(SETUP.scene, BENCH.model_copy(update={"reference": PINS}), [reading.measurement for reading in readings], known)
     assert fits == [2500] * 3
 
 
