@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter
 from pydantic_core import from_json
 
 from geometry.scenes.keys import Value
-from probe_design.sweeps.rows import NUMBER_COLUMNS, ROW_COLUMNS, Row
+from probe_design.sweeps.rows import COLUMN_UNITS, ROW_COLUMNS, Row
 
 STORE_FORMAT = 3  # version of the schema, in SQLite's user_version
 TABLE_COLUMNS = {
@@ -25,7 +25,7 @@ TABLE_COLUMNS = {
     "designs": ("number INTEGER PRIMARY KEY", "inputs TEXT", "key BLOB"),
     "results": (
         "key BLOB PRIMARY KEY",
-        *(f"{column} {'REAL' if column in NUMBER_COLUMNS else 'TEXT'}" for column in ROW_COLUMNS),
+        *(f"{column} {'REAL' if column in COLUMN_UNITS else 'TEXT'}" for column in ROW_COLUMNS),
     ),
 }
 _TABLE_STATEMENTS = [
@@ -78,7 +78,7 @@ def seal_row(*values: Any) -> StoredRow:
 
 def seal_result(key: bytes, row: Row) -> StoredRow:
     """Return a result as a sealed row. Numbers become floats without -0.0, as SQLite returns them."""
-    numbers = {name: float(row[name]) + 0.0 for name in NUMBER_COLUMNS if row[name] is not None}
+    numbers = {name: float(row[name]) + 0.0 for name in COLUMN_UNITS if row[name] is not None}
     return seal_row(key, *(numbers.get(name, row[name]) for name in ROW_COLUMNS))
 
 

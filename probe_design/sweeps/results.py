@@ -13,18 +13,13 @@ from geometry.common.errors import InputError, import_extra
 from geometry.common.files import write_whole
 from geometry.common.text_files import read_text
 from geometry.provenance.block import Provenance, build_provenance
-from probe_design.sweeps.rows import NUMBER_COLUMNS, ROW_COLUMNS
+from probe_design.sweeps.rows import COLUMN_UNITS, ROW_COLUMNS
 from probe_design.sweeps.store import open_for_reading
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-COLUMN_UNITS = {
-    "stress_inner": "Pa", "stress_outer": "Pa", "ratio": "", "log_sensitivity": "", "stiffness": "N/m", "charge_inner": "C",
-    "charge_outer": "C", "equivalent_modulus": "Pa", "error_estimate": "", "residual": "", "seconds": "s",
-    "time_limit": "s", "memory_limit": "byte",
-}  # fmt: skip
 _FORMULA_PREFIXES = tuple("=+-@\t\r\n＝＋－＠")  # a spreadsheet runs a text that begins with one of these as a formula
 
 
@@ -68,7 +63,7 @@ def dataframe(folder: Path | str) -> pd.DataFrame:
     frame = pandas.DataFrame.from_records(
         list(iterate_rows(folder)), columns=["number", "key", *names, *ROW_COLUMNS], index="number"
     )
-    frame[list(NUMBER_COLUMNS)] = frame[list(NUMBER_COLUMNS)].astype(float)
+    frame[list(COLUMN_UNITS)] = frame[list(COLUMN_UNITS)].astype(float)
     frame.attrs["units"] = read_units(folder)
     return frame
 
@@ -86,7 +81,7 @@ def dataset(folder: Path | str) -> xr.Dataset:
     """
     xarray, request, frame = import_extra("xarray"), read_request(folder), dataframe(folder)
     labelled: xr.Dataset
-    names, columns = request["names"], [*NUMBER_COLUMNS, "status", "evaluator", "reason"]
+    names, columns = request["names"], [*COLUMN_UNITS, "status", "evaluator", "reason"]
     if request["sample"]["kind"] == "grid":
         axes = [variable["values"] for variable in request["variables"]]
         shape = tuple(len(axis) for axis in axes)

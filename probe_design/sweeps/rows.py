@@ -24,13 +24,14 @@ from probe_design.sweeps.file import Sweep, build_scene
 if TYPE_CHECKING:
     from solver import Result
 
-RESULT_COLUMNS = (
-    "stress_inner", "stress_outer", "ratio", "log_sensitivity", "stiffness", "charge_inner", "charge_outer",
-    "equivalent_modulus", "error_estimate", "residual",
-)  # fmt: skip
-LIMIT_COLUMNS = ("time_limit", "memory_limit")  # s and bytes: the limit that stopped a design, or kept it from a finer result
-NUMBER_COLUMNS = (*RESULT_COLUMNS, *LIMIT_COLUMNS, "seconds")
-ROW_COLUMNS = ("status", "type", "reason", *LIMIT_COLUMNS, "evaluator", *RESULT_COLUMNS, "plan", "warnings", "seconds")
+# columns of numbers with their SI units; a column of results is an attribute of ``solver.Result``
+RESULT_UNITS = {
+    "stress_inner": "Pa", "stress_outer": "Pa", "ratio": "", "log_sensitivity": "", "stiffness": "N/m", "charge_inner": "C",
+    "charge_outer": "C", "equivalent_modulus": "Pa", "error_estimate": "", "residual": "",
+}  # fmt: skip
+LIMIT_UNITS = {"time_limit": "s", "memory_limit": "byte"}  # the limit that stopped a design, or kept it from a finer result
+COLUMN_UNITS = RESULT_UNITS | LIMIT_UNITS | {"seconds": "s"}
+ROW_COLUMNS = ("status", "type", "reason", *LIMIT_UNITS, "evaluator", *RESULT_UNITS, "plan", "warnings", "seconds")
 SOURCE_ROOT = Path(__file__).parents[2]  # contains the packages whose sources are hashed
 SOURCE_SUFFIXES = {".py", ".npy", ".json"}  # files on which results depend
 RESULT_LIBRARIES = ("numpy", "scipy", "rslab", "py-mkl-pardiso", "netgen-mesher", "pytetwild")  # change results in the last bits
@@ -189,7 +190,7 @@ def _build_row(result: Result | Exception, seconds: float) -> Row:
     if isinstance(result, Exception):
         status = "refused" if isinstance(result, InputError) else "failed"
         return build_unanswered_row(status, type(result).__name__, str(result), seconds) | _find_stopping_limit(result)
-    numbers = {name: getattr(result, name) for name in RESULT_COLUMNS}
+    numbers = {name: getattr(result, name) for name in RESULT_UNITS}
     if not all(math.isfinite(number) for number in numbers.values() if number is not None):
         return build_unanswered_row("failed", "ArithmeticError", "a result is not finite", seconds)
     details = {"plan": [asdict(decision) for decision in result.plan], "warnings": result.warnings}

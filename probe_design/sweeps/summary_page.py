@@ -15,7 +15,8 @@ from geometry.common.files import write_text
 from geometry.scenes.units import convert_to_unit
 from probe_design.reporting.page import Chapter, Picture, Text, build_page
 from probe_design.reporting.table import Table
-from probe_design.sweeps.results import COLUMN_UNITS, iterate_rows, read_provenance, read_request
+from probe_design.sweeps.results import iterate_rows, read_provenance, read_request
+from probe_design.sweeps.rows import COLUMN_UNITS
 
 SUMMARY_COLUMNS = ("ratio", "log_sensitivity", "stiffness", "error_estimate")
 MAX_POINTS = 5000  # designs drawn in a scatter plot

@@ -35,6 +35,20 @@ def test_what_it_raises_is_told_in_one_line(program):
         run_program(program("raise LookupError('no such\\nshape')"), {}, 60)
 
 
+def test_a_result_that_cannot_be_sent_is_a_failure(program):
+    with pytest.raises(Failure, match="pickle"):
+        run_program(program("return lambda: 0"), {}, 60)
+
+
+def test_a_quiet_exit_is_a_failure(program):
+    with pytest.raises(Failure, match="ended with code 0x0"):
+        run_program(program("os._exit(0)"), {}, 60)
+
+
+def test_noise_past_python_is_no_answer(program):
+    assert run_program(program("os.write(1, b'noise'); return 36"), {}, 60) == 36
+
+
 @POSIX
 @pytest.mark.parametrize("signal", ["SIGSEGV", "SIGABRT"])
 def test_its_death_is_a_failure(program, signal):
