@@ -28,7 +28,10 @@ import sys
 
 TYPE_CHECKING = False  # typing's, which takes longer to import than all that the program does before it listens to signals
 if TYPE_CHECKING:
-    from probe_design.functions import detectability, estimate, export, optimize, scan
+    from probe_design.commands.estimate import estimate
+    from probe_design.commands.export import export
+    from probe_design.commands.maps import detectability, scan
+    from probe_design.commands.optimize import optimize
     from probe_design.reporting.figures import plot
     from probe_design.sweeps.run import sweep
     from solver.batch import evaluate_many
@@ -50,6 +53,8 @@ __all__ = [
 ]
 
 _MODULE_NAMES = dict.fromkeys(("curve", "evaluate", "load", "plan"), "solver.evaluation")
+_MODULE_NAMES |= dict.fromkeys(("detectability", "scan"), "probe_design.commands.maps")
+_MODULE_NAMES |= {name: f"probe_design.commands.{name}" for name in ("estimate", "export", "optimize")}
 _MODULE_NAMES |= {"evaluate_many": "solver.batch", "sweep": "probe_design.sweeps.run", "plot": "probe_design.reporting.figures"}
 
 
@@ -58,7 +63,7 @@ def __getattr__(name: str) -> object:
     if name in __all__:
         from importlib import import_module
 
-        return getattr(import_module(_MODULE_NAMES.get(name, "probe_design.functions")), name)
+        return getattr(import_module(_MODULE_NAMES[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

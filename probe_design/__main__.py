@@ -21,7 +21,7 @@ def _run() -> int:
     if reason := explain_refusal():
         print(f"probe-design: {reason}", file=sys.stderr)
         return 2
-    from probe_design.cli.main import run
+    from probe_design.commands.main import run
 
     return run()
 

@@ -14,6 +14,7 @@ from geometry.common.errors import ProbeError
 from geometry.common.resources import Limits, get_limits, start_clock, use_limits
 from geometry.provenance.block import build_provenance
 from geometry.scenes.scene import Scene
+from geometry.scenes.scene_file import load_scene
 from geometry.scenes.surface_names import check_surface_names
 from solver import evaluators
 from solver.automatic import build_allowed_plan
@@ -111,7 +112,7 @@ def evaluate_together(
 
 
 def _read_and_check(scene: Scene | Path | str) -> Scene:
-    valid_scene = evaluators.load_scene(scene)
+    valid_scene = load_scene(scene)
     check_surface_names(valid_scene)
     return valid_scene
 

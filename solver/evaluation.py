@@ -16,10 +16,11 @@ from geometry.provenance.block import build_provenance
 from geometry.scenes.fit_check import list_doubts
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
+from geometry.scenes.scene_file import load_scene
 from geometry.scenes.surface_names import check_surface_names
 from solver import evaluators
 from solver.automatic import build_supported_plan, choose_evaluator, evaluate_automatically, get_evaluator
-from solver.evaluators import AUTO, CONTACT, check_accuracy, load_scene
+from solver.evaluators import AUTO, CONTACT, check_accuracy
 from solver.results.evaluator import ProgressCallback
 from solver.results.film_forces import check_moduli
 from solver.results.result import Curve, Result

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from importlib import import_module
-from pathlib import Path
 from typing import cast
 
 from geometry.common.errors import InputError, describe_choices
-from geometry.scenes.scene import Scene
 from solver.linalg.workspace import Workspace, get_workspace, use_workspace
 from solver.results.evaluator import Evaluator, ProgressCallback
 
@@ -32,17 +30,6 @@ def evaluator(name: str, tell: ProgressCallback | None = None, workspace: Worksp
     module = import_module(f"solver.{name.replace('-', '_')}.evaluator")
     with use_workspace(get_workspace() if workspace is None else workspace):
         return cast(Evaluator, module.create_evaluator(tell))
-
-
-def load_scene(scene: Scene | Path | str) -> Scene:
-    """Return a scene as it is, or read it from a file. Raises ``InputError``."""
-    if isinstance(scene, Scene):
-        return scene
-    if not isinstance(scene, Path | str):
-        raise InputError("scene", scene, "a Scene, or the name of a scene file")
-    from geometry.scenes.scene_file import read_scene
-
-    return read_scene(scene)
 
 
 def check_accuracy(accuracy: float) -> None:

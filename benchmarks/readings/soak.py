@@ -73,13 +73,13 @@ def soak(seconds: float, rate: float, path: Path) -> None:
 
 def verb(seconds: float, rate: float, path: Path) -> None:
     """Run `read --virtual` for so long at so many samples per second, and print what it held."""
-    from probe_design.cli import hardware_sources
-    from probe_design.cli.hardware import read
+    from probe_design.commands import hardware_sources
+    from probe_design.commands.main import cli
 
     vars(hardware_sources)["SAMPLE_RATE_HZ"] = rate
     begun = time.monotonic()
-    words = ["examples/scene.toml", "--virtual", "--seconds", f"{seconds:g}", "--record", str(path), "--json"]
-    read.main(words, standalone_mode=False)
+    words = ["read", "examples/scene.toml", "--virtual", "--seconds", f"{seconds:g}", "--record", str(path), "--json"]
+    cli.main(words, standalone_mode=False)
     size, took = path.stat().st_size / 1e6, time.monotonic() - begun
     print(f"the process held {memory():.0f} MB at most; on disk {size:.0f} MB; {took:.0f} s")
 

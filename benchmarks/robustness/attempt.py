@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 
-from probe_design.cli.main import main
+from probe_design.commands.main import main
 
 NEEDED_MODULES = (
     "h5py", "hw.reader", "matplotlib.figure", "probe_design.design_search.optimize", "probe_design.doctor.self_test",

@@ -18,7 +18,8 @@ LENGTH_QUANTITY = Quantity("length", "m", "mm", 1e-9, 10.0, bare=1.0)
 Length = Annotated[float, LENGTH_QUANTITY]
 PartLength = Annotated[float, replace(LENGTH_QUANTITY, bare=0.2)]
 Thickness = Annotated[float, Quantity("length", "m", "mm", 0.0, 10.0, bare=0.2)]
-Position = Annotated[float, Quantity("position", "m", "mm", -10.0, 10.0, bare=1.0)]
+POSITION_QUANTITY = Quantity("position", "m", "mm", -10.0, 10.0, bare=1.0)
+Position = Annotated[float, POSITION_QUANTITY]
 Modulus = Annotated[float, MODULUS_QUANTITY]
 ChargePerForce = Annotated[float, Quantity("charge per force", "C/N", "pC/N", -1e-8, 1e-8)]
 PoissonRatio = Annotated[float, Field(ge=0.0, lt=0.5, description="a number from 0 to below 0.5")]

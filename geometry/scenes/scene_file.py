@@ -28,6 +28,19 @@ def read_scene(path: Path | str) -> Scene:
     return scene.model_copy(update={"inclusion": tuple(bodies)})
 
 
+def load_scene(scene: Scene | Path | str) -> Scene:
+    """Return a scene as it is, or read it from a file.
+
+    Raises:
+        InputError: it is neither a scene nor the name of a file, or the file cannot be read.
+    """
+    if isinstance(scene, Scene):
+        return scene
+    if isinstance(scene, Path | str):
+        return read_scene(scene)
+    raise InputError("scene", scene, "a Scene, or the name of a scene file")
+
+
 def scene_from_toml(text: str, name: str = "scene") -> Scene:
     """Read a scene from TOML text; ``name`` stands in messages. Raises ``InputError``."""
     data = parse_tables(text, name, "a TOML scene file")

@@ -60,13 +60,13 @@ def _find_command(cli: click.Group, words: list[str]) -> tuple[click.Command, li
     """Find the command at the beginning of ``words``; return it and the remaining words."""
     command: click.Command = cli
     while isinstance(command, click.Group):
-        name = words.pop(0) if words else ""
-        subcommand = command.commands.get(name)
+        name, context = words.pop(0) if words else "", click.Context(command)
+        subcommand = command.get_command(context, name)
         if subcommand is None or name == "rerun":  # would repeat itself without end
             raise InputError(
                 "file",
                 Words(f"made by {name!r}"),
-                f"made by one of {', '.join(choice for choice in command.commands if choice != 'rerun')}",
+                f"made by one of {', '.join(choice for choice in command.list_commands(context) if choice != 'rerun')}",
             )
         command = subcommand
     return command, words

@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
+from contextvars import ContextVar
 from shutil import get_terminal_size
 from typing import TYPE_CHECKING, Any
 
@@ -30,17 +31,34 @@ SHOWN_QUANTITIES = (
 )  # fmt: skip
 
 CURVE_ROWS, SCAN_ROWS, MAP_ROWS = 25, 41, 20  # largest numbers of rows of a table
+_IS_QUIET: ContextVar[bool] = ContextVar("quiet", default=False)
+
+
+@contextmanager
+def use_quiet(is_quiet: bool) -> Iterator[None]:
+    """Write neither progress nor notes inside the block, but results, warnings and requests to the user."""
+    token = _IS_QUIET.set(is_quiet)
+    try:
+        yield
+    finally:
+        _IS_QUIET.reset(token)
+
+
+def write_line(text: str) -> None:
+    """Write one line to standard error, always."""
+    print(f"probe-design: {to_one_line(text)}", file=sys.stderr, flush=True)
 
 
 def write_message(text: str) -> None:
-    """Write one line to standard error."""
-    print(f"probe-design: {to_one_line(text)}", file=sys.stderr, flush=True)
+    """Write one line to standard error, a note or a step, unless --quiet is given."""
+    if not _IS_QUIET.get():
+        write_line(text)
 
 
 def warn(warnings: Iterable[str]) -> None:
     """Write each warning as a line to standard error."""
     for warning in warnings:
-        write_message(f"warning: {warning}")
+        write_line(f"warning: {warning}")
 
 
 def build_result_table(result: Result) -> Table:
@@ -148,9 +166,9 @@ def make_console(stderr: bool = True) -> Console:
     return Console(stderr=stderr, markup=False, emoji=False, width=width, height=height)
 
 
-def _find_terminal() -> Console | None:
-    """Return the console of standard error if it is a terminal, else None."""
-    return make_console() if sys.stderr.isatty() else None
+def find_terminal() -> Console | None:
+    """Return the console of standard error if progress can be shown on it, else None."""
+    return make_console() if sys.stderr.isatty() and not _IS_QUIET.get() else None
 
 
 def _make_text(text: str) -> Text:
@@ -171,7 +189,7 @@ def _make_bars(terminal: Console, transient: bool) -> Progress:
 @contextmanager
 def show_spinner(text: str) -> Iterator[None]:
     """Show a spinner with a text on a terminal."""
-    terminal = _find_terminal()
+    terminal = find_terminal()
     with terminal.status(_make_text(text)) if terminal else nullcontext():
         yield
 
@@ -179,7 +197,7 @@ def show_spinner(text: str) -> Iterator[None]:
 @contextmanager
 def show_steps(text: str) -> Iterator[Callable[[str], None]]:
     """Yield a function (line) that shows the current step: next to a spinner on a terminal, as lines elsewhere."""
-    terminal = _find_terminal()
+    terminal = find_terminal()
     if terminal is None:
         yield write_message
         return
@@ -190,7 +208,7 @@ def show_steps(text: str) -> Iterator[Callable[[str], None]]:
 @contextmanager
 def show_count(text: str) -> Iterator[Callable[[int, int], None]]:
     """Yield a function (done, total) that updates a progress bar on a terminal, and does nothing elsewhere."""
-    terminal = _find_terminal()
+    terminal = find_terminal()
     if terminal is None:
         yield lambda done, total: None
         return
@@ -202,7 +220,7 @@ def show_count(text: str) -> Iterator[Callable[[int, int], None]]:
 @contextmanager
 def show_stages() -> Iterator[Any]:
     """Yield a function (stage, done, total) that shows a progress bar per stage, or lines without a terminal."""
-    terminal = _find_terminal()
+    terminal = find_terminal()
     if terminal is None:
         yield lambda stage, done, total: write_message(f"{stage}: {done} of {total}") if done in (0, total) else None
         return

@@ -103,6 +103,13 @@ def build_coverage_table(check: Check) -> Table:
     return Table(headings, rows, title)
 
 
+def list_check_tables(check: Check) -> list[Table]:
+    """Return the tables of a check: ratios, what would explain a deviation, and what was tested."""
+    explanations = [build_explanations_table(check)] if check.alike else []
+    pairs = [build_pairs_table(check)] if check.pairs else []
+    return [build_check_table(check), *explanations, *pairs, build_coverage_table(check)]
+
+
 def write_sentences(check: Check) -> list[str]:
     """Return the verdict of a check, the variables tested, and those not tested with the reasons, one line each."""
     lines = [f"{check.verdict}: {check.reason}"] if check.reason else []

@@ -15,7 +15,7 @@ from hw.common.samples import Samples
 from probe_design.built_probe.reading import StressReading
 from probe_design.measuring.acquisition import select_last
 from probe_design.terminal.braille_chart import draw_chart
-from probe_design.terminal.console import make_console, write_message
+from probe_design.terminal.console import find_terminal, write_message
 
 SHOWN_TIME_S = 1.0  # s of the films' voltages that are drawn
 MIN_PERIODS = 4.0
@@ -32,7 +32,7 @@ def compute_live_window(frequency: float) -> float:
 @contextmanager
 def show_live(compare: Callable[[Samples], StressReading]) -> Iterator[Show]:
     """Yield a function that shows the latest samples; ``compare`` converts them to a reading."""
-    console = make_console()
+    console = find_terminal()
     ratios: list[float] = []
 
     def compare_and_store(samples: Samples) -> StressReading:
@@ -41,7 +41,7 @@ def show_live(compare: Callable[[Samples], StressReading]) -> Iterator[Show]:
             ratios.append(reading.ratio)
         return reading
 
-    if not console.is_terminal:
+    if console is None:
         yield lambda samples: write_message(_format_line(samples, compare_and_store(samples)))
         return
     with Live(console=console, transient=True, auto_refresh=False) as live:

@@ -10,14 +10,14 @@ from rich.progress import BarColumn, SpinnerColumn, TextColumn
 from rich.progress import Progress as Bars
 
 from probe_design.sweeps.progress import LOG_INTERVAL_S, Progress, Tell
-from probe_design.terminal.console import make_console, write_message
+from probe_design.terminal.console import find_terminal, write_message
 
 
 @contextmanager
 def show_sweep() -> Iterator[Tell]:
     """Yield a function that shows the progress of a sweep on standard error."""
-    console = make_console()
-    if console.is_terminal:
+    console = find_terminal()
+    if console is not None:
         with Bars(SpinnerColumn(), BarColumn(), TextColumn("{task.description}"), console=console, transient=True) as bars:
             task = bars.add_task("starting")
             yield lambda state: bars.update(task, description=state.describe(), completed=state.done, total=state.total)

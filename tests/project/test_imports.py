@@ -276,7 +276,7 @@ ALLOWED: dict[str, set[str]] = {
         *SCENES,
     },
     "probe_design.process": set(),
-    "probe_design.cli": {
+    "probe_design.commands": {
         "probe_design.built_probe",
         "probe_design.data",
         "probe_design.design_report",
@@ -309,7 +309,7 @@ ALLOWED: dict[str, set[str]] = {
         *PROVENANCE,
     },
     "probe_design": {
-        "probe_design.cli",
+        "probe_design.commands",
         "probe_design.data",
         "probe_design.design_report",
         "probe_design.design_search",

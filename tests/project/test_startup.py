@@ -23,7 +23,7 @@ PROGRAM = """
 import sys
 before = set(sys.modules)
 sys.argv = ["probe-design", *sys.argv[1:]]
-from probe_design.cli.main import main
+from probe_design.commands.main import main
 try:
     main()
 except SystemExit as ended:

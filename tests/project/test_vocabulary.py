@@ -17,7 +17,7 @@ FIXED = {
     "geometry/cad/parts_record.py: PartsRecord.asked": "a key of parts.json",
     "probe_design/built_probe/bench.py: Reference.on": "a key of bench files",
     "probe_design/built_probe/calibration_record.py: ReadingRecord.on": "a key of calibrations",
-    "probe_design/cli/maps.py: scan.at": "the option --at",
+    "probe_design/commands/maps.py: scan.at": "the option --at",
     "probe_design/design_search/pareto.py: Point.at": "a JSON key of fronts",
     "probe_design/estimation/next_reading.py: ExpectedInterval.told": "a JSON key of estimate --next",
     "probe_design/functions.py: scan.at": "the keyword of the public function",

@@ -16,7 +16,7 @@ from typing import IO
 import pytest
 
 from geometry.tetra.cache import CACHE_VARIABLE
-from probe_design.cli.main import main
+from probe_design.commands.main import main
 
 Ended = subprocess.CompletedProcess[str]
 

@@ -12,7 +12,7 @@ import pytest
 from geometry.common.errors import Refusal
 from geometry.processes.child import Failure
 from probe_design.built_probe.reading import predict_scene
-from probe_design.cli.reference_readings import choose_prediction
+from probe_design.commands.reference_readings import choose_prediction
 from probe_design.measuring import prediction_process
 from tests.support.hw.benches import scene
 
@@ -48,6 +48,6 @@ def test_long_readings_are_predicted_apart() -> None:
 
 def test_reading_loads_no_library_that_it_does_not_use() -> None:
     """23 and 15 MB of statistics and optimisation, held for hours."""
-    modules = "probe_design.built_probe.reading, probe_design.cli.hardware_sources, probe_design.terminal.hardware_tables"
+    modules = "probe_design.built_probe.reading, probe_design.commands.hardware_sources, probe_design.terminal.hardware_tables"
     program = f"import sys, {modules}; print({{'scipy.stats', 'scipy.optimize'}} & set(sys.modules))"
     assert subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout == "set()\n"

@@ -12,7 +12,7 @@ import pytest
 from geometry import read_scene
 from geometry.provenance.block import build_provenance
 from probe_design import evaluate
-from probe_design.cli.main import cli
+from probe_design.commands.main import cli
 from probe_design.repetition.command_line import build_rerun_words
 from tests.support.paths import EXAMPLES, ROOT, SCENE
 from tests.support.program import Ended, refused, run

@@ -14,7 +14,7 @@ from geometry.common.errors import InputError
 from geometry.scenes.probe import Base, Groove
 from geometry.scenes.scene import Contact, Scene
 from geometry.scenes.scene_file import read_scene, scene_from_toml, scene_to_toml
-from probe_design.cli.export import export
+from probe_design.commands.main import cli
 from probe_design.workshop.rounding import add_cost, round_sizes
 from solver import evaluate
 from tests.support.paths import SCENE
@@ -123,7 +123,7 @@ def test_the_cost_is_what_the_evaluator_says_of_both() -> None:
 
 
 def test_a_step_that_is_refused_leaves_no_files(tmp_path: Path) -> None:
-    ended = CliRunner().invoke(export, [str(SCENE), "-o", str(tmp_path), "--step", "2 mm"])
+    ended = CliRunner().invoke(cli, ["export", str(SCENE), "-o", str(tmp_path), "--step", "2 mm"])
     assert isinstance(ended.exception, InputError)
     assert str(ended.exception) == "step = 2 mm: allowed: at most 0.2 mm: probe.gap is 0.1 mm"
     assert list(tmp_path.iterdir()) == []

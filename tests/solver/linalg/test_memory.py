@@ -22,7 +22,7 @@ UNLIKE = (
 SCAN = """
 import sys
 from pathlib import Path
-from probe_design.cli.main import main
+from probe_design.commands.main import main
 try:
     main()
 except SystemExit:

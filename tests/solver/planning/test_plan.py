@@ -14,7 +14,7 @@ from geometry import Inclusion, Load, Scene, read_scene
 from geometry.common.errors import Refusal
 from geometry.scenes.probe import Base, Film, Groove
 from geometry.scenes.scene import Contact
-from probe_design.cli.main import cli
+from probe_design.commands.main import cli
 from solver import Decision, evaluate, evaluator, plan
 from solver.axisymmetric.converged_forces import compute_converged_forces
 from solver.planning.coarse_model import CoarseModel

@@ -23,8 +23,10 @@ from hw.simulation.virtual import make_virtual_probe
 from probe_design.built_probe import film_forces, reading
 from probe_design.built_probe.calibration import calibrate
 from probe_design.built_probe.virtual_probe import BuiltProperties, build_signals
-from probe_design.cli import hardware, hardware_sources, reference_readings
-from probe_design.cli.hardware_sources import HardwareSetup, SampleSource
+from probe_design.commands import hardware_sources, reference_readings
+from probe_design.commands.hardware import ReferenceRequest
+from probe_design.commands.hardware_sources import HardwareSetup, build_openers, list_new_recordings, list_recorded_files
+from probe_design.commands.main import cli
 from solver.results.result import Result
 from tests.support.hw.benches import BENCH, scene, shares
 from tests.support.paths import SCENE
@@ -59,7 +61,7 @@ def devices(monkeypatch: pytest.MonkeyPatch) -> Devices:
     return connect
 
 
-def read(source: SampleSource, capsys: pytest.CaptureFixture[str]) -> tuple[list[str], str]:
+def read(source: ReferenceRequest, capsys: pytest.CaptureFixture[str]) -> tuple[list[str], str]:
     readings = reference_readings.read_references(SETUP, source, PINS, 0)
     files = [reading.file for reading in readings]
     assert [len(reading.samples) for reading in readings] == [2500] * 3
@@ -70,7 +72,7 @@ def read(source: SampleSource, capsys: pytest.CaptureFixture[str]) -> tuple[list
 def test_a_flawed_reading_is_read_again(devices: Devices, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     """A lost frame in one of seven readings ended all seven."""
     devices([GOOD, LOST, GOOD, GOOD])
-    files, said = read(SampleSource(device="usb", seconds="5", record=tmp_path / "run.probe"), capsys)
+    files, said = read(ReferenceRequest(device="usb", seconds=5.0, record=tmp_path / "run.probe"), capsys)
     assert files == ["run-1.probe", "run-2-again2.probe", "run-3.probe"]
     assert "ring on the outer block: samples from index" in said
     assert "it is read again" in said
@@ -79,18 +81,18 @@ def test_a_flawed_reading_is_read_again(devices: Devices, capsys: pytest.Capture
 def test_what_is_flawed_thrice_is_refused_by_name(devices: Devices) -> None:
     devices([GOOD, LOST, LOST, LOST])
     with pytest.raises(Flawed, match="ring on the outer block: samples from index"):
-        reference_readings.read_references(SETUP, SampleSource(device="usb", seconds="5"), PINS, 0)
+        reference_readings.read_references(SETUP, ReferenceRequest(device="usb", seconds=5.0), PINS, 0)
 
 
 def test_cycles_are_judged_at_each_reading(devices: Devices) -> None:
     """Not after the last of them."""
     devices([GOOD] * 3)
     with pytest.raises(Flawed, match=r"pin on the inner block: 4\.99 cycles"):
-        reference_readings.read_references(SETUP, SampleSource(device="usb", seconds="1"), PINS, 0)
+        reference_readings.read_references(SETUP, ReferenceRequest(device="usb", seconds=1.0), PINS, 0)
 
 
 def test_a_calibration_is_resumed(devices: Devices, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    source = SampleSource(device="usb", seconds="5", record=tmp_path / "run.probe")
+    source = ReferenceRequest(device="usb", seconds=5.0, record=tmp_path / "run.probe")
     devices([GOOD, LOST, LOST, LOST])
     with pytest.raises(Flawed):
         reference_readings.read_references(SETUP, source, PINS, 0)
@@ -98,16 +100,16 @@ def test_a_calibration_is_resumed(devices: Devices, capsys: pytest.CaptureFixtur
         reference_readings.read_references(SETUP, source, PINS, 0)
     (tmp_path / "run-2-again3.probe").unlink()
     devices([GOOD, GOOD])
-    files, _ = read(SampleSource(device="usb", seconds="5", record=tmp_path / "run.probe", resume=True), capsys)
+    files, _ = read(ReferenceRequest(device="usb", seconds=5.0, record=tmp_path / "run.probe", resume=True), capsys)
     assert files == ["run-1.probe", "run-2-again3.probe", "run-3.probe"]
 
 
 def test_recorded_and_live_readings_are_mixed(devices: Devices, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     devices([GOOD] * 3)
-    read(SampleSource(device="usb", seconds="5", record=tmp_path / "run.probe"), capsys)
+    read(ReferenceRequest(device="usb", seconds=5.0, record=tmp_path / "run.probe"), capsys)
     devices([GOOD])
     kept = (tmp_path / "run-1.probe", tmp_path / "run-2.probe")
-    assert read(SampleSource(device="usb", replay=kept, seconds="5"), capsys)[0] == ["run-1.probe", "run-2.probe", ""]
+    assert read(ReferenceRequest(device="usb", replay=kept, seconds=5.0), capsys)[0] == ["run-1.probe", "run-2.probe", ""]
 
 
 def test_read_predicts_before_the_board_starts(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -121,7 +123,7 @@ def test_read_predicts_before_the_board_starts(monkeypatch: pytest.MonkeyPatch) 
 
     monkeypatch.setattr(hardware_sources.Reader, "open", lambda name, *options: real(board))
     monkeypatch.setattr(reading, "predict_scene", predicts)
-    ended = CliRunner().invoke(hardware.read, [str(SCENE), "--device", "usb", "--seconds", "5", "--json"])
+    ended = CliRunner().invoke(cli, ["read", str(SCENE), "--device", "usb", "--seconds", "5", "--json"])
     assert ended.exit_code == 0, ended.output
     assert running == [0]
     assert json.loads(ended.stdout)["samples"] == 2500
@@ -129,10 +131,10 @@ def test_read_predicts_before_the_board_starts(monkeypatch: pytest.MonkeyPatch) 
 
 def test_rate_and_columns_beside_a_recording_of_ours_are_the_device_s(devices: Devices, tmp_path: Path) -> None:
     devices([GOOD])
-    live = SampleSource(device="usb", seconds="5", record=tmp_path / "run.probe")
+    live = ReferenceRequest(device="usb", seconds=5.0, record=tmp_path / "run.probe")
     with live.build_openers(lambda: (), 1, pace=False)[0]() as reader:
         reader.collect(5.0, live.record)
-    source = SampleSource(device="usb", replay=(tmp_path / "run.probe",), rate="1 kHz", column=("force=4",))
+    source = ReferenceRequest(device="usb", replay=(tmp_path / "run.probe",), rate="1 kHz", column=("force=4",))
     with source.build_openers(lambda: (), 2, pace=False)[0]() as reader:
         assert len(reader.collect(5.0)) == 2500
 
@@ -147,7 +149,7 @@ def test_rate_and_columns_beside_a_recording_of_ours_are_the_device_s(devices: D
 )  # fmt: skip
 def test_sources_that_contradict_each_other(given: dict[str, Any], words: str) -> None:
     with pytest.raises(InputError, match=words):
-        SampleSource(**given).build_openers(lambda: (), 3, pace=False)
+        build_openers(ReferenceRequest.build(given), lambda: (), 3, pace=False)
 
 
 def test_each_reading_is_fitted_once(devices: Devices, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -156,7 +158,7 @@ def test_each_reading_is_fitted_once(devices: Devices, monkeypatch: pytest.Monke
     fits: list[int] = []  # rows of each
     real = film_forces.measure
     monkeypatch.setattr(film_forces, "measure", lambda samples, *options: fits.append(len(samples)) or real(samples, *options))
-    readings = reference_readings.read_references(SETUP, SampleSource(device="usb", seconds="5"), PINS, 0)
+    readings = reference_readings.read_references(SETUP, ReferenceRequest(device="usb", seconds=5.0), PINS, 0)
     known = replace(shares(), blocks=shares().blocks[:1])
     with pytest.raises(InputError, match="readings that agree"):  # pressed on the same thing thrice
         calibrate(SETUP.scene, BENCH.model_copy(update={"reference": PINS}), [reading.measurement for reading in readings], known)
@@ -167,21 +169,21 @@ def test_each_reading_is_fitted_once(devices: Devices, monkeypatch: pytest.Monke
 def test_names_of_hdf5_recordings_may_be_as_long_as_the_disk_allows(length: int, tmp_path: Path) -> None:
     """What is written meanwhile has longer names: an error of the system, exit 1, from 246 characters on."""
     path = tmp_path / f"{'a' * (length - 3)}.h5"
-    source = SampleSource(device="usb", record=path)
+    source = ReferenceRequest(device="usb", record=path)
     if length <= 249:
-        assert source.list_new_recordings(1) == (path,)
+        assert list_new_recordings(source, 1) == (path,)
         with Reader.open(make_virtual_probe(volts(0), 500.0, channels=3, scale=2e-6)) as reader:
             reader.collect(0.1, path)
         assert path.exists()
         return
     with pytest.raises(InputError, match=r"record = .*: allowed: the name of a file that can be written"):
-        source.list_new_recordings(1)
+        list_new_recordings(source, 1)
 
 
 def test_a_killed_reading_counts_as_recorded(tmp_path: Path) -> None:
     """Its name is taken, and who resumes gets it for the reading that it was."""
-    source = SampleSource(device="usb", record=tmp_path / "run.h5", resume=True)
+    source = ReferenceRequest(device="usb", record=tmp_path / "run.h5", resume=True)
     (tmp_path / "run-2.h5.probe").touch()
-    assert source.list_recorded_files(3) == (None, tmp_path / "run-2.h5.probe", None)
+    assert list_recorded_files(source, 3) == (None, tmp_path / "run-2.h5.probe", None)
     with pytest.raises(InputError, match="a name that is not taken"):
-        replace(source, resume=False).list_new_recordings(3)
+        list_new_recordings(source.model_copy(update={"resume": False}), 3)

@@ -5,20 +5,14 @@ Imports are delayed until there is something to write.
 
 from __future__ import annotations
 
-import functools
 import json
-import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
-import click
-
 if TYPE_CHECKING:
     from geometry.scenes.probe import Probe
     from probe_design.reporting.table import Table
-
-RECORDED_SETTINGS = ("evaluator", "accuracy", "seed")  # options with an entry of their own in a block of provenance
 
 
 class Presentable(Protocol):
@@ -95,37 +89,21 @@ def check_picture(picture: Path | None) -> None:
         check_writable_file(picture, "plot")
 
 
-def record_command_line(command: click.Command) -> click.Command:
-    """Make a command, or all commands of a group, record the command line in their results."""
-    if isinstance(command, click.Group):
-        for subcommand in command.commands.values():
-            record_command_line(subcommand)
-    elif command.callback is not None:
-        command.callback = _wrap_callback(command.callback)
-    return command
+def split_assignments(key: str, texts: Iterable[str], allowed: str) -> dict[str, str]:
+    """Split texts such as "probe.gap = 10 um" into names and values.
 
+    Raises:
+        InputError: a text is no assignment; ``allowed`` describes one.
+    """
+    from geometry.common.errors import InputError
 
-def _wrap_callback(run: Any) -> Any:
-    """Return a callback that records the command line, the scene file and some options while it runs."""
-
-    @functools.wraps(run)
-    def run_recorded(*values: Any, **options: Any) -> Any:
-        from geometry.provenance.block import record_command
-
-        scene = options.get("scene")
-        settings = {name: _parse_number(options[name]) for name in RECORDED_SETTINGS if options.get(name) is not None}
-        with record_command(sys.argv[1:], scene if isinstance(scene, Path) else None, **settings):
-            return run(*values, **options)
-
-    return run_recorded
-
-
-def _parse_number(value: Any) -> Any:
-    """Return a text as a number if it is one, else unchanged."""
-    try:
-        return value if isinstance(value, int) else float(value)
-    except ValueError:
-        return value
+    assignments = {}
+    for text in texts:
+        name, equals, value = (part.strip() for part in text.partition("="))
+        if not equals:
+            raise InputError(key, text, allowed)
+        assignments[name] = value
+    return assignments
 
 
 def report_assumed_sizes(probe: Probe) -> None:

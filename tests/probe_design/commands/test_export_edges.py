@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from geometry.scenes.scene import Contact, Scene
 from geometry.scenes.scene_file import read_scene, scene_to_toml
 from geometry.workshop.tolerance import NO_BUDGET
-from probe_design.cli.export import export
+from probe_design.commands.main import cli
 from probe_design.optimisation import report
 from probe_design.workshop import package  # before anything is replaced, or what is replaced would stay in it
 from tests.support.paths import SCENE
@@ -57,7 +57,7 @@ def handed(monkeypatch: pytest.MonkeyPatch) -> Handed:
 def test_export(tmp_path: Path, scene: Scene, handed: Handed) -> None:
     file = tmp_path / "scene.toml"
     file.write_text(scene_to_toml(scene))
-    ended = CliRunner().invoke(export, [str(file), "-o", str(tmp_path / "out"), "--json"])
+    ended = CliRunner().invoke(cli, ["export", str(file), "-o", str(tmp_path / "out"), "--json"])
     assert ended.exit_code == 0, ended.output
     assert handed == [("parts", pytest.approx(EDGE)), ("drawing", pytest.approx(EDGE))]
 

@@ -20,11 +20,11 @@ HEAD = """
 import atexit, os, signal, sys, threading, time
 {before}
 from probe_design import __main__
-import probe_design.cli.main
+import probe_design.commands.main
 class Verbs:
     def main(self, **options):
         {body}
-sys.modules['probe_design.cli.main'].cli = Verbs()
+sys.modules['probe_design.commands.main'].cli = Verbs()
 __main__.main()
 """
 SWALLOWED = "try:\n    signal.raise_signal(signal.SIGINT)\nexcept KeyboardInterrupt:\n    "

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from probe_design.cli.main import COMMANDS
+from probe_design.commands.main import cli
 from tests.support.paths import SCENE
 from tests.support.program import run
 
@@ -34,7 +34,12 @@ VALUES = st.one_of(
     st.text(st.characters(exclude_characters="\0"), max_size=8),
     st.floats().map(str),
 )  # fmt: skip
-OPTIONS = {verb.name: [parameter for parameter in verb.params if isinstance(parameter, click.Option)] for verb in COMMANDS}
+COMMANDS = {name: cli.get_command(click.Context(cli), name) for name in (*CHEAP, *GIVEN)}
+OPTIONS = {
+    name: [parameter for parameter in command.params if isinstance(parameter, click.Option)]
+    for name, command in COMMANDS.items()
+    if command is not None
+}
 
 
 @st.composite

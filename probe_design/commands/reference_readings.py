@@ -8,13 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from probe_design.cli.arguments import read_fraction
-
 if TYPE_CHECKING:
     from hw.common.samples import Samples
     from hw.signal.measure import Measurement
     from probe_design.built_probe.bench import Reference
-    from probe_design.cli.hardware_sources import HardwareSetup, Opener, SampleSource
+    from probe_design.commands.hardware import SourceRequest
+    from probe_design.commands.hardware_sources import HardwareSetup, Opener
 
 
 @dataclass(frozen=True)
@@ -35,16 +34,17 @@ class ReferenceReading:
 
 
 def read_references(
-    setup: HardwareSetup, source: SampleSource, references: Sequence[Reference], run: int
+    setup: HardwareSetup, source: SourceRequest, references: Sequence[Reference], run: int
 ) -> tuple[ReferenceReading, ...]:
     """Return one reading on each reference; each is checked as soon as it is complete."""
     from hw.signal.fingerprint import Fingerprint
     from probe_design.built_probe.field_readings import check_different
+    from probe_design.commands.hardware_sources import build_openers, list_new_recordings, list_recorded_files
 
     count = len(references)
-    recorded = source.list_recorded_files(count)
-    source.list_new_recordings(count)
-    openers = source.build_openers(lambda: simulate_on_references(setup, source, references, run), count, pace=False)
+    recorded = list_recorded_files(source, count)
+    list_new_recordings(source, count)
+    openers = build_openers(source, lambda: simulate_on_references(setup, source, references, run), count, pace=False)
     reference_readings = tuple(
         _read_reference(setup, source, reference, index_and_count=(k, count), opener=opener, recorded=path)
         for k, (reference, opener, path) in enumerate(zip(references, openers, recorded, strict=True))
@@ -58,7 +58,7 @@ def read_references(
 
 def _read_reference(
     setup: HardwareSetup,
-    source: SampleSource,
+    source: SourceRequest,
     reference: Reference,
     *,
     index_and_count: tuple[int, int],
@@ -70,11 +70,11 @@ def _read_reference(
     from hw.signal.waveform import Flawed
     from probe_design.built_probe.film_forces import measure_strict_reading
     from probe_design.built_probe.probe_identity import check_serials, read_board_serial
-    from probe_design.cli.hardware_sources import MAX_ATTEMPTS
+    from probe_design.commands.hardware_sources import MAX_ATTEMPTS, build_device_opener, name_copy, name_recording
     from probe_design.terminal.console import write_message
 
     for attempt in range(1, MAX_ATTEMPTS + 1):
-        file = source.name_recording(*index_and_count, attempt) if recorded is None else recorded
+        file = name_recording(source, *index_and_count, attempt) if recorded is None else recorded
         if recorded is None:
             if file is not None and file.exists():  # an earlier attempt of a resumed calibration
                 continue
@@ -83,7 +83,7 @@ def _read_reference(
             with opener() as reader:
                 check_serials(setup.collect_serials({reference.name: read_board_serial(reader.header.source)}), source.any_probe)
                 length = source.duration if recorded is None or source.seconds is not None else None
-                copy_file = file if recorded is None else source.name_copy(*index_and_count)
+                copy_file = file if recorded is None else name_copy(source, *index_and_count)
                 samples = setup.describe_recording(reader).collect(length, copy_file).require_complete()
             measurement = measure_strict_reading(samples, setup.bench, setup.scene)
         except InvalidSource:  # the source given by the user is wrong, not the reading
@@ -93,24 +93,24 @@ def _read_reference(
             if not source.is_live or recorded in source.replay or attempt == MAX_ATTEMPTS:
                 raise flaw from fault
             write_message(f"{flaw}; it is read again")
-            opener, recorded = source.build_device_opener(), None
+            opener, recorded = build_device_opener(source), None
             continue
         return ReferenceReading(samples, measurement, file, reference.name)
     raise Flawed(f"{reference.name}: {MAX_ATTEMPTS} attempts are recorded, none of which can be used: record under another name")
 
 
-def _ask_for(reference: Reference, label: str, source: SampleSource) -> None:
+def _ask_for(reference: Reference, label: str, source: SourceRequest) -> None:
     """Ask the user to press the probe on a reference, and wait; do nothing for recordings and the virtual probe."""
     from time import sleep
 
     from geometry.common.errors import InputError, Words
-    from probe_design.terminal.console import write_message
+    from probe_design.terminal.console import write_line
 
     if not source.is_live:
         return
-    if source.pause is not None:
-        write_message(f"{label}: press on: {reference.name}; reading begins in {source.pause:g} s")
-        sleep(source.pause)
+    if source.wait is not None:
+        write_line(f"{label}: press on: {reference.name}; reading begins in {source.wait:g} s")
+        sleep(source.wait)
         return
     if not sys.stdin.isatty():
         raise InputError(
@@ -118,16 +118,14 @@ def _ask_for(reference: Reference, label: str, source: SampleSource) -> None:
             Words("without a terminal"),
             "a terminal, to change references at, --wait SECONDS or --replay for each reading",
         )
-    write_message(f"{label}: press on: {reference.name}; start the load, then press Enter")
+    write_line(f"{label}: press on: {reference.name}; start the load, then press Enter")
     input()
 
 
-def simulate_on_scene(setup: HardwareSetup, source: SampleSource, accuracy: str) -> Any:
+def simulate_on_scene(setup: HardwareSetup, source: SourceRequest, accuracy: float) -> Any:
     """Return the signals of a virtual probe that is pressed on the scene."""
     bench = setup.build_virtual_bench(source)
-    prediction = choose_prediction(source.duration)(
-        bench.scene, read_fraction("accuracy", accuracy), True, setup.bench.load.frequency
-    )
+    prediction = choose_prediction(source.duration)(bench.scene, accuracy, True, setup.bench.load.frequency)
     return bench.build_scene_signals(prediction)
 
 
@@ -140,7 +138,7 @@ def choose_prediction(length: float | None) -> Callable[..., Any]:
     return prediction_process.predict_in_process if needs_child_process else reading.predict_scene
 
 
-def simulate_on_references(setup: HardwareSetup, source: SampleSource, references: Sequence[Reference], run: int) -> Any:
+def simulate_on_references(setup: HardwareSetup, source: SourceRequest, references: Sequence[Reference], run: int) -> Any:
     """Return the signals of a virtual probe on given references, in their order."""
     from probe_design.built_probe.reading import predict_scene
     from probe_design.built_probe.virtual_probe import compute_load

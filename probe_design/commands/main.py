@@ -10,19 +10,7 @@ from typing import Any
 
 import click
 
-from probe_design.cli.arguments import NamedCommands
-from probe_design.cli.catalogue import material, tissue
-from probe_design.cli.estimate import estimate
-from probe_design.cli.evaluate import curve, evaluate, plan, tolerances
-from probe_design.cli.export import export
-from probe_design.cli.hardware import calibrate, check, doctor, read
-from probe_design.cli.load import load
-from probe_design.cli.maps import detectability, scan
-from probe_design.cli.optimize import optimize
-from probe_design.cli.output import record_command_line
-from probe_design.cli.rerun import rerun
-from probe_design.cli.sweep import sweep
-from probe_design.cli.tradeoff import tradeoff
+from probe_design.commands.names import COMMANDS, GROUP_HELP
 from probe_design.process import interrupts
 
 CONTEXT_SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
@@ -41,7 +29,56 @@ def pass_interrupts_on() -> Iterator[None]:
         raise Interrupted from interrupt
 
 
-class MainGroup(NamedCommands):
+class CommandGroup(click.Group):
+    """A group whose commands are imported when they are used. An unknown command is refused with the list of known ones."""
+
+    def __init__(self, prefix: str = "", **options: Any) -> None:
+        super().__init__(**options)
+        self._prefix = prefix
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names in their order in the help text."""
+        names = (name.removeprefix(self._prefix) for name in COMMANDS if name.startswith(self._prefix))
+        return [name for name in names if name and " " not in name]
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Build a command from its request."""
+        full_name = f"{self._prefix}{cmd_name}"
+        if cmd_name not in self.list_commands(ctx):
+            return None
+        if cmd_name in self.commands:
+            return self.commands[cmd_name]
+        command = COMMANDS[full_name]
+        if command.request:
+            from probe_design.commands.options import build_command
+
+            self.commands[cmd_name] = build_command(cmd_name, command.load_request(), command.summary)
+        else:
+            self.commands[cmd_name] = CommandGroup(
+                f"{full_name} ", name=cmd_name, help=GROUP_HELP[full_name], short_help=command.summary
+            )
+        return self.commands[cmd_name]
+
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
+        """Find a command by its name, or raise a usage error that lists the known commands."""
+        if self.get_command(ctx, args[0]) is not None:
+            return super().resolve_command(ctx, args)
+        kind = "command" if ctx.parent is None else ctx.info_name
+        from geometry.common.errors import describe_choices
+
+        raise click.UsageError(f"{kind} = {args[0]!r}: allowed: {describe_choices(args[0], self.list_commands(ctx))}")
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the commands under the headings of their groups, one line each."""
+        names = self.list_commands(ctx)
+        for group in dict.fromkeys(COMMANDS[f"{self._prefix}{name}"].group for name in names):
+            rows = [(name, COMMANDS[f"{self._prefix}{name}"]) for name in names]
+            width = max(map(len, names))
+            with formatter.section(group or "Commands"):
+                formatter.write_dl([(name.ljust(width), row.summary) for name, row in rows if row.group == group])
+
+
+class MainGroup(CommandGroup):
     """The group of all commands."""
 
     @pass_interrupts_on()
@@ -62,14 +99,6 @@ def cli() -> None:
 
     A scene file (TOML) describes a probe and the tissue that it is pressed on; README shows one.
     """
-
-
-COMMANDS = (
-    evaluate, plan, curve, load, scan, detectability, estimate, optimize, export, tradeoff, sweep, tissue, material, tolerances,
-    read, calibrate, check, doctor, rerun,
-)  # fmt: skip
-for command in COMMANDS:
-    cli.add_command(record_command_line(command))
 
 
 def main() -> None:

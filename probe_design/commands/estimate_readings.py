@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from geometry.common.errors import InputError, Words
+from geometry.scenes.probe import POSITION_QUANTITY
 from geometry.scenes.scene import Load, Scene
 from hw.foreign.columns import ColumnMap
 from hw.foreign.units import read_rate
@@ -26,8 +27,8 @@ from probe_design.built_probe.field_readings import (
 from probe_design.built_probe.film_forces import measure_reading as measure_films
 from probe_design.built_probe.load_checks import check_expected, compute_expected_load
 from probe_design.built_probe.probe_identity import check_serials, clean_serial, read_board_serial
-from probe_design.cli.arguments import read_position
-from probe_design.cli.hardware_sources import HardwareSetup, get_reading_limits
+from probe_design.commands.estimate import EstimateRequest
+from probe_design.commands.hardware_sources import HardwareSetup, get_reading_limits
 from probe_design.data.noise import MIN_NOISE
 from probe_design.estimation.measurements import Reading, build_single_reading
 
@@ -36,40 +37,27 @@ READING_FORM = "a file and, behind commas, its place: 'run.probe, x=-8 mm, y=0 m
 LOAD_EXCESS_FACTOR = 1.05  # times the scene's load: a reading under a larger load is evaluated at its own load
 
 
-@dataclass(frozen=True)
-class RecordingOptions:
-    """Options for recordings, with the same meaning as for the command `read`."""
-
-    bench: Path | None = None
-    calibration: Path | None = None
-    columns: tuple[str, ...] = ()
-    rate: str | None = None
-    any_probe: bool = False
-
-
-def collect_field_readings(
-    scene: Path, texts: tuple[str, ...], options: RecordingOptions
-) -> tuple[Scene, tuple[Reading, ...], list[str]]:
+def collect_field_readings(request: EstimateRequest, texts: tuple[str, ...]) -> tuple[Scene, tuple[Reading, ...], list[str]]:
     """Return the scene, the readings and warnings; the scene's load is raised to the largest measured load.
 
     Args:
-        scene: file of the scene.
+        request: scene, bench, calibration, and options for recordings.
         texts: one for each reading, of the form ``READING_FORM``; the file is a recording, a file of another program, or the
             output of `read --json`.
-        options: for recordings.
 
     Raises:
         InputError: a file or place is not allowed, or a reading is of another probe, or given twice.
         HardwareError: no ratio can be computed from a recording.
     """
-    setup = HardwareSetup.from_files(scene, options.bench, options.calibration)
+    assert isinstance(request.scene, Path)  # as always on the command line
+    setup = HardwareSetup.from_files(request.scene, request.bench, request.calibration)
     file_places = [_split_reading_text(text) for text in texts]
     _check_files_exist([path for path, _ in file_places])
     measured, warnings, serials = [], [], dict[str, str | None]()
     for path, _ in file_places:
         entry = read_result(path)
         if entry is None:
-            entry = _read_recording(path, setup, options)
+            entry = _read_recording(path, setup, request)
             serials |= setup.collect_serials({})
         serials[str(path)] = clean_serial(entry.get("serial"))
         measured.append(parse_field_reading(entry, path.name, setup.scene))
@@ -80,7 +68,7 @@ def collect_field_readings(
     check_different(
         "reading", [(str(path), reading.fingerprint) for (path, _), reading in zip(file_places, measured, strict=True)]
     )
-    warnings += check_serials(serials, options.any_probe)
+    warnings += check_serials(serials, request.any_probe)
     pairs = zip(measured, compute_spreads(measured), file_places, strict=True)
     readings = tuple(_build_reading(setup.scene, reading, spread, place) for reading, spread, (_, place) in pairs)
     return _apply_largest_load(setup.scene, measured, warnings), readings, warnings
@@ -107,12 +95,12 @@ def _check_files_exist(paths: list[Path]) -> None:
             raise InputError("reading", str(path), f"a file that is there; {READING_FORM}")
 
 
-def _read_recording(path: Path, setup: HardwareSetup, options: RecordingOptions) -> dict[str, Any]:
+def _read_recording(path: Path, setup: HardwareSetup, request: EstimateRequest) -> dict[str, Any]:
     """Return the JSON object of `read` for a recording, without the prediction."""
     gains = None if setup.calibration is None else setup.calibration.build_gains().add_warming(setup.bench.channels.warming)
     frequency = None if setup.calibration is None else setup.calibration.frequency
-    rate = None if options.rate is None else read_rate(options.rate)
-    with Reader.open(f"replay:{path}", rate, ColumnMap.from_texts(options.columns), get_reading_limits()) as reader:
+    rate = None if request.rate is None else read_rate(request.rate)
+    with Reader.open(f"replay:{path}", rate, ColumnMap.from_texts(request.column), get_reading_limits()) as reader:
         samples = reader.collect()
     origin = setup.origin | {"placement": read_placement(samples.source), "serial": read_board_serial(samples.source)}
     measurement = measure_films(samples, setup.bench, frequency)
@@ -124,7 +112,7 @@ def _read_recording(path: Path, setup: HardwareSetup, options: RecordingOptions)
 def _build_reading(scene: Scene, measured: FieldReading, spread: float, place: dict[str, str]) -> Reading:
     """Return one reading, at its given place, else at the place stored in its file, else at the scene's."""
     x, y = measured.placement or (scene.placement.x, scene.placement.y)
-    x, y = (read_position(key, place[key]) if key in place else default for key, default in (("x", x), ("y", y)))
+    x, y = (POSITION_QUANTITY.read(key, place[key]) if key in place else default for key, default in (("x", x), ("y", y)))
     placed_scene = scene.model_copy(update={"placement": scene.placement.model_copy(update={"x": x, "y": y})})
     (reading,) = build_single_reading(placed_scene, measured.ratio, max(spread, MIN_NOISE))
     blank = {"true": True, "false": False}.get(place.get("blank", "false").lower())

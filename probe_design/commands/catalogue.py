@@ -1,0 +1,86 @@
+"""The commands `tissue list|show` and `material list|show`: built-in numbers with their sources."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+from probe_design.commands.output import print_json
+from probe_design.commands.request import Number, Option, Request
+
+Name = Annotated[str, Option("Name in the list.", is_argument=True)]
+
+
+class TissueListRequest(Request):
+    """List the built-in tissues."""
+
+    def run(self) -> None:
+        """Print names and descriptions."""
+        from probe_design.data.tissues import read_tissues
+
+        descriptions = {name: entry.about for name, entry in read_tissues().items()}
+        if self.as_json:
+            print_json({"tissues": descriptions})
+            return
+        for name, description in descriptions.items():
+            print(f"{name:10}{description}")
+
+
+class TissueShowRequest(Request):
+    """Print the table [tissue] of NAME for a scene file; a comment above each number gives its scatter and source."""
+
+    name: Name
+
+    def run(self) -> None:
+        """Print one tissue."""
+        from probe_design.data.tissues import find_tissue
+
+        entry = find_tissue(self.name)
+        if self.as_json:
+            print_json(entry.as_dict())
+        else:
+            print(entry.toml(), end="")
+
+
+class MaterialListRequest(Request):
+    """List the built-in materials: Young's modulus, the standard deviation of its logarithm, a description."""
+
+    def run(self) -> None:
+        """Print one line for each material."""
+        from geometry.scenes.catalogue import format_modulus, list_materials
+
+        catalogue = list_materials()
+        if self.as_json:
+            print_json({"materials": {name: _select_brief(entry.as_dict()) for name, entry in catalogue.items()}})
+            return
+        for name, entry in catalogue.items():
+            print(f"{name:22}{entry.kind:11}{format_modulus(entry.youngs_modulus):>11}  +- {entry.log_sd:4.2f}  {entry.about}")
+
+
+class MaterialShowRequest(Request):
+    """Print a table of NAME for a scene file, with comments on tolerance, sources, test methods and licences."""
+
+    name: Name
+    thinner: Annotated[
+        Annotated[float, Number("a share of thinner, such as 0.3", math.isfinite)] | None,
+        Option("Fraction of thinner of an Ecoflex, such as 0.3."),
+    ] = None
+    ratio: Annotated[
+        Annotated[float, Number("parts of base to one of agent, such as 20", math.isfinite)] | None,
+        Option("Parts of base to one of agent of Sylgard 184, such as 20."),
+    ] = None
+
+    def run(self) -> None:
+        """Print one material."""
+        from geometry.scenes.catalogue import find_material
+
+        entry = find_material(self.name, thinner=self.thinner, ratio=self.ratio)
+        if self.as_json:
+            print_json(entry.as_dict())
+        else:
+            print(entry.to_toml(), end="")
+
+
+def _select_brief(entry: dict[str, object]) -> dict[str, object]:
+    """Return the entries of a material that the list shows."""
+    return {key: entry[key] for key in ("kind", "about", "youngs_modulus", "poisson_ratio", "log_sd", "recipe")}

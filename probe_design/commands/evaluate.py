@@ -1,0 +1,177 @@
+"""The commands `evaluate`, `plan`, `curve` and `tolerances`, which take one scene."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field
+
+from geometry.common.errors import InputError
+from geometry.scenes.probe import Modulus
+from probe_design.commands.fields import Accuracy, Fraction, Frequency, LimitedRequest, Linear, Loads, Picture, SceneFile
+from probe_design.commands.output import check_picture, present, split_assignments
+from probe_design.commands.request import Option
+
+EVALUATOR_NAMES = ("auto", "published", "closed-form", "equivalent-inclusion", "axisymmetric", "contact", "solid")
+
+
+class EvaluateRequest(LimitedRequest):
+    """Compute the film stresses, their ratio and its sensitivity to the tumour's modulus.
+
+    \b
+    published             the paper's equations as printed: an equivalent modulus, no stresses
+    closed-form           formulas, milliseconds, 1 to 30 %: spheres anywhere
+    equivalent-inclusion  finite elements and scattering, 0.3 to 5 s, 1e-2 to 1e-3: tumours anywhere
+    axisymmetric          finite elements, 0.1 to 10 s, 1e-2 to 1e-4: one sphere on the probe's axis
+    contact               finite elements at finite strain, walls in contact, 2 to 20 s, 5e-3 to 2e-2:
+                          one sphere on the probe's axis, loads of a hand
+    solid                 3D finite elements, 10 to 100 s, 1e-2 to 3e-3: groove, edges, tilt, tumours
+                          of any shape, from STL and STEP files too
+    auto                  chosen by plan: the cheapest of the last four that can model the scene
+                          and reaches --accuracy; refuses where none does
+
+    All but contact are exact for small loads. Beyond linear_limit_load a named evaluator warns; auto uses contact if that can
+    model the scene, and refuses if not. With --linear, error_estimate counts the possible effect of finite strain instead.
+    """  # noqa: D301
+
+    scene: SceneFile
+    evaluator: Annotated[str, Option(f"Model to use: {', '.join(EVALUATOR_NAMES)}.", words=EVALUATOR_NAMES)] = "auto"
+    accuracy: Accuracy = 0.01
+    linear: Linear = False
+    loads: Loads = False
+    frequency: Annotated[
+        Frequency | None, Option('Frequency of the load, "5 Hz": compute the phase of the ratio by loss factors.')
+    ] = None
+    vtu: Annotated[Path | None, Option("With solid: write mesh, displacements and stresses for ParaView.", keyword=False)] = None
+    picture: Annotated[Picture, Option("With solid: draw mesh and stresses to this .png file.", "--plot", keyword=False)] = None
+
+    def run(self) -> None:
+        """Evaluate the scene, and draw the solution where this is requested."""
+        from geometry.scenes.scene_file import read_scene
+        from probe_design.terminal.console import build_result_table, show_steps
+
+        with show_steps(f"evaluating {self.scene}") as tell:
+            scene = read_scene(self.scene)
+            if self.vtu is not None or self.picture is not None:
+                from probe_design.solid_output.evaluate_with_files import evaluate_with_files
+                from solver.evaluation import add_phase
+
+                result = evaluate_with_files(scene, self.evaluator, self.accuracy, vtu=self.vtu, picture=self.picture, tell=tell)
+                result = result if self.frequency is None else add_phase(result, scene, self.accuracy, self.frequency)
+            else:
+                from solver import evaluate
+
+                result = evaluate(
+                    scene, self.evaluator, self.accuracy, tell, linear=self.linear, loads=self.loads, frequency=self.frequency
+                )
+        present(result, build_result_table, self.as_json)
+
+
+class PlanRequest(LimitedRequest):
+    """Report which model of SCENE reaches --accuracy at the lowest cost, which features it neglects, and the reasons.
+
+    evaluate without --evaluator does the same: where it refuses, so does plan (exit code 2). Every feature that may be neglected
+    is listed with its effect on the ratio, on the stresses and on the stiffness. Nonlinear effects are bounded at the scene's
+    load, and the largest load for which auto uses a linear evaluator is printed. The evaluator has been run and reaches the
+    accuracy; solid is not run where its accuracy is certain without.
+    """
+
+    scene: SceneFile
+    accuracy: Accuracy = 0.01
+    loads: Loads = False
+
+    def run(self) -> None:
+        """Print the plan, then refuse where no evaluator reaches the accuracy."""
+        from geometry.scenes.scene_file import read_scene
+        from probe_design.terminal.console import build_plan_table, list_plan_lines, show_spinner
+        from solver import plan
+
+        with show_spinner(f"planning {self.scene}"):
+            result = plan(read_scene(self.scene), self.accuracy, loads=self.loads)
+        present(result, build_plan_table, self.as_json, lines=list_plan_lines)
+        if result.refusal is not None:
+            raise result.refusal
+
+
+class CurveRequest(LimitedRequest):
+    """Compute how ratio and log-sensitivity depend on the inclusion's Young's modulus.
+
+    With one sphere on the probe's axis all moduli follow exactly from one factorisation, so that a thousand take as long as ten.
+    With tumours elsewhere each modulus takes some 10 to 100 ms.
+    """
+
+    scene: SceneFile
+    low: Annotated[Modulus, Option("Smallest Young's modulus of the inclusion.", "--from", keyword=False)] = 1e3
+    high: Annotated[Modulus, Option("Largest Young's modulus of the inclusion.", "--to", keyword=False)] = 1e6
+    points: Annotated[int, Field(ge=2, le=100_000), Option("Moduli, evenly on a logarithmic scale.", keyword=False)] = 50
+    accuracy: Annotated[Accuracy, Option("Relative error that the ratio may have at every modulus.")] = 0.01
+    linear: Linear = False
+    picture: Annotated[Picture, Option("Draw the curve to this .png, .svg or .pdf file.", "--plot", keyword=False)] = None
+
+    def run(self) -> None:
+        """Compute the curve at moduli that contain both ends exactly."""
+        import numpy as np
+
+        from geometry.scenes.catalogue import format_modulus
+        from geometry.scenes.scene_file import read_scene
+        from probe_design.reporting.curve_figures import draw_curve
+        from probe_design.reporting.picture_files import save_figure
+        from probe_design.terminal.console import build_curve_table, show_steps
+        from solver import curve
+
+        if not self.low < self.high:
+            raise InputError("to", format_modulus(self.high), f"a modulus above from = {format_modulus(self.low)!r}")
+        scene = read_scene(self.scene)
+        check_picture(self.picture)
+        moduli = np.geomspace(self.low, self.high, self.points)
+        moduli[0], moduli[-1] = self.low, self.high
+        with show_steps(f"curve of {self.scene}") as tell:
+            result = curve(scene, moduli, self.accuracy, tell, linear=self.linear)
+        if self.picture is not None:
+            body = scene.inclusion[scene.target or 0]
+            tissue = scene.tissue.find_material(body.depth)
+            save_figure(draw_curve(result, body.youngs_modulus, tissue.youngs_modulus), self.picture)
+        present(result, build_curve_table, self.as_json, self.picture)
+
+
+class TolerancesRequest(LimitedRequest):
+    """Compute how manufacturing tolerances of SCENE's probe change its ratio, and which tolerances --ratio requires.
+
+    Radii and heights have the tolerances of casting or machining, moduli those of the catalogue for a named material, gains 5 %;
+    or those of --bench, --tolerance and --material. To first order by exact derivatives, and by samples of the closed form.
+    """
+
+    scene: SceneFile
+    ratio: Annotated[Fraction, Option("Allowed relative standard deviation of the ratio.")] = 0.01
+    tolerance: Annotated[
+        tuple[str, ...], Option('A standard deviation: "probe.gap = 10 um", 5 % of a modulus or gain.', keyword=False)
+    ] = ()
+    material: Annotated[
+        tuple[str, ...], Option("Material of a block, inner=dragon-skin-30: sets the sd of its modulus.", keyword=False)
+    ] = ()
+    bench: Annotated[
+        Path | None, Option("TOML file whose [workshop] and [channels] replace the built-in ones.", keyword=False)
+    ] = None
+    samples: Annotated[int, Field(ge=64, le=65_536), Option("Samples for the Sobol indices: a power of 2.")] = 1024
+    picture: Annotated[Picture, Option("Draw the budget to this .png, .svg or .pdf file.", "--plot", keyword=False)] = None
+
+    def run(self) -> None:
+        """Compute the budget of uncertainties."""
+        from geometry.scenes.scene_file import read_scene
+        from probe_design.built_probe.bench import read_bench
+        from probe_design.terminal.console import show_spinner
+        from probe_design.terminal.tolerance_table import build_tolerance_table, write_tolerance_lines
+        from probe_design.tolerances.budget import tolerances
+        from probe_design.tolerances.plot import plot_budget
+
+        scene = read_scene(self.scene)
+        check_picture(self.picture)
+        stated_sds = split_assignments("tolerance", self.tolerance, "'probe.gap = 10 um'")
+        materials = split_assignments("material", self.material, "'inner=dragon-skin-30'")
+        with show_spinner(f"tolerances of {self.scene}"):
+            bench = None if self.bench is None else read_bench(self.bench)
+            budget = tolerances(scene, self.ratio, bench=bench, materials=materials, given=stated_sds, samples=self.samples)
+        if self.picture is not None:
+            plot_budget(budget, self.picture)
+        present(budget, build_tolerance_table, self.as_json, self.picture, write_tolerance_lines)

@@ -1,0 +1,156 @@
+"""The command `export`: write the files that a workshop needs to build a scene's probe."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from geometry.scenes.probe import Length
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_file import load_scene
+from geometry.scenes.units import Quantity
+from probe_design.commands.fields import Force, Fraction, SceneSource
+from probe_design.commands.output import print_json, report_assumed_sizes
+from probe_design.commands.request import Number, Option, Request, use_request
+
+if TYPE_CHECKING:
+    from geometry.cad.export import Writer
+    from geometry.workshop.package import Casting
+    from probe_design.workshop.package import ExportSummary
+
+Shrinkage = Annotated[float, Number("a number such as 0.001, of every length", math.isfinite)]
+Draft = Annotated[float, Quantity("angle", "rad", "deg", 0.0, math.radians(10))]
+
+
+class ExportRequest(Request):
+    """Write the files that a workshop needs to build SCENE's probe; docs/guides/workshop.md describes each file.
+
+    STEP files (AP242, millimetres) of parts, assembly and the moulds' halves, each read back and measured; a dimensioned drawing
+    of each as DXF and PDF; film patterns with electrodes, leads and tabs as DXF; bill of materials, tolerances, assembly order.
+
+    A size that a part needs and SCENE does not give, such as the base's thickness, is assumed and marked, also in parts.json.
+    parts.json identifies the design, and a folder that holds another design is refused.
+
+    With --fixture also pin.step, ring.step and sleeve.step, which press on one block alone, centred to 0.05 mm, and
+    calibration.pdf, one page with the references of the bench in their order, loads, expected signals and commands.
+    """
+
+    scene: SceneSource
+    output: Annotated[Path | str, Option("Folder for the files.", "-o/--output")]
+    step: Annotated[
+        Length | None, Option('Round radii, gap and heights to multiples of this, "0.1 mm", and report the effect.')
+    ] = None
+    tolerance: Annotated[Fraction, Option("Relative sd of the ratio that the tolerances may cause.")] = 0.01
+    shrinkage: Annotated[
+        Shrinkage | None, Option("Linear shrinkage of the elastomer while it cures, for the moulds.", left_out="0.001")
+    ] = None
+    draft: Annotated[Draft | None, Option("Maximum draft angle of the moulds' walls.", left_out='"0.5 deg"')] = None
+    force: Force = False
+    fixture: Annotated[
+        bool, Option("Write also pin, ring and sleeve for the calibration, and a page to print.", keyword=False)
+    ] = False
+    bench: Annotated[Path | None, Option("TOML file of load, amplifier and references, for that page.", keyword=False)] = None
+
+    def run(self) -> None:
+        """Write the files and report."""
+        from probe_design.terminal.console import show_steps
+
+        scene, folder = load_scene(self.scene), Path(self.output)
+        with show_steps("export") as tell:
+            from probe_design.workshop.package import export as write
+
+            exported = write(
+                scene,
+                folder,
+                step=self.step,
+                force=self.force,
+                tolerance=self.tolerance,
+                casting=_build_casting(self.shrinkage, self.draft),
+                extra_writers=self._build_fixture_writers,
+                tell=tell,
+            )
+        if self.as_json:
+            print_json(exported.as_dict())
+        else:
+            _report_export(exported, folder)
+
+    def _build_fixture_writers(self, scene: Scene) -> dict[str, Writer]:
+        """Return the writers of the fixture and of the calibration page, if --fixture is given."""
+        if not self.fixture:
+            return {}
+        from probe_design.built_probe.bench import read_bench, read_builtin_bench
+        from probe_design.measuring.protocol_page import build_writers
+
+        name = self.scene.name if isinstance(self.scene, Path) else ""
+        return build_writers(scene, read_builtin_bench() if self.bench is None else read_bench(self.bench), name)
+
+
+@use_request(ExportRequest)
+def export(
+    scene: Scene | Path | str, output: Path | str, *, step: float | None = None, tolerance: float = 0.01,
+    shrinkage: float | None = None, draft: float | None = None, force: bool = False,
+    progress: Callable[[str], None] | None = None,
+) -> ExportSummary:  # fmt: skip
+    """Write the files for the workshop: STEP, drawings, film patterns, moulds, lists (docs/guides/workshop.md).
+
+    Parameters
+    ----------
+    progress : callable, optional
+        Called with a line of text before each long step.
+
+    Returns:
+    -------
+    ExportSummary
+        The scene as built, the paths of the files, and the effect of the rounding.
+
+    Raises:
+    ------
+    ExportError
+        A part that was read back differs from its parameters; no file is left.
+    InputError
+        The folder holds another design, or step, tolerance, shrinkage or draft is not allowed.
+    MissingLibrary
+        CAD cannot be loaded.
+
+    Examples:
+    --------
+    >>> from probe_design import export
+    >>> export("examples/scene.toml", "out/parts", step=1e-4).files  # doctest: +SKIP
+    """
+    from geometry.provenance.block import record_scene
+    from probe_design.workshop.package import export as write
+
+    probe_scene, casting = load_scene(scene), _build_casting(shrinkage, draft)
+    with record_scene(probe_scene):
+        return write(
+            probe_scene,
+            Path(output),
+            step=step,
+            force=force,
+            tolerance=tolerance,
+            casting=casting,
+            tell=progress or (lambda text: None),
+        )
+
+
+def _build_casting(shrinkage: float | None, draft: float | None) -> Casting:
+    """Return shrinkage and draft angle (rad), by default those that moulds usually have."""
+    from geometry.workshop.package import DEFAULT_CASTING, Casting
+
+    return Casting(
+        DEFAULT_CASTING.shrinkage if shrinkage is None else shrinkage, DEFAULT_CASTING.draft if draft is None else draft
+    )
+
+
+def _report_export(exported: ExportSummary, output: Path) -> None:
+    """Report assumed sizes, the effect of rounding, warnings and the files written."""
+    from probe_design.terminal.console import warn, write_message
+    from probe_design.terminal.rounding_lines import write_rounding_lines
+
+    report_assumed_sizes(exported.scene.probe)
+    for line in [] if exported.rounding is None else write_rounding_lines(exported.rounding):
+        write_message(line)
+    warn(exported.remarks)
+    write_message(f"wrote {', '.join(file.name for file in exported.files)} to {output}")

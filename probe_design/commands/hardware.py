@@ -1,0 +1,367 @@
+"""The commands for a built probe: `read`, `calibrate`, `check` and `doctor`."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Self
+
+from pydantic import Field, model_validator
+
+from geometry.common.errors import InputError, Words
+from probe_design.commands.fields import Accuracy, AnyProbe, LimitedRequest, Linear
+from probe_design.commands.output import add_provenance, print_json
+from probe_design.commands.request import Number, Option
+
+if TYPE_CHECKING:
+    from hw.signal.measure import Measurement
+    from probe_design.built_probe.reading import StressReading
+    from probe_design.commands.hardware_sources import HardwareSetup
+    from probe_design.doctor.finding import Finding
+
+DEFAULT_READING_TIME_S = 10.0  # duration of a live reading
+ALLOWED_SOURCES = "one of --virtual, --replay and --device"
+Seconds = Annotated[float, Number("a number of seconds above 0, up to 1e6", lambda seconds: 0 < seconds <= 1e6)]
+Pause = Annotated[float, Number("a number of seconds from 0 to 86400", lambda seconds: 0 <= seconds <= 86400)]
+Calibration = Annotated[Path | None, Option("Calibration file that calibrate has written.")]
+
+
+class SourceRequest(LimitedRequest):
+    """What all commands for a built probe read: recordings first, then a device, by default the only probe on USB."""
+
+    scene: Annotated[Path | None, Option("File of a scene.", is_argument=True)] = None
+    virtual: Annotated[bool, Option("Read a simulated probe: the solver's prediction with noise, hum and drift.")] = False
+    replay: Annotated[
+        tuple[Path, ...],
+        Option("Read a recording, or a .csv, .txt, .h5 or .wav file of another program; once for each reading."),
+    ] = ()
+    column: Annotated[
+        tuple[str, ...],
+        Option(
+            "Of such a file: 'inner=CH1 mV', for inner, outer, force, time: the column's name or number and the unit of its "
+            "numbers; or a TOML file with the same. Of an oscilloscope: 'force=4', the channel."
+        ),
+    ] = ()
+    rate: Annotated[
+        str | None, Option("Samples per second, '10 kHz': requested from a device; assumed for a file without times.")
+    ] = None
+    device: Annotated[
+        str | None,
+        Option("usb, usb:SERIAL, serial:PORT or visa:RESOURCE.", left_out="usb, the only probe connected"),
+    ] = None
+    seconds: Annotated[Seconds | None, Option("How long to read.", left_out="10; a recording to its end")] = None
+    record: Annotated[
+        Path | None,
+        Option("Write the raw data to this file, or samples in volts where it ends in .h5; several are numbered."),
+    ] = None
+    bench: Annotated[Path | None, Option("TOML file of load, amplifier and references.")] = None
+    built: Annotated[tuple[str, ...], Option("Deviation of the virtual probe from the drawing: 'probe.gap=0.12 mm'.")] = ()
+    seed: Annotated[int, Field(ge=0, le=2**31), Option("Seed of its noise.")] = 0
+    linear: Linear = False
+
+    resume: bool = False  # these three are options of some commands only
+    wait: float | None = None
+    any_probe: bool = False
+
+    @model_validator(mode="after")
+    def _check_sources(self) -> Self:
+        if self.virtual and self.device is not None:
+            raise InputError("source", Words("several"), ALLOWED_SOURCES)
+        if self.resume and self.record is None:
+            raise InputError("resume", Words("without --record"), "the name that the recordings were given with --record")
+        if self.built and not self.virtual:
+            raise InputError("built", self.built[0], "nothing without --virtual: it says how the virtual probe was built")
+        if self.record is not None and not self.has_source:
+            from hw.foreign.files import HDF5_SUFFIXES
+
+            if self.record.suffix.lower() not in HDF5_SUFFIXES:
+                raise InputError(
+                    "record", str(self.record), "a name that ends in .h5 beside --replay, whose file is the recording"
+                )
+        for key, value in (("column", self.column), ("rate", self.rate)):
+            if value and self.virtual:
+                raise InputError(key, value, "nothing beside --virtual, which has its own")
+        return self
+
+    @property
+    def has_source(self) -> bool:
+        """Whether a device or the virtual probe is read, besides recordings."""
+        return not self.replay or self.virtual or self.device is not None
+
+    @property
+    def is_live(self) -> bool:
+        """Whether a real device is read, for which a person has to change the references."""
+        return self.has_source and not self.virtual
+
+    @property
+    def duration(self) -> float | None:
+        """Duration of a reading, s; None for a whole recording."""
+        return DEFAULT_READING_TIME_S if self.seconds is None and self.has_source else self.seconds
+
+
+class ReferenceRequest(SourceRequest):
+    """What the commands with several readings share."""
+
+    resume: Annotated[bool, Option("Use the recordings that --record has written before; read the others.")] = False
+    any_probe: AnyProbe = False
+    wait: Annotated[Pause | None, Option("Seconds to change each reference in, without a terminal, in place of Enter.")] = None
+
+
+class ReadRequest(SourceRequest):
+    """Read the probe under a sinusoidal load: ratio and stresses, compared with the prediction for SCENE.
+
+    A terminal shows live numbers and curves; otherwise plain lines are printed. The reading ends by itself. Without SCENE the
+    calibration's scene is used, or the built-in one.
+
+    \b
+    probe-design read scene.toml --virtual
+    probe-design read scene.toml --record run.probe --calibration probe.toml
+    probe-design read scene.toml --replay run.probe --calibration probe.toml --json
+    probe-design read scene.toml --replay scope.csv --column "inner=CH1 mV" --column "outer=CH2 mV" --rate "1 kHz"
+    probe-design read scene.toml --replay run.probe --record run.h5
+    """  # noqa: D301
+
+    any_probe: AnyProbe = False
+    calibration: Calibration = None
+    accuracy: Annotated[Accuracy, Option("Relative error that the prediction may have.")] = 0.01
+
+    def run(self) -> None:
+        """Read the probe, show live numbers meanwhile, and compare the result with the prediction."""
+        from hw.signal.running_fit import RunningFit
+        from hw.signal.sine_fit import check_rate
+        from probe_design.built_probe.field_readings import build_reading_json, compute_ratio_noise, read_placement
+        from probe_design.built_probe.film_forces import measure_reading, measure_running_reading
+        from probe_design.built_probe.probe_identity import check_serials, read_board_serial
+        from probe_design.built_probe.reading import compute_reading
+        from probe_design.commands.hardware_sources import HardwareSetup, build_openers, list_new_recordings
+        from probe_design.commands.reference_readings import choose_prediction, simulate_on_scene
+        from probe_design.measuring.acquisition import fit_reading
+        from probe_design.terminal.console import show_spinner, show_table, warn
+        from probe_design.terminal.hardware_tables import build_reading_table
+        from probe_design.terminal.live import compute_live_window, show_live
+
+        setup, length = HardwareSetup.from_files(self.scene, self.bench, self.calibration), self.duration
+        (recording,) = list_new_recordings(self, 1)
+        (opener,) = build_openers(self, lambda: (simulate_on_scene(setup, self, self.accuracy),), 1, sys.stderr.isatty())
+        with opener() as reader:  # a missing device or another probe is refused before anything is computed
+            serial = read_board_serial(reader.header.source)
+            serial_warnings = check_serials(setup.collect_serials({"the reading": serial}), self.any_probe)
+            frequency = setup.bench.load.frequency
+            with show_spinner("predicting"):
+                predicted = choose_prediction(length)(setup.scene, self.accuracy, self.linear, frequency)
+            gains, calibration_frequency = None, None
+            if setup.calibration is not None:
+                gains = setup.calibration.build_gains().add_warming(setup.bench.channels.warming)
+                calibration_frequency = setup.calibration.frequency
+
+            def compare(measurement: Measurement) -> StressReading:
+                return compute_reading(measurement, setup.scene, setup.bench, predicted, gains)
+
+            check_rate(frequency, reader.header.rate)
+            running_fit = RunningFit(frequency, setup.bench.force is not None)
+            with show_live(
+                lambda samples: compare(measure_reading(samples, setup.bench, calibration_frequency))
+            ) as show_samples:  # the reading begins
+                fit_reading(
+                    setup.describe_recording(reader),
+                    length,
+                    recording,
+                    running_fit,
+                    show=show_samples,
+                    last=compute_live_window(frequency),
+                )
+        measurement = measure_running_reading(running_fit, setup.bench, calibration_frequency)
+        result = compare(measurement)
+        if self.as_json:
+            recorded_origin = setup.origin | {"placement": read_placement(reader.header.source), "serial": serial}
+            noise = compute_ratio_noise(measurement, setup.scene, setup.bench, gains)
+            print_json(build_reading_json(result, noise, recorded_origin, setup.scene, running_fit.fingerprint))
+        else:
+            show_table(build_reading_table(result))
+        warn((*result.warnings, *serial_warnings, *(note for note in predicted.warnings if note.kind in ("linear", "null"))))
+        _report_written(recording)
+
+
+class CalibrateRequest(ReferenceRequest):
+    """Calibrate a built probe: determine gains, cross-talk and offsets from readings on the bench's references.
+
+    Each reference is read in turn; with a device, the program asks for each. Readings with gaps, saturation or too few cycles are
+    refused, and so are films that warm up. With a force channel the gains are absolute, otherwise relative to each other.
+
+    \b
+    probe-design calibrate scene.toml --virtual -o probe.toml
+    probe-design calibrate scene.toml --record run.probe -o probe.toml
+    """  # noqa: D301
+
+    output: Annotated[Path, Option("New file for the calibration record.", "-o/--output")]
+
+    def run(self) -> None:
+        """Read the references, and write the record."""
+        from geometry.common.files import check_writable_file
+        from probe_design.built_probe.calibration import calibrate
+        from probe_design.built_probe.calibration_record import build_record, check_free, write_record
+        from probe_design.built_probe.probe_identity import check_serials, find_common_serial
+        from probe_design.commands.hardware_sources import HardwareSetup, describe_device, hash_raw_data
+        from probe_design.commands.reference_readings import read_references
+        from probe_design.terminal.console import show_spinner, show_table, warn, write_message
+        from probe_design.terminal.hardware_tables import build_calibration_table
+
+        setup = HardwareSetup.from_files(self.scene, self.bench, None)
+        check_free(self.output)
+        check_writable_file(self.output)
+        readings = read_references(setup, self, setup.bench.reference, run=0)
+        with show_spinner("calibrating"):
+            calibration = calibrate(setup.scene, setup.bench, [reading.measurement for reading in readings], linear=self.linear)
+        serials = {reading.name: reading.serial for reading in readings}
+        serial_warnings = check_serials(serials, self.any_probe)
+        calibration = replace(calibration, warnings=(*calibration.warnings, *serial_warnings))
+        raw_hashes = [hash_raw_data(reading.samples, reading.file) for reading in readings]
+        record = build_record(calibration, raw_hashes, describe_device(readings[0].samples), find_common_serial(serials))
+        write_record(self.output, record)
+        if self.as_json:
+            print_json(record.model_dump(mode="json"))
+        else:
+            show_table(build_calibration_table(record))
+        warn(record.warnings)
+        write_message(f"wrote {self.output}")
+
+
+class CheckRequest(ReferenceRequest):
+    """Check a built probe against its drawing by readings on blocks of tissue, and name the dimension out of tolerance.
+
+    Reports which variables were tested, which were not, and the reasons. The exit code is 1 if the readings contradict that the
+    probe is within the workshop's tolerances. Without --calibration the gains are nominal, with the bench's tolerances, and
+    hardly any variable can be tested.
+
+    \b
+    probe-design check --virtual --calibration probe.toml
+    probe-design check --virtual --calibration probe.toml --built "probe.gap=0.2 mm"
+    """  # noqa: D301
+
+    calibration: Calibration = None
+    output: Annotated[Path | None, Option("New file for the result, as JSON.", "-o/--output")] = None
+    report: Annotated[Path | None, Option("File for the result as a page, .html.")] = None
+
+    def run(self) -> None:
+        """Read the blocks, compare with the drawing, and exit with 1 where the probe is out of tolerance."""
+        import json
+
+        from geometry.common.files import check_writable_file, write_text
+        from probe_design.built_probe.calibration_record import check_free
+        from probe_design.built_probe.probe_identity import check_serials, find_common_serial
+        from probe_design.commands.hardware_sources import HardwareSetup
+        from probe_design.commands.reference_readings import read_references
+        from probe_design.probe_check.check import check
+        from probe_design.terminal.console import show_steps, show_table, warn
+        from probe_design.terminal.hardware_tables import list_check_tables, write_sentences
+
+        setup = HardwareSetup.from_files(self.scene, self.bench, self.calibration)
+        if self.output is not None:
+            check_free(self.output)
+            check_writable_file(self.output)
+        if self.report is not None:
+            check_writable_file(self.report, "report")
+        block_readings = read_references(setup, self, setup.bench.blocks, run=1)
+        serials = {reading.name: reading.serial for reading in block_readings}
+        serial_warnings = check_serials(setup.collect_serials(serials), self.any_probe)
+        measurements = [reading.measurement for reading in block_readings]
+        record = setup.calibration
+        gains, variables = (None, ()) if record is None else (record.build_gains(), record.variables)
+        with show_steps("checking") as tell:
+            result = check(setup.scene, setup.bench, measurements, gains, variables=variables, linear=self.linear, tell=tell)
+        result = replace(result, serial=find_common_serial(serials), warnings=(*result.warnings, *serial_warnings))
+        json_object, page = add_provenance(result.as_dict()), ""
+        if self.report is not None:
+            from probe_design.terminal.check_report import build_check_report
+
+            with show_steps("the report") as tell:
+                page = build_check_report(result, setup.scene, json_object, tell)
+        if self.output is not None:  # both files are written last: the page takes seconds, in which a signal may end the program
+            write_text(self.output, json.dumps(json_object, allow_nan=False, indent=1) + "\n")
+        if self.report is not None:
+            write_text(self.report, page)
+        if self.as_json:
+            print_json(result.as_dict())
+        else:
+            for table in list_check_tables(result):
+                show_table(table)
+            print("\n".join(write_sentences(result)))
+        warn(result.warnings)
+        if record is None:
+            warn(["not calibrated: nominal gains, with the bench's tolerances"])
+        if result.failed:
+            raise SystemExit(1)
+
+
+class DoctorRequest(SourceRequest):
+    """Report what is installed, connected and permitted for reading probes, and test the channels of a probe.
+
+    Checks libusb, udev rules, probes, serial ports, VISA and versions; each problem comes with its remedy. The probe on USB, or
+    the one of --device, --virtual or --replay, is then read under the bench's load, and its noise is compared with the noise of
+    resistor and converter; polarity, load, clipping and mains hum are tested too. The exit code is 1 after a fault.
+
+    \b
+    probe-design doctor
+    probe-design doctor --virtual
+    probe-design doctor --device usb:1234 --bench bench.toml --json
+    """  # noqa: D301
+
+    def run(self) -> None:
+        """Check what is installed and connected, and exit with 1 after a fault."""
+        from probe_design.commands.hardware_sources import HardwareSetup
+        from probe_design.doctor.installed import check_installation, list_versions
+        from probe_design.terminal.console import show_table
+        from probe_design.terminal.doctor_table import build_doctor_table
+
+        setup = HardwareSetup.from_files(self.scene, self.bench, None)
+        computer_findings = check_installation()
+        is_plugged = any(finding.name == "probe on USB" for finding in computer_findings)
+        channel_findings = self._test_channels(setup, is_plugged)
+        findings = [*computer_findings, *channel_findings]
+        is_good = not any(finding.state == "fault" for finding in findings)
+        if self.as_json:
+            json_parts = {
+                "installed": [finding.as_dict() for finding in computer_findings],
+                "self_test": [finding.as_dict() for finding in channel_findings],
+            }
+            print_json({"good": is_good, "versions": list_versions(), **json_parts})
+        else:
+            show_table(build_doctor_table(findings, list_versions()))
+            for state, heading in (("fault", "at fault"), ("doubtful", "doubtful")):
+                names = ", ".join(finding.name for finding in findings if finding.state == state)
+                print(f"{heading}: {names or 'nothing'}")
+            for finding in findings:
+                if finding.state != "good" and finding.remedy:
+                    print(f"{finding.name}: {finding.remedy}")
+        if not is_good:
+            raise SystemExit(1)
+
+    def _test_channels(self, setup: HardwareSetup, is_plugged: bool) -> list[Finding]:
+        """Return the findings of a test of a probe's channels; none where no probe is connected."""
+        from hw.common.errors import HardwareError, InvalidSource
+        from probe_design.commands.hardware_sources import build_openers, list_new_recordings
+        from probe_design.commands.reference_readings import simulate_on_scene
+        from probe_design.doctor.finding import Finding
+        from probe_design.doctor.self_test import run_self_test
+
+        (recording,) = list_new_recordings(self, 1)
+        if self.is_live and self.device is None and not is_plugged:
+            return []
+        try:
+            (opener,) = build_openers(self, lambda: (simulate_on_scene(setup, self, 0.01),), 1, pace=False)
+            with opener() as reader:
+                samples = setup.describe_recording(reader).collect(self.duration, recording)
+        except InvalidSource:
+            raise
+        except HardwareError as fault:
+            return [Finding("reading", "fault", str(fault))]
+        return run_self_test(samples, setup.scene, setup.bench)
+
+
+def _report_written(recording: Path | None) -> None:
+    """Report the file of a recording, if it was written."""
+    from probe_design.terminal.console import write_message
+
+    if recording is not None and recording.exists():  # on a full disk no HDF5 file is written, and a warning says so
+        write_message(f"wrote {recording}")

@@ -1,0 +1,236 @@
+"""Scene, bench, calibration and the source of samples, which `read`, `calibrate`, `check` and `doctor` share."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from geometry.common.errors import InputError, Words, describe_choices
+from geometry.common.files import check_writable_file
+from geometry.common.resources import get_limits
+from geometry.scenes.probe import LENGTH_QUANTITY
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_file import read_scene
+from geometry.scenes.units import MODULUS_QUANTITY, read_number
+from geometry.scenes.variables import list_values
+from hw.common.limits import ReadLimits
+from hw.common.samples import Floats, Samples
+from hw.foreign.columns import ColumnMap
+from hw.foreign.files import HDF5_SUFFIXES, is_self_describing, raw_recording_path
+from hw.foreign.units import read_rate
+from hw.reader import DEFAULT_COLUMNS, Reader
+from hw.recordings.recording import compute_sha256
+from hw.simulation.virtual import make_virtual_probe
+from probe_design.built_probe.bench import Bench, read_bench, read_builtin_bench
+from probe_design.built_probe.block_predictions import express_by_outer_radius
+from probe_design.built_probe.calibration_record import CalibrationRecord, Raw, read_record
+from probe_design.built_probe.probe_identity import describe_probe_difference, list_probe_numbers
+from probe_design.built_probe.virtual_probe import SAMPLE_RATE_HZ, VOLTS_PER_COUNT, VirtualBench
+from probe_design.commands.hardware import ALLOWED_SOURCES, SourceRequest
+from probe_design.data.builtin import builtin_bench_scene
+
+CHANNEL_COUNT = 3
+MAX_ATTEMPTS = 3  # for one reading with a live device
+
+Opener = Callable[[], Reader]
+
+
+def build_openers(
+    source: SourceRequest, signals: Callable[[], tuple[Callable[[Floats], Floats], ...]], count: int, pace: bool
+) -> tuple[Opener, ...]:
+    """Return for each of ``count`` readings a function that opens its reader.
+
+    Args:
+        source: what is read.
+        signals: returns the signals of the virtual probe, one function of time for each reading.
+        count: number of readings.
+        pace: whether the virtual probe sends its samples in real time.
+
+    Raises:
+        InputError: there are more recordings than readings, or fewer and no other source.
+    """
+    recorded_files, (rate, columns) = list_recorded_files(source, count), _read_device_options(source)
+    if source.virtual and None in recorded_files:
+        source_openers: list[Opener] = [partial(_open_virtual, signal, pace) for signal in signals()]
+    else:
+        source_openers = [build_device_opener(source)] * count
+    return tuple(
+        opener if path is None else partial(_open_recording, source, path, rate, columns)
+        for path, opener in zip(recorded_files, source_openers, strict=True)
+    )
+
+
+def build_device_opener(source: SourceRequest) -> Opener:
+    """Return a function that opens the device, by default the only probe on USB."""
+    return partial(Reader.open, source.device or "usb", *_read_device_options(source))
+
+
+def _read_device_options(source: SourceRequest) -> tuple[float | None, ColumnMap]:
+    """Return --rate in Hz and --column."""
+    return None if source.rate is None else read_rate(source.rate), ColumnMap.from_texts(source.column)
+
+
+def _open_recording(source: SourceRequest, path: Path, rate: float | None, columns: ColumnMap) -> Reader:
+    """Open a recording. Together with a device, --rate and --column belong to the device if the recording states its own."""
+    if source.has_source and is_self_describing(path, get_reading_limits()):
+        rate, columns = None, DEFAULT_COLUMNS
+    return Reader.open(f"replay:{path}", rate, columns, get_reading_limits())
+
+
+def list_recorded_files(source: SourceRequest, count: int) -> tuple[Path | None, ...]:
+    """Return the existing recording of each reading or None: those of --replay, then with --resume the last attempts."""
+    if len(source.replay) > count or (len(source.replay) < count and not source.has_source):
+        raise InputError("replay", Words(f"{len(source.replay)} files"), f"{count}: one for each reading, in their order")
+    if count == 1 and source.replay and source.has_source:
+        raise InputError("source", Words("several"), ALLOWED_SOURCES)
+    other_files = [_find_last_attempt(source, k, count) if source.resume else None for k in range(len(source.replay), count)]
+    return (*source.replay, *other_files)
+
+
+def name_recording(source: SourceRequest, k: int, count: int, attempt: int = 1) -> Path | None:
+    """Return the name of a reading's recording, numbered if there are several readings, and from the second attempt on."""
+    if source.record is None:
+        return None
+    number = [str(k + 1)] if count > 1 else []
+    name = "-".join([source.record.stem, *number] + ([f"again{attempt}"] if attempt > 1 else []))
+    return source.record.with_name(f"{name}{source.record.suffix}")
+
+
+def name_copy(source: SourceRequest, k: int, count: int) -> Path | None:
+    """Return the name of the copy of a replayed recording: that of --record where only recordings are read, else None."""
+    return None if source.has_source else name_recording(source, k, count)
+
+
+def list_new_recordings(source: SourceRequest, count: int) -> tuple[Path | None, ...]:
+    """Return the new file of each reading, None for recordings that exist already and are not copied.
+
+    Raises:
+        InputError: a new file exists already, or cannot be written.
+    """
+    recorded_files = list_recorded_files(source, count)
+    files = tuple(
+        name_recording(source, k, count) if path is None else name_copy(source, k, count) for k, path in enumerate(recorded_files)
+    )
+    for path in filter(None, files):
+        for written_file in _list_written_files(path):
+            if os.path.exists(written_file):
+                raise InputError("record", str(written_file), "a name that is not taken: recordings are never overwritten")
+            check_writable_file(written_file, "record")
+    return files
+
+
+def _find_last_attempt(source: SourceRequest, k: int, count: int) -> Path | None:
+    paths = (name_recording(source, k, count, attempt) for attempt in range(MAX_ATTEMPTS, 0, -1))
+    return next(
+        (
+            written_file
+            for path in paths
+            if path is not None
+            for written_file in _list_written_files(path)
+            if os.path.exists(written_file)
+        ),
+        None,
+    )
+
+
+@dataclass(frozen=True)
+class HardwareSetup:
+    """Scene, bench and, if given, calibration; ``origin`` holds the hashes of their files, which a recording stores."""
+
+    scene: Scene
+    bench: Bench
+    calibration: CalibrationRecord | None = None
+    origin: dict[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def from_files(cls, scene: Path | None, bench: Path | None, calibration: Path | None) -> HardwareSetup:
+        """Read scene, bench and calibration; a file not given is replaced by that of the calibration or the built-in one.
+
+        Raises:
+            InputError: a file is not valid, or the calibration is that of another probe or amplifier.
+        """
+        record = None if calibration is None else read_record(calibration)
+        recorded_scene, recorded_bench = (None, None) if record is None else (record.build_scene(), record.build_bench())
+        setup = cls(
+            read_scene(scene) if scene is not None else recorded_scene or builtin_bench_scene(),
+            read_bench(bench) if bench is not None else recorded_bench or read_builtin_bench(),
+            record,
+            {
+                f"{key}_sha256": compute_sha256(path)
+                for key, path in (("scene", scene), ("calibration", calibration))
+                if path is not None
+            },
+        )
+        difference = (
+            None if recorded_scene is None else describe_probe_difference(list_probe_numbers(recorded_scene), setup.scene)
+        )
+        if difference is not None:
+            raise InputError("calibration", str(calibration), f"one of this probe: {difference}")
+        if recorded_bench is not None and recorded_bench.amplifier != setup.bench.amplifier:
+            raise InputError("calibration", str(calibration), "one with this bench's amplifier")
+        return setup
+
+    def collect_serials(self, readings: Mapping[str, str | None]) -> dict[str, str | None]:
+        """Return the serial numbers of readings, and of the calibration if there is one, by their names."""
+        calibration_serial = {} if self.calibration is None else {"the calibration": self.calibration.serial or None}
+        return calibration_serial | dict(readings)
+
+    def describe_recording(self, reader: Reader) -> Reader:
+        """Add scene, calibration and place to the header of a reader, unless a replayed recording has them; return the reader."""
+        placement_entry = {"placement": [self.scene.placement.x, self.scene.placement.y]}
+        for key, value in (self.origin | placement_entry).items():
+            reader.header.source.setdefault(key, value)
+        return reader
+
+    def build_virtual_bench(self, source: SourceRequest) -> VirtualBench:
+        """Return the virtual probe with the deviations of --built."""
+        scene = express_by_outer_radius(self.scene)
+        new_values = dict(_read_change(scene, text) for text in source.built)
+        return VirtualBench(self.scene, scene.replace(new_values), self.bench, seed=source.seed)
+
+
+def get_reading_limits() -> ReadLimits:
+    """Return --memory and --time as limits for reading a recording."""
+    return ReadLimits(get_limits().memory, get_limits().seconds)
+
+
+def hash_raw_data(samples: Samples, recording: Path | None) -> Raw:
+    """Return the hash of a reading's raw data: of its file, or of index and volts if there is no file."""
+    file = (
+        None
+        if recording is None
+        else next((written_file for written_file in _list_written_files(recording) if written_file.exists()), None)
+    )
+    if file is not None:
+        return Raw(compute_sha256(file), file.name)
+    return Raw(hashlib.sha256(samples.index.astype("<i8").tobytes() + samples.volts.astype("<f8").tobytes()).hexdigest())
+
+
+def _list_written_files(path: Path) -> tuple[Path, ...]:
+    """Return a recording's file, and for HDF5 also the file that holds its raw bytes until it is complete."""
+    return (path, raw_recording_path(path)) if path.suffix.lower() in HDF5_SUFFIXES else (path,)
+
+
+def describe_device(samples: Samples) -> str:
+    """Return transport, serial number and firmware of the device in one line."""
+    return ", ".join(f"{key} {value}" for key, value in samples.source.items() if key in ("transport", "serial", "firmware"))
+
+
+def _open_virtual(signals: Callable[[Floats], Floats], pace: bool) -> Reader:
+    return Reader.open(make_virtual_probe(signals, SAMPLE_RATE_HZ, channels=CHANNEL_COUNT, scale=VOLTS_PER_COUNT, pace=pace))
+
+
+def _read_change(scene: Scene, text: str) -> tuple[str, float]:
+    """Return key and value, SI, of a text of --built such as "probe.gap=0.12 mm"."""
+    key, _, value = text.partition("=")
+    names = [name for name in list_values(scene) if name.startswith("probe.")]
+    if key.strip() not in names:
+        raise InputError("built", text, f"KEY=VALUE with a key that is {describe_choices(key.strip(), names)}")
+    if key.strip().endswith("poisson_ratio"):
+        return key.strip(), read_number("built", value, "a number from 0 to below 0.5")
+    return key.strip(), (MODULUS_QUANTITY if key.strip().endswith("modulus") else LENGTH_QUANTITY).read("built", value.strip())

@@ -1,0 +1,80 @@
+"""The commands by name: group in the help text, request, and a description of one line.
+
+They are stated here, and tested against the requests, so that ``probe-design --help`` imports no request.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from probe_design.commands.request import Request
+
+
+@dataclass(frozen=True)
+class CommandName:
+    """A command in the help text.
+
+    Attributes:
+        group: heading under which it stands.
+        request: module of this package and class, "maps:ScanRequest"; "" for a command that consists of others.
+        summary: description of one line, at most ``MAX_SUMMARY_LENGTH`` characters.
+    """
+
+    group: str
+    request: str
+    summary: str
+
+    def load_request(self) -> type[Request]:
+        """Import the request."""
+        module, _, name = self.request.partition(":")
+        request: type[Request] = getattr(import_module(f"probe_design.commands.{module}"), name)
+        return request
+
+
+MAX_SUMMARY_LENGTH = 61  # so that it stands beside the longest name within 80 columns
+MODEL, DESIGN, BENCH, CATALOGUE = "Model", "Design", "Bench", "Catalogue and records"
+COMMANDS = {
+    "evaluate": CommandName(MODEL, "evaluate:EvaluateRequest", "Film stresses, their ratio and its sensitivity to the tumour."),
+    "plan": CommandName(MODEL, "evaluate:PlanRequest", "Which model reaches an accuracy, and what it neglects."),
+    "curve": CommandName(MODEL, "evaluate:CurveRequest", "Ratio and sensitivity over the tumour's Young's modulus."),
+    "load": CommandName(MODEL, "maps:LoadRequest", "Ratio and the gap between the blocks under rising loads."),
+    "scan": CommandName(MODEL, "maps:ScanRequest", "Readings of the probe along a line over the tissue."),
+    "detectability": CommandName(MODEL, "maps:DetectabilityRequest", "Which tumours are detected, over depth and diameter."),
+    "estimate": CommandName(MODEL, "estimate:EstimateRequest", "Modulus, diameter or depth from readings."),
+    "tradeoff": CommandName(MODEL, "tradeoff:TradeoffRequest", "Time and error of every evaluator on your scenes."),
+    "optimize": CommandName(DESIGN, "optimize:OptimizeRequest", "Search a better probe, verify it and export it."),
+    "sweep": CommandName(DESIGN, "sweep:SweepRequest", "Evaluate thousands of designs, each once."),
+    "tolerances": CommandName(DESIGN, "evaluate:TolerancesRequest", "Effect of manufacturing tolerances on the ratio."),
+    "export": CommandName(DESIGN, "export:ExportRequest", "Write the files that a workshop needs."),
+    "read": CommandName(BENCH, "hardware:ReadRequest", "Read a built probe under a sinusoidal load."),
+    "calibrate": CommandName(BENCH, "hardware:CalibrateRequest", "Determine gains, cross-talk and offsets of a built probe."),
+    "check": CommandName(BENCH, "hardware:CheckRequest", "Compare a built probe with its drawing."),
+    "doctor": CommandName(BENCH, "hardware:DoctorRequest", "What is installed, connected and permitted; test a probe."),
+    "tissue": CommandName(CATALOGUE, "", "List and show built-in tissues."),
+    "tissue list": CommandName("", "catalogue:TissueListRequest", "List the built-in tissues."),
+    "tissue show": CommandName("", "catalogue:TissueShowRequest", "Print the [tissue] table of one for a scene file."),
+    "material": CommandName(CATALOGUE, "", "List and show built-in materials."),
+    "material list": CommandName("", "catalogue:MaterialListRequest", "List the built-in materials."),
+    "material show": CommandName("", "catalogue:MaterialShowRequest", "Print the table of one for a scene file."),
+    "rerun": CommandName(CATALOGUE, "rerun:RerunRequest", "Repeat the command that made a file; compare the numbers."),
+}
+GROUP_HELP = {
+    "tissue": """
+    List and show built-in tissues: breast, forearm, a phantom; every number with its source.
+
+    \b
+    probe-design tissue list
+    probe-design tissue show breast       the [tissue] table for a scene file
+    """,
+    "material": """
+    List and show built-in materials: block elastomers, base plastics and metals, films, recipes; every number with its source.
+
+    \b
+    probe-design material list
+    probe-design material show dragon-skin-30       the [probe.inner] table for a scene file
+    probe-design material show ecoflex-00-10 --thinner 0.3
+    """,
+}

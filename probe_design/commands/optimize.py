@@ -1,0 +1,271 @@
+"""The command `optimize`: search a better probe for the tumours of a design file or for the tumour of a scene."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from pydantic import Field
+
+from geometry.common.errors import InputError, Words
+from geometry.scenes.probe import Length
+from geometry.scenes.scene import Scene
+from probe_design.commands.fields import Force, LimitedRequest, Noise
+from probe_design.commands.output import print_json, report_assumed_sizes
+from probe_design.commands.request import Option, use_request
+from probe_design.data.noise import DEFAULT_NOISE
+
+if TYPE_CHECKING:
+    from probe_design.design_search.design_source import DesignSource
+    from probe_design.design_search.outcome import PopulationOptimum
+    from probe_design.optimisation.optimum import Optimum
+    from probe_design.populations.design_file import Design
+
+SCENE_OPTIONS = ("outer_radius", "starts", "evaluator", "noise")  # a design file states these by its own keys
+UNASKED_FIELDS = {
+    "design",
+    "output",
+    "force",
+    "template",
+    "pareto",
+    "as_json",
+    "quiet",
+    "time",
+    "memory",
+}  # results do not depend on these
+Stages = Callable[[str, int, int], None]
+
+
+class OptimizeRequest(LimitedRequest):
+    """Find a better probe for a DESIGN file's tumours or for a SCENE's tumour, verify it by finite elements, and export it.
+
+    A DESIGN file (--template prints one) describes the tumours and their tissue, the readings and their noise, the limits, and
+    the design variables: dimensions, moduli, materials that can be bought. The probe that detects most of
+    them, or resolves most, is searched by formulas, refined and verified by finite elements on tumours that were not used in
+    the search. Without a file, a built-in design file is used, which starts at the paper's probe. Every result states the
+    probability of detection by the ratio alone, by the stiffness alone and by both. A gain counts if it is above twice its error.
+    If there is none, the initial design is exported, and the exit code is 1.
+
+    For a SCENE the standard deviation of ln E_object of its one tumour is improved. The search varies inner radius, A2/A1,
+    gap, height and both moduli by formulas; the ten best designs are verified by finite elements, the best three of them
+    refined with exact derivatives. A gain counts if it is above what the errors of both designs can cause.
+
+    \b
+    Limits for a SCENE, each extended to the initial design if that lies outside:
+      outer radius   --outer-radius, and 0.95 of the tissue's radius or half its breadth
+      inner radius   0.5 mm or more, and 0.55 groove widths
+      wall           0.5 mm or more, of the outer block
+      A2/A1          0.05 to 20
+      gap            0.1 mm to 0.5 mm
+      height         1 mm to 20 mm, and 1.25 groove depths
+      moduli         10 kPa to 1 MPa, of each block
+    SCENE's load is an upper limit. In the search each design has the largest load that is within this limit, changes the ratio by
+    at most 1 % through finite strain, and is at most 1/20 of the force that closes the gap. Where SCENE's load is above that,
+    contact evaluates the initial design and the candidates under the best load up to it (one tumour on the axis), with an open
+    gap and up to half an outer radius deep. The table lists the active limits, the limit of the force, and the effect of more
+    load.
+    """  # noqa: D301
+
+    design: Annotated[
+        Path | None, Option("File of a design or scene.", is_argument=True, metavar="[SCENE | DESIGN]", keyword=False)
+    ] = None
+    output: Annotated[Path | str | None, Option("Folder for the design, STEP files and report.", "-o/--output")] = None
+    template: Annotated[
+        bool, Option("Print a design file with every key, its default and its meaning, and exit.", keyword=False)
+    ] = False
+    pareto: Annotated[
+        tuple[Literal["outer_radius", "force", "positions"], ...],
+        Option("With a DESIGN file: compute how the objective improves as this limit grows; may be repeated.", keyword=False),
+    ] = ()
+    outer_radius: Annotated[
+        Length | None,
+        Option("Limit of the probe's outer radius, such as '8 mm'.", left_out="1.4 times the start's"),
+    ] = None
+    starts: Annotated[int, Field(ge=1, le=100), Option("Local searches for a SCENE.")] = 8
+    evaluator: Annotated[
+        str | None,
+        Option(
+            "Verifies and refines: axisymmetric or equivalent-inclusion.",
+            left_out="chosen by the scene",
+            words=("axisymmetric", "equivalent-inclusion"),
+        ),
+    ] = None
+    noise: Noise = DEFAULT_NOISE
+    force: Force = False
+
+    def run(self) -> None:
+        """Search, verify, write the files and report; exit with 1 where no gain counts."""
+        from probe_design.design_search.design_source import read_design_source
+        from probe_design.populations.design_file import Design
+
+        if self.template:
+            from probe_design.design_search.template import build_design_template
+
+            print(build_design_template(), end="")
+            return
+        if self.output is None:
+            raise InputError("output", Words("missing"), "-o DIR, the folder for the design, its parts and the report")
+        start, folder = read_design_source(self.design), Path(self.output)
+        if isinstance(start, Design):
+            given = (key for key in SCENE_OPTIONS if key in self.model_fields_set)
+            refuse_options({key.replace("_", "-"): getattr(self, key) for key in given})
+            self._optimize_population(start, folder)
+        elif self.pareto:
+            raise InputError("pareto", ", ".join(self.pareto), "none for a scene: fronts are a design file's")
+        else:
+            self._optimize_scene(start, folder)
+
+    def _optimize_population(self, design: Design, folder: Path) -> None:
+        from probe_design.design_report.report import compute_maps, write_all
+        from probe_design.design_report.table import build_table
+        from probe_design.design_search.optimize import optimize as run
+        from probe_design.design_search.pareto import compute_front
+        from probe_design.terminal.console import show_stages, show_table, write_message
+
+        question_digest = self._check_output(design, folder)
+        with show_stages() as progress:
+            optimum = run(design, progress)
+            maps = compute_maps(optimum)
+            fronts = tuple(compute_front(design, quantity, partial(progress, f"front: {quantity}")) for quantity in self.pareto)
+            files = write_all(optimum, folder, progress, maps, fronts, force=self.force, asking=question_digest)
+        if self.as_json:
+            import json
+
+            print_json(json.loads((folder / "optimize.json").read_text(encoding="utf-8")))
+        else:
+            show_table(build_table(optimum, maps))
+            write_message(f"search: {optimum.how}")
+            write_message(f"error of the detection: {optimum.best.judgement.error_note}")
+            _report_files(folder, files)
+        _conclude(optimum.verdict, optimum.status, optimum.warnings)
+
+    def _optimize_scene(self, start: Scene, folder: Path) -> None:
+        from probe_design.optimisation.comparison import build_comparison_table
+        from probe_design.optimisation.optimize import optimize as run
+        from probe_design.optimisation.report import build_summary, write_all
+        from probe_design.terminal.console import show_stages, show_table, warn
+        from probe_design.workshop.package import list_missing_films
+
+        question_digest = self._check_output(start, folder)
+        with show_stages() as progress:
+            optimum = run(
+                start, progress, outer_radius=self.outer_radius, starts=self.starts, judge=self.evaluator, noise=self.noise
+            )
+            files = write_all(optimum, folder, progress, force=self.force, question=question_digest)
+        if self.as_json:
+            print_json(build_summary(optimum, files))
+        else:
+            show_table(build_comparison_table(optimum))
+            report_assumed_sizes(optimum.best.scene.probe)
+            warn(list_missing_films(optimum.best.scene.probe))
+            _report_files(folder, files)
+        _conclude(optimum.verdict, optimum.status, optimum.remarks)
+
+    def _check_output(self, start: Scene | Design, folder: Path) -> str:
+        """Check the output folder and CAD before the search rather than after it.
+
+        Returns a digest of the scene or design, and of every option that the result depends on.
+        """
+        from importlib.metadata import version
+
+        from geometry.cad.parts_record import check_same_question
+        from geometry.cad.solids import load_cadquery
+        from geometry.common.files import check_writable
+        from geometry.provenance.digest import compute_digest
+
+        tables, options = (model.model_dump(mode="json", exclude_none=True) for model in (start, self))
+        asked = {key: value for key, value in options.items() if key not in UNASKED_FIELDS}
+        question_digest = compute_digest({"asked": tables, "version": version("probe-design"), **asked})
+        check_writable(folder)
+        if not self.force:
+            check_same_question(folder, question_digest)
+        load_cadquery()
+        return question_digest
+
+
+@use_request(OptimizeRequest)
+def optimize(
+    design: DesignSource = None, *, output: Path | str | None = None, outer_radius: float | None = None,
+    starts: int = 8, evaluator: str | None = None, noise: float = DEFAULT_NOISE, force: bool = False,
+    progress: Stages | None = None,
+) -> Optimum | PopulationOptimum:  # fmt: skip
+    """Find a better probe for the tumours of a design file or for the tumour of a scene, and verify it by finite elements.
+
+    The load of a scene is an upper limit. Where it is beyond linear elasticity, ``contact`` evaluates each design under the best
+    load up to that limit. A design file states by its own keys what ``outer_radius`` to ``noise`` state for a scene.
+
+    Parameters
+    ----------
+    design : Design, mapping, Scene, or the name of a file; default: the built-in design file
+        Design, the tables of a design file, or the initial scene.
+    progress : callable, optional
+        Called with the name of a stage, the number of steps done and their total.
+
+    Returns:
+    -------
+    Optimum or PopulationOptimum
+        The initial design, all verified designs and the best; ``status`` states whether there is a gain.
+
+    Raises:
+    ------
+    InputError
+        No target, a load of 0, no allowed design, no such evaluator; or ``output`` holds another design.
+    Refusal
+        The closed form or the verifying evaluator cannot model the scene.
+    """
+    from geometry.common.files import check_writable
+    from probe_design.design_search.design_source import read_design_source
+
+    tell, start = progress or ignore_stage, read_design_source(design)
+    folder = None if output is None else Path(output)
+    if folder is not None:
+        check_writable(folder)
+    if isinstance(start, Scene):
+        from probe_design.optimisation.optimize import optimize as run
+        from probe_design.optimisation.report import write_all
+
+        optimum = run(start, tell, outer_radius=outer_radius, starts=starts, judge=evaluator, noise=noise)
+        if folder is not None:
+            write_all(optimum, folder, tell, force=force)
+        return optimum
+    from probe_design.design_report.report import compute_maps
+    from probe_design.design_report.report import write_all as write_design
+    from probe_design.design_search.optimize import optimize as optimize_design
+
+    settings = {"outer_radius": outer_radius, "starts": starts, "evaluator": evaluator, "noise": noise}
+    refuse_options({key: value for key, value in settings.items() if value != OptimizeRequest.model_fields[key].default})
+    population_optimum = optimize_design(start, tell)
+    if folder is not None:
+        write_design(population_optimum, folder, tell, compute_maps(population_optimum), force=force)
+    return population_optimum
+
+
+def refuse_options(options: dict[str, object]) -> None:
+    """Refuse options that do not apply to a design file."""
+    for key, value in options.items():
+        raise InputError(key, value, "none for a design file, whose tables say it")
+
+
+def ignore_stage(stage: str, done: int, total: int) -> None:
+    """Accept a progress report and discard it."""
+
+
+def _report_files(output: Path, files: Sequence[Path]) -> None:
+    """Report the files written, and the command that exports them for the workshop."""
+    from probe_design.reporting.workshop_command import build_export_command
+    from probe_design.terminal.console import write_message
+
+    write_message(f"wrote {len(files)} files to {output}; begin with {output / 'report.html'}")
+    write_message(f"for the workshop: {build_export_command(output)}")
+
+
+def _conclude(verdict: str, status: str, warnings: Iterable[str]) -> None:
+    """Report warnings and verdict; exit code 1 where there is no gain."""
+    from probe_design.terminal.console import warn, write_message
+
+    warn(warnings)
+    write_message(verdict)
+    if status == "no-gain":
+        raise SystemExit(1)

@@ -1,0 +1,113 @@
+"""Generate the click command of a request: options and arguments with their types, defaults and help."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Literal, get_args, get_origin
+
+import click
+from click.core import ParameterSource
+from pydantic.fields import FieldInfo
+
+from geometry.common.errors import InputError
+from geometry.common.resources import use_limits
+from probe_design.commands.request import Request, find_option, find_range, find_types, format_default, list_fields
+from probe_design.terminal.console import use_quiet
+
+RECORDED_SETTINGS = ("evaluator", "accuracy", "seed")  # options with an entry of their own in a block of provenance
+
+
+class FileName(click.Path):
+    """The name of a file or folder in UTF-8, as libraries, records and pages cannot store any other."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the path. An empty name is refused, as it would otherwise mean the current folder."""
+        key = "path" if param is None else get_label(param)
+        try:
+            value.encode()
+        except UnicodeEncodeError:  # bytes that are not UTF-8, as Python represents them
+            raise InputError(key, value, "the name of a file or folder, in UTF-8") from None
+        if not value:
+            raise InputError(key, value, "the name of a file or folder")
+        return super().convert(value, param, ctx)
+
+
+def build_command(name: str, request: type[Request], summary: str) -> click.Command:
+    """Return the command of a request, which checks the options, records the command line, and runs the request."""
+
+    def run(**_: object) -> None:
+        context = click.get_current_context()
+        given = {
+            key: value
+            for key, value in context.params.items()
+            if context.get_parameter_source(key) not in (ParameterSource.DEFAULT, ParameterSource.DEFAULT_MAP)
+        }
+        run_request(request.build(given, {str(parameter.name): get_label(parameter) for parameter in context.command.params}))
+
+    parameters = [build_parameter(key, field) for key, field in list_fields(request).items()]
+    return click.Command(name, callback=run, params=parameters, help=request.__doc__, short_help=summary)
+
+
+def run_request(request: Request) -> None:
+    """Run a request under its limits; what it makes records the command line."""
+    from geometry.provenance.block import record_command
+
+    scene = getattr(request, "scene", None)
+    settings = {name: getattr(request, name) for name in RECORDED_SETTINGS if getattr(request, name, None) is not None}
+    with (
+        record_command(sys.argv[1:], scene if isinstance(scene, Path) else None, **settings),
+        use_limits(request.limits),
+        use_quiet(request.quiet),
+    ):
+        request.run()
+
+
+def get_label(parameter: click.Parameter) -> str:
+    """Return the longest name of a parameter, without dashes."""
+    return max(parameter.opts, key=len).lstrip("-")
+
+
+def build_parameter(name: str, field: FieldInfo) -> click.Parameter:
+    """Return the option or argument of a field. Texts with units stay texts, which the request reads."""
+    option, types = find_option(field), find_types(field)
+    is_multiple = any(get_origin(part) is tuple for part in (field.annotation, *get_args(field.annotation)))
+    default = format_default(field)
+    if option.is_argument:
+        return click.Argument(
+            [name],
+            type=_choose_type(types, field),
+            required=field.is_required(),
+            nargs=-1 if is_multiple else 1,
+            metavar=option.metavar,
+        )
+    names = option.names.split("/") if option.names else [f"--{name.replace('_', '-')}"]
+    if bool in types:
+        return click.Option([*names, name], is_flag=True, help=option.help)
+    has_default = bool(default) and not option.left_out
+    return click.Option(
+        [*names, name],
+        type=_choose_type(types, field),
+        multiple=is_multiple,
+        required=field.is_required(),
+        default=default if has_default else None,
+        show_default=has_default,
+        metavar=option.metavar,
+        shell_complete=_complete_words(option.words) if option.words else None,
+        help=option.help if has_default or not default else f"{option.help}  [default: {default}]",
+    )
+
+
+def _choose_type(types: list[Any], field: FieldInfo) -> click.ParamType[Any]:
+    """Return click's type of a field's words."""
+    for part in types:
+        if get_origin(part) is Literal:
+            return click.Choice(get_args(part))
+    if int in types:
+        return click.IntRange(*find_range(field))
+    return FileName(path_type=Path) if Path in types else click.STRING
+
+
+def _complete_words(words: tuple[str, ...]) -> Callable[[click.Context, click.Parameter, str], list[str]]:
+    return lambda context, parameter, prefix: [word for word in words if word.startswith(prefix)]
