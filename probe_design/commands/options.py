@@ -14,7 +14,6 @@ from pydantic.fields import FieldInfo
 from geometry.common.errors import InputError
 from geometry.common.resources import use_limits
 from probe_design.commands.request import Request, find_option, find_range, find_types, format_default, list_fields
-from probe_design.terminal.console import use_quiet
 
 RECORDED_SETTINGS = ("evaluator", "accuracy", "seed")  # options with an entry of their own in a block of provenance
 
@@ -53,6 +52,7 @@ def build_command(name: str, request: type[Request], summary: str) -> click.Comm
 def run_request(request: Request) -> None:
     """Run a request under its limits; what it makes records the command line."""
     from geometry.provenance.block import record_command
+    from probe_design.terminal.console import use_quiet
 
     scene = getattr(request, "scene", None)
     settings = {name: getattr(request, name) for name in RECORDED_SETTINGS if getattr(request, name, None) is not None}

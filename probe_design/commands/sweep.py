@@ -20,7 +20,7 @@ class SweepRequest(Request):
     is stored too, with the reason. A design that a limit stopped is evaluated again under a larger limit.
     """
 
-    sweep: Annotated[Path, Option("File of a sweep.", is_argument=True)]
+    sweep: Annotated[Path, Option("File of a sweep.", is_argument=True, keyword=False)]
     output: Annotated[Path, Option("Folder for store, log and results.", "-o/--output")]
     scheduler: Annotated[str | None, Option("Dask scheduler to run on, such as tcp://host:8786.", metavar="ADDRESS")] = None
     workers: Annotated[

@@ -72,7 +72,7 @@ def test_functions_say_what_they_take() -> None:
         text = inspect.getdoc(function)
         assert text is not None
         for parameter in inspect.signature(function).parameters.values():
-            assert re.search(rf"^ *{parameter.name}(:|$)", text, re.MULTILINE), (name, parameter.name)
+            assert re.search(rf"^ *{parameter.name}(:|$| : )", text, re.MULTILINE), (name, parameter.name)
             if parameter.name in ("progress", "tell"):
                 assert parameter.default is None
 

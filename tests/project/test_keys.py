@@ -1,10 +1,10 @@
-"""The page of the scene file's keys is what the models say, and says something of each."""
+"""The pages of keys and commands are what the models say, and say something of each."""
 
 from __future__ import annotations
 
 import re
 
-from docs import make_design_keys
+from docs import make_commands, make_design_keys
 from docs.make_keys import PAGE, page
 from geometry.scenes.scene_file import read_scene, scene_to_dict
 from probe_design.populations.design_file import DESIGN_SECTIONS, Design
@@ -24,6 +24,10 @@ def test_page_of_design_files_is_what_its_script_prints_and_says_something_of_ea
     for section in DESIGN_SECTIONS:
         model = Design.model_fields[section].annotation
         assert [key for key in model.model_fields if key != "layer" and not descriptions.get(key)] == []
+
+
+def test_page_of_commands_is_what_its_script_prints() -> None:
+    assert make_commands.PAGE.read_text(encoding="utf-8") == make_commands.page(), "run python docs/make_commands.py"
 
 
 def test_every_key_has_a_meaning_and_a_range() -> None:

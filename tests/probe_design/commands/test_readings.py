@@ -132,10 +132,10 @@ def test_read_predicts_before_the_board_starts(monkeypatch: pytest.MonkeyPatch) 
 def test_rate_and_columns_beside_a_recording_of_ours_are_the_device_s(devices: Devices, tmp_path: Path) -> None:
     devices([GOOD])
     live = ReferenceRequest(device="usb", seconds=5.0, record=tmp_path / "run.probe")
-    with live.build_openers(lambda: (), 1, pace=False)[0]() as reader:
+    with build_openers(live, lambda: (), 1, pace=False)[0]() as reader:
         reader.collect(5.0, live.record)
     source = ReferenceRequest(device="usb", replay=(tmp_path / "run.probe",), rate="1 kHz", column=("force=4",))
-    with source.build_openers(lambda: (), 2, pace=False)[0]() as reader:
+    with build_openers(source, lambda: (), 2, pace=False)[0]() as reader:
         assert len(reader.collect(5.0)) == 2500
 
 

@@ -33,7 +33,7 @@ def test_a_load_that_is_printed_is_allowed(exact: tuple[float, float]) -> None:
 def test_each_stage_has_one_row(monkeypatch: pytest.MonkeyPatch) -> None:
     """The first one had two, of which one was never done."""
     stream = StringIO()
-    monkeypatch.setattr(console, "_find_terminal", lambda: Console(file=stream, force_terminal=True, width=80))
+    monkeypatch.setattr(console, "find_terminal", lambda: Console(file=stream, force_terminal=True, width=80))
     with show_stages() as progress:
         for stage in ("first", "second"):
             for done in range(3):

@@ -114,7 +114,7 @@ def test_following_shows_numbers(
     predicted = predict_scene(scene(), 0.01)
     screen = StringIO()
     console = Console(file=screen, force_terminal=terminal, width=width, height=40)
-    monkeypatch.setattr("probe_design.terminal.live.make_console", lambda: console)
+    monkeypatch.setattr("probe_design.terminal.live.find_terminal", lambda: console if terminal else None)
     samples = sampled(build_signals(BuiltProperties(), BENCH, scene(), films(shares().log_ratios)[3], 1))
     with show_live(lambda part: compare_reading(measure_reading(part, BENCH), scene(), BENCH, predicted)) as show:
         show(samples)

@@ -1,0 +1,142 @@
+"""One description of each command: options, Python keywords, checks, help and names agree with its request."""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any
+
+import click
+import pytest
+
+import probe_design
+from geometry.common.errors import InputError
+from probe_design.commands.evaluate import EvaluateRequest
+from probe_design.commands.main import cli
+from probe_design.commands.names import COMMANDS
+from probe_design.commands.request import list_keywords
+from tests.support.paths import SCENE
+from tests.support.program import refused, run, started
+
+FACE = {name: COMMANDS[name].load_request() for name in probe_design.__all__ if name in COMMANDS}
+# what Python has in place of options: arrays for ends and numbers, objects for files, functions for progress; and limits
+PYTHON_ONLY = {
+    "curve": {"scene", "moduli", "tell", "limits"},
+    "detectability": {"depths", "diameters", "progress"},
+    "estimate": {"readings", "nuisances"},
+    "evaluate": {"scene", "tell", "limits"},
+    "export": {"progress"},
+    "load": {"scene", "force", "indentation", "tell", "limits"},
+    "optimize": {"design", "progress"},
+    "plan": {"scene", "solid"},
+    "scan": {"positions", "progress"},
+    "sweep": {"specification", "progress", "notice"},
+}
+
+
+@pytest.mark.parametrize("name", FACE)
+def test_keywords_are_those_of_the_request(name: str) -> None:
+    parameters = inspect.signature(getattr(probe_design, name)).parameters
+    fields = list_keywords(FACE[name])
+    assert parameters.keys() == fields.keys() | PYTHON_ONLY[name]
+    for key, field in fields.items():
+        default = parameters[key].default
+        assert field.is_required() if default is inspect.Parameter.empty else field.default == default, key
+
+
+@pytest.mark.parametrize("name", ["scan", "detectability", "estimate", "export", "optimize"])
+def test_help_in_python_is_that_of_the_options(name: str) -> None:
+    text = inspect.getdoc(getattr(probe_design, name)) or ""
+    options = {option.name: option for option in command(name).params if isinstance(option, click.Option)}
+    for key in list_keywords(FACE[name]).keys() & options.keys():
+        help_text = (options[key].help or "").partition("  [default")[0]
+        assert help_text in text, key
+
+
+@pytest.mark.parametrize(
+    ("function", "keywords", "words"),
+    [
+        ("scan", {"along": "z"}, "along = 'z': allowed: 'x' or 'y'"),
+        ("scan", {"accuracy": 2}, "accuracy = 2: allowed: a number above 0 and below 1"),
+        ("scan", {"at": 20.0}, "at = 20.0: allowed: a position with its unit, such as '5 mm', from -10000 mm to 10000 mm"),
+        ("detectability", {"points": 1}, "points = 1: allowed: a whole number from 2 to 300"),
+        ("detectability", {"seen": "300 %"}, "seen = '300 %': allowed: a number above 0, in multiples of the noise"),
+        ("estimate", {"ratio": 0.5, "noise": 0.0}, "noise = 0.0: allowed: from 1e-06 to 10"),
+        ("export", {"output": "out", "step": "1 kPa"}, "step = '1 kPa': allowed: a length with its unit"),
+        ("optimize", {"starts": 0}, "starts = 0: allowed: a whole number from 1 to 100"),
+    ],
+)
+def test_python_refuses_what_the_command_line_refuses(function: str, keywords: dict[str, Any], words: str) -> None:
+    subject = {} if function == "optimize" else {"scene": SCENE}
+    with pytest.raises(InputError) as refusal:
+        getattr(probe_design, function)(**subject, **keywords)
+    assert str(refusal.value).startswith(words)
+
+
+def test_python_takes_texts_with_units() -> None:
+    scanned: Any = probe_design.scan(SCENE, positions=[0.0], at="1 mm", accuracy="10 %")  # type: ignore[arg-type]
+    assert scanned.at == 1e-3
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (
+            ("detectability", SCENE, "--seen", "300%"),
+            "seen = '300%': allowed: a number above 0, in multiples of the noise (3 for ",
+        ),
+        (("curve", SCENE, "--from", "1 MPa", "--to", "1 kPa"), "to = '1 kPa': allowed: a modulus above from = '1 MPa'"),
+        (("scan", SCENE, "--from", "5 mm", "--to", "5 mm"), "to = 5 mm: allowed: a position above from = 5 mm"),
+        (("detectability", SCENE, "--depth-to", "5"), "depth-to = '5': allowed: a length with its unit, such as '5 mm', from "),
+        (("read", "--virtual", "--seconds", "0"), "seconds = '0': allowed: a number of seconds above 0, up to 1e6"),
+        (("optimize", SCENE), "output = missing: allowed: -o DIR, the folder for"),
+    ],
+)
+def test_an_option_is_refused_by_its_name_with_what_is_allowed(words: tuple[str, ...], line: str) -> None:
+    assert refused(*words).startswith(f"probe-design: {line}")
+
+
+def command(name: str) -> click.Command:
+    context, found = click.Context(cli), cli.get_command(click.Context(cli), name.split()[0])
+    for part in name.split()[1:]:
+        assert isinstance(found, click.Group)
+        found = found.get_command(context, part)
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_each_command_has_a_line_and_each_option_a_sentence(name: str) -> None:
+    summary = COMMANDS[name].summary
+    assert command(name).short_help == summary
+    assert summary.endswith(".")
+    assert all(parameter.help for parameter in command(name).params if isinstance(parameter, click.Option))
+
+
+def test_help_lists_each_command_in_one_line_of_80_columns_below_its_group(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    lines = run("--help").stdout.splitlines()
+    assert max(map(len, lines)) <= 80
+    headings = [line.removesuffix(":") for line in lines if line.endswith(":") and not line.startswith(" ")]
+    assert headings == ["Options", "Model", "Design", "Bench", "Catalogue and records"]
+    for name, entry in COMMANDS.items():
+        assert " " in name or f"  {name:13}  {entry.summary}" in lines
+
+
+def test_quiet_leaves_results_and_warnings(tmp_path: Any) -> None:
+    words = ("sweep", SCENE.parent / "sweep.toml", "--workers", "1")
+    noisy, quiet = (started(*words, "-o", tmp_path / str(k), *options) for k, options in enumerate(((), ("--quiet",))))
+    assert "wrote results.csv" in noisy.stderr
+    assert (quiet.returncode, quiet.stderr) == (0, "")
+    assert quiet.stdout == noisy.stdout != ""
+    loaded = tmp_path / "loaded.toml"
+    loaded.write_text(SCENE.read_text().replace('force = "', 'force = "1'))
+    warned = run("evaluate", loaded, "--evaluator", "closed-form", "--quiet")
+    assert "probe-design: warning: " in warned.stderr
+    assert all(line.startswith("probe-design: warning: ") for line in warned.stderr.splitlines())
+
+
+def test_a_request_is_frozen() -> None:
+    request = EvaluateRequest.build({"scene": SCENE, "accuracy": "1 %"})
+    assert request.accuracy == 0.01
+    with pytest.raises(ValueError, match="frozen"):
+        request.accuracy = 0.1  # type: ignore[misc]
