@@ -18,11 +18,11 @@ HEAD = """\
 # Commands
 
 `probe-design COMMAND --help` prints the same. A quantity is a text with its unit, `"5 mm"`, `"1 kPa"`; fractions may be
-percentages. `--json` prints one JSON object on standard output, everything else goes to standard error. The exit code is 0 if all is
-well, 1 after a failure or a negative result, 2 for bad input. Options without a value are flags.
+percentages. `--json` prints one JSON object on standard output, everything else goes to standard error. The exit code is 0 if all
+is well, 1 after a failure or a negative result, 2 for bad input. Options without a value are flags.
 
-In Python, `probe_design` has functions of the same names, whose keywords are marked in the tables (numbers then in SI units); arrays
-stand in place of `--from`, `--to` and the like, see `help(probe_design.scan)`.
+In Python, `probe_design` has functions of the same names, whose keywords are marked in the tables (numbers then in SI units);
+arrays stand in place of `--from`, `--to` and the like, see `help(probe_design.scan)`.
 
 This page is what `python docs/make_commands.py` finds in the requests: run it after every change of theirs.
 """

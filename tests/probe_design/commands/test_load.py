@@ -48,7 +48,7 @@ def test_table_and_what_ends(tmp_path: Path) -> None:
         (("--to", "-1 N"), "above 0"),
         (("--to", "0 mm"), "above 0"),
         (("--to", "80 mm"), "less than the tissue's depth"),
-        (("--to", "0.1 N", "--accuracy", "2"), "accuracy = 2"),
+        (("--to", "0.1 N", "--accuracy", "2"), "accuracy = '2'"),
         (("--to", "0.1 N", "--plot", "x.doc"), "plot"),
     ],
 )
