@@ -86,12 +86,14 @@ def build_parameter(name: str, field: FieldInfo) -> click.Parameter:
     if bool in types:
         return click.Option([*names, name], is_flag=True, help=option.help)
     has_default = bool(default) and not option.left_out
+    # an option that is required has no default, not even None
+    default_options: dict[str, Any] = {"default": default, "show_default": True} if has_default else {}
     return click.Option(
         [*names, name],
         type=_choose_type(types, field),
         multiple=is_multiple,
         required=field.is_required(),
-        **({"default": default, "show_default": True} if has_default else {}),
+        **default_options,
         metavar=option.metavar,
         shell_complete=_complete_words(option.words) if option.words else None,
         help=option.help if has_default or not default else f"{option.help}  [default: {default}]",
