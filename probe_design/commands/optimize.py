@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from probe_design.populations.design_file import Design
 
 SCENE_OPTIONS = ("outer_radius", "starts", "evaluator", "noise")  # a design file states these by its own keys
-UNASKED_FIELDS = {
+IGNORED_FIELDS = {
     "design",
     "output",
     "force",
@@ -176,8 +176,8 @@ class OptimizeRequest(LimitedRequest):
         from geometry.provenance.digest import compute_digest
 
         tables, options = (model.model_dump(mode="json", exclude_none=True) for model in (start, self))
-        asked = {key: value for key, value in options.items() if key not in UNASKED_FIELDS}
-        question_digest = compute_digest({"asked": tables, "version": version("probe-design"), **asked})
+        settings = {key: value for key, value in options.items() if key not in IGNORED_FIELDS}
+        question_digest = compute_digest({"asked": tables, "version": version("probe-design"), **settings})
         check_writable(folder)
         if not self.force:
             check_same_question(folder, question_digest)
