@@ -32,7 +32,9 @@ from tests.support.sweeps import command, stored, toml, wait_for_rows
 DESIGNS, PATIENCE_S = 200, 120.0
 LOST_ROWS, STRAY_LINES = "lost rows", "stray lines"
 NOWHERE = ("tls://127.0.0.1:9", "ucx://127.0.0.1:9", "nowhere", "tcp://127.0.0.1:1", "")
-SLOW_SWEEP_SCRIPT = "from probe_design.__main__ import main; from probe_design.sweeps import run; run.BATCH_TIME_S = 0.02; main()"
+SLOW_SWEEP_SCRIPT = (
+    "from probe_design.__main__ import main; from probe_design.sweeps import batches; batches.BATCH_TIME_S = 0.02; main()"
+)
 VERBS = (
     ("evaluate", str(SCENE), "--json"), ("plan", str(SCENE)), ("export", str(SCENE), "-o", "OUT"), ("tradeoff", "-o", "OUT"),
     ("curve", str(SCENE), "--points", "5", "--plot", "OUT/curve.png"), ("read", str(SCENE), "--virtual", "--seconds", "3"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+PROVENANCE_FILE = "provenance.json"  # in the folder of a sweep that has ended
 _FORMULA_PREFIXES = tuple("=+-@\t\r\n＝＋－＠")  # a spreadsheet runs a text that begins with one of these as a formula
 
 
@@ -85,10 +87,7 @@ def dataset(folder: Path | str) -> xr.Dataset:
     if request["sample"]["kind"] == "grid":
         axes = [variable["values"] for variable in request["variables"]]
         shape = tuple(len(axis) for axis in axes)
-        count = 1
-        for length in shape:
-            count *= length
-        full_frame = frame.reindex(range(count))  # adds the designs that constraints excluded, without values
+        full_frame = frame.reindex(range(math.prod(shape)))  # adds the designs that constraints excluded, without values
         arrays = {name: (names, full_frame[name].to_numpy().reshape(shape)) for name in columns}
         labelled = xarray.Dataset(arrays, coords=dict(zip(names, axes, strict=True)))
     else:
@@ -104,7 +103,7 @@ def dataset(folder: Path | str) -> xr.Dataset:
 def read_provenance(folder: Path | str) -> Provenance:
     """Return the provenance of a finished sweep; while it runs, that of this process."""
     with suppress(InputError, ValueError, KeyError, TypeError):
-        block: Provenance = json.loads(read_text(Path(folder) / "provenance.json", "provenance"))["provenance"]
+        block: Provenance = json.loads(read_text(Path(folder) / PROVENANCE_FILE, "provenance"))["provenance"]
         return block
     return build_provenance()
 

@@ -39,7 +39,7 @@ MAX_CLOSED_FORM_DESIGNS = 128  # closed-form designs evaluated at once: more are
 MAX_CURVE_DESIGNS = 64  # moduli and loads of a design at once: more are hardly faster, and a kill may lose them
 # keys whose values the axisymmetric evaluator covers with one curve
 CURVE_KEYS = {("inclusion", 0, "youngs_modulus"), ("load", "force"), ("load", "indentation")}
-AUTO_EVALUATOR = "auto"
+AUTO_EVALUATOR, FORMULA_EVALUATOR = "auto", "closed-form"
 Design = tuple[Value, ...]  # values of the variables
 Row = dict[str, Any]
 T = TypeVar("T")
@@ -90,7 +90,7 @@ class Job:
         The closed form takes arrays of any designs. The finite elements compute all moduli of a single inclusion, and all loads,
         of one probe and tissue from one curve. Other designs have a key of their own.
         """
-        if self.evaluator == "closed-form":
+        if self.evaluator == FORMULA_EVALUATOR:
             return [()] * len(designs)
         if self.evaluator not in ("axisymmetric", AUTO_EVALUATOR) or len(self.base.get("inclusion", ())) > 1:
             return [*range(len(designs))]
@@ -100,7 +100,7 @@ class Job:
 
     def count_parts(self, designs: Sequence[Design]) -> list[int]:
         """Return the sizes of consecutive parts of ``designs`` that are evaluated together."""
-        max_designs = MAX_CLOSED_FORM_DESIGNS if self.evaluator == "closed-form" else MAX_CURVE_DESIGNS
+        max_designs = MAX_CLOSED_FORM_DESIGNS if self.evaluator == FORMULA_EVALUATOR else MAX_CURVE_DESIGNS
         runs = [len(list(run)) for _, run in groupby(self.group_designs(designs))]
         return [min(max_designs, run - first) for run in runs for first in range(0, run, max_designs)]
 
@@ -120,7 +120,7 @@ class Job:
         _catch_fault(lambda: build_scene(self.base, (), ()))
         if self.evaluator == evaluators.AUTO:
             import solver.planning.plan
-        elif self.evaluator == "closed-form":
+        elif self.evaluator == FORMULA_EVALUATOR:
             import solver.closed_form.evaluator  # noqa: F401
         else:
             evaluators.evaluator(self.evaluator)

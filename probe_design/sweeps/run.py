@@ -1,13 +1,12 @@
-"""Run a sweep: evaluate in batches every design that has no row in the store yet, even if workers die meanwhile."""
+"""Run a sweep: evaluate every design that has no row in the store yet."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import os
-from collections import defaultdict, deque
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from time import monotonic
@@ -16,14 +15,16 @@ from typing import TYPE_CHECKING, Any
 from geometry.common.errors import InputError
 from geometry.common.files import write_text
 from geometry.common.resources import Limits
-from geometry.processes.executor import Executor, ExecutorError, Outcome
+from geometry.processes.executor import Executor
 from geometry.processes.local_executor import LocalExecutor
 from geometry.provenance.block import build_provenance
 from geometry.scenes.scene import Scene
 from geometry.scenes.units import SI_CONTEXT
+from probe_design.sweeps import results
+from probe_design.sweeps.batches import BatchRun, Log, Task, order_tasks
 from probe_design.sweeps.file import Sweep, read_sweep, sweep_from_dict
-from probe_design.sweeps.progress import Progress, Tell, open_log
-from probe_design.sweeps.rows import MAX_CURVE_DESIGNS, Design, Job, Row, build_unanswered_row
+from probe_design.sweeps.progress import Tell, open_log
+from probe_design.sweeps.rows import Design, Job, Row
 from probe_design.sweeps.store import Store, StoreError, open_for_writing
 from probe_design.sweeps.variables import check_integer
 from solver.results.record import Record
@@ -31,13 +32,6 @@ from solver.results.record import Record
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
-
-BATCH_TIME_S = 0.5  # of work in a batch: some hundred times the cost of submitting it; a kill may lose it
-MAX_BATCH_DESIGNS = 2000  # designs in a batch, at most
-Log = Callable[[str], None]
-PROVENANCE_FILE = "provenance.json"
-FORMULA_EVALUATOR = "closed-form"
-MAX_WORKER_DEATHS = 2  # workers that may die with a design alone in its batch before it counts as failed
 
 
 @dataclass(frozen=True)
@@ -68,19 +62,11 @@ class SweepSummary(Record):
 
     def dataframe(self) -> pd.DataFrame:
         """Return all rows; see ``probe_design.sweeps.results.dataframe``."""
-        from probe_design.sweeps.results import dataframe
-
-        return dataframe(self.folder)
+        return results.dataframe(self.folder)
 
     def to_dataset(self) -> xr.Dataset:
-        """Return all rows with labels and units; the same as ``dataset``."""
-        return self.dataset()
-
-    def dataset(self) -> xr.Dataset:
         """Return all rows with labels and units; see ``probe_design.sweeps.results.dataset``."""
-        from probe_design.sweeps.results import dataset
-
-        return dataset(self.folder)
+        return results.dataset(self.folder)
 
 
 def sweep(
@@ -129,14 +115,13 @@ def sweep(
             log(f"forgets {forgotten} rows that smaller limits stopped, or kept from a finer result")
         if retry_failed:
             log(f"forgets {store.forget('failed')} failed rows")
-        tasks = _order_tasks(job, [Task(key, values, count) for count, values, key in store.find_missing()])
+        tasks = order_tasks(job, [Task(key, values, count) for count, values, key in store.find_missing()])
         log(f"begins: {total} designs, {len(tasks)} to be evaluated, version {job.version}")
         if tasks:
             processes = min(workers or _count_processors(), len(tasks))
-            with _open_executor(
-                job, scheduler, processes, limits=checked_sweep.limits, folder=folder, log=log_notice
-            ) as executor:
-                _SweepRun(store, executor, tell, log, total=total, seconds=checked_sweep.limits.seconds).process_tasks(tasks)
+            executor = _start_executor(job, scheduler, processes, limits=checked_sweep.limits, folder=folder, log=log_notice)
+            with closing(executor):
+                BatchRun(store, executor, tell, log, total=total, seconds=checked_sweep.limits.seconds).process_tasks(tasks)
         counts = store.count_rows()
         if sum(counts.values()) != total:
             raise StoreError(f"{folder}: the store has {sum(counts.values())} rows of {total} designs: start again")
@@ -151,7 +136,7 @@ def _write_provenance(summary: SweepSummary, sweep: Sweep) -> None:
     scene = Scene.model_validate(sweep.base, context=SI_CONTEXT)
     origin = build_provenance(scene, evaluator=sweep.evaluator, accuracy=sweep.accuracy, seed=sweep.sample.seed)
     counts = {name: getattr(summary, name) for name in ("designs", "left_out", "ok", "refused", "failed")}
-    write_text(summary.folder / PROVENANCE_FILE, json.dumps(counts | {"provenance": origin}, indent=2) + "\n")
+    write_text(summary.folder / results.PROVENANCE_FILE, json.dumps(counts | {"provenance": origin}, indent=2) + "\n")
 
 
 def _combine_logs(log: Log, notice: Log) -> Log:
@@ -162,130 +147,6 @@ def _combine_logs(log: Log, notice: Log) -> Log:
         notice(text)
 
     return log_both
-
-
-@dataclass(frozen=True)
-class Task:
-    """A design to be evaluated.
-
-    Attributes:
-        key: of its row.
-        values: of the variables.
-        count: number of identical designs.
-        deaths: number of workers that died with it.
-        group: number of a group that is evaluated together, in one batch; None where any designs can be.
-    """
-
-    key: bytes
-    values: Design
-    count: int = 1
-    deaths: int = 0
-    group: int | None = None
-
-
-Batch = tuple[Task, ...]
-
-
-class _SweepRun:
-    """One run of a sweep: gives batches to the executor and commits their rows."""
-
-    def __init__(
-        self, store: Store, executor: Executor[Design, Row], tell: Tell, log: Log, *, total: int, seconds: float
-    ) -> None:
-        self._store, self._executor, self._tell, self._log, self._total, self._seconds = (
-            store,
-            executor,
-            tell,
-            log,
-            total,
-            seconds,
-        )
-        self._start_time, self._counts = monotonic(), store.count_rows()
-        self._initial_count = sum(self._counts.values())
-        self._cost = BATCH_TIME_S  # seconds per row, as measured; the first batch is one design
-        self._batches: dict[int, Batch] = {}  # that workers have, by the executor's numbers
-
-    def process_tasks(self, tasks: list[Task]) -> None:
-        """Evaluate all tasks; return when each has a row."""
-        waiting, alone = deque(tasks), deque[Task]()
-        self._report()
-        while waiting or alone or self._batches:
-            while (waiting or alone) and self._executor.count_free() > 0:
-                batch = (alone.popleft(),) if alone else self._take_batch(waiting)
-                self._batches[self._executor.submit([task.values for task in batch])] = batch
-            finished = self._executor.collect(1.0)
-            self._store.check_file()
-            for number, outcome in finished:
-                unstarted, suspects = self._store_outcome(self._batches.pop(number), outcome)
-                waiting.extendleft(reversed(unstarted))
-                alone.extend(suspects)
-            self._report()
-
-    def _take_batch(self, waiting: deque[Task]) -> Batch:
-        """Take the next batch: half a second of work, less at the end so that all workers end together; groups stay whole."""
-        share = len(waiting) / (2 * max(1, self._executor.count_workers()))
-        count = max(1, min(int(BATCH_TIME_S / self._cost), MAX_BATCH_DESIGNS, int(share)))
-        batch = [waiting.popleft() for _ in range(min(count, len(waiting)))]
-        while waiting and waiting[0].group is not None and waiting[0].group == batch[-1].group:
-            batch.append(waiting.popleft())
-        return tuple(batch)
-
-    def _store_outcome(self, batch: Batch, outcome: Outcome[Row]) -> tuple[list[Task], list[Task]]:
-        """Commit the rows of a batch; return its tasks that were not started, and those to be tried again, each alone."""
-        count = len(outcome.rows)
-        if outcome.refusal:
-            raise ExecutorError(outcome.refusal)
-        if count:
-            self._commit(batch[:count], outcome.rows)
-            cost = sum(row["seconds"] for row in outcome.rows) / count
-            self._cost = max(0.5 * (self._cost + cost), 1e-6)
-        begun, unstarted = batch[: count + outcome.unfinished], batch[count + outcome.unfinished :]
-        retries = self._retry_held(begun[count:], outcome) if outcome.unfinished else []
-        # the rest of a group whose first designs were evaluated one by one
-        interrupted = [task for task in unstarted if begun and None is not task.group == begun[-1].group]
-        return list(unstarted[len(interrupted) :]), [*retries, *interrupted]
-
-    def _retry_held(self, tasks: Batch, outcome: Outcome[Row]) -> list[Task]:
-        """Return the tasks to be tried again, each alone, after a worker ended with them; a design that ended it gets a row."""
-        reason = f"longer than {self._seconds:g} s" if outcome.is_late else outcome.failure
-        self._log(f"a worker ended with {len(tasks)} designs: {reason}")
-        if len(tasks) > 1:
-            return list(tasks)
-        task = tasks[0]
-        if outcome.is_late:
-            row = build_unanswered_row("failed", "TimeLimit", f"took {reason}", self._seconds) | {"time_limit": self._seconds}
-        elif task.deaths + 1 < MAX_WORKER_DEATHS:
-            return [replace(task, deaths=task.deaths + 1)]
-        else:
-            row = build_unanswered_row("failed", "WorkerDied", f"{MAX_WORKER_DEATHS} times in a row, {outcome.failure}", 0.0)
-        self._commit(tasks, [row])
-        return []
-
-    def _commit(self, batch: Batch, rows: Sequence[Row]) -> None:
-        """Commit rows and count them by status."""
-        self._store.add([(task.key, row) for task, row in zip(batch, rows, strict=True)])
-        for task, row in zip(batch, rows, strict=True):
-            self._counts[row["status"]] += task.count
-
-    def _report(self) -> None:
-        """Report the progress."""
-        done = sum(self._counts.values())
-        rate = (done - self._initial_count) / max(monotonic() - self._start_time, 1e-9)
-        counts = (self._counts["refused"], self._counts["failed"])
-        self._tell(Progress(self._total, done, *counts, rate, self._executor.count_workers()))
-
-
-def _order_tasks(job: Job, tasks: list[Task]) -> list[Task]:
-    """Return tasks by number, but with those that can be evaluated together next to each other; the closed form takes any."""
-    if job.evaluator == FORMULA_EVALUATOR:
-        return tasks
-    groups: dict[Hashable, list[Task]] = defaultdict(list)
-    for task, group_key in zip(tasks, job.group_designs([task.values for task in tasks]), strict=True):
-        groups[group_key].append(task)
-    parts = [
-        group[first : first + MAX_CURVE_DESIGNS] for group in groups.values() for first in range(0, len(group), MAX_CURVE_DESIGNS)
-    ]
-    return [replace(task, group=number) for number, part in enumerate(parts) for task in part]
 
 
 def _read_specification(specification: Mapping[str, Any] | Path | str) -> Sweep:
@@ -327,22 +188,15 @@ def _digest_surfaces(sweep: Sweep, job: Job) -> bytes:
     return job.compute_digest((), ()) if any(body.get("surface") for body in sweep.base.get("inclusion", ())) else b""
 
 
-@contextmanager
-def _open_executor(
+def _start_executor(
     job: Job, scheduler: str | None, workers: int, *, limits: Limits, folder: Path, log: Log
-) -> Iterator[Executor[Design, Row]]:
-    """Open the executor on a Dask cluster or this computer, and close it at the end."""
-    executor: Executor[Design, Row]
+) -> Executor[Design, Row]:
+    """Start the executor on a Dask cluster or this computer."""
     if scheduler is None:
-        executor = LocalExecutor(job, workers, limits, folder / "workers.log")
-    else:
-        from geometry.processes.dask_executor import DaskExecutor
+        return LocalExecutor(job, workers, limits, folder / "workers.log")
+    from geometry.processes.dask_executor import DaskExecutor
 
-        executor = DaskExecutor(job, scheduler, limits, log)
-    try:
-        yield executor
-    finally:
-        executor.close()
+    return DaskExecutor(job, scheduler, limits, log)
 
 
 def _count_processors() -> int:

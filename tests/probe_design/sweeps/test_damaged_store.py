@@ -242,7 +242,7 @@ def test_the_terminal_says_what_was_mended(swept: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("gone", slow_unless("moved".__eq__, ["moved", "deleted", "replaced"]))
 def test_a_folder_that_goes_ends_the_sweep(gone: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("probe_design.sweeps.run.BATCH_TIME_S", 1e-9)  # each design is a batch
+    monkeypatch.setattr("probe_design.sweeps.batches.BATCH_TIME_S", 1e-9)  # each design is a batch
     folder, elsewhere, gone_with = tmp_path / "out", tmp_path / "elsewhere", []
 
     def go(state: Progress) -> None:

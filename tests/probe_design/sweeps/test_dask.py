@@ -38,11 +38,12 @@ CLUSTER = """
 import os, signal, sys
 import dask, distributed
 from geometry.processes import dask_executor as sweep_dask
+from probe_design.sweeps import batches
 from probe_design.sweeps import run as sweep_run
 
 def main(path, out):
     dask.config.set({"distributed.worker.daemon": True, "logging.distributed": "critical"})
-    sweep_run.BATCH_TIME_S, sweep_dask.MIN_SLOW_BATCH_S, sweep_dask.FETCH_TIMEOUT_S = 0.05, 0.3, 0.5
+    batches.BATCH_TIME_S, sweep_dask.MIN_SLOW_BATCH_S, sweep_dask.FETCH_TIMEOUT_S = 0.05, 0.3, 0.5
     with distributed.LocalCluster(n_workers=4, threads_per_worker=1, dashboard_address=":0", silence_logs=50) as cluster:
         pids = [worker.process.pid for worker in cluster.workers.values()]
         signals = [signal.SIGSTOP, signal.SIGKILL, signal.SIGKILL]
@@ -109,7 +110,7 @@ def test_what_stops_is_told_of_and_may_go_on(
 ) -> None:
     """It goes on as soon as that is said, or another one is started."""
     monkeypatch.setattr(silence, "SILENCE_INTERVAL_S", 2.0)
-    monkeypatch.setattr("probe_design.sweeps.run.BATCH_TIME_S", 0.02)
+    monkeypatch.setattr("probe_design.sweeps.batches.BATCH_TIME_S", 0.02)
     address, lines = unused(), list[str]()
     cluster = begun(address)
 
@@ -140,7 +141,7 @@ def test_a_scheduler_that_stays_away_ends_the_sweep(tmp_path: Path, monkeypatch:
     monkeypatch.setattr(silence, "SILENCE_INTERVAL_S", 2.0)
     monkeypatch.setattr(dask_executor, "CONNECTION_TIMEOUT_S", 1.0)
     monkeypatch.setattr(dask_executor, "MAX_SCHEDULER_ABSENCE_S", 6.0)
-    monkeypatch.setattr("probe_design.sweeps.run.BATCH_TIME_S", 0.02)
+    monkeypatch.setattr("probe_design.sweeps.batches.BATCH_TIME_S", 0.02)
     address, lines = unused(), list[str]()
     cluster = begun(address)
 

@@ -63,7 +63,7 @@ def test_rows_are_what_evaluate_answers_to_within_their_errors(uninterrupted: Pa
 def test_no_row_depends_on_batches(
     seconds: float, workers: int, uninterrupted: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("probe_design.sweeps.run.BATCH_TIME_S", seconds)
+    monkeypatch.setattr("probe_design.sweeps.batches.BATCH_TIME_S", seconds)
     assert sweep(make_table(), tmp_path, workers=workers).ok == COUNT
     assert stored(tmp_path) == stored(uninterrupted)
 

@@ -36,7 +36,7 @@ class TestSurvival:
             send(child, request)
 
         monkeypatch.setattr(Child, "send", deadly)
-        monkeypatch.setattr("probe_design.sweeps.run.BATCH_TIME_S", 1e9)  # so that it shares a batch with others
+        monkeypatch.setattr("probe_design.sweeps.batches.BATCH_TIME_S", 1e9)  # so that it shares a batch with others
         results = sweep(grid(4, 2), tmp_path, workers=1)
         assert (results.ok, results.failed) == (6, 2)
         for row in iterate_rows(tmp_path):
@@ -47,7 +47,7 @@ class TestSurvival:
     def test_twenty_kills_leave_what_no_kill_leaves(self, tmp_path: Path) -> None:
         chance, folder, path = random.Random(8), tmp_path / "out", toml(tmp_path, n=3000)  # so many that no kill comes too late
         kills, counts = 0, [0]
-        begin = "from probe_design.sweeps import run\nrun.BATCH_TIME_S = 0.02\n"
+        begin = "from probe_design.sweeps import batches, run\nbatches.BATCH_TIME_S = 0.02\n"
         for kill in range(20):
             with (tmp_path / "stderr").open("wb") as errors:
                 process = subprocess.Popen(
@@ -85,7 +85,7 @@ class TestSurvival:
         }
         folder, begin = (
             tmp_path / "out",
-            "from probe_design import sweep\nfrom probe_design.sweeps import run\nrun.BATCH_TIME_S = 0.01\n",
+            "from probe_design import sweep\nfrom probe_design.sweeps import batches\nbatches.BATCH_TIME_S = 0.01\n",
         )
         process = subprocess.Popen(
             [sys.executable, "-c", f"{begin}sweep({job!r}, {str(folder)!r}, workers=1)"],
@@ -104,7 +104,9 @@ class TestSurvival:
 
     def test_a_second_process_is_refused_and_ctrl_c_keeps_what_is_there(self, whole: Path, tmp_path: Path) -> None:
         path, folder = toml(tmp_path), tmp_path / "out"
-        slow = "from probe_design.__main__ import main; from probe_design.sweeps import run; run.BATCH_TIME_S = 0.01; main()"
+        slow = (
+            "from probe_design.__main__ import main; from probe_design.sweeps import batches; batches.BATCH_TIME_S = 0.01; main()"
+        )
         first = subprocess.Popen(
             [sys.executable, "-c", slow, "sweep", path, "-o", folder], cwd=ROOT, stderr=subprocess.PIPE, text=True
         )
@@ -133,7 +135,7 @@ class TestSurvival:
 
         order = [*range(40, 0, -1)]  # the second row is held up: before it come readiness, the first row and its end
         monkeypatch.setattr(Child, "receive", endless)
-        monkeypatch.setattr("probe_design.sweeps.run.BATCH_TIME_S", 1e9)
+        monkeypatch.setattr("probe_design.sweeps.batches.BATCH_TIME_S", 1e9)
         job = grid(3, 2) | {"evaluator": "axisymmetric", "time_limit": 8.0}
         results = sweep(job, tmp_path, workers=1)
         assert (results.ok, results.failed) == (5, 1)
@@ -157,7 +159,7 @@ class TestSurvival:
             send(child, request)
 
         monkeypatch.setattr(Child, "send", endless)
-        monkeypatch.setattr("probe_design.sweeps.run.BATCH_TIME_S", 1e9)
+        monkeypatch.setattr("probe_design.sweeps.batches.BATCH_TIME_S", 1e9)
         results = sweep(grid(4, 4) | {"time_limit": 8.0}, tmp_path, workers=1)  # which a busy machine keeps
         assert (results.ok, results.failed) == (15, 1)
         assert sizes == [3, 1]  # the third batch, then alone
