@@ -33,7 +33,8 @@ def evaluate_with_files(
         InputError: another evaluator, or a file name with another suffix.
         Refusal: see ``solver.solid.evaluator.SolidEvaluator.solve``.
     """
-    from probe_design.solid_output.vtu import draw_solid, write_vtu
+    from probe_design.solid_output.figure import draw_solid
+    from probe_design.solid_output.vtu import write_vtu
 
     for key, path, suffix in (("vtu", vtu, ".vtu"), ("plot", picture, ".png")):
         if path is None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -100,7 +100,7 @@ def cut_section(problem: Problem, fields: SolidFields) -> Faces:
             parts.append(_flatten_faces(nodes, faces, np.full(len(faces), body), values))
         else:
             parts.append(_slice_elements(nodes, solid.elements[is_selected], body, values))
-    return _merge_faces([part for part in parts if len(part.triangles)])
+    return merge_faces([part for part in parts if len(part.triangles)])
 
 
 def _extract_faces(problem: Problem, bodies: list[int]) -> tuple[Ints, Ints]:
@@ -140,13 +140,14 @@ def _slice_elements(nodes: Floats, elements: Ints, body: int, values: Mapping[st
     return Faces(np.vstack([area.points, rims.points]), section, np.full(len(section), body), lines, cut_values)
 
 
-def _merge_faces(parts: list[Faces]) -> Faces:
-    """Merge faces into one set of points."""
+def merge_faces(parts: Sequence[Faces]) -> Faces:
+    """Merge faces into one set of points, with the fields that all of them have."""
     start = np.cumsum([0, *(len(part.points) for part in parts)])[:-1]
+    common_fields = [name for name in parts[0].values if all(name in part.values for part in parts)]
     return Faces(
         np.vstack([part.points for part in parts]),
         np.vstack([part.triangles + n for part, n in zip(parts, start, strict=True)]),
         np.concatenate([part.body for part in parts]),
         np.vstack([part.lines + n for part, n in zip(parts, start, strict=True)]),
-        {name: np.concatenate([part.values[name] for part in parts]) for name in parts[0].values},
+        {name: np.concatenate([part.values[name] for part in parts]) for name in common_fields},
     )

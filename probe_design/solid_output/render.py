@@ -12,7 +12,7 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import MissingLibrary
 from geometry.processes.child import Died, Failure
 from geometry.processes.programs import run_program
-from probe_design.solid_output.faces import Faces
+from probe_design.solid_output.faces import Faces, merge_faces
 
 RENDER_PROGRAM = Path(__file__).with_name("render_program.py")
 IMAGE_SIZE_PIXELS = (1800, 1300)  # pixels
@@ -31,13 +31,12 @@ def render_faces(parts: Sequence[Faces], colour: Callable[[int], tuple[float, fl
     Raises:
         MissingLibrary: VTK could not render; the text names the package to install.
     """
-    start = np.cumsum([0, *(len(part.points) for part in parts)])[:-1]
-    body = np.concatenate([part.body for part in parts])
+    faces = merge_faces(parts)
     drawing = {
-        "points": np.vstack([part.points for part in parts]),
-        "triangles": np.vstack([part.triangles + n for part, n in zip(parts, start, strict=True)]),
-        "lines": np.vstack([part.lines + n for part, n in zip(parts, start, strict=True)]),
-        "colours": (255 * np.array([colour(number) for number in body.tolist()])).round().astype(np.uint8),
+        "points": faces.points,
+        "triangles": faces.triangles,
+        "lines": faces.lines,
+        "colours": (255 * np.array([colour(number) for number in faces.body.tolist()])).round().astype(np.uint8),
         "size": IMAGE_SIZE_PIXELS,
         "half_height": half_height,
     }

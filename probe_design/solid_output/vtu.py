@@ -1,6 +1,6 @@
-"""Write solutions of evaluator solid: a VTU file for ParaView, and a picture.
+"""Write solutions of evaluator solid as a VTU file for ParaView.
 
-pyvista and matplotlib are imported in the functions that need them. No function opens a window or needs a graphics card.
+pyvista is imported in the function that needs it. No function opens a window or needs a graphics card.
 """
 
 from __future__ import annotations
@@ -14,10 +14,7 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.files import write_whole
 from probe_design.solid_output.faces import list_bodies, name_region
-from probe_design.solid_output.figure import draw_solid
 from solver.solid.base_states import SolidStates, compute_fields
-
-__all__ = ["draw_solid", "write_vtu"]
 
 TENSOR_COMPONENTS = ("XX", "YY", "ZZ", "XY", "YZ", "XZ")  # VTK's order
 _TO_TENSOR = [0, 1, 2, 5, 3, 4]  # from xx yy zz yz xz xy

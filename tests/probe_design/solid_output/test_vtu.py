@@ -17,8 +17,9 @@ from geometry.common.errors import InputError, MissingLibrary
 from geometry.tetra.tet_mesh import BEYOND_BODY, FIRST_INCLUSION_BODY, GROOVE_BODY, INNER_BODY, OUTER_BODY, TISSUE_BODY, TetMesh
 from probe_design.solid_output import render as solid_space
 from probe_design.solid_output.faces import Faces, cut_section, extract_skin, name_region
+from probe_design.solid_output.figure import draw_solid
 from probe_design.solid_output.stress_panel import deform_section
-from probe_design.solid_output.vtu import draw_solid, write_vtu
+from probe_design.solid_output.vtu import write_vtu
 from solver.materials.linear import Isotropic
 from solver.solid.base_states import SolidFields, SolidStates, compute_fields, solid_states
 from solver.solid.problem import Problem, Solid
@@ -192,9 +193,8 @@ class TestCut:
 
 
 def test_importing_loads_nothing_heavy() -> None:
-    program = (
-        "import sys, probe_design.solid_output.vtu; print({'pyvista', 'vtkmodules', 'matplotlib', 'cadquery'} & set(sys.modules))"
-    )
+    modules = "probe_design.solid_output.vtu, probe_design.solid_output.figure"
+    program = f"import sys, {modules}; print({{'pyvista', 'vtkmodules', 'matplotlib', 'cadquery'}} & set(sys.modules))"
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, cwd=ROOT)
     assert run.stdout.strip() == "set()"
 
