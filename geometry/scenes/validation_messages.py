@@ -1,4 +1,4 @@
-"""What pydantic finds wrong with a scene, as one line that says what would be right."""
+"""What pydantic finds wrong with a file's tables, as one line that says what would be right."""
 
 from __future__ import annotations
 
@@ -15,8 +15,11 @@ from geometry.scenes.units import Quantity
 _TAG_ERRORS = ("union_tag_invalid", "union_tag_not_found")
 
 
-def convert_error(refused: ValidationError, model: type[BaseModel]) -> InputError:
-    """Turn one of pydantic's errors about a scene, the ``model``, into ours: an unknown key first, what is missing last."""
+def convert_error(refused: ValidationError, model: type[BaseModel], label: str = "scene") -> InputError:
+    """Turn one of pydantic's errors about ``model``'s tables into ours: an unknown key first, what is missing last.
+
+    ``label`` stands for the key where the tables as a whole are wrong.
+    """
     error = min(refused.errors(include_url=False), key=_rank_error)
     cause = error.get("ctx", {}).get("error")
     key = _format_key(error)
@@ -26,7 +29,7 @@ def convert_error(refused: ValidationError, model: type[BaseModel]) -> InputErro
         value = error["input"].get("shape", Words("missing"))
         return InputError("tissue.shape", value, f"'cylinder', 'block' or 'half-space'{_suggest_tag(error)}")
     value = Words("missing") if error["type"] == "missing" else error["input"]
-    return InputError(key or "scene", value, _describe_allowed(error, model))
+    return InputError(key or label, value, _describe_allowed(error, model))
 
 
 def _rank_error(error: ErrorDetails) -> int:

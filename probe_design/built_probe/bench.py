@@ -10,14 +10,14 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
-from geometry.common.errors import InputError, Words, describe_choices
+from geometry.common.errors import InputError, Words
 from geometry.common.text_files import parse_tables, read_tables
 from geometry.scenes.file_kinds import check_kind
 from geometry.scenes.probe import Frozen, Length, Modulus
 from geometry.scenes.units import PERCENTAGE, Quantity
-from geometry.scenes.validation_messages import find_model
+from geometry.scenes.validation_messages import convert_error
 from hw.signal.amplifier import ChargeAmplifier
 
 Frequency = Annotated[float, Quantity("frequency", "Hz", "Hz", 1e-3, 1e5)]
@@ -211,26 +211,4 @@ def bench_from_dict(data: dict[str, Any]) -> Bench:
     try:
         return Bench.model_validate(data, context={"units_required": True})
     except ValidationError as refused:
-        raise convert_first_fault(refused, "bench", Bench) from None
-
-
-def convert_first_fault(refused: ValidationError, label: str, root: type[BaseModel]) -> InputError:
-    """Convert one of pydantic's errors about ``root``'s tables into an ``InputError``: an unknown key before other faults."""
-    error = min(refused.errors(include_url=False), key=lambda fault: fault["type"] != "extra_forbidden")
-    cause = error.get("ctx", {}).get("error")
-    key = ".".join(map(str, error["loc"])) or label
-    if isinstance(cause, InputError):
-        return InputError(f"{key}.{cause.key}", cause.value, cause.allowed)
-    entry = Words("missing") if error["type"] == "missing" else error["input"]
-    if error["type"] == "extra_forbidden":
-        return InputError(key, entry, describe_choices(error["loc"][-1], find_model(root, error["loc"][:-1]).model_fields))
-    description = _read_description(error["loc"], root) if error["type"] != "quantity" else None
-    return InputError(key, entry, description or error["msg"].removeprefix("Input should be "))
-
-
-def _read_description(place: tuple[int | str, ...], root: type[BaseModel]) -> str | None:
-    """Return the description of the field at a place of ``root``'s tables, or None."""
-    if not place or not isinstance(place[-1], str):
-        return None
-    field = find_model(root, place[:-1]).model_fields.get(place[-1])
-    return None if field is None else field.description
+        raise convert_error(refused, Bench, "bench") from None

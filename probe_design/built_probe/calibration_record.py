@@ -21,7 +21,8 @@ from geometry.provenance.texts import format_toml_comment
 from geometry.scenes.probe import Frozen
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_from_dict, scene_to_dict
-from probe_design.built_probe.bench import Bench, bench_from_dict, convert_first_fault
+from geometry.scenes.validation_messages import convert_error
+from probe_design.built_probe.bench import Bench, bench_from_dict
 from probe_design.built_probe.calibration import Calibration
 from probe_design.built_probe.force_scale import ForceScale
 from probe_design.built_probe.gain_matrix import ENTRY_NAMES, Gains
@@ -105,10 +106,12 @@ class CalibrationRecord(Frozen):
         shapes = (gains.matrix.shape, gains.covariance.shape, gains.slopes.shape, gains.workshop.shape)
         v = len(self.variables)
         if shapes != ((2, 2), (4, 4), (4, v), (v,)) or abs(np.linalg.det(gains.matrix)) < 1e-6:
-            raise InputError("matrix", Words("of a shape that its covariance or slopes do not fit"), "what calibrate has written")
+            raise InputError(
+                "calibration.matrix", Words("of a shape that its covariance or slopes do not fit"), "what calibrate has written"
+            )
         own_covariance = gains.covariance - gains.force_scale.covariance
         if np.linalg.eigvalsh(own_covariance).min() < -1e-9 * max(np.trace(gains.covariance), 1e-12):
-            raise InputError("covariance", Words("no covariance"), "what calibrate has written")
+            raise InputError("calibration.covariance", Words("no covariance"), "what calibrate has written")
         return self
 
     def build_gains(self) -> Gains:
@@ -196,7 +199,7 @@ def read_record(path: Path | str) -> CalibrationRecord:
     try:
         return CalibrationRecord.model_validate(data)
     except ValidationError as refused:
-        raise convert_first_fault(refused, "calibration", CalibrationRecord) from None
+        raise convert_error(refused, CalibrationRecord, "calibration") from None
 
 
 def check_free(path: Path) -> None:

@@ -283,7 +283,7 @@ def test_damaged_records_are_refused(tmp_path: Path, old: str, new: str, words: 
     [
         ({"reference": [{"on": "tissue"}]}, "youngs_modulus"),
         ({"reference": [{"on": "inner", "youngs_modulus": "3 kPa"}]}, "nothing else"),
-        ({"reference": [{"on": "floor"}]}, "reference.0.on"),
+        ({"reference": [{"on": "floor"}]}, r"reference\[0\]\.on"),
         ({"reference": [{"on": "inner"}], "load": {"frequency": 5.0}}, "unit is missing"),
         ({"reference": []}, "reference"),
         ({"reference": [{"on": "inner"}], "amplifier": {"gain": 2}}, "amplifier.gain"),
