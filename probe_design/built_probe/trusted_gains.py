@@ -140,6 +140,12 @@ def _try_estimate(
         return None, fault
 
 
+def _estimate_agreeing(observed: Sequence[Observation], shares: BlockPredictions, bench: Bench) -> Gains | None:
+    """Return the gains if the readings agree with each other and with what the bench states, else None."""
+    gains, _ = _try_estimate(observed, shares, bench)
+    return None if gains is None or gains.p_value < MIN_P_VALUE or _list_strange_gains(gains, bench) else gains
+
+
 def _describe_misfit(gains: Gains | None) -> str:
     assert gains is not None
     return f"chi-square {gains.chi_square:.3g} for {gains.freedom} degrees of freedom, p = {gains.p_value:.1g}"
@@ -150,8 +156,7 @@ def _check_exchanges(observed: Sequence[Observation], shares: BlockPredictions, 
     references = [item.reference for item in observed]
 
     def agrees(exchange: Misplacement) -> bool:
-        gains, _ = _try_estimate(_undo_exchange(observed, exchange), shares, bench)
-        return gains is not None and gains.p_value >= MIN_P_VALUE and not _list_strange_gains(gains, bench)
+        return _estimate_agreeing(_undo_exchange(observed, exchange), shares, bench) is not None
 
     films = np.array([item.films for item in observed])
     exchanges = find_exchanges(films, _compute_expected_shares(observed, shares), compute_share_doubt(bench), agrees)
@@ -195,8 +200,8 @@ def _find_odd_references(observed: Sequence[Observation], shares: BlockPredictio
     for k, observation in enumerate(observed):
         place = next(places) if observation.reference.on == "tissue" else None
         remaining_blocks = tuple(block for index, block in enumerate(shares.blocks) if index != place)
-        gains, _ = _try_estimate([*observed[:k], *observed[k + 1 :]], replace(shares, blocks=remaining_blocks), bench)
-        if gains is not None and gains.freedom > 0 and gains.p_value >= MIN_P_VALUE and not _list_strange_gains(gains, bench):
+        gains = _estimate_agreeing([*observed[:k], *observed[k + 1 :]], replace(shares, blocks=remaining_blocks), bench)
+        if gains is not None and gains.freedom > 0:
             odd_references.append(observation.reference)
     return odd_references
 

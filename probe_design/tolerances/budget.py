@@ -254,10 +254,5 @@ def _read_indices(statistics: SampleStatistics | None, k: int, j: int) -> dict[s
     """Return the Sobol indices of output ``k`` and number ``j``; empty without samples."""
     if statistics is None or statistics.sd[k] == 0:
         return {}
-    low, high = (tuple(part[k, j].tolist()) for part in (statistics.first_interval, statistics.total_interval))
-    return {
-        "first": float(statistics.first[k, j]),
-        "total": float(statistics.total[k, j]),
-        "first_interval": low,
-        "total_interval": high,
-    }
+    values = {key: part[k, j].tolist() for key, part in statistics.indices.items()}
+    return {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}

@@ -44,18 +44,15 @@ class SampleStatistics:
         derivatives: dy/d eta of the closed form, shape (4, v).
         sd: standard deviations of the outputs, shape (4,).
         sd_error: half-widths of their 95 % intervals, shape (4,).
-        first, total: Sobol indices, shape (4, v).
-        first_interval, total_interval: 95 % bootstrap intervals, shape (4, v, 2).
+        indices: Sobol indices, ``first`` and ``total``, shape (4, v); their 95 % bootstrap intervals, ``first_interval`` and
+            ``total_interval``, shape (4, v, 2).
         designs: number of designs evaluated.
     """
 
     derivatives: Floats
     sd: Floats
     sd_error: Floats
-    first: Floats
-    total: Floats
-    first_interval: Floats
-    total_interval: Floats
+    indices: dict[str, Floats]
     designs: int
 
     @property
@@ -83,27 +80,22 @@ def sample_probes(scene: Scene, variables: Sequence[UncertainNumber], samples: i
         return None
     sds = np.array([part.std(axis=1, ddof=1) for part in parts])
     half_widths = t.ppf((1 + CONFIDENCE_LEVEL) / 2, SOBOL_SEQUENCES - 1) * sds.std(axis=0, ddof=1) / np.sqrt(SOBOL_SEQUENCES)
-    first, total, first_interval, total_interval = _compute_indices(compute_outputs, sds.mean(axis=0) > 0, d, samples, seed)
-    if not (np.isfinite(first).all() and np.isfinite(total).all()):
+    indices = _compute_indices(compute_outputs, sds.mean(axis=0) > 0, d, samples, seed)
+    if not (np.isfinite(indices["first"]).all() and np.isfinite(indices["total"]).all()):
         return None
     sd = np.sqrt((sds**2).mean(axis=0))
     return SampleStatistics(
         derivatives,
         sd,
         half_widths,
-        first,
-        total,
-        first_interval,
-        total_interval,
+        indices,
         designs=samples * (d + 2) + SOBOL_SEQUENCES * sequence_length,
     )
 
 
-def _compute_indices(
-    compute_outputs: Callable[[Any], Any], moving: Any, d: int, samples: int, seed: int
-) -> tuple[Floats, Floats, Floats, Floats]:
-    """Compute first-order and total indices (4, d) and their intervals (4, d, 2); 0 for outputs that no variable affects."""
-    indices = sobol_indices(
+def _compute_indices(compute_outputs: Callable[[Any], Any], moving: Any, d: int, samples: int, seed: int) -> dict[str, Floats]:
+    """Compute indices (4, d) and their intervals (4, d, 2) by name; 0 for outputs that no variable affects."""
+    sampled = sobol_indices(
         func=lambda eta: compute_outputs(eta)[moving],
         n=samples,
         dists=[norm()] * d,  # type: ignore[list-item]  # the stubs want a function of one number
@@ -111,22 +103,15 @@ def _compute_indices(
     )
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a variable without effect gives NaN: its interval is its index
-        bootstrap = indices.bootstrap(confidence_level=CONFIDENCE_LEVEL, n_resamples=BOOTSTRAP_RESAMPLES)
-    parts = []
-    for index, resampled in ((indices.first_order, bootstrap.first_order), (indices.total_order, bootstrap.total_order)):
+        bootstrap = sampled.bootstrap(confidence_level=CONFIDENCE_LEVEL, n_resamples=BOOTSTRAP_RESAMPLES)
+    indices = {}
+    for name in ("first", "total"):
+        index, resampled = (getattr(part, f"{name}_order") for part in (sampled, bootstrap))
         interval = np.stack([resampled.confidence_interval.low, resampled.confidence_interval.high], axis=-1)
-        parts += [
-            _expand_rows(moving, np.asarray(index)),
-            _expand_rows(moving, np.where(np.isfinite(interval), interval, index[..., None])),
-        ]
-    return parts[0], parts[2], parts[1], parts[3]
-
-
-def _expand_rows(moving: Any, part: Floats) -> Floats:
-    """Expand rows of the affected outputs to all outputs; 0 for the others."""
-    expanded = np.zeros((len(OUTPUT_NAMES), *part.shape[1:]))
-    expanded[moving] = part
-    return expanded
+        indices[name], indices[f"{name}_interval"] = np.zeros((len(OUTPUT_NAMES), d)), np.zeros((len(OUTPUT_NAMES), d, 2))
+        indices[name][moving] = index
+        indices[f"{name}_interval"][moving] = np.where(np.isfinite(interval), interval, index[..., None])
+    return indices
 
 
 def _build_output_function(scene: Scene, variables: Sequence[UncertainNumber]) -> Callable[[Any], Any]:

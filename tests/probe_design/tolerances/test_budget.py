@@ -94,8 +94,10 @@ def test_small_tolerances_make_samples_linear() -> None:
     assert drawn is not None
     assert drawn.curvature_factor == pytest.approx(np.ones(len(OUTPUT_NAMES)), abs=0.02)
     shares = drawn.derivatives**2 / (drawn.derivatives**2).sum(axis=1, keepdims=True)
-    assert drawn.total == pytest.approx(shares, abs=0.06)
-    inside = (drawn.total_interval[..., 0] - 0.02 <= shares) & (shares <= drawn.total_interval[..., 1] + 0.02)
+    assert drawn.indices["total"] == pytest.approx(shares, abs=0.06)
+    inside = (drawn.indices["total_interval"][..., 0] - 0.02 <= shares) & (
+        shares <= drawn.indices["total_interval"][..., 1] + 0.02
+    )
     assert inside.mean() > 0.9
 
 
