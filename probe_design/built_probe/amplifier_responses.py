@@ -21,10 +21,8 @@ from geometry.common.arrays import Floats
 from hw.common.samples import Complexes
 from hw.signal.amplifier import compute_parts_covariance, multiplication_matrix
 from hw.signal.measure import Measurement
-from probe_design.built_probe.bench import Amplifier, Bench
+from probe_design.built_probe.bench import SIGNIFICANT_SD, Amplifier, Bench
 from probe_design.built_probe.gain_matrix import Gains
-
-SIGNIFICANT_SD = 3.0
 
 
 def divide_own_amplifiers(measurement: Measurement, amplifier: Amplifier, calibrated_at: float | None = None) -> Measurement:

@@ -30,6 +30,8 @@ Skew = Annotated[float, Quantity("time", "s", "us", -1.0, 1.0)]
 SkewTolerance = Annotated[float, Quantity("time", "s", "us", 0.0, 1.0)]
 KnownForce = Annotated[float, Quantity("force", "N", "mN", 1e-9, 1e6)]
 ReferenceKind = Literal["tissue", "inner", "outer"]
+SIGNIFICANT_SD = 3.0  # standard deviations from which a charge, a lag or a difference is significant
+CONTRADICTION_SD = 5.0  # standard deviations from which two statements contradict each other
 DEFAULT_LEAK_SD = (
     0.007  # fraction of a pin's or ring's load on the other block, 1 sd: 1 % occurs, and is within 95 % (docs/guides/hardware.md)
 )

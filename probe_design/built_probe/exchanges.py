@@ -17,12 +17,11 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Words
 from hw.signal.measure import FILM_NAMES
-from probe_design.built_probe.bench import Bench, Reference
+from probe_design.built_probe.bench import SIGNIFICANT_SD, Bench, Reference
 
 MAX_DEVIATION_SD = 4.0  # standard deviations by which a gain may differ from the bench's statement
 READ_AGAIN = "put it right, and read again"
 MAX_TRIED_EXCHANGES = 24  # exchanges of two references that are tried, the most promising ones
-SIGNIFICANT_SD = 3.0  # standard deviations of noise from which a film's charge is significant
 DEAD_FILM_SHARE = 0.1  # fraction of the expected force below which a film counts as dead
 
 Order = tuple[int, ...]

@@ -13,7 +13,7 @@ from geometry.common.errors import InputError, Refusal, Words
 from geometry.scenes.scene import Scene
 from hw.signal.measure import Measurement
 from hw.signal.waveform import Flawed
-from probe_design.built_probe.bench import Bench
+from probe_design.built_probe.bench import CONTRADICTION_SD, SIGNIFICANT_SD, Bench
 from probe_design.built_probe.block_predictions import LINEARITY_ACCURACY, BlockPredictions
 from probe_design.built_probe.force_scale import ForceScale
 from probe_design.built_probe.gain_matrix import Observation
@@ -22,9 +22,7 @@ from solver.results.result import Result
 
 IMPLAUSIBLE_FACTOR = 30.0  # between read and expected load, either way: a hand is never off by so much, most wrong units are
 DOUBTFUL_FACTOR = 2.0  # likewise, beyond the reading's own uncertainty: from here on a warning reports it
-SIGNIFICANT_SD = 3.0
 SAFE_SHARE = 0.8  # of the largest load that linear elasticity allows on the softest block, which the printed protocol asks for
-CONTRADICTION_SD = 5.0  # between the films' sum and the force channel
 NEAR_DECADE = 0.25  # decades: largest distance at which a factor is taken for a power of ten
 UNIT_SLIPS = {
     3: "Are millivolts taken as volts? Give the columns' unit, --column 'inner=NAME mV'.",

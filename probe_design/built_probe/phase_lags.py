@@ -36,9 +36,8 @@ from hw.common.samples import Complexes, Floats
 from hw.signal.amplifier import compute_parts_covariance
 from hw.signal.measure import FILM_NAMES, Measurement, propagate_covariance
 from hw.signal.waveform import Flawed
-from probe_design.built_probe.bench import Bench, Reference
+from probe_design.built_probe.bench import SIGNIFICANT_SD, Bench, Reference
 
-SEEN_SD = 3.0  # standard deviations from which a lag is significant; below, its loss is smaller than the amplitudes' noise
 MIN_LOSS = 1e-3  # relative loss from which a warning reports it
 MAX_FORCE_LAG_RAD = 0.2  # rad, beyond which the channel is not used: the loss would be a tenth
 MAX_FILM_LAG_RAD = 0.02  # beyond three standard deviations a warning reports it: a film loses 2e-4 of its amplitude by that
@@ -57,7 +56,7 @@ def add_force_lag(measurement: Measurement, bench: Bench) -> Measurement:
     if measurement.force is None or bench.force is None:
         return measurement
     lag, spread = compute_force_lag(measurement, bench)
-    if abs(lag) <= SEEN_SD * spread:
+    if abs(lag) <= SIGNIFICANT_SD * spread:  # its loss is then smaller than the amplitudes' noise
         return measurement
     text = f"the force channel {'lags' if lag > 0 else 'leads'} the films by {abs(lag):.2g} rad"
     if abs(lag) > MAX_FORCE_LAG_RAD:
@@ -109,7 +108,7 @@ def list_lag_warnings(measurements: Sequence[Measurement], references: Sequence[
         if reference.on != "tissue":
             continue
         lag, spread = compute_film_lag(measurement, bench)
-        if abs(lag) - SEEN_SD * spread > MAX_FILM_LAG_RAD:
+        if abs(lag) - SIGNIFICANT_SD * spread > MAX_FILM_LAG_RAD:
             lags.setdefault(_describe_late_film(measurement, bench, lag), []).append((reference.name, abs(lag)))
     return [
         f"{', '.join(name for name, _ in entries)}: {fault} by up to {max(lag for _, lag in entries):.2g} rad: tissue "

@@ -22,7 +22,7 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.variables import list_loss_factors
 from hw.signal.amplifier import compute_parts_covariance
 from hw.signal.measure import Measurement, propagate_covariance
-from probe_design.built_probe.bench import Bench
+from probe_design.built_probe.bench import CONTRADICTION_SD, Bench
 from probe_design.built_probe.gain_matrix import Gains
 from solver.evaluation import add_phase
 from solver.phase.inertia import add_inertia_error
@@ -30,7 +30,6 @@ from solver.results.result import Result
 from solver.results.warnings import Note
 
 SD_PER_BOUND = 3**-0.5  # standard deviation of an even distribution within a bound of 1: GUM 4.3.7
-SURPRISING_SD = 5.0  # standard deviations from the prediction beyond which a warning is given
 
 
 def add_ratio_phase(result: Result, scene: Scene, accuracy: float, frequency: float | None) -> Result:
@@ -72,7 +71,7 @@ def compare_ratio_phase(value: float, spread: float, predicted: Result) -> tuple
     if expected is None or error is None:
         return None, []
     z = (value - expected) / math.hypot(spread, SD_PER_BOUND * error)
-    if abs(z) <= SURPRISING_SD:
+    if abs(z) <= CONTRADICTION_SD:
         return z, []
     text = f"the ratio's phase is {value:.2g} rad, and {expected:.2g} by the scene's loss factors"
     return z, [f"{text}: tissue or blocks that lose more than the scene says, or channels that differ in time"]

@@ -12,8 +12,7 @@ from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
 from hw.signal.measure import FILM_NAMES, Measurement, propagate_covariance
 from hw.signal.waveform import Flawed
-from probe_design.built_probe.bench import Bench
-from probe_design.built_probe.exchanges import SIGNIFICANT_SD
+from probe_design.built_probe.bench import CONTRADICTION_SD, SIGNIFICANT_SD, Bench
 from probe_design.built_probe.film_forces import compute_film_forces
 from probe_design.built_probe.gain_matrix import Gains
 from probe_design.built_probe.load_checks import check_film_sum, check_scene_load
@@ -26,7 +25,6 @@ from solver.planning.load_check import add_load_effect, check_load
 from solver.planning.load_limits import build_load_rule
 from solver.results.result import Result
 
-CONTRADICTION_SD = 5.0  # standard deviations between a ratio and its prediction from which an exchange is considered
 EXCHANGE_FACTOR = 5.0  # factor by which exchanged channels must reduce the difference of ln ratio from its prediction
 
 

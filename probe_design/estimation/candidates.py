@@ -13,7 +13,7 @@ import numpy as np
 from geometry.common.errors import InputError
 from geometry.scenes import fit_check
 from geometry.scenes.scene import Placement, Scene
-from probe_design.estimation.measurements import Measurements, Reading
+from probe_design.estimation.measurements import Reading
 from probe_design.estimation.model import TARGET_UNKNOWNS, TargetModel
 
 RELATIVE_OFFSETS = (0.0, 0.4, 0.8, 1.2, 1.8)  # of the probe's axis from the target's, over the sum of depth and outer radius
@@ -105,15 +105,3 @@ def _is_on_tissue(scene: Scene, place: tuple[float, float]) -> bool:
     except InputError:
         return False
     return True
-
-
-def join_measurements(data: Measurements, new_data: Measurements) -> Measurements:
-    """Return both measurements joined; the sign of the new ratios counts as unknown."""
-    places = list(dict.fromkeys([*map(tuple, data.places.tolist()), *map(tuple, new_data.places.tolist())]))
-    place_indices = [places.index(tuple(part.places[k].tolist())) for part in (data, new_data) for k in part.place]
-    arrays = {
-        key: np.concatenate([getattr(data, key), getattr(new_data, key)])
-        for key in ("is_stiffness", "is_phase", "is_blank", "value", "noise")
-    }
-    sign = np.concatenate([data.sign, np.zeros_like(new_data.sign)])
-    return Measurements(places=np.array(places), place=np.array(place_indices), sign=sign, **arrays)

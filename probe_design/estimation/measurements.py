@@ -37,6 +37,7 @@ from geometry.scenes.units import Quantity, read_fraction, read_number
 from probe_design.data.noise import ALLOWED_NOISE, check_noise
 
 READING_KEYS = ("x", "y", "ratio", "noise", "stiffness", "stiffness_noise", "ratio_phase", "ratio_phase_sd", "blank")
+DATUM_KEYS = ("place", "is_stiffness", "is_phase", "is_blank", "value", "sign", "noise")  # of ``Measurements``, shape (k,) each
 MAX_READINGS = 1000
 MAX_FILE_BYTES = 200_000  # bytes
 POSITION_QUANTITY = Quantity("position", "m", "mm", -10.0, 10.0)
@@ -129,8 +130,15 @@ class Measurements:
 
     def select(self, mask: Bools) -> Measurements:
         """Return the data that a mask of shape (k,) selects."""
-        keys = ("place", "is_stiffness", "is_phase", "is_blank", "value", "sign", "noise")
-        return replace(self, **{key: getattr(self, key)[mask] for key in keys})
+        return replace(self, **{key: getattr(self, key)[mask] for key in DATUM_KEYS})
+
+    def join(self, new_data: Measurements) -> Measurements:
+        """Return both measurements joined; the sign of the new ratios counts as unknown."""
+        places = list(dict.fromkeys(map(tuple, [*self.places.tolist(), *new_data.places.tolist()])))
+        place = [places.index(tuple(part.places[k].tolist())) for part in (self, new_data) for k in part.place]
+        arrays = {key: np.concatenate([getattr(self, key), getattr(new_data, key)]) for key in DATUM_KEYS}
+        arrays |= {"place": np.array(place), "sign": np.concatenate([self.sign, np.zeros_like(new_data.sign)])}
+        return Measurements(places=np.array(places), **arrays)
 
     @property
     def is_ratio(self) -> Bools:

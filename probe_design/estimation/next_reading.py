@@ -23,13 +23,12 @@ import numpy as np
 from scipy.stats import norm, qmc
 
 from geometry.common.arrays import Floats, Ints
-from probe_design.estimation.candidates import ULTRASOUND_RELATIVE_SD, NextCandidate, join_measurements, list_candidates
+from probe_design.estimation.candidates import ULTRASOUND_RELATIVE_SD, NextCandidate, list_candidates
 from probe_design.estimation.estimate_result import get_max_end_ratio, is_identifiable
 from probe_design.estimation.intervals import Likelihood, compute_hulls
 from probe_design.estimation.measurements import Measurements
 from probe_design.estimation.model import TargetModel
 from probe_design.estimation.nuisances import NuisanceErrors
-from probe_design.estimation.predictions import Predictions
 from probe_design.estimation.profile import POINTS_PER_NODE, Track
 from probe_design.estimation.shared_errors import SharedErrors
 from probe_design.estimation.strength import Interval
@@ -151,7 +150,7 @@ def _build_track(
     for candidate in allowed:
         new_data = Measurements.from_readings((candidate.reading,)) if candidate.reading is not None else None
         start = len(data.value)
-        data = data if new_data is None else join_measurements(data, new_data)
+        data = data if new_data is None else data.join(new_data)
         columns.append(np.arange(start, len(data.value)))
     track = Track.from_model(replace(model, data=data), unknown).add_nuisances(nuisances)
     for k, candidate in enumerate(allowed):
@@ -173,27 +172,29 @@ def _add_size_columns(track: Track, indices: Sequence[int], sds: Sequence[float]
     wider = errors.transform(lambda part: np.concatenate([part, np.zeros((len(part), count, part.shape[2]))], axis=1))
     wider.linear[:, np.arange(-count, 0), indices] = sds
     spread = NuisanceErrors(track.spread.x, wider)
-    zeros = np.zeros((len(track.x), count))
-    parts = {key: np.hstack([getattr(track.predicted, key), zeros]) for key in ("value", "by_modulus", "by_diameter", "bound")}
-    no_flags = np.zeros(count, dtype=bool)
-    arrays = {key: np.append(getattr(data, key), no_flags) for key in ("is_stiffness", "is_blank")}
-    arrays |= {key: np.append(getattr(data, key), np.zeros(count)) for key in ("value", "sign")}
-    arrays |= {"place": np.append(data.place, np.zeros(count, dtype=int)), "is_phase": np.append(data.is_phase, ~no_flags)}
-    arrays |= {"noise": np.append(data.noise, np.full(count, ULTRASOUND_RELATIVE_SD))}
-    model = replace(track.model, data=replace(data, **arrays))
-    return replace(
-        track, model=model, predicted=replace(track.predicted, **parts), slope=np.hstack([track.slope, zeros]), spread=spread
+    zeros, no_flags = np.zeros((len(track.x), count)), np.zeros(count, dtype=bool)
+    sizes = Measurements(
+        data.places,
+        place=np.zeros(count, dtype=int),
+        is_stiffness=no_flags,
+        is_phase=~no_flags,
+        is_blank=no_flags,
+        value=np.zeros(count),
+        sign=np.zeros(count),
+        noise=np.full(count, ULTRASOUND_RELATIVE_SD),
     )
+    predicted = track.predicted.transform_columns(lambda part: np.hstack([part, zeros]))
+    model, slope = replace(track.model, data=data.join(sizes)), np.hstack([track.slope, zeros])
+    return replace(track, model=model, predicted=predicted, slope=slope, spread=spread)
 
 
 def _select_data(track: Track, columns: Ints, finer: int = POINTS_PER_NODE) -> Likelihood:
     """Return the likelihood of some columns of the data, with ``finer`` points from node to node."""
-    predicted: Predictions = track.predicted
-    parts = {key: getattr(predicted, key)[:, columns] for key in ("value", "by_modulus", "by_diameter", "bound")}
+    predicted = track.predicted.transform_columns(lambda part: part[:, columns])
     spread = track.spread
     if spread is not None:
         spread = NuisanceErrors(spread.x, spread.errors.transform(lambda part: part[:, columns]))
-    narrowed = replace(track, predicted=replace(predicted, **parts), slope=track.slope[:, columns], spread=spread, finer=finer)
+    narrowed = replace(track, predicted=predicted, slope=track.slope[:, columns], spread=spread, finer=finer)
     return Likelihood(narrowed, track.model.data.noise[columns])
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -48,6 +48,11 @@ class Predictions:
     def select_rows(self, which: Ints) -> Predictions:
         """Return the predictions for some of the bodies."""
         return Predictions(*(getattr(self, field.name)[which] for field in fields(self)))
+
+    def transform_columns(self, function: Callable[[Floats], Floats]) -> Predictions:
+        """Return the predictions of other data: a function of each array of shape (n, k)."""
+        value, by_modulus, by_diameter, bound = map(function, (self.value, self.by_modulus, self.by_diameter, self.bound))
+        return replace(self, value=value, by_modulus=by_modulus, by_diameter=by_diameter, bound=bound)
 
     @classmethod
     def join(cls, parts: Sequence[Predictions]) -> Predictions:

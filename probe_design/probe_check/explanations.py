@@ -129,16 +129,9 @@ def list_indistinguishable(explained: Sequence[Explanation]) -> tuple[str, ...]:
 
 def build_explanation(fit: Fit, deviation: Deviation, index: int = 0) -> Explanation:
     """Build the explanation by one of a fit's variables."""
-    p_value = _compute_p_value(fit.chi_square, len(deviation.logs) - len(fit.changes.names))
-    return Explanation(
-        variable=fit.changes.names[index],
-        change=float(fit.changes.values[index] - fit.changes.nominal[index]),
-        uncertainty=float(fit.uncertainties[index]),
-        nominal=float(fit.changes.nominal[index]),
-        chi_square=fit.chi_square,
-        p_value=p_value,
-        explains=p_value >= SIGNIFICANCE_LEVEL,
-    )
+    nominal, freedom = float(fit.changes.nominal[index]), len(deviation.logs) - len(fit.changes.names)
+    change, uncertainty = float(fit.changes.values[index]) - nominal, float(fit.uncertainties[index])
+    return _explain(fit.changes.names[index], change, uncertainty, nominal, chi_square=fit.chi_square, freedom=freedom)
 
 
 def _build_pair(fit: Fit, deviation: Deviation) -> VariablePair:
@@ -146,21 +139,14 @@ def _build_pair(fit: Fit, deviation: Deviation) -> VariablePair:
     return VariablePair(first, second, first.chi_square, first.p_value, first.explains)
 
 
-def _compute_p_value(left: float, freedom: int) -> float:
-    return float(chdtrc(freedom, left)) if freedom > 0 else 1.0
-
-
 def _fit_variable(deviation: Deviation, name: str, shift: Floats, nominal: float) -> Explanation:
     """Fit one variable by eq. PC.3, and compute the remaining chi-square."""
-    model = deviation.build_errors(name).add_unknowns(shift[:, None], np.array([np.inf]))
+    model, freedom = deviation.build_errors(name).add_unknowns(shift[:, None], np.array([np.inf])), len(deviation.logs) - 1
+    change, uncertainty = model.compute_posterior_mean(deviation.difference)[0], model.compute_posterior_sd(np.ones(1))
     chi_square = float(model.compute_chi_square(deviation.difference))
-    p_value = _compute_p_value(chi_square, len(deviation.logs) - 1)
-    return Explanation(
-        variable=name,
-        change=float(model.compute_posterior_mean(deviation.difference)[0]),
-        uncertainty=float(model.compute_posterior_sd(np.ones(1))),
-        nominal=nominal,
-        chi_square=chi_square,
-        p_value=p_value,
-        explains=p_value >= SIGNIFICANCE_LEVEL,
-    )
+    return _explain(name, float(change), float(uncertainty), nominal, chi_square=chi_square, freedom=freedom)
+
+
+def _explain(name: str, change: float, uncertainty: float, nominal: float, *, chi_square: float, freedom: int) -> Explanation:
+    p_value = float(chdtrc(freedom, chi_square)) if freedom > 0 else 1.0
+    return Explanation(name, change, uncertainty, nominal, chi_square, p_value, explains=p_value >= SIGNIFICANCE_LEVEL)
