@@ -32,7 +32,6 @@ ROOMS = {
     "SO": "solver/solid",
     "PH": "solver/phase",
     "PL": "solver/planning",
-    "OP": "probe_design/optimisation",
     "LG": "probe_design/inference",
     "PO": "probe_design/populations",
     "DS": "probe_design/design_search",

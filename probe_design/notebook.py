@@ -12,7 +12,7 @@ import numpy as np
 from probe_design.reporting.table import Table, format_number, format_unit
 
 if TYPE_CHECKING:
-    from probe_design.optimisation.optimum import Optimum
+    from probe_design.design_search.tumour_optimum import TumourOptimum
     from solver.results.record import Record
 
 MAX_TABLE_ROWS = 12  # rows of a long table that a notebook shows
@@ -24,7 +24,7 @@ def register_displays() -> None:
     if shell is not None:
         formatter = shell.display_formatter.formatters["text/html"]
         formatter.for_type_by_name("solver.results.record", "Record", format_record)
-        formatter.for_type_by_name("probe_design.optimisation.optimum", "Optimum", format_optimum)
+        formatter.for_type_by_name("probe_design.design_search.tumour_optimum", "TumourOptimum", format_optimum)
 
 
 def format_record(record: Record) -> str:
@@ -33,9 +33,9 @@ def format_record(record: Record) -> str:
     return "".join(table.to_html() for table in _build_tables(record)) + (f"<ul>{notes}</ul>" if notes else "")
 
 
-def format_optimum(optimum: Optimum) -> str:
+def format_optimum(optimum: TumourOptimum) -> str:
     """Return the verdict of an optimisation and the comparison of start and optimum as HTML."""
-    from probe_design.optimisation.comparison import build_comparison_table
+    from probe_design.design_report.tumour_table import build_comparison_table
 
     return f"<p>{escape(optimum.verdict)}</p>{build_comparison_table(optimum).to_html()}"
 

@@ -18,8 +18,8 @@ from time import process_time
 from geometry import Scene, read_scene
 from geometry.common.resources import Limits, use_limits
 from geometry.scenes.scene import CylinderTissue, Inclusion, Load
-from probe_design.optimisation.candidate import Candidate
-from probe_design.optimisation.optimize import optimize
+from probe_design.design_search.optimize import optimize
+from probe_design.design_search.tumour_verification import TumourVerification
 from tests.support.scenes import nodule
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "scene.toml"
@@ -35,26 +35,21 @@ def gel() -> Scene:
 SCENES = {"example": lambda: read_scene(EXAMPLE), "nodule": nodule, "gel": gel}
 
 
-def _describe(candidate: Candidate) -> str:
-    probe, load = candidate.scene.probe, candidate.pressing
+def _describe(design: TumourVerification) -> str:
+    probe, load = design.scene.probe, design.pressing
     lengths = probe.inner_radius, probe.tube_radius, probe.gap, probe.core_height
     sizes = ", ".join(f"{1e3 * length:.3g}" for length in lengths)
-    return (
-        f"{sizes} | {load.force:.3g} ({load.limited_by}) | {candidate.judged_objective:.3g} ({candidate.objective_min:.3g} to "
-        f"{candidate.objective_max:.3g})"
-    )
+    return f"{sizes} | {load.force:.3g} ({load.limited_by}) | {design.value:.3g} ({design.lower:.3g} to {design.upper:.3g})"
 
 
 def row(name: str, force: float, starts: int) -> str:
     """Return the line of one scene under one largest force."""
     begin, scene = process_time(), SCENES[name]().model_copy(update={"load": Load(force=force)})
-    optimum = optimize(scene, lambda *_: None, starts=starts)
-    best, start = optimum.best_tried, optimum.baseline
-    linear_best = min(
-        (candidate.linear or candidate for candidate in optimum.candidates), key=lambda candidate: candidate.judged_objective
-    )
+    optimum = optimize(scene, starts=starts)
+    best, start = optimum.best_tried, optimum.start
+    linear_best = min((design.linear or design for design in optimum.finalists), key=lambda design: design.value)
     gain, error = best.compute_gain(linear_best)
-    baseline = f"{start.judged_objective:.3g} at {start.pressing.force:.3g} N ({start.pressing.limited_by})"
+    baseline = f"{start.value:.3g} at {start.pressing.force:.3g} N ({start.pressing.limited_by})"
     cells = name, f"{force:g}", baseline, _describe(linear_best), _describe(best), f"{gain:.0%} ({error:.1%})", optimum.status
     return f"| {' | '.join(cells)} | {process_time() - begin:.0f} |"
 

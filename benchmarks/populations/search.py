@@ -88,7 +88,7 @@ def judge_populations() -> MeasuredTable:
     for name in POPULATIONS:
         optimum = optimize(design(name))
         cells = [
-            "-" if candidate is None else "{:.3f} +- {:.3f}".format(*candidate.get_objective(optimum.design))
+            "-" if candidate is None else "{:.3f} +- {:.3f}".format(*candidate.objective)
             for candidate in (optimum.start, optimum.single, optimum.best_tried)
         ]
         table.add(

@@ -17,8 +17,8 @@ import numpy as np
 
 from benchmarks.populations.cases import CASES, case
 from geometry.common.arrays import Floats, Ints
-from probe_design.design_report.judgement_pictures import plot_judgements, plot_levers
 from probe_design.design_report.levers import compute_levers
+from probe_design.design_report.pictures import draw_levers
 from probe_design.populations.design_file import Design
 from probe_design.populations.detection import Detector, compute_log_likelihood_ratio, whiten
 from probe_design.populations.examination import Examination
@@ -78,8 +78,7 @@ def main() -> None:
         )
         if given.pictures is not None:
             slug = name.replace(" ", "-")
-            plot_judgements([("formulas", formulas), ("judge", judgement)], given.pictures / f"{slug}.png")
-            plot_levers(compute_levers(design.scene, design), "probability to be found", given.pictures / f"{slug}-levers.png")
+            draw_levers(compute_levers(design.scene, design), "probability to be found", given.pictures / f"{slug}-levers.png")
 
 
 if __name__ == "__main__":

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -19,8 +19,8 @@ from probe_design.data.noise import DEFAULT_NOISE
 
 if TYPE_CHECKING:
     from probe_design.design_search.design_source import DesignSource
-    from probe_design.design_search.outcome import PopulationOptimum
-    from probe_design.optimisation.optimum import Optimum
+    from probe_design.design_search.population_optimum import PopulationOptimum
+    from probe_design.design_search.tumour_optimum import TumourOptimum
     from probe_design.populations.design_file import Design
 
 SCENE_OPTIONS = ("outer_radius", "starts", "evaluator", "noise")  # a design file states these by its own keys
@@ -107,61 +107,41 @@ class OptimizeRequest(LimitedRequest):
             return
         if self.output is None:
             raise InputError("output", Words("missing"), "-o DIR, the folder for the design, its parts and the report")
-        start, folder = read_design_source(self.design), Path(self.output)
-        if isinstance(start, Design):
+        question, folder = read_design_source(self.design), Path(self.output)
+        settings = {key: getattr(self, key) for key in SCENE_OPTIONS}
+        if isinstance(question, Design):
+            settings = {}
             given = (key for key in SCENE_OPTIONS if key in self.model_fields_set)
             refuse_options({key.replace("_", "-"): getattr(self, key) for key in given})
-            self._optimize_population(start, folder)
         elif self.pareto:
             raise InputError("pareto", ", ".join(self.pareto), "none for a scene: fronts are a design file's")
-        else:
-            self._optimize_scene(start, folder)
+        self._optimize(question, folder, settings)
 
-    def _optimize_population(self, design: Design, folder: Path) -> None:
-        from probe_design.design_report.report import compute_maps, write_all
-        from probe_design.design_report.table import build_table
+    def _optimize(self, question: Scene | Design, folder: Path, settings: Mapping[str, Any]) -> None:
+        from probe_design.design_report.build import build_report
         from probe_design.design_search.optimize import optimize as run
         from probe_design.design_search.pareto import compute_front
-        from probe_design.terminal.console import show_stages, show_table, write_message
-
-        question_digest = self._check_output(design, folder)
-        with show_stages() as progress:
-            optimum = run(design, progress)
-            maps = compute_maps(optimum)
-            fronts = tuple(compute_front(design, quantity, partial(progress, f"front: {quantity}")) for quantity in self.pareto)
-            files = write_all(optimum, folder, progress, maps, fronts, force=self.force, asking=question_digest)
-        if self.as_json:
-            import json
-
-            print_json(json.loads((folder / "optimize.json").read_text(encoding="utf-8")))
-        else:
-            show_table(build_table(optimum, maps))
-            write_message(f"search: {optimum.how}")
-            write_message(f"error of the detection: {optimum.best.judgement.error_note}")
-            _report_files(folder, files)
-        _conclude(optimum.verdict, optimum.status, optimum.warnings)
-
-    def _optimize_scene(self, start: Scene, folder: Path) -> None:
-        from probe_design.optimisation.comparison import build_comparison_table
-        from probe_design.optimisation.optimize import optimize as run
-        from probe_design.optimisation.report import build_summary, write_all
-        from probe_design.terminal.console import show_stages, show_table, warn
+        from probe_design.populations.design_file import Design
+        from probe_design.terminal.console import show_stages, show_table, warn, write_message
         from probe_design.workshop.package import list_missing_films
 
-        question_digest = self._check_output(start, folder)
+        question_digest, fronts = self._check_output(question, folder), []
         with show_stages() as progress:
-            optimum = run(
-                start, progress, outer_radius=self.outer_radius, starts=self.starts, judge=self.evaluator, noise=self.noise
-            )
-            files = write_all(optimum, folder, progress, force=self.force, question=question_digest)
+            optimum = run(question, progress, **settings)
+            if isinstance(question, Design):
+                fronts = [compute_front(question, cost, partial(progress, f"front: {cost}")) for cost in self.pareto]
+            report = build_report(optimum, tuple(fronts))
+            files = report.write(folder, progress, force=self.force, question_digest=question_digest)
         if self.as_json:
-            print_json(build_summary(optimum, files))
+            print_json(report.build_summary(files))
         else:
-            show_table(build_comparison_table(optimum))
-            report_assumed_sizes(optimum.best.scene.probe)
-            warn(list_missing_films(optimum.best.scene.probe))
+            show_table(report.build_table())
+            report_assumed_sizes(optimum.scene.probe)
+            warn(list_missing_films(optimum.scene.probe))
+            for message in report.messages:
+                write_message(message)
             _report_files(folder, files)
-        _conclude(optimum.verdict, optimum.status, optimum.remarks)
+        _conclude(optimum.verdict, optimum.status, optimum.warnings)
 
     def _check_output(self, start: Scene | Design, folder: Path) -> str:
         """Check the output folder and CAD before the search rather than after it.
@@ -190,7 +170,7 @@ def optimize(
     design: DesignSource = None, *, output: Path | str | None = None, outer_radius: float | None = None,
     starts: int = 8, evaluator: str | None = None, noise: float = DEFAULT_NOISE, force: bool = False,
     progress: Stages | None = None,
-) -> Optimum | PopulationOptimum:  # fmt: skip
+) -> PopulationOptimum | TumourOptimum:  # fmt: skip
     """Find a better probe for the tumours of a design file or for the tumour of a scene, and verify it by finite elements.
 
     The load of a scene is an upper limit. Where it is beyond linear elasticity, ``contact`` evaluates each design under the best
@@ -205,7 +185,7 @@ def optimize(
 
     Returns:
     -------
-    Optimum or PopulationOptimum
+    PopulationOptimum or TumourOptimum
         The initial design, all verified designs and the best; ``status`` states whether there is a gain.
 
     Raises:
@@ -216,30 +196,22 @@ def optimize(
         The closed form or the verifying evaluator cannot model the scene.
     """
     from geometry.common.files import check_writable
+    from probe_design.design_report.build import build_report
     from probe_design.design_search.design_source import read_design_source
+    from probe_design.design_search.optimize import optimize as run
 
-    tell, start = progress or ignore_stage, read_design_source(design)
+    tell, question = progress or ignore_stage, read_design_source(design)
     folder = None if output is None else Path(output)
     if folder is not None:
         check_writable(folder)
-    if isinstance(start, Scene):
-        from probe_design.optimisation.optimize import optimize as run
-        from probe_design.optimisation.report import write_all
-
-        optimum = run(start, tell, outer_radius=outer_radius, starts=starts, judge=evaluator, noise=noise)
-        if folder is not None:
-            write_all(optimum, folder, tell, force=force)
-        return optimum
-    from probe_design.design_report.report import compute_maps
-    from probe_design.design_report.report import write_all as write_design
-    from probe_design.design_search.optimize import optimize as optimize_design
-
     settings = {"outer_radius": outer_radius, "starts": starts, "evaluator": evaluator, "noise": noise}
-    refuse_options({key: value for key, value in settings.items() if value != OptimizeRequest.model_fields[key].default})
-    population_optimum = optimize_design(start, tell)
+    if not isinstance(question, Scene):
+        settings = {key: value for key, value in settings.items() if value != OptimizeRequest.model_fields[key].default}
+        refuse_options(settings)
+    optimum = run(question, tell, **settings)
     if folder is not None:
-        write_design(population_optimum, folder, tell, compute_maps(population_optimum), force=force)
-    return population_optimum
+        build_report(optimum).write(folder, tell, force=force)
+    return optimum
 
 
 def refuse_options(options: dict[str, object]) -> None:

@@ -1,1 +1,1 @@
-"""What `optimize DESIGN` shows and leaves: table, maps over depth and diameter, levers, fronts, report and parts."""
+"""What ``optimize`` shows and leaves: table, maps over depth and diameter, levers, fronts, report and parts."""

@@ -8,8 +8,8 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
-from probe_design.design_search.heights import read_design_vector
 from probe_design.design_search.steered_population import DesignObjective
+from probe_design.design_search.variables import read_vector
 from probe_design.populations.design_file import Design
 from probe_design.populations.population import MIN_COVER_PER_DIAMETER, ScenePopulation, TumourDraw
 from probe_design.populations.ranges import Range
@@ -52,7 +52,7 @@ def compute_depth_map(design: Design, scene: Scene, force: float) -> DepthMap:
         fits &= np.abs(z - interface) >= d / 2
     probability, contrast_sd = np.full(len(z), np.nan), np.full(len(z), np.nan)
     shape, probe = (len(depth), len(diameter)), scene.probe
-    arguments = read_design_vector(scene), (probe.inner.poisson_ratio, probe.outer.poisson_ratio), force
+    arguments = read_vector(scene), (probe.inner.poisson_ratio, probe.outer.poisson_ratio), force
     if fits.any():
         draw = _build_draw(population, z[fits], d[fits])
         probability[fits] = _build_search_objective(design, population, draw, scene, "detection").evaluate_tumours(*arguments)

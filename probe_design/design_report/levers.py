@@ -11,7 +11,7 @@ import numpy as np
 from geometry.scenes.scene import Scene
 from probe_design.populations.design_file import Design
 from probe_design.populations.examination import Examination
-from probe_design.populations.judge import Progress, examine
+from probe_design.populations.judge import examine
 from probe_design.populations.judgement import Judgement
 from probe_design.populations.tables import MAX_POSITIONS
 
@@ -34,34 +34,25 @@ class Lever:
     error: float
 
 
-def compute_levers(scene: Scene, design: Design, *, unseen: bool = False, progress: Progress | None = None) -> tuple[Lever, ...]:
-    """Compute the gain of each single improvement of the readings for a scene's probe; the first entry changes nothing.
+def compute_levers(scene: Scene, design: Design) -> tuple[Lever, ...]:
+    """Compute by formulas the gain of each single improvement of the readings for a scene's probe; the first changes nothing.
 
     Args:
         scene: the design's scene, perhaps with another probe and load.
         design: what it is judged by.
-        unseen: whether to ask the evaluator that verifies, of tumours that no search has seen; the formulas otherwise.
-        progress: called with levers done and all.
 
     Raises:
         InputError: see ``judge.examine``.
         Refusal: likewise.
     """
     changes = list(_iterate_changes(design))
-    whole = design if unseen else _merge_positions(design, [changed for _, changed in changes])
-    scan = examine(scene, whole, unseen=unseen)
+    whole = _merge_positions(design, [changed for _, changed in changes])
+    scan = examine(scene, whole)
     start = _select_positions(scan, whole, design).evaluate(design)
     results = [Lever("as it is", _get_objective(start, design), 0.0, 0.0)]
-    for number, (name, changed) in enumerate(changes):
-        if progress is not None:
-            progress(number, len(changes))
-        changed_scan = (
-            examine(scene, changed, unseen=True) if unseen and changed.protocol.positions != design.protocol.positions else scan
-        )
-        better = (changed_scan if unseen else _select_positions(scan, whole, changed)).evaluate(changed)
+    for name, changed in changes:
+        better = _select_positions(scan, whole, changed).evaluate(changed)
         results.append(Lever(name, _get_objective(better, design), *better.compute_gain(start, design.objective)))
-    if progress is not None:
-        progress(len(changes), len(changes))
     return tuple(results)
 
 

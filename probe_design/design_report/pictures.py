@@ -1,7 +1,8 @@
-"""The pictures of a report: start beside optimum over depth and diameter, Pareto fronts."""
+"""The pictures of a report: start beside optimum over depth and diameter, levers, Pareto fronts."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,18 +10,19 @@ import numpy as np
 
 from probe_design.data.noise import MAX_RESOLVED_LOG_SD
 from probe_design.design_report.depth_map import DETECTION_THRESHOLD, DepthMap
-from probe_design.reporting.picture_files import save_figure
+from probe_design.reporting.picture_files import check_format, save_figure
 
 if TYPE_CHECKING:
+    from probe_design.design_report.levers import Lever
     from probe_design.design_search.pareto import Front
-    from probe_design.design_search.verification import VerifiedDesign
+    from probe_design.design_search.verification import PopulationVerification
 
 MM_PER_M = 1e3
 VERIFIED_COLOUR, CLOSED_FORM_COLOUR = "#2a6f97", "#9aa5b1"
 MIN_SHOWN_SD, MAX_SHOWN_SD = 0.05, 5.0  # of ln contrast: what the colours tell apart
 
 
-def draw_maps(maps: dict[str, DepthMap], judged: dict[str, VerifiedDesign], path: Path) -> Path:
+def draw_maps(maps: dict[str, DepthMap], judged: dict[str, PopulationVerification], path: Path) -> Path:
     """Draw P and the standard deviation of ln contrast over diameter and depth, a column for each design; returns ``path``.
 
     Judged tumours are points: filled where they are found more often than not.
@@ -67,6 +69,30 @@ def draw_front(fronts: tuple[Front, ...], name: str, path: Path) -> Path:
     return save_figure(figure, path)
 
 
+def draw_levers(levers: Sequence[Lever], label: str, path: Path) -> Path:
+    """Draw what each lever brings as bars, with two standard errors of the gain; returns ``path``.
+
+    Args:
+        levers: see ``levers``, the first being none at all.
+        label: of the objective.
+        path: of the picture.
+
+    Raises:
+        InputError: the format is not known.
+    """
+    check_format(path)
+    figure, ((axes,),) = _create_figure((6.5, 1.2 + 0.42 * len(levers)), (1, 1))
+    places, values = np.arange(len(levers)), [lever.value for lever in levers]
+    axes.barh(places, values, color=["0.6", *["tab:blue"] * (len(levers) - 1)])
+    errors = [2 * lever.error for lever in levers]
+    axes.errorbar(values, places, xerr=errors, fmt="none", ecolor="black", capsize=3)
+    axes.axvline(levers[0].value, color="0.3", linewidth=0.8, linestyle=":")
+    axes.set_yticks(places, [lever.name for lever in levers])
+    axes.invert_yaxis()
+    axes.set_xlabel(f"{label} (bars: two standard errors of the gain)")
+    return save_figure(figure, path)
+
+
 def _create_figure(size: tuple[float, float], shape: tuple[int, int]) -> tuple[Any, Any]:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -105,7 +131,7 @@ def _format_axis(axis: Any) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def _draw_tumours(axes: Any, judged: VerifiedDesign) -> None:
+def _draw_tumours(axes: Any, judged: PopulationVerification) -> None:
     detected = judged.judgement.probability >= 0.5
     x, y = judged.judgement.diameter * MM_PER_M, judged.judgement.depth * MM_PER_M
     axes.scatter(x, y, s=16, facecolors=np.where(detected, "white", "none"), edgecolors="white", linewidths=0.8)

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from probe_design.design_report.depth_map import DepthMap
-from probe_design.design_search.outcome import PopulationOptimum
-from probe_design.design_search.verification import VerifiedDesign
+from probe_design.design_search.population_optimum import PopulationOptimum
+from probe_design.design_search.verification import PopulationVerification
 from probe_design.populations.tables import Observable
 from probe_design.reporting.table import Table
 
@@ -19,18 +19,9 @@ LIMIT_LABELS = {
 }  # fmt: skip
 
 
-def list_columns(optimum: PopulationOptimum) -> dict[str, VerifiedDesign]:
-    """Return the verified designs by their headings, the recommended one, of which everything else speaks, last."""
-    single = {} if optimum.single is None else {"one tumour": optimum.single}
-    if optimum.status == "improved":
-        return {"start": optimum.start} | single | {"recommended": optimum.best}
-    tried = {"best tried, no gain": optimum.best_tried} if optimum.finalists else {}
-    return tried | single | {"start, recommended": optimum.best}
-
-
 def list_rows(optimum: PopulationOptimum, maps: dict[str, DepthMap]) -> Iterator[tuple[str, ...]]:
     """Yield quantity and value of each design."""
-    designs = list_columns(optimum)
+    designs = optimum.list_columns()
 
     def build_row(name: str, format_cell: Any) -> tuple[str, ...]:
         return (name, *(format_cell(verified) for verified in designs.values()))
@@ -66,13 +57,8 @@ def list_rows(optimum: PopulationOptimum, maps: dict[str, DepthMap]) -> Iterator
 
 def build_table(optimum: PopulationOptimum, maps: dict[str, DepthMap]) -> Table:
     """Return the verified designs beside each other."""
-    headings, rows = ("quantity", *list_columns(optimum)), [*list_rows(optimum, maps)]
-    return Table(headings, rows, describe_outcome(optimum), describe_conditions(optimum))
-
-
-def describe_outcome(optimum: PopulationOptimum) -> str:
-    """Say whether there is a gain, and which design is recommended."""
-    return "optimize: improved" if optimum.status == "improved" else "optimize: no gain, the start is exported"
+    rows = [*list_rows(optimum, maps)]
+    return Table(("quantity", *optimum.list_columns()), rows, optimum.title, describe_conditions(optimum))
 
 
 def describe_conditions(optimum: PopulationOptimum) -> str:
@@ -90,12 +76,12 @@ def describe_conditions(optimum: PopulationOptimum) -> str:
     )
 
 
-def _format_detected(verified: VerifiedDesign, observable: Observable) -> str:
+def _format_detected(verified: PopulationVerification, observable: Observable) -> str:
     judged = verified.judgement.by_observable[observable]
     return "-" if judged is None else _format_percent(judged.detection, judged.detection_error)
 
 
-def _format_error_split(verified: VerifiedDesign) -> str:
+def _format_error_split(verified: PopulationVerification) -> str:
     error = verified.judgement.errors["detection"]
     return f"± {100 * error.sampling:.1f}, ± {100 * error.model:.1f}"
 
@@ -104,17 +90,17 @@ def _format_percent(value: float, error: float) -> str:
     return f"{100 * value:.1f} ± {100 * error:.1f}"
 
 
-def _format_heights(verified: VerifiedDesign) -> str:
+def _format_heights(verified: PopulationVerification) -> str:
     probe = verified.scene.probe
     return " / ".join(f"{height / M_PER_MM:.4g}" for height in dict.fromkeys((probe.core_height, probe.tube_height)))
 
 
-def _format_moduli(verified: VerifiedDesign) -> str:
+def _format_moduli(verified: PopulationVerification) -> str:
     probe = verified.scene.probe
     return f"{probe.inner.youngs_modulus / PA_PER_KPA:.4g} / {probe.outer.youngs_modulus / PA_PER_KPA:.4g}"
 
 
-def _format_materials(verified: VerifiedDesign) -> str:
+def _format_materials(verified: PopulationVerification) -> str:
     """The names of the blocks' materials, nothing where neither has one."""
     names = verified.scene.probe.inner.material, verified.scene.probe.outer.material
     return " / ".join(name or "-" for name in names) if any(names) else ""

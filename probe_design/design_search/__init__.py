@@ -1,1 +1,1 @@
-"""``optimize DESIGN``: variables, materials, limits, search, judgement on unseen tumours, what it leaves behind."""
+"""``optimize``: variables and limits, objectives by formulas, one search, verification by finer evaluators, what is best."""

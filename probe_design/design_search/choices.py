@@ -9,12 +9,16 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Words
-from probe_design.design_search.closed_search import IPOPT_STARTS, FoundDesigns, search
+from geometry.scenes.scene import Scene
+from probe_design.design_search.closed_search import search
+from probe_design.design_search.objective import SearchEffort, SearchObjective
 from probe_design.design_search.search_space import Combination, SearchSpace
-from probe_design.design_search.steered_population import DesignObjective
+from probe_design.design_search.variables import is_same_design
 
 MAX_ENUMERATED = 200
 MAX_THOROUGH_COMBINATIONS = 1  # combinations that are each searched from several starts at once
+QUICK_EFFORT = SearchEffort(starts=1, screened=16, steps=12)  # for each of several combinations
+MAX_CHOICES = 50  # designs of one combination
 ROUNDED_DESIGNS = 3  # designs of the relaxed search that are rounded
 NEIGHBOUR_ROUNDS = 4  # of looking at neighbours
 REPEATED_COMBINATIONS = 3  # of many combinations, so many of the best are searched once more from several starts
@@ -48,7 +52,25 @@ class ChoiceSearch:
     best: dict[str, float]
 
 
-def search_combinations(steered: DesignObjective, search_space: SearchSpace, progress: Progress) -> ChoiceSearch:
+def iterate_distinct(choices: Iterable[Choice], search_space: SearchSpace, tolerance: float) -> Iterator[tuple[Choice, Scene]]:
+    """Yield choices with their scenes as a workshop makes them, but for those within a tolerance of an earlier one.
+
+    Args:
+        choices: best first.
+        search_space: whose limits the scenes keep.
+        tolerance: relative, of every variable.
+    """
+    scenes: list[Scene] = []
+    for choice in choices:
+        scene = search_space.build_scene(choice.design, choice.combination)
+        if scene is None or not search_space.space.admits_scene(scene):
+            continue
+        if not any(is_same_design(scene, earlier, tolerance) for earlier in scenes):
+            scenes.append(scene)
+            yield choice, scene
+
+
+def search_combinations(objective: SearchObjective, search_space: SearchSpace, progress: Progress) -> ChoiceSearch:
     """Search the combinations of discrete values and return the designs, best first.
 
     Raises:
@@ -56,10 +78,10 @@ def search_combinations(steered: DesignObjective, search_space: SearchSpace, pro
     """
     if search_space.combinations <= MAX_ENUMERATED:
         combinations = list(search_space.iterate_combinations())
-        choices = _search_all(steered, search_space, combinations, progress)
+        choices = _search_all(objective, search_space, combinations, progress)
         how = f"all {len(combinations)} combinations of choices tried" if len(combinations) > 1 else "all variables continuous"
         return _sort_choices(choices, how, True)
-    choices, count = _search_relaxed(steered, search_space, progress)
+    choices, count = _search_relaxed(objective, search_space, progress)
     how = (
         f"{search_space.combinations} combinations of choices, more than {MAX_ENUMERATED}: not all tried but {count} near what a "
         "search without steps found, until none beside the best was better"
@@ -68,80 +90,76 @@ def search_combinations(steered: DesignObjective, search_space: SearchSpace, pro
 
 
 def search_combination(
-    steered: DesignObjective, search_space: SearchSpace, combination: Combination, *, thorough: bool
+    objective: SearchObjective, search_space: SearchSpace, combination: Combination, *, thorough: bool
 ) -> list[Choice]:
     """Return the designs of one combination, best first."""
-    how = {} if thorough else {"starts": 1, "screened": 16, "steps": 12}
-    designs = search(steered, search_space.pin_combination(combination), combination.poisson, **how)
-    return _list_choices(combination, designs)
-
-
-def _list_choices(combination: Combination, designs: FoundDesigns) -> list[Choice]:
+    space = search_space.pin_combination(combination)
+    designs = search(objective, space, combination.poisson, None if thorough else QUICK_EFFORT)
     pairs = zip(designs.designs.T, designs.values.tolist(), strict=True)
-    return [Choice(combination, design, value) for design, value in pairs if np.isfinite(value)][:50]
+    return [Choice(combination, design, value) for design, value in pairs if np.isfinite(value)][:MAX_CHOICES]
 
 
 def _search_all(
-    steered: DesignObjective, search_space: SearchSpace, combinations: list[Combination], progress: Progress
+    objective: SearchObjective, search_space: SearchSpace, combinations: list[Combination], progress: Progress
 ) -> list[Choice]:
-    thorough = len(combinations) <= MAX_THOROUGH_COMBINATIONS or not search_space.list_free_variables(combinations[0])
+    thorough = len(combinations) <= MAX_THOROUGH_COMBINATIONS or not search_space.pin_combination(combinations[0]).free
     choices: list[Choice] = []
     for k, combination in enumerate(combinations):
         progress(k, len(combinations))
-        choices += search_combination(steered, search_space, combination, thorough=thorough)
+        choices += search_combination(objective, search_space, combination, thorough=thorough)
     progress(len(combinations), len(combinations))
-    return choices if thorough else choices + _repeat_search(steered, search_space, choices)
+    return choices if thorough else choices + _repeat_search(objective, search_space, choices)
 
 
-def _repeat_search(steered: DesignObjective, search_space: SearchSpace, choices: list[Choice]) -> list[Choice]:
+def _repeat_search(objective: SearchObjective, search_space: SearchSpace, choices: list[Choice]) -> list[Choice]:
     """Search the best combinations once more, from several starts."""
     order = sorted(choices, key=lambda choice: -choice.value)
     best = list({choice.combination.description: choice.combination for choice in order}.values())[:REPEATED_COMBINATIONS]
-    return [repeated for choice in best for repeated in search_combination(steered, search_space, choice, thorough=True)]
+    return [repeated for choice in best for repeated in search_combination(objective, search_space, choice, thorough=True)]
 
 
-def _search_relaxed(steered: DesignObjective, search_space: SearchSpace, progress: Progress) -> tuple[list[Choice], int]:
+def _search_relaxed(objective: SearchObjective, search_space: SearchSpace, progress: Progress) -> tuple[list[Choice], int]:
     """Search with continuous variables, round the best designs, then move to the best neighbour until none is better."""
-    relaxed = search(steered, search_space.space, _average_poisson(search_space), starts=IPOPT_STARTS)
+    relaxed = search(objective, search_space.space, _average_poisson(search_space))
     progress(1, 2 + NEIGHBOUR_ROUNDS)
     tried: dict[str, list[Choice]] = {}
     for design in relaxed.designs.T[:ROUNDED_DESIGNS]:
-        _search_untried(steered, search_space, search_space.iterate_nearest(design), tried)
+        _search_untried(objective, search_space, search_space.iterate_nearest(design), tried)
     progress(2, 2 + NEIGHBOUR_ROUNDS)
     for turn in range(NEIGHBOUR_ROUNDS):
         tried_choices = [choice for choices in tried.values() for choice in choices]
         if not tried_choices:
             break
         best = max(tried_choices, key=lambda choice: choice.value)
-        _search_untried(steered, search_space, _list_neighbours(search_space, best), tried)
+        _search_untried(objective, search_space, _list_neighbours(search_space, best), tried)
         progress(3 + turn, 2 + NEIGHBOUR_ROUNDS)
         if max(choice.value for choices in tried.values() for choice in choices) <= best.value:
             break
     progress(2 + NEIGHBOUR_ROUNDS, 2 + NEIGHBOUR_ROUNDS)
     choices = [choice for tried_choices in tried.values() for choice in tried_choices]
-    return choices + (_repeat_search(steered, search_space, choices) if choices else []), len(tried)
+    return choices + (_repeat_search(objective, search_space, choices) if choices else []), len(tried)
 
 
 def _search_untried(
-    steered: DesignObjective, search_space: SearchSpace, combinations: Iterable[Combination], tried: dict[str, list[Choice]]
+    objective: SearchObjective, search_space: SearchSpace, combinations: Iterable[Combination], tried: dict[str, list[Choice]]
 ) -> None:
     for combination in combinations:
         if combination.description not in tried and len(tried) < MAX_ENUMERATED:
-            tried[combination.description] = search_combination(steered, search_space, combination, thorough=False)
+            tried[combination.description] = search_combination(objective, search_space, combination, thorough=False)
 
 
 def _list_neighbours(search_space: SearchSpace, best: Choice) -> Iterator[Combination]:
     """Yield the combinations that differ from the best by one step of one variable or by one block's material."""
-    held = {k: best.combination.pinned[k] for k in search_space.grids}
-    for k, values in search_space.grids.items():
-        position = values.index(held[k])
+    pinned = {name: best.combination.pinned[name] for name in search_space.grids}
+    for name, values in search_space.grids.items():
+        position = values.index(pinned[name])
         for neighbour in values[max(0, position - 1) : position + 2]:
-            if neighbour != held[k]:
-                yield replace(best.combination, pinned={**best.combination.pinned, k: neighbour})
+            if neighbour != pinned[name]:
+                yield replace(best.combination, pinned={**best.combination.pinned, name: neighbour})
     if search_space.shelf:
-        names = best.combination.materials
-        for combination in search_space.iterate_materials(held):
-            if sum(name != mine for name, mine in zip(combination.materials, names, strict=True)) == 1:
+        for combination in search_space.iterate_materials(pinned):
+            pairs = zip(combination.materials, best.combination.materials, strict=True)
+            if sum(first != second for first, second in pairs) == 1:
                 yield combination
 
 

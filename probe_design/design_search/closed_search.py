@@ -8,52 +8,52 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import casadi as ca
 import numpy as np
 from scipy.stats import qmc
 
 from geometry.common.arrays import Floats, Ints
-from probe_design.design_search.steered_population import DesignObjective
-from probe_design.optimisation.design_space import Space
-from probe_design.optimisation.global_search import IPOPT_QUIET_OPTIONS, SHELLS_PER_OCTAVE, raise_user_interrupt
+from probe_design.design_search.objective import ExactGradients, SearchEffort, SearchObjective
+from probe_design.design_search.variables import ProbeSizes, VariableSpace
 from solver.casadi_functions.base import DifferentiableFunction
 
 SOBOL_SEED = 21
-SCREENED_PER_SHELL = 64  # designs in each shell, a power of two as Sobol's sequence likes it
-IPOPT_STARTS, MAX_IPOPT_STEPS = 4, 25  # of IPOPT
-BOUNDS_TOLERANCE_RELATIVE = 1e-9  # relative: bounds this near are one value
+SHELLS_PER_OCTAVE = 2  # of outer radii in each octave
+IPOPT_TOLERANCE = 1e-5  # of the objective
+CONSTRAINT_TOLERANCE_RELATIVE = 1e-6  # IPOPT meets constraints to about 1e-8, and rounding removes the rest
+IPOPT_OPTIONS: dict[str, Any] = {
+    "ipopt.print_level": 0,
+    "print_time": 0,
+    "ipopt.sb": "yes",
+    "error_on_fail": False,
+    "show_eval_warnings": False,
+    "ipopt.hessian_approximation": "limited-memory",
+}
 
 
 @dataclass(frozen=True)
 class FoundDesigns:
-    """Designs of a search, best first, shape (6 or 7, n), and their objectives by the closed form, shape (n,)."""
+    """Designs of a search, best first, shape (variables, n), and their objectives by the closed form, shape (n,)."""
 
     designs: Floats
     values: Floats
-
-
-class ExactGradients(Protocol):
-    """An objective with exact derivatives, as IPOPT needs it."""
-
-    def gradient(self, x: Floats, poisson: tuple[float, float], which: list[int]) -> tuple[Floats, Floats]:
-        """See ``DesignObjective.gradient``."""
 
 
 class ObjectiveFunction(DifferentiableFunction):
     """ln of some variables -> the objective, and the margin of the weaker channel's charge, with exact derivatives.
 
     Args:
-        steered: the objective.
+        objective: the objective.
         start: all variables.
         which: those that vary.
         poisson: ratios of both blocks.
     """
 
-    def __init__(self, steered: ExactGradients, start: Floats, which: list[int], poisson: tuple[float, float]) -> None:
+    def __init__(self, objective: ExactGradients, start: Floats, which: list[int], poisson: tuple[float, float]) -> None:
         super().__init__()
-        self.steered, self.start, self.which, self.poisson = steered, start, which, poisson
+        self.objective, self.start, self.which, self.poisson = objective, start, which, poisson
         self.evaluations = 0
         self.begin("population", len(which), 2)
 
@@ -62,45 +62,44 @@ class ObjectiveFunction(DifferentiableFunction):
         design = self.start.copy()
         design[self.which] = np.exp(x)
         self.evaluations += 1
-        return self.steered.gradient(design, self.poisson, self.which)
+        return self.objective.gradient(design, self.poisson, self.which)
 
 
 def search(
-    steered: DesignObjective, space: Space, poisson: tuple[float, float], *, starts: int = IPOPT_STARTS,
-    screened: int = SCREENED_PER_SHELL,
-    steps: int = MAX_IPOPT_STEPS,
-) -> FoundDesigns:  # fmt: skip
+    objective: SearchObjective, space: VariableSpace, poisson: tuple[float, float], effort: SearchEffort | None = None
+) -> FoundDesigns:
     """Search designs within bounds and return local optima and screened designs together, best first.
 
     Args:
-        steered: the objective.
+        objective: to climb.
         space: bounds and constraints; a variable whose bounds are one value stays there.
         poisson: of both blocks.
-        starts: from how many of the screened designs IPOPT starts.
-        screened: designs in each shell of outer radii.
-        steps: of IPOPT from each.
+        effort: left out: the objective's own.
     """
-    designs = screen(space, screened)
-    values = steered.evaluate_designs(designs, poisson)
-    free = [k for k in range(len(space.low)) if space.low[k] < space.high[k] * (1 - BOUNDS_TOLERANCE_RELATIVE)]
-    if not free or not np.isfinite(values).any():
+    effort = effort or objective.effort
+    designs = screen(space, effort.screened)
+    values = objective.evaluate_designs(designs, poisson)
+    if not space.free or not np.isfinite(values).any():
         return _sort_designs(designs, values)
     optima = [
-        refine_by_ipopt(steered, space, designs[:, k], poisson=poisson, free=free, steps=steps)
-        for k in _order_starts(space, designs, values)[:starts]
+        refine_by_ipopt(objective, space, designs[:, k], poisson=poisson, steps=effort.steps)
+        for k in _order_starts(designs, values)[: effort.starts]
     ]
     all_designs = np.concatenate([np.array(optima).T, designs], axis=1)
-    all_values = np.concatenate([steered.evaluate_designs(np.array(optima).T, poisson), values])
-    keeps = _meets_constraints(space, all_designs)
+    all_values = np.concatenate([objective.evaluate_designs(np.array(optima).T, poisson), values])
+    keeps = space.admits(all_designs, CONSTRAINT_TOLERANCE_RELATIVE)
     return _sort_designs(all_designs[:, keeps], all_values[keeps])
 
 
-def screen(space: Space, count: int = SCREENED_PER_SHELL) -> Floats:
-    """Return the admissible designs of Sobol sequences, even in the logarithms, shell by shell of outer radii, shape (6, n)."""
+def screen(space: VariableSpace, count: int) -> Floats:
+    """Return the admissible designs of Sobol sequences, even in the logarithms, shell by shell of outer radii.
+
+    With them is the design at the lower bounds, and that in the middle of all bounds where no other is admissible.
+    """
     low, high = np.maximum(space.low, 1e-12), np.maximum(space.high, 1e-12)
-    if not np.any(low < high * (1 - BOUNDS_TOLERANCE_RELATIVE)):
+    if not space.free:
         return low[:, None]
-    min_radius = low[0] + low[2] + space.wall
+    min_radius = space.wall + sum(low[space.names.index(name)] for name in ("inner_radius", "gap"))
     first, last = (
         math.floor(SHELLS_PER_OCTAVE * math.log2(radius)) for radius in (min_radius, max(space.outer_radius, min_radius))
     )
@@ -109,38 +108,38 @@ def screen(space: Space, count: int = SCREENED_PER_SHELL) -> Floats:
     inside = space.admits(designs) & np.all(
         (designs >= low[:, None] * (1 - 1e-9)) & (designs <= high[:, None] * (1 + 1e-9)), axis=0
     )
-    return np.concatenate([_build_corners(space, low, high), designs[:, inside]], axis=1)
+    corners = [low] if inside.any() else [low, np.exp((np.log(low) + np.log(high)) / 2)]
+    candidates = np.array([_thin_wall(space, corner) for corner in corners]).T
+    return np.concatenate([candidates[:, space.admits(candidates)], designs[:, inside]], axis=1)
 
 
-def _build_corners(space: Space, low: Floats, high: Floats) -> Floats:
-    """Return the design at the lower bounds and that in the middle of all bounds, those of them that are admissible."""
-    middle = np.exp((np.log(low) + np.log(high)) / 2)
-    candidates = np.array([low, middle]).T
-    for column in candidates.T:
-        min_radius = column[0] + column[2] + space.wall * (1 + 1e-9)
-        widest = min(max(float(space.compute_outer_radius(column)), min_radius), max(space.outer_radius * (1 - 1e-9), min_radius))
-        ratio = column[0] ** 2 / (widest**2 - (column[0] + column[2]) ** 2)
-        column[1] = np.clip(ratio, low[1], high[1])
-    return np.asarray(candidates[:, space.admits(candidates)])
+def _thin_wall(space: VariableSpace, design: Floats) -> Floats:
+    """Return a design with the area ratio that leaves the least wall, as far as its bounds allow."""
+    sizes, k = ProbeSizes.from_vector(design), space.names.index("area_ratio")
+    hole = sizes.inner_radius + sizes.gap
+    outer_radius = hole + space.wall * (1 + 1e-9)
+    design[k] = np.clip(sizes.inner_radius**2 / (outer_radius**2 - hole**2), space.low[k], space.high[k])
+    return design
 
 
-def _sample_shell(space: Space, low: Floats, high: Floats, sample: Floats, k: int) -> Floats:
+def _sample_shell(space: VariableSpace, low: Floats, high: Floats, sample: Floats, k: int) -> Floats:
     """Sample designs with outer radii between 2^(k / SHELLS) and 2^((k + 1) / SHELLS) m; fixed variables take precedence."""
-    radius = 2 ** ((k + sample[:, 0]) / SHELLS_PER_OCTAVE)
-    ratio, gap, *other_variables = np.exp(np.log(low[1:]) + sample[:, 1:] * (np.log(high[1:]) - np.log(low[1:]))).T
-    if low[0] < high[0] * (1 - BOUNDS_TOLERANCE_RELATIVE):
+    inner_index, ratio_index = (space.names.index(name) for name in ("inner_radius", "area_ratio"))
+    designs: Floats = np.exp(np.log(low) + sample * (np.log(high) - np.log(low))).T
+    radius = 2 ** ((k + sample[:, inner_index]) / SHELLS_PER_OCTAVE)
+    ratio, gap = designs[ratio_index], designs[space.names.index("gap")]
+    if inner_index in space.free:
         a, b, c = 1 + 1 / ratio, gap, gap**2 - radius**2  # a r^2 + 2 b r + c = 0 is r^2 / ratio = radius^2 - (r + gap)^2
-        inner = (np.sqrt(np.maximum(b**2 - a * c, 0.0)) - b) / a
-    else:
-        inner = np.full_like(radius, low[0])
-        ring = np.maximum(radius**2 - (inner + gap) ** 2, 1e-12)
-        ratio = inner**2 / ring if low[1] < high[1] * (1 - BOUNDS_TOLERANCE_RELATIVE) else ratio
-    return np.array([inner, ratio, gap, *other_variables])
+        designs[inner_index] = (np.sqrt(np.maximum(b**2 - a * c, 0.0)) - b) / a
+    elif ratio_index in space.free:
+        inner = designs[inner_index]
+        designs[ratio_index] = inner**2 / np.maximum(radius**2 - (inner + gap) ** 2, 1e-12)
+    return designs
 
 
-def _order_starts(space: Space, designs: Floats, values: Floats) -> Ints:
+def _order_starts(designs: Floats, values: Floats) -> Ints:
     """Return the indices of designs in the order of IPOPT's starts: the best of each shell, then the second best, ..."""
-    shells = np.floor(SHELLS_PER_OCTAVE * np.log2(space.compute_outer_radius(designs)))
+    shells = np.floor(SHELLS_PER_OCTAVE * np.log2(ProbeSizes.from_vector(designs).outer_radius))
     best_first = np.argsort(-values, kind="stable")
     best_first = best_first[np.isfinite(values[best_first])]
     turn = np.full(len(values), len(values))
@@ -152,36 +151,38 @@ def _order_starts(space: Space, designs: Floats, values: Floats) -> Ints:
 
 
 def refine_by_ipopt(
-    steered: ExactGradients, space: Space, start: Floats, *, poisson: tuple[float, float], free: list[int], steps: int
+    objective: ExactGradients,
+    space: VariableSpace,
+    start: Floats,
+    *,
+    poisson: tuple[float, float],
+    steps: int,
+    tolerance: float = IPOPT_TOLERANCE,
 ) -> Floats:
-    """Return the local optimum near a design (6,) by IPOPT; ``free`` are the variables that vary, ``steps`` its steps."""
-    formula = ObjectiveFunction(steered, start, free, poisson)
+    """Return the local optimum near a design, shape (variables,), by at most so many steps of IPOPT.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C, also where casadi swallows it.
+    """
+    free = space.free
+    formula = ObjectiveFunction(objective, start, free, poisson)
     x = ca.MX.sym("x", len(free))
     v = [ca.MX(value) for value in start]
     for position, k in enumerate(free):
         v[k] = ca.exp(x[position])
     value, margin = ca.vertsplit(formula(x))
-    radius = space.compute_outer_radius(v)
-    constraints = ca.vertcat(radius / space.outer_radius, (radius - v[0] - v[2]) / space.wall, margin)
-    choices: dict[str, Any] = {"ipopt.hessian_approximation": "limited-memory", "ipopt.max_iter": steps, "ipopt.tol": 1e-5}
-    solver = ca.nlpsol("population", "ipopt", {"x": x, "f": -value, "g": constraints}, IPOPT_QUIET_OPTIONS | choices)
-    solution = solver(
-        x0=np.log(start[free]),
-        lbx=np.log(space.low[free]),
-        ubx=np.log(space.high[free]),
-        lbg=[0.0, 1.0, 0.0],
-        ubg=[1.0, np.inf, np.inf],
-    )
+    sizes = ProbeSizes.from_vector(v)
+    constraints = ca.vertcat(sizes.outer_radius / space.outer_radius, sizes.wall / space.wall, margin)
+    choices = IPOPT_OPTIONS | {"ipopt.max_iter": steps, "ipopt.tol": tolerance}
+    solver = ca.nlpsol("design", "ipopt", {"x": x, "f": -value, "g": constraints}, choices)
+    low, high = np.log(space.low[free]), np.log(space.high[free])
+    x0 = np.clip(np.log(start[free]), low, high)
+    solution = solver(x0=x0, lbx=low, ubx=high, lbg=[0.0, 1.0, 0.0], ubg=[1.0, np.inf, np.inf])
     optimum = start.copy()
     optimum[free] = np.exp(np.array(solution["x"]).ravel())
-    raise_user_interrupt(solver)
-    return np.clip(optimum, space.low, space.high)
-
-
-def _meets_constraints(space: Space, designs: Floats) -> Any:
-    """Return which designs meet the constraints to 1e-6; IPOPT meets them to about 1e-8, and rounding removes the rest."""
-    radius = space.compute_outer_radius(designs)
-    return (radius <= space.outer_radius * (1 + 1e-6)) & (radius - designs[0] - designs[2] >= space.wall * (1 - 1e-6))
+    if solver.stats()["return_status"] == "User_Requested_Stop":  # casadi turns an interrupt into a status
+        raise KeyboardInterrupt
+    return np.asarray(np.clip(optimum, space.low, space.high))
 
 
 def _sort_designs(designs: Floats, values: Floats) -> FoundDesigns:

@@ -9,8 +9,8 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
-from probe_design.design_search.loads import ProbeSizes
 from probe_design.design_search.steered_population import DesignObjective
+from probe_design.design_search.variables import ProbeSizes
 from probe_design.populations.design_file import Design
 from solver.equivalent_inclusion.probe_on_tissue import Undisturbed
 from solver.equivalent_inclusion.readings import compute_readings

@@ -16,7 +16,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Inclusion, Load, Scene
-from probe_design.optimisation.pressing import MAX_RATIO_CHANGE_RELATIVE
+from probe_design.design_search.variables import ProbeSizes
 from probe_design.populations.design_file import Design
 from probe_design.populations.inclusion_scan import check_films_compressed
 from probe_design.populations.population import ScenePopulation, TumourDraw
@@ -34,7 +34,8 @@ from solver.planning.strains import (
 )
 
 DEFAULT_CHARGE_PER_FORCE = 20e-12  # C/N, of films that a scene does not have
-FORCE_DIGITS = 3  # of a force
+MAX_RATIO_CHANGE_RELATIVE = 0.01  # relative change of the ratio by finite strain that is allowed
+LOAD_DIGITS = 3  # of a load that a limit sets
 COVER_SAMPLES = (
     1024  # tumours whose worst cover limits the force: of sixteen times as many it is 4 % worse on the built-in ranges
 )
@@ -65,35 +66,6 @@ class PressedDesign:
 
 
 @dataclass(frozen=True)
-class ProbeSizes:
-    """The sizes and moduli of probes that determine their force limits, SI: floats, or arrays that may be complex.
-
-    Attributes:
-        inner_radius, outer_radius, gap: m.
-        heights, moduli: of the inner and the outer block.
-    """
-
-    inner_radius: Any
-    outer_radius: Any
-    gap: Any
-    heights: tuple[Any, Any]
-    moduli: tuple[Any, Any]
-
-    @classmethod
-    def from_scene(cls, scene: Scene) -> ProbeSizes:
-        """Return those of a scene's probe."""
-        probe = scene.probe
-        heights, moduli = (probe.core_height, probe.tube_height), (probe.inner.youngs_modulus, probe.outer.youngs_modulus)
-        return cls(probe.inner_radius, probe.tube_radius, probe.gap, heights, moduli)
-
-    @property
-    def areas(self) -> tuple[Any, Any]:
-        """End areas of the inner and the outer block."""
-        hole = self.inner_radius + self.gap
-        return np.pi * self.inner_radius**2, np.pi * (self.outer_radius**2 - hole**2)
-
-
-@dataclass(frozen=True)
 class PressingRule:
     """The limits and tissues from which the force on each design is computed.
 
@@ -101,6 +73,7 @@ class PressingRule:
         design: its limits, and its scene's load.
         tissues: the population's that steer, and those of tumours that the search has not seen, on which a force has to hold too.
         worst_cover_factor: eq. PL.7 for the worst of its tumours.
+        safety_factor: of the forces that linear elasticity and an open gap allow.
         approach_ratio: of walls per indentation, over that of eq. PL.4, at the start: a search takes it for that of all designs.
     """
 
@@ -108,6 +81,7 @@ class PressingRule:
     tissues: tuple[Scene, ...]
     worst_cover_factor: float
     approach_ratio: float
+    safety_factor: float = COARSE_MODEL_SAFETY_FACTOR
 
     @classmethod
     def from_draws(cls, design: Design, draw: TumourDraw, unseen: TumourDraw) -> PressingRule:
@@ -121,10 +95,18 @@ class PressingRule:
             for tumour_draw in (many, draw, unseen)
             for d, z in zip(tumour_draw.diameter.tolist(), tumour_draw.depth.tolist(), strict=True)
         ]
-        coarse = CoarseModel.from_scene(draw.tissues[0], details=False)
-        bound = _compute_wall_approach(design.scene, ProbeSizes.from_scene(design.scene), coarse.forces.sum(axis=1))
         tissues = (*draw.tissues, *(tumour_draw for tumour_draw in unseen.tissues if tumour_draw not in draw.tissues))
-        return cls(design, tissues, compute_cover_factor(bodies), coarse.wall_approach / bound)
+        return cls(design, tissues, compute_cover_factor(bodies), _compute_approach_ratio(draw.tissues[0]))
+
+    @classmethod
+    def from_scene(cls, design: Design) -> PressingRule:
+        """Return the rule of a design file for the tumours of its scene, which a finer model then checks on each design.
+
+        Raises:
+            Refusal: the scene is so extreme that it cannot be solved.
+        """
+        scene = design.scene
+        return cls(design, (scene,), compute_cover_factor(scene.inclusion), _compute_approach_ratio(scene), safety_factor=1.0)
 
     @property
     def charge_per_force(self) -> float:
@@ -148,7 +130,7 @@ class PressingRule:
             )
         allowed = {key: float(min(limits[key] for limits, _ in per_tissue)) for key in per_tissue[0][0]}
         limited_by = min(allowed, key=lambda key: allowed[key])
-        force = _round_down(allowed[limited_by])
+        force = round_load_down(allowed[limited_by])
         deepest = max(force / float(totals.sum()) for _, totals in per_tissue)
         shares = np.array([totals / totals.sum() for _, totals in per_tissue]) * force * self.charge_per_force
         strain = max(
@@ -208,14 +190,14 @@ class PressingRule:
         scene_force = load.force if load.indentation is None else load.indentation * stiffness
         allowed = {"scene" if limits.force is None else "force": scene_force if limits.force is None else limits.force}
         allowed["linearity"] = (
-            COARSE_MODEL_SAFETY_FACTOR * find_largest_x(MAX_RATIO_CHANGE_RELATIVE, promise=None)[0] / strain * stiffness
+            self.safety_factor * find_largest_x(MAX_RATIO_CHANGE_RELATIVE, promise=None)[0] / strain * stiffness
         )
         if limits.indentation is not None:
             allowed["indentation"] = limits.indentation * stiffness
         if limits.tissue_strain is not None:
             allowed["tissue_strain"] = limits.tissue_strain / per_depth * stiffness
         if limits.gap_closure:
-            allowed["gap_closure"] = COARSE_MODEL_SAFETY_FACTOR * minimum_by_real_part(
+            allowed["gap_closure"] = self.safety_factor * minimum_by_real_part(
                 CLOSURE_FORCE_SHARE * closure, MAX_X / x * stiffness
             )
         if limits.charge is not None:
@@ -229,6 +211,12 @@ def minimum_by_real_part(a: Any, b: Any) -> Any:
     return np.where(np.real(a) <= np.real(b), a, b) if np.ndim(a) or np.ndim(b) else (a if np.real(a) <= np.real(b) else b)
 
 
+def _compute_approach_ratio(scene: Scene) -> float:
+    """Return the approach of the gap's walls on a coarse mesh over its bound by eq. PL.4."""
+    coarse = CoarseModel.from_scene(scene, details=False)
+    return float(coarse.wall_approach / _compute_wall_approach(scene, ProbeSizes.from_scene(scene), coarse.forces.sum(axis=1)))
+
+
 def _compute_wall_approach(scene: Scene, sizes: ProbeSizes, totals: Any) -> Any:
     """Return the approach of the gap's walls per unit indentation, an upper bound (eq. PL.4)."""
     inner, outer = (total / (area * E) for total, area, E in zip(totals, sizes.areas, sizes.moduli, strict=True))
@@ -236,10 +224,10 @@ def _compute_wall_approach(scene: Scene, sizes: ProbeSizes, totals: Any) -> Any:
     return bound_nearing(scene.tissue, radii, (inner, outer), sizes.moduli[1])
 
 
-def _round_down(force: float) -> float:
-    """Return the largest force of ``FORCE_DIGITS`` significant digits that is not above a force, N."""
-    nearest = float(f"{force:.{FORCE_DIGITS}g}")
-    if nearest <= force:
+def round_load_down(load: float) -> float:
+    """Return the largest load of ``LOAD_DIGITS`` significant digits that is not above a load, N or m."""
+    nearest = float(f"{load:.{LOAD_DIGITS}g}")
+    if nearest <= load:
         return nearest
-    step = 10.0 ** (math.floor(math.log10(force)) + 1 - FORCE_DIGITS)
-    return float(f"{nearest - step:.{FORCE_DIGITS}g}")
+    step = 10.0 ** (math.floor(math.log10(load)) + 1 - LOAD_DIGITS)
+    return float(f"{nearest - step:.{LOAD_DIGITS}g}")

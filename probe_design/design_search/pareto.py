@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,9 +11,8 @@ import numpy as np
 from geometry.common.errors import InputError, Refusal, describe_choices
 from geometry.scenes.scene import Load
 from probe_design.design_search.choices import Progress, search_combinations
+from probe_design.design_search.population_study import PopulationStudy
 from probe_design.design_search.search_space import build_search_space
-from probe_design.design_search.steered_population import DesignObjective
-from probe_design.design_search.verification import verify_design
 from probe_design.populations.design_file import Design
 
 COST_KINDS = ("outer_radius", "force", "positions")
@@ -70,19 +70,16 @@ def compute_front(design: Design, against: str, progress: Progress) -> Front:
     for k, (cost, limited_design) in enumerate(designs):
         progress(k, len(designs))
         try:
-            search_space = build_search_space(limited_design)
-            steered = DesignObjective.from_design(
-                limited_design, max(search_space.space.outer_radius, limited_design.scene.probe.tube_radius), SEARCH_TUMOURS
-            )
-            best = search_combinations(steered, search_space, lambda done, total: None).choices[0]
+            study = PopulationStudy.from_design(limited_design, lambda stage, done, total: None, SEARCH_TUMOURS)
+            best = search_combinations(study.objective, study.search_space, _ignore).choices[0]
         except InputError:  # no room for a probe
             continue
         value = max([best.value, *(point.value for point in points)]) if against != "positions" else best.value
         points.append(Point(cost, value))
         if k in (0, len(designs) - 1):
-            points[-1] = _verify_point(
-                limited_design, steered, search_space.build_scene(best.design, best.combination), points[-1]
-            )
+            scene = study.search_space.build_scene(best.design, best.combination)
+            with suppress(Refusal):
+                points[-1] = points[-1] if scene is None else replace(points[-1], judged=study.verify(scene, _ignore).objective)
     progress(len(designs), len(designs))
     return Front(against, tuple(points))
 
@@ -110,12 +107,5 @@ def _list_designs(design: Design, against: str) -> Any:
             yield float(count), design.model_copy(update={"protocol": protocol})
 
 
-def _verify_point(design: Design, steered: DesignObjective, scene: Any, point: Point) -> Point:
-    if scene is None:
-        return point
-    try:
-        return replace(
-            point, judged=verify_design(design, steered.rule, scene, progress=lambda done, total: None).get_objective(design)
-        )
-    except Refusal:
-        return point
+def _ignore(done: int, total: int) -> None:
+    """Report no progress."""

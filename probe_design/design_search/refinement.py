@@ -19,12 +19,11 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import ProbeError
 from probe_design.design_search.choices import Choice, Progress
-from probe_design.design_search.closed_search import BOUNDS_TOLERANCE_RELATIVE, refine_by_ipopt
+from probe_design.design_search.closed_search import refine_by_ipopt
 from probe_design.design_search.inclusion_model import compute_inclusion_objective
 from probe_design.design_search.search_space import SearchSpace
 from probe_design.design_search.steered_population import DesignObjective
 from probe_design.populations.design_file import Design
-from solver.closed_form.bessel import Array
 
 LOG_DIFFERENCE_STEP, MAX_LOG_CHANGE = 0.03, 0.25  # of the logarithms
 MAX_IPOPT_STEPS = 20  # of IPOPT
@@ -39,14 +38,10 @@ class CorrectedDesigns:
     slopes: Floats
 
     def gradient(self, x: Floats, poisson: tuple[float, float], which: list[int]) -> tuple[Floats, Floats]:
-        """Return both values and their derivatives, see ``DesignObjective.gradient``."""
+        """Return both values and their derivatives, see ``ExactGradients.gradient``."""
         closed_values, slopes = self.steered.gradient(x, poisson, which)
         moved = np.log(x[which] / self.start[which])
         return closed_values + np.array([float(self.slopes @ moved), 0.0]), slopes + np.stack([self.slopes, 0 * self.slopes])
-
-    def values(self, x: Array, poisson: tuple[float, float]) -> tuple[Array, Array]:
-        """Return what the closed form says, without the correction."""
-        return self.steered.values(x, poisson)
 
 
 def refine_design(
@@ -54,7 +49,7 @@ def refine_design(
 ) -> Choice | None:
     """Return a nearby design that the equivalent-inclusion evaluator finds better, or None."""
     space = search_space.pin_combination(start.combination)
-    free = [k for k in range(len(space.low)) if space.low[k] < space.high[k] * (1 - BOUNDS_TOLERANCE_RELATIVE)]
+    free = space.free
     start_value = _evaluate_inclusion(steered, design, search_space, start, start.design)
     if not free or not np.isfinite(start_value):
         return None
@@ -69,9 +64,7 @@ def refine_design(
     high = np.minimum(space.high, start.design * np.exp(MAX_LOG_CHANGE))
     corrected = CorrectedDesigns(steered, start.design, slopes)
     nearby_space = replace(space, low=low, high=high)
-    refined = refine_by_ipopt(
-        corrected, nearby_space, start.design, poisson=start.combination.poisson, free=free, steps=MAX_IPOPT_STEPS
-    )
+    refined = refine_by_ipopt(corrected, nearby_space, start.design, poisson=start.combination.poisson, steps=MAX_IPOPT_STEPS)
     progress(len(free) + 1, len(free) + 1)
     if not _evaluate_inclusion(steered, design, search_space, start, refined) > start_value:
         return None

@@ -1,43 +1,39 @@
 """The designs that a search may choose from: bounds, constraints, discrete values and materials.
 
-Variables are those of ``optimisation.design_space``; what a design file leaves out of them varies within what a workshop can
-make, round the start. Limits take designs away and bring none.
+What a design file leaves out of the variables varies within what a workshop can make, round the start. Limits take designs away
+and bring none.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from geometry.common.arrays import Floats
-from geometry.common.errors import InputError
+from geometry.common.errors import InputError, Words
 from geometry.scenes.catalogue import CatalogueMaterial, find_material, set_number
+from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
+from geometry.scenes.units import SI_CONTEXT
 from geometry.scenes.variables import BLOCK_NAMES
-from probe_design.design_search.bounds import (
-    MODULUS_INDICES,
-    build_default_space,
-    find_bounds,
-    format_value,
-    limit_height,
-    limit_radius,
+from probe_design.design_search.variables import (
+    MODULUS_NAMES,
+    SEPARATE_HEIGHT_NAMES,
+    SHARED_HEIGHT_NAMES,
+    VariableSpace,
+    build_space,
+    format_variable,
+    has_separate_heights,
+    read_vector,
 )
-from probe_design.design_search.heights import (
-    INNER_HEIGHT_INDEX,
-    OUTER_HEIGHT_INDEX,
-    read_design_vector,
-    set_heights,
-    variable_names,
-)
-from probe_design.optimisation.design_space import VARIABLES, Space
 from probe_design.populations.design_file import Design
 from probe_design.populations.variables import DesignVariable
+
+MOST_STEPS = 10_000
 
 
 @dataclass(frozen=True)
@@ -45,31 +41,38 @@ class Combination:
     """One value for each discrete variable and one material for each block.
 
     Attributes:
-        pinned: values of variables by their index, see ``heights``, SI.
-        poisson: Poisson's ratios of the inner and the outer block; None: the start's.
+        pinned: values of variables by their names, SI.
+        poisson: Poisson's ratios of the inner and the outer block.
         materials: names of both, empty where none were asked for.
-        names: of the variables.
     """
 
-    pinned: Mapping[int, float]
+    pinned: Mapping[str, float]
     poisson: tuple[float, float]
     materials: tuple[str, ...] = ()
-    names: tuple[str, ...] = VARIABLES
 
     @property
     def description(self) -> str:
         """The chosen values and materials in words."""
         values = [
-            f"{self.names[k]} {format_value(k, v)}"
-            for k, v in self.pinned.items()
-            if not (self.materials and k in MODULUS_INDICES)
+            f"{name} {format_variable(name, value)}"
+            for name, value in self.pinned.items()
+            if not (self.materials and name in MODULUS_NAMES)
         ]
         return ", ".join([*values, *(["materials " + " / ".join(self.materials)] if self.materials else [])])
 
-    def name_blocks(self, probe: dict[str, Any]) -> None:
-        """Write the materials' names into a probe's tables, which have their numbers."""
+    def set_materials(self, scene: Scene | None) -> Scene | None:
+        """Return a scene whose blocks have these Poisson's ratios and materials' names; None where that breaks a rule."""
+        if scene is None:
+            return None
+        probe = scene.probe.model_dump(exclude_unset=True)
+        for block, poisson in zip(BLOCK_NAMES, self.poisson, strict=True):
+            set_number(probe[block], "poisson_ratio", poisson)
         for block, name in zip(BLOCK_NAMES, self.materials, strict=False):
             probe[block]["material"] = name
+        try:
+            return Scene.model_validate(scene.model_dump(exclude_unset=True) | {"probe": probe}, context=SI_CONTEXT)
+        except ValueError:
+            return None
 
 
 @dataclass(frozen=True)
@@ -78,20 +81,15 @@ class SearchSpace:
 
     Attributes:
         space: bounds and constraints of the relaxed variables, every one continuous.
-        grids: the only values of what comes in steps or choices, increasing, by index.
+        grids: the only values of what comes in steps or choices, increasing, by the variable's name.
         shelf: the materials that a block may be of; empty: moduli by themselves.
         start_poisson: the start's Poisson's ratios.
     """
 
-    space: Space
-    grids: Mapping[int, tuple[float, ...]]
+    space: VariableSpace
+    grids: Mapping[str, tuple[float, ...]]
     shelf: tuple[CatalogueMaterial, ...]
     start_poisson: tuple[float, float]
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Of the variables: six, or seven where blocks have heights of their own."""
-        return variable_names(len(self.space.low) > len(VARIABLES))
 
     @property
     def combinations(self) -> int:
@@ -101,121 +99,155 @@ class SearchSpace:
     def iterate_combinations(self) -> Iterator[Combination]:
         """Yield all combinations, in the order of the file."""
         for values in product(*self.grids.values()):
-            yield from self._iterate_materials(dict(zip(self.grids, values, strict=True)), self.shelf, self.shelf)
+            yield from self.iterate_materials(dict(zip(self.grids, values, strict=True)))
 
-    def iterate_materials(self, held: Mapping[int, float]) -> Iterator[Combination]:
-        """Yield all pairs of materials beside held values of grids."""
-        yield from self._iterate_materials(dict(held), self.shelf, self.shelf)
+    def iterate_materials(self, pinned: Mapping[str, float]) -> Iterator[Combination]:
+        """Yield all pairs of materials beside pinned values of grids."""
+        yield from self._iterate_pairs(pinned, self.shelf, self.shelf)
 
     @property
     def shelf_poisson(self) -> list[float]:
         """Poisson's ratios of the materials."""
-        return [get_poisson_ratio(material) for material in self.shelf]
+        return [material.poisson_ratio for material in self.shelf]
 
     def iterate_nearest(self, design: Floats, count: int = 2) -> Iterator[Combination]:
         """Yield the combinations nearest to a design: of each grid and of the materials of each block, the nearest values."""
-        grids = {k: _find_nearest_values(values, design[k], count) for k, values in self.grids.items()}
-        shelves = [self._find_nearest_materials(design[k], count) for k in MODULUS_INDICES]
+        numbers = dict(zip(self.space.names, design.tolist(), strict=True))
+        grids = {name: _find_nearest_values(values, numbers[name], count) for name, values in self.grids.items()}
+        shelves = [self._find_nearest_materials(numbers[name], count) for name in MODULUS_NAMES]
         for values in product(*grids.values()):
-            yield from self._iterate_materials(dict(zip(grids, values, strict=True)), *shelves)
+            yield from self._iterate_pairs(dict(zip(grids, values, strict=True)), *shelves)
 
-    def pin_combination(self, combination: Combination) -> Space:
+    def pin_combination(self, combination: Combination) -> VariableSpace:
         """Return the bounds with a combination's values as both ends."""
-        low, high = self.space.low.copy(), self.space.high.copy()
-        for k, value in combination.pinned.items():
-            low[k] = high[k] = value
-        return replace(self.space, low=low, high=high)
-
-    def list_free_variables(self, combination: Combination | None = None) -> list[int]:
-        """Return indices of the variables that a combination (None: the relaxed problem) leaves open."""
-        held = {} if combination is None else combination.pinned
-        return [k for k in range(len(self.names)) if k not in held and self.space.low[k] < self.space.high[k]]
+        return self.space.pin(combination.pinned)
 
     def build_scene(self, design: Floats, combination: Combination) -> Scene | None:
         """Return the scene with a design rounded as a workshop makes it; None where that breaks a rule."""
-        space = self.space
-        made = _build_rounded_scene(space, design, combination)
-        if made is None:
-            return None
-        probe = made.probe.model_dump(exclude_unset=True)
-        for block, poisson in zip(BLOCK_NAMES, combination.poisson, strict=True):
-            set_number(probe[block], "poisson_ratio", poisson)
-        combination.name_blocks(probe)
-        try:
-            return Scene.model_validate(made.model_dump(exclude_unset=True) | {"probe": probe})
-        except ValueError:
-            return None
+        return combination.set_materials(self.space.build_scene(design, combination.pinned))
 
     def build_exact_scene(self, design: Floats, combination: Combination) -> Scene | None:
         """Return the scene with a design as it is, not rounded; None where that breaks a rule."""
-        probe = self.space.scene.probe.model_dump(exclude={"outer_radius", "inner_height", "outer_height"}, exclude_unset=True)
-        probe |= dict(zip(VARIABLES[:4], design[:4].tolist(), strict=True))
-        for block, modulus, poisson in zip(BLOCK_NAMES, design[list(MODULUS_INDICES)].tolist(), combination.poisson, strict=True):
-            set_number(probe[block], "youngs_modulus", modulus)
-            set_number(probe[block], "poisson_ratio", poisson)
-        combination.name_blocks(probe)
-        try:
-            made = Scene.model_validate(self.space.scene.model_dump(exclude_unset=True) | {"probe": probe})
-            return (
-                set_heights(made, *design[[INNER_HEIGHT_INDEX, OUTER_HEIGHT_INDEX]].tolist())
-                if len(design) > OUTER_HEIGHT_INDEX
-                else made
-            )
-        except ValueError:
-            return None
+        return combination.set_materials(self.space.build_exact_scene(design))
 
-    def _iterate_materials(
-        self, held: dict[int, float], inner: tuple[CatalogueMaterial, ...], outer: tuple[CatalogueMaterial, ...]
+    def _iterate_pairs(
+        self, pinned: Mapping[str, float], inner: tuple[CatalogueMaterial, ...], outer: tuple[CatalogueMaterial, ...]
     ) -> Iterator[Combination]:
         if not self.shelf:
-            yield Combination(held, self.start_poisson, names=self.names)
+            yield Combination(pinned, self.start_poisson)
             return
-        for inner_material, outer_material in product(inner, outer):
-            moduli = {4: inner_material.youngs_modulus, 5: outer_material.youngs_modulus}
-            yield Combination(
-                held | moduli,
-                (get_poisson_ratio(inner_material), get_poisson_ratio(outer_material)),
-                (inner_material.name, outer_material.name),
-                self.names,
-            )
+        for pair in product(inner, outer):
+            moduli = {name: material.youngs_modulus for name, material in zip(MODULUS_NAMES, pair, strict=True)}
+            poisson = pair[0].poisson_ratio, pair[1].poisson_ratio
+            yield Combination({**pinned, **moduli}, poisson, tuple(material.name for material in pair))
 
     def _find_nearest_materials(self, modulus: float, count: int) -> tuple[CatalogueMaterial, ...]:
         return tuple(sorted(self.shelf, key=lambda material: abs(math.log(material.youngs_modulus / modulus)))[:count])
 
 
+def _find_nearest_values(values: tuple[float, ...], value: float, count: int) -> tuple[float, ...]:
+    return tuple(sorted(sorted(values, key=lambda candidate: abs(math.log(candidate / value)))[:count]))
+
+
 def build_search_space(design: Design) -> SearchSpace:
-    """Build the search space of a design file.
+    """Build the search space of a design file: bounds that follow from the start, then the file's own, then its limits.
 
     Raises:
         InputError: a variable has no value within the limits, a material is not one for blocks, or there is no room for a probe.
     """
     scene, given, limits = design.scene, design.variables, design.limits
-    base = build_default_space(design)
-    separate_heights, start = len(base.low) > len(VARIABLES), read_design_vector(scene, len(base.low) > len(VARIABLES))
-    low, high, grids = base.low.copy(), base.high.copy(), dict[int, tuple[float, ...]]()
+    names = SEPARATE_HEIGHT_NAMES if _check_heights(design) else SHARED_HEIGHT_NAMES
+    try:
+        base = build_space(scene, limits.outer_radius, names)
+    except InputError as fault:
+        raise InputError("limits.outer_radius", fault.value, fault.allowed) from None
+    start, low, high = (
+        read_vector(scene, names),
+        dict(zip(names, base.low, strict=True)),
+        dict(zip(names, base.high, strict=True)),
+    )
+    grids: dict[str, tuple[float, ...]] = {}
     shelf = tuple(_find_block_material(name, k) for k, name in enumerate(dict.fromkeys(given.materials)))
-    for k, name in enumerate(variable_names(separate_heights)):
+    for name, start_value in zip(names, start.tolist(), strict=True):
         variable: DesignVariable = getattr(given, name)
-        if shelf and k in MODULUS_INDICES:
-            _check_not_given(name, variable)
+        if shelf and name in MODULUS_NAMES:
+            if variable != DesignVariable():
+                raise InputError(f"variables.{name}", "given", "nothing beside materials, which pick the moduli")
             moduli = [material.youngs_modulus for material in shelf]
-            low[k], high[k] = min(moduli), max(moduli)
+            low[name], high[name] = min(moduli), max(moduli)
             continue
-        low[k], high[k], values = find_bounds(name, variable, low[k], high[k], start[k])
+        low[name], high[name], values = _find_bounds(name, variable, low[name], high[name], start_value)
+        if "height" in name:
+            low[name], high[name], values = _limit_height(design, name, low[name], high[name], values)
         if values:
-            grids[k] = values
+            grids[name] = values
     wall = base.wall if limits.wall is None else limits.wall
-    for k in (INNER_HEIGHT_INDEX, OUTER_HEIGHT_INDEX)[: 1 + separate_heights]:
-        limit_height(design, k, low, high, grids=grids)
-    limit_radius(design, low, high, base.outer_radius, wall)
-    limited_space = replace(base, low=low, high=high, wall=wall)
+    widest = base.outer_radius - low["gap"] - wall
+    if low["inner_radius"] + low["gap"] + wall > base.outer_radius * (1 + 1e-9):
+        limit = Words(f"{format_mm(base.outer_radius)}{'' if limits.outer_radius else ', as it is left out'}")
+        min_radius = format_mm(low["inner_radius"] + low["gap"] + wall)
+        raise InputError("limits.outer_radius", limit, f"above {min_radius}: inner block, gap and wall need as much")
+    high["inner_radius"] = max(low["inner_radius"], min(high["inner_radius"], widest))
+    lower, upper = (np.array([ends[name] for name in names]) for ends in (low, high))
     poisson = scene.probe.inner.poisson_ratio, scene.probe.outer.poisson_ratio
-    return SearchSpace(limited_space, grids, shelf, poisson)
+    return SearchSpace(VariableSpace(scene, names, lower, upper, base.outer_radius, wall), grids, shelf, poisson)
 
 
-def get_poisson_ratio(material: CatalogueMaterial) -> float:
-    """Return a material's Poisson's ratio."""
-    return material.poisson_ratio
+def _check_heights(design: Design) -> bool:
+    """Return whether the two blocks have separate heights: the file gives them, or gives none and the start's heights differ.
+
+    Raises:
+        InputError: the file gives both kinds of height, or fixes one common height although the start has two.
+    """
+    height, given_heights, differ = design.variables.height, design.variables.given_heights, has_separate_heights(design.scene)
+    if given_heights and height != DesignVariable():
+        raise InputError("variables.height", "given", f"nothing beside {' and '.join(given_heights)}, in whose place it stands")
+    if height.fixed and differ:
+        raise InputError("variables.height", "fixed", "inner_height and outer_height, as the start's blocks differ in height")
+    return bool(given_heights) or (differ and height == DesignVariable())
+
+
+def _find_bounds(
+    name: str, variable: DesignVariable, low: float, high: float, start: float
+) -> tuple[float, float, tuple[float, ...]]:
+    """Return the lower and upper bound of a variable and its discrete values, which are empty if it is continuous."""
+    if variable.fixed:
+        return start, start, ()
+    if variable.choices:
+        return variable.choices[0], variable.choices[-1], variable.choices
+    low, high = (low if variable.low is None else variable.low), (high if variable.high is None else variable.high)
+    return low, high, () if variable.step is None else _list_steps(name, variable.step, low, high)
+
+
+def _list_steps(name: str, step: float, low: float, high: float) -> tuple[float, ...]:
+    """Return the multiples of a step that lie between the bounds."""
+    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+    if last - first >= MOST_STEPS or last < first:
+        requirement = f"wide enough for at most {MOST_STEPS} values" if last >= first else "with a multiple between the bounds"
+        ends = f"{format_variable(name, low)} to {format_variable(name, high)}"
+        raise InputError(f"variables.{name}.step", format_variable(name, step), f"a step {requirement} of {ends}")
+    return tuple(float(f"{n * step:.12g}") for n in range(first, last + 1))
+
+
+def _limit_height(
+    design: Design, name: str, low: float, high: float, values: tuple[float, ...]
+) -> tuple[float, float, tuple[float, ...]]:
+    """Return the bounds and discrete values of a height within the limit of heights."""
+    limit = design.limits.height
+    if limit is None:
+        return low, high, values
+    if low > limit:
+        if getattr(design.variables, name) != DesignVariable() or design.scene.probe.groove is not None:
+            raise InputError("limits.height", format_mm(limit), f"at least {format_mm(low)}, the least height of the blocks")
+        low = limit  # the start is higher: no bound that was asked for
+    high = max(low, min(high, limit))
+    if values:
+        values = tuple(value for value in values if value <= limit * (1 + 1e-9))
+        if not values:
+            remedy = "a limit that leaves one of the heights that step or choices allow"
+            raise InputError("limits.height", format_mm(limit), remedy)
+        high = values[-1]
+    return low, high, values
 
 
 def _find_block_material(name: str, k: int) -> CatalogueMaterial:
@@ -226,44 +258,3 @@ def _find_block_material(name: str, k: int) -> CatalogueMaterial:
     if "poisson_ratio" not in material.numbers or material.kind != "elastomer":
         raise InputError(f"variables.materials[{k}]", name, f"materials of blocks: elastomers; {name} is of kind {material.kind}")
     return material
-
-
-def _check_not_given(name: str, variable: DesignVariable) -> None:
-    if variable != DesignVariable():
-        raise InputError(f"variables.{name}", "given", "nothing beside materials, which pick the moduli")
-
-
-def _find_nearest_values(values: tuple[float, ...], value: float, count: int) -> tuple[float, ...]:
-    return tuple(sorted(sorted(values, key=lambda candidate: abs(math.log(candidate / value)))[:count]))
-
-
-def _build_rounded_scene(space: Space, design: Floats, combination: Combination) -> Scene | None:
-    """Return the scene of a design with its discrete values exact and all others rounded, or None if it is not valid."""
-    made = space.build_scene(design)
-    if made is None or not set(combination.pinned) - {1}:
-        return made
-    probe = made.probe.model_dump(exclude_unset=True)
-    for k, value in combination.pinned.items():
-        if k in MODULUS_INDICES:
-            set_number(probe[BLOCK_NAMES[k == MODULUS_INDICES[1]]], "youngs_modulus", value)
-        elif k != 1:
-            probe[combination.names[k]] = value
-    if 1 in combination.pinned:
-        del probe["outer_radius"]
-        probe["area_ratio"] = combination.pinned[1]
-    try:
-        return Scene.model_validate(made.model_dump(exclude_unset=True) | {"probe": probe})
-    except ValueError:
-        return None
-
-
-def is_admissible(search_space: SearchSpace, scene: Scene) -> bool:
-    """Return whether a scene's probe is within the limits of outer radius and wall and the bounds, allowing for rounding."""
-    vector = read_design_vector(scene, len(search_space.space.low) > OUTER_HEIGHT_INDEX)
-    inside: NDArray[np.bool_] = (vector >= 0.995 * search_space.space.low) & (vector <= 1.005 * search_space.space.high)
-    probe = scene.probe
-    wall = probe.tube_radius - probe.hole_radius
-    keeps = (
-        probe.tube_radius <= search_space.space.outer_radius * (1 + 1e-9) and wall >= search_space.space.wall * (1 - 1e-9) - 1e-9
-    )
-    return bool(inside.all() and keeps)

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from geometry.common.arrays import Floats
-from probe_design.design_search.heights import get_outer_height
-from probe_design.design_search.loads import PressingRule, ProbeSizes, minimum_by_real_part
+from probe_design.design_search.loads import PressingRule, minimum_by_real_part
+from probe_design.design_search.objective import SearchEffort, SearchObjective
 from probe_design.design_search.steering import PopulationObjective, ScanErrors
+from probe_design.design_search.variables import ProbeSizes
 from probe_design.populations.design_file import Design
 from probe_design.populations.population import ScenePopulation, TumourDraw
 from probe_design.populations.resolved import DEFAULT_PRIOR_LOG_SD
@@ -21,26 +22,29 @@ from solver.tumour_waves.population import TumourDraws
 from solver.tumour_waves.population_films import ManyTumours
 
 MAX_SEARCH_TUMOURS = 64  # tumours that steer
+SEARCH_EFFORT = SearchEffort(starts=4, screened=64, steps=25)
 LOG_DIFFERENCE_STEP = (
     0.02  # of ln diameter, depth and modulus, for differences: less would show the steps of Bessel functions from tables
 )
 
 
 @dataclass(frozen=True)
-class DesignObjective:
-    """The objective of designs x (6, n), variables in the order of ``design_space.VARIABLES``; or (7, n), see ``heights``.
+class DesignObjective(SearchObjective):
+    """The objective of designs for a population in closed form.
 
     Attributes:
         steered: the objective.
         rule: the forces.
         draw: the tumours.
         least_charge: C that each channel has to give, or 0.
+        effort: of a search.
     """
 
     steered: PopulationObjective
     rule: PressingRule
     draw: TumourDraw
     least_charge: float
+    effort: SearchEffort = SEARCH_EFFORT
 
     @classmethod
     def from_design(cls, design: Design, widest: float, max_tumours: int = MAX_SEARCH_TUMOURS) -> DesignObjective:
@@ -77,15 +81,8 @@ class DesignObjective:
         return cls(steered, rule, draw, 0.0 if design.limits.charge is None else design.limits.charge[0])
 
     def values(self, x: Array, poisson: Any) -> tuple[Array, Array]:
-        """Return the objective and ln(charge of the weaker channel / least charge) of designs, shapes (n,).
-
-        Args:
-            x: floats or complex, shape (6, n).
-            poisson: Poisson's ratios of both blocks, floats or shape (2, n).
-        """
-        probes = _build_probe_parameters(x, poisson)
-        r2, gap, ro, core, tube, inner, _, outer, _ = probes
-        sizes = ProbeSizes(r2, ro, gap, (core, tube), (inner, outer))
+        """See ``SearchObjective.values``."""
+        sizes = ProbeSizes.from_vector(x)
         charges: list[Array] = []
 
         def force(totals: Array) -> Array:
@@ -95,22 +92,16 @@ class DesignObjective:
             charges.append(np.take_along_axis(weaker, weaker.real.argmin(axis=1)[:, None], axis=1)[:, 0])
             return forces
 
-        values = self.steered.values(probes, force)
+        values = self.steered.values(sizes.build_parameters(poisson), force)
         margin = np.log(charges[0] / self.least_charge) if self.least_charge > 0 else 0 * values
         return values, margin
-
-    def evaluate_designs(self, x: Floats, poisson: Any) -> Floats:
-        """Return the objective of designs (6, n), ``-inf`` where it cannot be told or a channel's charge is too small."""
-        with np.errstate(all="ignore"):
-            values, margin = self.values(x, poisson)
-        return np.where(np.isfinite(values) & (margin >= -1e-6), values, -np.inf)
 
     def evaluate_tumours(self, x: Floats, poisson: tuple[float, float], force: float) -> Floats:
         """Return the objective of each tumour for one design (6,) under a force, N; shape (m,)."""
         with np.errstate(all="ignore"):
             return np.asarray(
                 self.steered.evaluate_tumours(
-                    _build_probe_parameters(x[:, None], poisson), lambda totals: np.full(totals.shape[:2], force)
+                    ProbeSizes.from_vector(x[:, None]).build_parameters(poisson), lambda totals: np.full(totals.shape[:2], force)
                 )[0]
             )
 
@@ -118,24 +109,9 @@ class DesignObjective:
         """Return the standard deviation of ln contrast of each tumour, likewise; of what steers for ``resolved``."""
         with np.errstate(all="ignore"):
             log_sd = self.steered.compute_log_sd(
-                _build_probe_parameters(x[:, None], poisson), lambda totals: np.full(totals.shape[:2], force)
+                ProbeSizes.from_vector(x[:, None]).build_parameters(poisson), lambda totals: np.full(totals.shape[:2], force)
             )
         return np.asarray(np.exp(log_sd[0]))
-
-    def gradient(self, x: Floats, poisson: Any, which: list[int]) -> tuple[Floats, Floats]:
-        """Return both values of one design (6,), shape (2,), and their derivatives by ln of some variables, shape (2, k)."""
-        steps = np.repeat(x[:, None].astype(complex), len(which), axis=1)
-        steps[which, range(len(which))] += 1e-30j * x[which]
-        with np.errstate(all="ignore"):
-            both_values = np.array(self.values(steps, poisson))
-        return both_values[:, 0].real, both_values.imag / 1e-30
-
-
-def _build_probe_parameters(x: Array, poisson: Any) -> Array:
-    """Return the closed form's probe parameters, in the order of ``PROBE_PARAMETERS``, for designs x (6, n)."""
-    r2, ratio, gap, height, inner, outer = x[:6]
-    ro, ones = ((r2 + gap) ** 2 + r2**2 / ratio) ** 0.5, np.ones(x.shape[1])
-    return np.array([r2, gap, ro, height, get_outer_height(x), inner, poisson[0] * ones, outer, poisson[1] * ones])
 
 
 def build_draw_arrays(draw: TumourDraw) -> TumourDraws:

@@ -1,62 +1,101 @@
-"""Verification of designs: each under its own force, all on the same tumours, which the search did not use."""
+"""Verification of designs by an evaluator finer than the search's formulas: each design under its own load."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import Any, Self
 
 from geometry.scenes.scene import Scene
-from probe_design.design_search.choices import Progress
-from probe_design.design_search.loads import PressedDesign, PressingRule
-from probe_design.populations.design_file import Design
-from probe_design.populations.judge import verify
+from probe_design.design_search.loads import PressedDesign
 from probe_design.populations.judgement import Judgement
+from probe_design.populations.tables import Objective
+
+GAIN_SIGNIFICANCE = 2.0  # times the combined error: a gain beyond it counts
+
+
+class VerifiedDesign(ABC):
+    """A design with what a finer evaluator says of it."""
+
+    @property
+    @abstractmethod
+    def loaded_scene(self) -> Scene:
+        """The scene under the load that it is verified with."""
+
+    @property
+    @abstractmethod
+    def evaluator(self) -> str:
+        """Name of the evaluator."""
+
+    @property
+    @abstractmethod
+    def objective(self) -> tuple[float, float]:
+        """The quantity that the search improves, and its error."""
+
+    @property
+    @abstractmethod
+    def force(self) -> tuple[float, str]:
+        """The force, N, and what limits it."""
+
+    @abstractmethod
+    def compute_gain(self, reference: Self) -> tuple[float, float]:
+        """Return how much better this is than another design, and the error of that."""
+
+    def is_better_than(self, reference: Self) -> bool:
+        """Return whether this is better than another design by more than twice the error of the gain."""
+        gain, error = self.compute_gain(reference)
+        return gain > GAIN_SIGNIFICANCE * error and gain > 0
 
 
 @dataclass(frozen=True)
-class VerifiedDesign:
-    """A design with its force and its verification on tumours that the search did not use.
+class PopulationVerification(VerifiedDesign):
+    """A design verified on tumours that the search did not use.
 
     Attributes:
         scene: the whole scene, its load the force.
         pressed: what sets that.
         judgement: on unseen tumours.
-        combination: what was chosen for it from steps and shelf, in words.
+        aim: what the design file maximises.
         materials: of the inner and the outer block, empty where none were asked for.
     """
 
     scene: Scene
     pressed: PressedDesign
     judgement: Judgement
-    combination: str = ""
+    aim: Objective
     materials: tuple[str, ...] = ()
 
-    def get_objective(self, design: Design) -> tuple[float, float]:
-        """Return the quantity that the design file maximises, and its error."""
-        kind = design.objective.maximise
+    @property
+    def loaded_scene(self) -> Scene:
+        """See ``VerifiedDesign``."""
+        return self.scene
+
+    @property
+    def evaluator(self) -> str:
+        """See ``VerifiedDesign``."""
+        return self.judgement.evaluator
+
+    @property
+    def objective(self) -> tuple[float, float]:
+        """The quantity that the design file maximises, and its error."""
+        kind = self.aim.maximise
         return getattr(self.judgement, kind), getattr(self.judgement, f"{kind}_error")
 
-    def compute_gain(self, reference: VerifiedDesign, design: Design) -> tuple[float, float]:
-        """Return the gain in the objective over another design for the same tumours, and the error of the gain."""
+    @property
+    def force(self) -> tuple[float, str]:
+        """See ``VerifiedDesign``."""
+        return self.pressed.force, self.pressed.limited_by
+
+    def compute_gain(self, reference: PopulationVerification) -> tuple[float, float]:
+        """Return the gain in the objective over another design for the same tumours, and its error, judge and sample together."""
         if self.scene == reference.scene:
             return 0.0, 0.0
-        return self.judgement.compute_gain(reference.judgement, design.objective)
+        return self.judgement.compute_gain(reference.judgement, self.aim)
 
-
-def verify_design(
-    design: Design,
-    rule: PressingRule,
-    scene: Scene,
-    *,
-    progress: Progress,
-    combination: str = "",
-    materials: tuple[str, ...] = (),
-) -> VerifiedDesign:
-    """Verify a scene's probe under its allowed force, on tumours that the search did not use.
-
-    Raises:
-        InputError: the population does not fit the tissue, or the probe would leave it.
-        Refusal: the evaluators cannot take the scene.
-    """
-    loaded, pressed = rule.apply_force(scene)
-    verification = verify(loaded, design, progress=progress)
-    return VerifiedDesign(loaded, pressed, verification, combination, materials)
+    def summarize_pressing(self) -> dict[str, Any]:
+        """Return the load as JSON has it."""
+        pressed = self.pressed
+        return {
+            "force": pressed.force, "indentation": pressed.indentation, "tissue_strain": pressed.tissue_strain,
+            "charge": list(pressed.charge), "limited_by": pressed.limited_by,
+        }  # fmt: skip

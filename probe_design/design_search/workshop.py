@@ -11,8 +11,8 @@ from scipy.stats import norm, qmc
 from geometry.common.arrays import Floats
 from geometry.scenes.catalogue import find_material
 from geometry.scenes.scene import Scene
-from probe_design.design_search.heights import has_different_heights, read_design_vector
-from probe_design.design_search.steered_population import DesignObjective
+from probe_design.design_search.objective import SearchObjective
+from probe_design.design_search.variables import ProbeSizes, has_separate_heights, name_variables, read_vector
 from probe_design.populations.design_file import Design
 
 TOLERANCE_DRAWS, SOBOL_SEED = 64, 22
@@ -41,12 +41,12 @@ class Robustness:
         return vars(self) | {"evaluator": "closed-form", "draws": TOLERANCE_DRAWS}
 
 
-def compute_robustness(steered: DesignObjective, design: Design, scene: Scene, materials: tuple[str, ...]) -> Robustness:
+def compute_robustness(objective: SearchObjective, design: Design, scene: Scene, materials: tuple[str, ...]) -> Robustness:
     """Return the objective of a scene's probe as drawn and its distribution under workshop tolerances."""
     probe = scene.probe
     poisson = probe.inner.poisson_ratio, probe.outer.poisson_ratio
-    built = np.concatenate([read_design_vector(scene)[:, None], draw_built_designs(scene, materials)], axis=1)
-    values = steered.evaluate_designs(built, poisson)
+    built = np.concatenate([read_vector(scene)[:, None], draw_built_designs(scene, materials)], axis=1)
+    values = objective.evaluate_designs(built, poisson)
     finite_values = values[1:][np.isfinite(values[1:])]
     if not len(finite_values):
         return Robustness(float(values[0]), float(values[0]), float(values[0]), float(values[0]))
@@ -56,20 +56,29 @@ def compute_robustness(steered: DesignObjective, design: Design, scene: Scene, m
 
 def draw_built_designs(scene: Scene, materials: tuple[str, ...]) -> Floats:
     """Draw probes as built, shape (6 or 7, ``TOLERANCE_DRAWS``): lengths and logarithms of moduli are normally distributed."""
-    probe, z = scene.probe, norm.ppf(qmc.Sobol(6 + has_different_heights(scene), seed=SOBOL_SEED).random(TOLERANCE_DRAWS)).T
-    sizes = {"inner_radius": probe.inner_radius, "outer_radius": probe.tube_radius, "gap": probe.gap, "height": probe.core_height}
-    inner, outer, gap, height = (
-        np.maximum(size + LENGTH_SD_M[key] * normal, MIN_LENGTH_RELATIVE * size)
-        for (key, size), normal in zip(sizes.items(), z, strict=False)
+    separate, probe = has_separate_heights(scene), scene.probe
+    z = norm.ppf(qmc.Sobol(6 + separate, seed=SOBOL_SEED).random(TOLERANCE_DRAWS)).T
+
+    def draw_length(key: str, size: float, normal: Floats) -> Floats:
+        return np.maximum(size + LENGTH_SD_M[key] * normal, MIN_LENGTH_RELATIVE * size)
+
+    inner, gap = draw_length("inner_radius", probe.inner_radius, z[0]), draw_length("gap", probe.gap, z[2])
+    outer = np.maximum(
+        draw_length("outer_radius", probe.tube_radius, z[1]),
+        inner + gap + MIN_LENGTH_RELATIVE * (probe.tube_radius - probe.hole_radius),
     )
-    outer = np.maximum(outer, inner + gap + MIN_LENGTH_RELATIVE * (probe.tube_radius - probe.hole_radius))
     deviations = [find_material(name).log_sd for name in materials] or [LOG_MODULUS, LOG_MODULUS]
-    moduli = [
+    inner_modulus, outer_modulus = (
         block.youngs_modulus * np.exp(deviation * normal)
         for block, deviation, normal in zip((probe.inner, probe.outer), deviations, z[4:6], strict=True)
-    ]
-    heights = [
-        np.maximum(probe.tube_height + LENGTH_SD_M["height"] * normal, MIN_LENGTH_RELATIVE * probe.tube_height)
-        for normal in z[6:]
-    ]
-    return np.array([inner, inner**2 / (outer**2 - (inner + gap) ** 2), gap, height, *moduli, *heights])
+    )
+    sizes = ProbeSizes(
+        inner_radius=inner,
+        area_ratio=inner**2 / (outer**2 - (inner + gap) ** 2),
+        gap=gap,
+        inner_height=draw_length("height", probe.core_height, z[3]),
+        outer_height=draw_length("height", probe.tube_height, z[6 if separate else 3]),
+        inner_modulus=inner_modulus,
+        outer_modulus=outer_modulus,
+    )
+    return sizes.build_vector(name_variables(len(z)))

@@ -182,16 +182,6 @@ class ClosedFormScan:
         return compute_logarithms(totals, self.protocol.stiffness)
 
 
-def _is_of_tumour(name: str) -> bool:
-    return name in ("depth", "diameter", "object", "x")
-
-
-def _compute_lateral_offset(draw: TumourDraw) -> float:
-    """Return the lateral offset of the tumours from the line of readings, m."""
-    body = draw.scene.inclusion
-    return (body[0].y if body else draw.scene.placement.y) - draw.scene.placement.y
-
-
 def _check_closed_form(scene: Scene) -> None:
     reason = ClosedForm().refusal(scene)
     if reason is not None:

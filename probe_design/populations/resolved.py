@@ -8,7 +8,7 @@ is t + j,
     W = (C + sum S_i J_i J_i^T)^-1,   sd(k) = (j^T W j)^(-1/2)                                     (PO.6)
 
 with nothing taken as known of the contrast before: that is the posterior of k with an infinite prior of the object. The same
-with t in place of t + j is the standard deviation of ln E_object, which of one tumour of which all else is known is eq. OP.3.
+with t in place of t + j is the standard deviation of ln E_object, which of one tumour of which all else is known is eq. DS.6.
 With the prior of the object too,
 
     sd(k)^2 = c^T (S^-1 + J^T C^-1 J)^-1 c,   c = e_object - e_host                                (PO.7)

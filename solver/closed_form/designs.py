@@ -1,8 +1,7 @@
 """The closed form on arrays of designs, and of complex steps for derivatives.
 
 All use ``contact.solve_contact``: ``compute_forces`` evaluates it on arrays of designs, ``compute_gradients`` on arrays of
-complex steps, which ``solver.casadi_functions.closed_form`` hands to casadi, and ``evaluator`` on scenes and on the variants from
-which their errors are estimated.
+complex steps, and ``evaluator`` on scenes and on the variants from which their errors are estimated.
 """
 
 from __future__ import annotations

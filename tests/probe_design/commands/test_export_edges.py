@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -13,7 +13,7 @@ from geometry.scenes.scene import Contact, Scene
 from geometry.scenes.scene_file import read_scene, scene_to_toml
 from geometry.workshop.tolerance import NO_BUDGET
 from probe_design.commands.main import cli
-from probe_design.optimisation import report
+from probe_design.design_report.tumour_report import TumourReport
 from probe_design.workshop import package  # before anything is replaced, or what is replaced would stay in it
 from tests.support.paths import SCENE
 
@@ -62,17 +62,7 @@ def test_export(tmp_path: Path, scene: Scene, handed: Handed) -> None:
     assert handed == [("parts", pytest.approx(EDGE)), ("drawing", pytest.approx(EDGE))]
 
 
-@dataclass
-class Best:
-    scene: Scene
-
-
-@dataclass
-class FoundOptimum:
-    best: Best
-
-
 def test_optimize(tmp_path: Path, scene: Scene, handed: Handed) -> None:
-    optimum: Any = FoundOptimum(Best(scene))
-    report.write_all(optimum, tmp_path, lambda *_: None)
+    optimum: Any = SimpleNamespace(scene=scene, design=SimpleNamespace(scene=scene), linear_evaluator="axisymmetric")
+    TumourReport(optimum).write(tmp_path, lambda *_: None)
     assert handed == [("parts", EDGE), ("drawing", EDGE)]

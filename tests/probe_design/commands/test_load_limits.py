@@ -11,8 +11,8 @@ import pytest
 from geometry import Scene, read_scene
 from geometry.scenes.scene import Load
 from geometry.scenes.scene_file import scene_to_toml
-from probe_design.optimisation.candidate import evaluate_candidate
-from probe_design.optimisation.objective import Noise
+from probe_design.design_search.tumour_objective import Noise
+from probe_design.design_search.tumour_verification import verify_tumour_design
 from solver import evaluate, load, plan
 from solver.contact.load_curve import find_load_ends
 from tests.support.paths import EXAMPLES, REFERENCE
@@ -84,7 +84,7 @@ def test_an_optimisation_presses_as_far_as_the_ratio_holds_to_one_percent(name: 
     assert limits.ratio is not None
     assert limits.gap_closure is not None
     judge = "equivalent-inclusion" if name == "beside the axis" else "axisymmetric"
-    pressed = evaluate_candidate(scene, Noise.from_scene(scene), judge).pressing
+    pressed = verify_tumour_design(scene, Noise.from_scene(scene), judge).pressing
     assert pressed.force == pytest.approx(min(limits.ratio.force, limits.gap_closure.force), rel=0.01)  # of three digits
     assert pressed.force <= limits.ratio.force
 

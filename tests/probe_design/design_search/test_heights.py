@@ -9,12 +9,13 @@ import pytest
 
 from geometry.common.errors import InputError
 from geometry.scenes.scene import Scene
+from geometry.scenes.units import SI_CONTEXT
 from geometry.scenes.variables import list_values
 from probe_design.data.builtin import read_typical_scenes
 from probe_design.design_search.choices import search_combinations
-from probe_design.design_search.heights import OUTER_HEIGHT_INDEX, read_design_vector, set_heights
-from probe_design.design_search.search_space import build_search_space, is_admissible
-from probe_design.design_search.steered_population import DesignObjective, _build_probe_parameters
+from probe_design.design_search.search_space import build_search_space
+from probe_design.design_search.steered_population import DesignObjective
+from probe_design.design_search.variables import SEPARATE_HEIGHT_NAMES, ProbeSizes, read_vector
 from probe_design.design_search.workshop import draw_built_designs
 from solver.closed_form.designs import PROBE_PARAMETERS, build_parameters
 from tests.support.searches import design
@@ -25,11 +26,17 @@ FEW = {
     "protocol": {"positions": [-8e-3, 8e-3, 2]},
     "limits": {"force": 5e-3},
 }
+OUTER_HEIGHT_INDEX = SEPARATE_HEIGHT_NAMES.index("outer_height")
 POISSON = SCENE.probe.inner.poisson_ratio, SCENE.probe.outer.poisson_ratio
 
 
+def set_heights(inner: float, outer: float) -> Scene:
+    probe = SCENE.probe.model_dump(exclude={"height"}, exclude_unset=True) | {"inner_height": inner, "outer_height": outer}
+    return Scene.model_validate(SCENE.model_dump(exclude_unset=True) | {"probe": probe}, context=SI_CONTEXT)
+
+
 def stepped() -> Scene:
-    return set_heights(SCENE, 3e-3, 4.5e-3)
+    return set_heights(3e-3, 4.5e-3)
 
 
 def steered(**tables: Any) -> DesignObjective:
@@ -38,8 +45,8 @@ def steered(**tables: Any) -> DesignObjective:
 
 def test_a_key_of_either_height_frees_both() -> None:
     search_space = build_search_space(design(variables={"inner_height": [2e-3, 4e-3]}, limits={"height": 6e-3}))
-    assert search_space.names[3] == "inner_height"
-    assert search_space.names[OUTER_HEIGHT_INDEX] == "outer_height"
+    assert search_space.space.names[3] == "inner_height"
+    assert search_space.space.names[OUTER_HEIGHT_INDEX] == "outer_height"
     assert (search_space.space.low[3], search_space.space.high[3], search_space.space.high[OUTER_HEIGHT_INDEX]) == (
         2e-3,
         4e-3,
@@ -47,7 +54,7 @@ def test_a_key_of_either_height_frees_both() -> None:
     )
     held = build_search_space(design(variables={"inner_height": "fixed", "outer_height": {"choices": [2e-3, 5e-3]}}))
     assert held.space.low[3] == held.space.high[3] == SCENE.probe.core_height
-    assert held.grids == {OUTER_HEIGHT_INDEX: (2e-3, 5e-3)}
+    assert held.grids == {"outer_height": (2e-3, 5e-3)}
     assert "outer_height 5 mm" in [*held.iterate_combinations()][1].description
 
 
@@ -76,14 +83,14 @@ def test_careless_heights_are_refused(tables: dict[str, Any], named: str) -> Non
 
 
 def test_the_formulas_are_asked_for_the_probe_that_the_scene_has() -> None:
-    probes = _build_probe_parameters(read_design_vector(stepped())[:, None], POISSON)[:, 0]
+    probes = ProbeSizes.from_scene(stepped()).build_parameters(POISSON)
     np.testing.assert_allclose(
         probes, build_parameters(stepped().model_copy(update={"inclusion": ()}))[1][: len(PROBE_PARAMETERS)], rtol=1e-12
     )
 
 
 def test_equal_heights_are_worth_what_one_height_is_and_slopes_are_exact() -> None:
-    steered_designs, six = steered(), read_design_vector(SCENE)
+    steered_designs, six = steered(), read_vector(SCENE)
     seven = np.append(six, six[3])
     assert steered_designs.evaluate_designs(seven[:, None], POISSON)[0] == pytest.approx(
         steered_designs.evaluate_designs(six[:, None], POISSON)[0], rel=1e-12
@@ -102,7 +109,7 @@ def test_the_best_of_all_pairs_of_heights_is_brute_forces() -> None:
     steered_designs, search_space = DesignObjective.from_design(made, 8e-3), build_search_space(made)
     best = search_combinations(steered_designs, search_space, lambda done, total: None).choices[0]
     designs = [
-        read_design_vector(set_heights(SCENE, inner_height, outer_height), separate_heights=True)
+        read_vector(set_heights(inner_height, outer_height), SEPARATE_HEIGHT_NAMES)
         for inner_height in inner
         for outer_height in outer
     ]
@@ -111,7 +118,7 @@ def test_the_best_of_all_pairs_of_heights_is_brute_forces() -> None:
     scene = search_space.build_scene(best.design, best.combination)
     assert scene is not None
     assert (scene.probe.core_height, scene.probe.tube_height) == (best.design[3], best.design[OUTER_HEIGHT_INDEX])
-    assert is_admissible(search_space, scene)
+    assert search_space.space.admits_scene(scene)
 
 
 def test_a_search_of_two_heights_ends_no_lower_than_one_of_one() -> None:

@@ -14,7 +14,7 @@ import pytest
 
 from geometry import read_scene
 from probe_design.design_search.design_source import read_builtin_design
-from probe_design.design_search.outcome import explain_low_detection
+from probe_design.design_search.population_optimum import explain_low_detection
 from probe_design.design_search.template import build_design_template
 from probe_design.populations.design_file import Design, design_from_dict, read_design
 from probe_design.populations.population import ScenePopulation

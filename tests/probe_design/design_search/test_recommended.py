@@ -9,12 +9,13 @@ import pytest
 
 from geometry.scenes.scene import Scene
 from probe_design.design_report.depth_map import DepthMap
-from probe_design.design_report.table import describe_conditions, describe_outcome, list_columns, list_rows
+from probe_design.design_report.table import describe_conditions, list_rows
+from probe_design.design_search.choices import ChoiceSearch
 from probe_design.design_search.design_source import read_builtin_design
 from probe_design.design_search.loads import PressedDesign
-from probe_design.design_search.outcome import PopulationOptimum
+from probe_design.design_search.population_optimum import PopulationOptimum
 from probe_design.design_search.search_space import build_search_space
-from probe_design.design_search.verification import VerifiedDesign
+from probe_design.design_search.verification import PopulationVerification
 from probe_design.design_search.workshop import Robustness
 from probe_design.populations.judge import score
 from probe_design.populations.judgement import Judgement, MeanError
@@ -33,12 +34,12 @@ def judgement() -> Judgement:
     return replace(judged, by_observable=lines)
 
 
-def design_of(scene: Scene, judgement: Judgement, probabilities: list[float], model: float) -> VerifiedDesign:
+def design_of(scene: Scene, judgement: Judgement, probabilities: list[float], model: float) -> PopulationVerification:
     values = {**judgement.values, "detection": np.array(probabilities)}
     means = {**judgement.means, "detection": float(np.mean(probabilities))}
     errors = {**judgement.errors, "detection": MeanError(0.01, model)}
     pressed = PressedDesign(0.01, 1e-4, 0.01, (1e-14, 1e-13), "force", {"force": 0.01, "gap_closure": 0.02})
-    return VerifiedDesign(scene, pressed, replace(judgement, values=values, means=means, errors=errors))
+    return PopulationVerification(scene, pressed, replace(judgement, values=values, means=means, errors=errors), DESIGN.objective)
 
 
 def optimum(judgement: Judgement, gain: float) -> PopulationOptimum:
@@ -47,18 +48,16 @@ def optimum(judgement: Judgement, gain: float) -> PopulationOptimum:
     moved = DESIGN.scene.replace({"probe.gap": 3e-4})
     tried = design_of(moved, judgement, [0.2 + gain, 0.2 + gain, 0.2 + gain, 0.2 + gain], 0.05)
     flat = Robustness(0.2, 0.2, 0.2, 0.2)
-    return PopulationOptimum(
-        DESIGN, build_search_space(DESIGN), start, None, (tried,), (flat, flat), "", True, {}, {}, "none asked for"
-    )
+    search = ChoiceSearch((), "", True, {})
+    return PopulationOptimum(DESIGN, build_search_space(DESIGN), start, (tried,), search, None, (flat, flat), "none asked for")
 
 
 def test_without_a_verified_gain_everything_is_of_the_start(judgement: Judgement) -> None:
     best = optimum(judgement, 0.05)
     assert best.status == "no-gain"
     assert best.scene == best.start.scene
-    assert list(list_columns(best)) == ["best tried, no gain", "start, recommended"]
-    assert list_columns(best)["start, recommended"] is best.start
-    assert "the start is exported" in describe_outcome(best)
+    assert list(best.list_columns()) == ["best tried, no gain", "start, recommended"]
+    assert best.list_columns()["start, recommended"] is best.start
     assert best.verdict.startswith("no gain: no design better than the start was verified: the start is exported")
     answer = best.build_summary([])
     assert answer["recommended"] == "start"
@@ -70,14 +69,14 @@ def test_without_a_verified_gain_everything_is_of_the_start(judgement: Judgement
 def test_with_a_verified_gain_everything_is_of_the_design_found(judgement: Judgement) -> None:
     best = optimum(judgement, 0.5)
     assert best.status == "improved"
-    assert list(list_columns(best)) == ["start", "recommended"]
+    assert list(best.list_columns()) == ["start", "recommended"]
     assert best.scene == best.finalists[0].scene
     assert best.build_summary([])["recommended"] == "optimum"
 
 
 def test_three_lines_and_both_errors_are_in_every_table(judgement: Judgement) -> None:
     best = optimum(judgement, 0.5)
-    table = {row[0]: row[1:] for row in list_rows(best, dict.fromkeys(list_columns(best), NOWHERE))}
+    table = {row[0]: row[1:] for row in list_rows(best, dict.fromkeys(best.list_columns(), NOWHERE))}
     assert {"detected of 100, ratio alone *", "detected of 100, stiffness alone", "detected of 100, both"} <= table.keys()
     assert table["* sampling, model error"] == ("± 1.0, ± 5.0", "± 1.0, ± 5.0")
     assert "*: by what the probe is designed for, ratio alone" in describe_conditions(best)

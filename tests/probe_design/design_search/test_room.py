@@ -12,20 +12,18 @@ from geometry.common.errors import InputError
 from geometry.scenes.catalogue import find_material
 from geometry.scenes.scene import Scene
 from probe_design.data.builtin import read_typical_scenes
-from probe_design.design_search.search_space import build_search_space, is_admissible
-from probe_design.optimisation.design_space import VARIABLES, read_variables
+from probe_design.design_search.search_space import build_search_space
+from probe_design.design_search.variables import read_vector
 from probe_design.populations.design_file import design_from_dict, read_design
 from tests.support.paths import EXAMPLES
 from tests.support.searches import design
-
-GAP = VARIABLES.index("gap")
 
 
 def test_what_is_left_out_varies_round_the_start() -> None:
     search_space = build_search_space(design())
     assert search_space.combinations == 1
-    assert search_space.list_free_variables() == list(range(6))
-    assert np.all(search_space.space.low <= read_variables(read_typical_scenes()["on-axis"]))
+    assert search_space.space.free == list(range(6))
+    assert np.all(search_space.space.low <= read_vector(read_typical_scenes()["on-axis"]))
 
 
 def test_fixed_is_the_start_and_choices_and_steps_are_grids() -> None:
@@ -39,17 +37,17 @@ def test_fixed_is_the_start_and_choices_and_steps_are_grids() -> None:
         )
     )
     assert search_space.space.low[0] == search_space.space.high[0] == 4e-3
-    assert search_space.grids[GAP] == (1e-4, 3e-4)
-    assert search_space.grids[3] == pytest.approx((2e-3, 2.2e-3, 2.4e-3, 2.6e-3), rel=1e-12)
+    assert search_space.grids["gap"] == (1e-4, 3e-4)
+    assert search_space.grids["height"] == pytest.approx((2e-3, 2.2e-3, 2.4e-3, 2.6e-3), rel=1e-12)
     assert search_space.combinations == 8
-    assert search_space.list_free_variables(next(search_space.iterate_combinations())) == [1, 4, 5]
+    assert search_space.pin_combination(next(search_space.iterate_combinations())).free == [1, 4, 5]
 
 
 def test_materials_pick_modulus_and_poissons_ratio_together() -> None:
     names = ("dragon-skin-30", "ecoflex-00-10")
     search_space = build_search_space(design(variables={"materials": list(names)}))
     assert search_space.combinations == 4
-    start = read_variables(read_typical_scenes()["on-axis"])
+    start = read_vector(read_typical_scenes()["on-axis"])
     for combination in search_space.iterate_combinations():
         made = search_space.build_scene(
             np.array([*start[:4], *(find_material(name).youngs_modulus for name in combination.materials)]), combination
@@ -65,7 +63,7 @@ def test_a_modulus_that_is_searched_takes_the_starts_material_away() -> None:
     start = read_typical_scenes()["on-axis"].model_dump(exclude_unset=True)
     start["probe"]["outer"] = {"material": "ecoflex-00-50"}
     search_space = build_search_space(design_from_dict({"scene": Scene.model_validate(start)}))
-    start_values = read_variables(search_space.space.scene)
+    start_values = read_vector(search_space.space.scene)
     combination = next(search_space.iterate_combinations())
     unchanged, stiffer = (
         search_space.build_scene(start_values * np.array([1, 1, 1, 1, 1, factor]), combination) for factor in (1.0, 1.2)
@@ -91,7 +89,7 @@ def test_what_a_workshop_gets_keeps_grids_and_limits() -> None:
     assert made is not None
     assert made.probe.inner_radius == 3.137e-3
     assert made.probe.tube_radius <= 5e-3
-    assert is_admissible(search_space, made)
+    assert search_space.space.admits_scene(made)
 
 
 CARELESS = [

@@ -14,7 +14,7 @@ from probe_design.data.builtin import read_typical_scenes
 from probe_design.design_search.choices import search_combinations
 from probe_design.design_search.search_space import SearchSpace, build_search_space
 from probe_design.design_search.steered_population import DesignObjective
-from probe_design.optimisation.design_space import read_variables
+from probe_design.design_search.variables import ProbeSizes, read_vector
 from probe_design.populations.design_file import Design
 from solver.planning.load_limits import build_load_rule
 from tests.support.searches import design
@@ -44,7 +44,7 @@ def test_gradients_are_exact_at_taylors_rate(maximise: str, blank: bool) -> None
         objective={"maximise": maximise}, protocol={**PROTOCOL, "blank": blank}, limits={"force": 5e-4}, noise=noise
     )
     steered, search_space = ready(made)
-    start = read_variables(made.scene)
+    start = read_vector(made.scene)
     direction = np.array([0.8, 0.6, 0.2, -0.4, 0.3, 0.5])
 
     def moved(step: complex) -> Any:
@@ -72,8 +72,8 @@ def test_all_of_few_combinations_are_tried_and_the_best_is_brute_forces() -> Non
     assert "all 48 combinations" in chosen.how
     designs = np.array(list(product(*grids.values()))).T
     values = steered.evaluate_designs(designs, search_space.start_poisson)
-    values[search_space.space.compute_outer_radius(designs) > 6e-3] = -np.inf
-    values[search_space.space.compute_outer_radius(designs) - designs[0] - designs[2] < search_space.space.wall] = -np.inf
+    values[ProbeSizes.from_vector(designs).outer_radius > 6e-3] = -np.inf
+    values[ProbeSizes.from_vector(designs).wall < search_space.space.wall] = -np.inf
     assert chosen.choices[0].value == pytest.approx(values.max(), rel=1e-9)
     np.testing.assert_allclose(chosen.choices[0].design, designs[:, values.argmax()], rtol=1e-9)
 
@@ -122,8 +122,8 @@ def test_many_combinations_are_branched_and_it_is_said() -> None:
     assert not chosen.exhaustive
     assert "not all tried" in chosen.how
     best = chosen.choices[0]
-    for k in search_space.grids:
-        assert best.design[k] in search_space.grids[k]
+    for name, values in search_space.grids.items():
+        assert best.design[search_space.space.names.index(name)] in values
     relaxed = make_design(variables={"height": "fixed"}, limits={"force": 5e-3})
     free = search_combinations(*ready(relaxed), ignore_progress).choices[0].value
     assert best.value <= free + 1e-6
@@ -157,7 +157,7 @@ def test_a_force_is_the_least_that_is_allowed_and_the_judge_takes_it() -> None:
 
 
 def test_a_tighter_limit_of_force_strain_or_charge_takes_from_every_design() -> None:
-    designs = read_variables(make_design().scene)[:, None] * np.linspace(0.8, 1.2, 5)
+    designs = read_vector(make_design().scene)[:, None] * np.linspace(0.8, 1.2, 5)
     wide, minima = make_design(limits={"force": 5e-3, "gap_closure": False}), []
     for limits in ({"force": 5e-3}, {"force": 2e-3}, {"indentation": 2e-5}, {"tissue_strain": 2e-3}, {"charge": [0.0, 3e-14]}):
         steered, search_space = ready(make_design(limits={"force": 5e-3, **limits}))

@@ -1,4 +1,4 @@
-"""Levers, and pictures of what was judged."""
+"""Levers, and their picture."""
 
 from __future__ import annotations
 
@@ -7,10 +7,9 @@ from pathlib import Path
 import pytest
 
 from geometry.common.errors import InputError
-from probe_design.design_report.judgement_pictures import plot_judgements, plot_levers
 from probe_design.design_report.levers import Lever, compute_levers
+from probe_design.design_report.pictures import draw_levers
 from probe_design.populations.design_file import Design
-from probe_design.populations.judge import score
 from tests.support.designs import SUPERFICIAL, example_design
 
 NOISE = {"white": 0.05, "stiffness_white": 0.05}
@@ -40,13 +39,8 @@ def test_gains_that_cancel_are_no_lever() -> None:
     assert not any("gain" in lever.name for lever in compute_levers(design.scene, design))
 
 
-def test_pictures_are_written(tmp_path: Path) -> None:
-    design = small()
-    judgement = score(design.scene, design)
-    for count in (1, 2):
-        path = plot_judgements([("start", judgement), ("optimum", judgement)][:count], tmp_path / f"{count}.png")
-        assert path.read_bytes().startswith(PNG)
+def test_their_picture_is_written(tmp_path: Path) -> None:
     bars = [Lever("as it is", 0.4, 0.0, 0.0), Lever("white halved", 0.5, 0.1, 0.02)]
-    assert plot_levers(bars, "probability to be found", tmp_path / "levers.png").read_bytes().startswith(PNG)
+    assert draw_levers(bars, "probability to be found", tmp_path / "levers.png").read_bytes().startswith(PNG)
     with pytest.raises(InputError, match="a file name that ends in"):
-        plot_levers(bars, "P", tmp_path / "levers.txt")
+        draw_levers(bars, "P", tmp_path / "levers.txt")

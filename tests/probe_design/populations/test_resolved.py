@@ -9,8 +9,8 @@ import pytest
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Load
+from probe_design.design_search.tumour_objective import Noise, standard_deviation
 from probe_design.inference.linear_gaussian import LinearGaussian
-from probe_design.optimisation.objective import Noise, standard_deviation
 from probe_design.populations.closed_form_scan import ClosedFormScan
 from probe_design.populations.inclusion_scan import compute_inclusion_readings
 from probe_design.populations.judge import score
@@ -43,7 +43,7 @@ def problem(n: int = 5, m: int = 6, q: int = 4, size: float = 1.0) -> tuple[Floa
 
 
 def test_one_reading_of_one_known_tumour_is_today_s_objective() -> None:
-    """The standard deviation of ln E_object that ``optimize`` of a bare scene counts with, eq. OP.3."""
+    """The standard deviation of ln E_object that ``optimize`` of a bare scene counts with, eq. DS.6."""
     protocol = {"positions": ["0 mm"], "stiffness": False, "blank": False}
     design = example_design(protocol=protocol, noise={"white": NOISE, "gain": 0.0})
     scored_design = score(design.scene, design)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import casadi as ca
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -13,7 +12,6 @@ from scipy.special import jv, spherical_jn
 from geometry import CylinderTissue, HalfSpaceTissue, Inclusion, InputError, Refusal, Scene
 from geometry.scenes.units import SI_CONTEXT
 from solver import evaluate
-from solver.casadi_functions.closed_form import ClosedFormFunction
 from solver.closed_form.bessel import bessel, spherical_bessel
 from solver.closed_form.block_compliance import ElasticBlocks
 from solver.closed_form.contact import Tissue, solve_contact
@@ -274,16 +272,6 @@ def test_many_designs_at_once_are_what_each_is() -> None:
     for k in (0, 511, 512, 599):
         for all_, alone in zip(whole, compute_forces(shape, designs[:, k : k + 1]), strict=True):
             assert all_[k] == pytest.approx(alone[0], rel=1e-10)
-
-
-def test_casadi_differentiates_it() -> None:
-    shape, values = build_parameters(named("axisymmetric", "shallow").scene)
-    which = [PROBE_PARAMETERS.index("inner_radius"), PROBE_PARAMETERS.index("outer_modulus")]
-    formula = ClosedFormFunction(shape, values, which)
-    x = ca.MX.sym("x", 2)
-    slope = ca.Function("slope", [x], [ca.gradient(ca.log(formula(x)[0]), x)])
-    values_found, derivatives = compute_gradients(shape, values, which)
-    assert np.array(slope(values[which])).ravel() == pytest.approx(derivatives[:, 0, 0, 0] / values_found[0, 0, 0], rel=1e-12)
 
 
 def test_deep_layer_is_a_half_space() -> None:

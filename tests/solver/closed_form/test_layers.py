@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import casadi as ca
 import numpy as np
 import pytest
 
 from geometry import Scene, read_scene
 from geometry.common.errors import InputError
 from geometry.scenes.units import SI_CONTEXT
-from solver.casadi_functions.closed_form import ClosedFormFunction
 from solver.closed_form.block_compliance import ElasticBlocks
 from solver.closed_form.contact import Tissue, solve_contact
 from solver.closed_form.designs import (
@@ -351,18 +349,3 @@ def test_tall_narrow_layers_are_a_column() -> None:
         return float(1 / solution.forces.sum())
 
     assert gives_way(20.0) - gives_way(10.0) == pytest.approx(10 / (3 * np.pi * 1.2**2), rel=0.1)
-
-
-def test_casadi_differentiates_by_the_layers() -> None:
-    scene = add_layers(*SKINS)
-    shape, values = build_parameters(scene)
-    first = len(PROBE_PARAMETERS) + len(TISSUE_PARAMETERS) + len(SPHERE_PARAMETERS)
-    which = [
-        first + LAYER_PARAMETERS.index("layer_thickness"),
-        first + len(LAYER_PARAMETERS) + LAYER_PARAMETERS.index("layer_modulus"),
-    ]
-    formula = ClosedFormFunction(shape, values, which)
-    x = ca.MX.sym("x", 2)
-    slope = ca.Function("slope", [x], [ca.gradient(ca.log(formula(x)[0]), x)])
-    values_found, derivatives = compute_gradients(shape, values, which)
-    assert np.array(slope(values[which])).ravel() == pytest.approx(derivatives[:, 0, 0, 0] / values_found[0, 0, 0], rel=1e-12)

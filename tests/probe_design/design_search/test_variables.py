@@ -9,9 +9,9 @@ import pytest
 
 from geometry import InputError, read_scene
 from probe_design.data.builtin import read_builtin_scene
-from probe_design.optimisation.design_space import build_space
-from probe_design.optimisation.global_search import screen_designs
-from probe_design.optimisation.optimize import optimize
+from probe_design.design_search.closed_search import screen
+from probe_design.design_search.optimize import optimize
+from probe_design.design_search.variables import ProbeSizes, build_space
 from tests.support.paths import SCENE
 from tests.support.program import run
 from tests.support.scenes import nodule
@@ -45,18 +45,16 @@ def test_a_tighter_limit_takes_designs_away_and_brings_none() -> None:
         assert np.all(tight.low == wide.low)
         assert np.all(tight.high[1:] == wide.high[1:])
         assert tight.wall == wide.wall
-        screened = {tuple(design) for design in screen_designs(tight).T}
-        assert screened == {tuple(design) for design in screen_designs(wide).T if tight.compute_outer_radius(design) <= limit}
+        screened = {tuple(design) for design in screen(tight, 512).T}
+        within = [design for design in screen(wide, 512).T if ProbeSizes.from_vector(design).outer_radius <= limit]
+        assert screened == set(map(tuple, within))
         assert all(np.all((tight.low <= design) & (np.array(design) <= tight.high)) for design in screened)
 
 
 @pytest.mark.slow
 def test_a_tighter_limit_never_gives_a_better_optimum() -> None:
     """The best design found, by the judge's word; within 1 % that rounding for the workshop and IPOPT leave."""
-    best = [
-        optimize(nodule(), lambda *_: None, outer_radius=limit, starts=4).candidates[0].judged_objective
-        for limit in (3e-3, 4e-3, 5e-3, 8e-3)
-    ]
+    best = [optimize(nodule(), outer_radius=limit, starts=4).finalists[0].value for limit in (3e-3, 4e-3, 5e-3, 8e-3)]
     assert all(wider <= 1.01 * tighter for tighter, wider in pairwise(best)), best
 
 

@@ -1,26 +1,20 @@
-"""How hard a design is pressed: as the scene says, or as far as linear elasticity answers for it.
+"""The load that a design is verified with for one tumour: the scene's, or the largest for which linear elasticity is accurate.
 
 The force is the least of the scene's (its own, or its indentation times the design's stiffness) and of what the rule of
 ``solver.planning.loads`` allows where the ratio has to be good to ``MAX_RATIO_CHANGE_RELATIVE``. What finite strain does to the
-log-sensitivity is no limit: it is counted in the judge's error.
+log-sensitivity is no limit: it is counted in the evaluator's error.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from decimal import ROUND_FLOOR, Decimal
 from typing import Any
-
-import numpy as np
 
 from geometry.common.errors import InputError
 from geometry.scenes.scene import Load, Scene
-from solver.planning.law_factor import compute_law_factor
-from solver.planning.loads import CLOSURE_FORCE_SHARE, MAX_X, LoadRule, find_largest_x
-from solver.planning.strains import compute_block_strain, compute_both_strains, compute_cover_factor, compute_slimness
+from probe_design.design_search.loads import MAX_RATIO_CHANGE_RELATIVE, round_load_down
+from solver.planning.loads import LoadRule
 
-MAX_RATIO_CHANGE_RELATIVE = 0.01  # relative change of the ratio by finite strain that is allowed
-LOAD_DIGITS = 3  # of a load that the rule sets
 SCENE_LOAD, STRAIN_LIMIT, GAP_CLOSURE = "scene", "strain", "gap closure"  # what sets a load
 MAX_DEPTH, LAST_CONVERGED, TIME_LIMIT, BEST_LOAD = (
     "depth",
@@ -36,7 +30,7 @@ class Pressing:
     """How a design is pressed.
 
     Attributes:
-        load: the scene's, or the lower one of the same kind that is allowed, of ``LOAD_DIGITS`` digits.
+        load: the scene's, or the lower one of the same kind that is allowed, of ``loads.LOAD_DIGITS`` digits.
         force: on the base under it, N.
         x: the strain that the rule counts with, see ``LoadRule``.
         change: bound on what finite strain changes of the ratio there, relative; 0 where it is modelled.
@@ -71,14 +65,8 @@ def compute_pressing(scene: Scene, stiffness: float, rule: LoadRule) -> Pressing
     )
 
 
-def round_load_down(value: float) -> float:
-    """Return a load rounded down to ``LOAD_DIGITS`` digits."""
-    unit = Decimal(1).scaleb(Decimal(value).adjusted() + 1 - LOAD_DIGITS)
-    return float(Decimal(value).quantize(unit, ROUND_FLOOR))
-
-
 def compute_force(load: Load, stiffness: Any) -> Any:
-    """Return the force of a load, N: itself, or its indentation times the stiffness, N/m; floats, arrays or casadi."""
+    """Return the force of a load, N: itself, or its indentation times the stiffness, N/m; floats or arrays."""
     return load.force if load.indentation is None else load.indentation * stiffness
 
 
@@ -88,37 +76,3 @@ def check_load(scene: Scene) -> None:
     key = "force" if load.indentation is None else "indentation"
     if not getattr(load, key):
         raise InputError(f"load.{key}", 0, f"a {key} above 0: at 0 the films give no charge to read")
-
-
-def compute_pressing_force(scene: Scene, v: Any, radius: Any, totals: Any, wall_approach: float = 0.0) -> Any:
-    """Return the same force for many designs, or as an expression; closure limits it where ``wall_approach`` is given.
-
-    Args:
-        scene: whose tissue and load count.
-        v: the variables of designs, in the order of ``design_space.VARIABLES``.
-        radius: outer radii, m.
-        totals: force on the inner and on the outer film per unit indentation, N/m.
-        wall_approach: approach of the gap's walls per unit indentation, see ``CoarseModel.wall_approach``; 0 where not known.
-    """
-    stiffness = totals[0] + totals[1]
-    areas = (np.pi * v[0] ** 2, np.pi * v[0] ** 2 / v[1])
-    inner, outer = (
-        compute_block_strain(v[3], total / area / E) for total, area, E in zip(totals, areas, (v[4], v[5]), strict=True)
-    )
-    slim = compute_slimness(radius, radius - v[0] - v[2])
-    added = _maximum(inner, slim * outer)
-    cover, law = compute_cover_factor(scene.inclusion), compute_law_factor(scene, MAX_X)
-    _, strain = compute_both_strains(radius, scene.tissue, scene.contact.interface, added, cover, law=law)
-    force = _minimum(
-        compute_force(scene.load, stiffness), find_largest_x(MAX_RATIO_CHANGE_RELATIVE, promise=None)[0] / strain * stiffness
-    )
-    return _minimum(force, CLOSURE_FORCE_SHARE * stiffness * v[2] / wall_approach) if wall_approach > 0 else force
-
-
-def _minimum(a: Any, b: Any) -> Any:
-    """Return the smaller of two numbers, arrays or casadi expressions."""
-    return a * (a <= b) + b * (b < a)
-
-
-def _maximum(a: Any, b: Any) -> Any:
-    return a * (a >= b) + b * (b > a)

@@ -1,4 +1,4 @@
-"""A design under loads that linear elasticity does not answer for: its load is a variable, and ``contact`` judges it.
+"""Verification under loads that linear elasticity does not answer for: the load is a variable, and ``contact`` evaluates it.
 
 What a design is worth under a limit is the best of what it is worth under any load up to that, the linear range included: a
 wider limit makes none worse. Loads are tried at ``DEPTHS_RELATIVE``, which do not hang on the limit.
@@ -18,9 +18,8 @@ from threadpoolctl import threadpool_limits
 from geometry.common.errors import Refusal, SolveError
 from geometry.common.resources import LimitReached, start_clock
 from geometry.scenes.scene import Load, Scene
-from probe_design.optimisation.candidate import JUDGE_ACCURACY, Candidate, bound_objective, compute_objective
-from probe_design.optimisation.objective import Noise
-from probe_design.optimisation.pressing import (
+from probe_design.design_search.loads import round_load_down
+from probe_design.design_search.pressing import (
     BEST_LOAD,
     GAP_CLOSURE,
     LAST_CONVERGED,
@@ -29,7 +28,13 @@ from probe_design.optimisation.pressing import (
     TIME_LIMIT,
     Pressing,
     compute_force,
-    round_load_down,
+)
+from probe_design.design_search.tumour_objective import Noise
+from probe_design.design_search.tumour_verification import (
+    VERIFICATION_ACCURACY,
+    TumourVerification,
+    bound_objective,
+    compute_objective,
 )
 from solver.contact.evaluator import ContactEvaluator
 from solver.contact.limits import CLOSED_GAP_RELATIVE, find_gap_closure_load, is_gap_closed
@@ -43,47 +48,45 @@ GAP_SAFETY_FACTOR = 0.9  # of the load at which the gap closes, or beyond which 
 CONTACT_EVALUATOR = ContactEvaluator().name
 
 
-def needs_contact(candidate: Candidate) -> bool:
-    """Whether a candidate is judged under less than the scene's load, and ``contact`` takes a scene of its kind."""
-    return candidate.pressing.limited_by != SCENE_LOAD and ContactEvaluator().refusal(candidate.scene) is None
+def needs_contact(design: TumourVerification) -> bool:
+    """Whether a design is judged under less than the scene's load, and ``contact`` takes a scene of its kind."""
+    return design.pressing.limited_by != SCENE_LOAD and ContactEvaluator().refusal(design.scene) is None
 
 
-def optimize_load(candidate: Candidate, noise: Noise) -> Candidate:
-    """Return a candidate under the best of the loads up to the scene's, those beyond linear elasticity judged by ``contact``.
+def optimize_load(design: TumourVerification, noise: Noise) -> TumourVerification:
+    """Return a design under the best of the loads up to the scene's, those beyond linear elasticity judged by ``contact``.
 
     The gap is kept open. One that no load does better than the largest that linear elasticity answers for stays as it is.
     """
-    if not needs_contact(candidate):
-        return candidate
+    if not needs_contact(design):
+        return design
     start = perf_counter()
     try:
         with start_clock(), threadpool_limits(1, user_api="blas"):
-            loaded = list(_evaluate_loads(candidate, noise, start))
+            loaded = list(_evaluate_loads(design, noise, start))
     except (Refusal, SolveError):  # what cannot be pressed further is judged as far as linear elasticity goes
-        return candidate
-    return min((candidate, *loaded), key=lambda item: item.judged_objective)
+        return design
+    return min((design, *loaded), key=lambda item: item.value)
 
 
-def evaluate_by_contact(candidate: Candidate, noise: Noise) -> Candidate:
-    """Return a candidate judged by ``contact`` under the load that it has; as it is where that cannot be."""
+def evaluate_by_contact(design: TumourVerification, noise: Noise) -> TumourVerification:
+    """Return a design judged by ``contact`` under the load that it has; as it is where that cannot be."""
     start = perf_counter()
     try:
         with start_clock(), threadpool_limits(1, user_api="blas"):
-            contact_scene = ContactEvaluator().prepare_scene(candidate.scene, JUDGE_ACCURACY)
-            loaded = _solve_at_load(contact_scene, candidate.pressing.load)
+            contact_scene = ContactEvaluator().prepare_scene(design.scene, VERIFICATION_ACCURACY)
+            loaded = _solve_at_load(contact_scene, design.pressing.load)
     except (Refusal, SolveError):
-        return candidate
-    return _build_loaded_candidate(
-        candidate, noise, contact_scene, loaded, replace(candidate.pressing, x=0.0, change=0.0), start=start
-    )
+        return design
+    return _build_loaded_design(design, noise, contact_scene, loaded, replace(design.pressing, x=0.0, change=0.0), start=start)
 
 
-def _evaluate_loads(candidate: Candidate, noise: Noise, start: float) -> Iterator[Candidate]:
-    """Judge a candidate under the largest load that is allowed, and where less tells more under that."""
-    contact_scene = ContactEvaluator().prepare_scene(candidate.scene, JUDGE_ACCURACY)
-    reach = _find_reach(contact_scene, candidate.scene)
+def _evaluate_loads(design: TumourVerification, noise: Noise, start: float) -> Iterator[TumourVerification]:
+    """Judge a design under the largest load that is allowed, and where less tells more under that."""
+    contact_scene = ContactEvaluator().prepare_scene(design.scene, VERIFICATION_ACCURACY)
+    reach = _find_reach(contact_scene, design.scene)
     loads = [(reach.load, reach.limited_by)]
-    best = _find_interior_load(candidate, noise, reach)
+    best = _find_interior_load(design, noise, reach)
     if best is not None:
         loads.append((best, BEST_LOAD))
     for wanted, reason in loads:
@@ -92,9 +95,9 @@ def _evaluate_loads(candidate: Candidate, noise: Noise, start: float) -> Iterato
         except (Refusal, SolveError):
             continue
         force = float(compute_force(load, loaded.films.totals.sum()))
-        if force > candidate.pressing.force:
-            yield _build_loaded_candidate(
-                candidate,
+        if force > design.pressing.force:
+            yield _build_loaded_design(
+                design,
                 noise,
                 contact_scene,
                 loaded,
@@ -192,7 +195,7 @@ def _find_path_closure(path: Path) -> LargestLoad:
     return LargestLoad(last.force, last.indentation, GAP_CLOSURE)
 
 
-def _find_interior_load(candidate: Candidate, noise: Noise, reach: Reach) -> Load | None:
+def _find_interior_load(design: TumourVerification, noise: Noise, reach: Reach) -> Load | None:
     """Return the interior load of minimum objective, by a parabola through three points; None if the largest is best."""
     by_force, points = reach.is_force, reach.allowed_points
     sizes = [_get_load_size(point.point, by_force=by_force) for point in points]
@@ -211,23 +214,21 @@ def _solve_at_load(contact_scene: LoadedScene, load: Load) -> LoadedForces:
     return replace(contact_scene, scene=contact_scene.scene.model_copy(update={"load": load})).press_to_scene_load()
 
 
-def _build_loaded_candidate(
-    candidate: Candidate, noise: Noise, contact_scene: LoadedScene, loaded: LoadedForces, pressed: Pressing, *, start: float
-) -> Candidate:
-    """The candidate with the objective of what ``contact`` found under its load."""
-    scene = candidate.scene.model_copy(update={"load": pressed.load})
-    answer = ContactEvaluator().build_answer(scene, JUDGE_ACCURACY, contact_scene, loaded)
-    result = replace(
-        answer.build_result(CONTACT_EVALUATOR, scene, perf_counter() - start), load_limits=candidate.judged.load_limits
-    )
-    objective_min, objective_max = bound_objective(loaded.films, noise, pressed)
+def _build_loaded_design(
+    design: TumourVerification, noise: Noise, contact_scene: LoadedScene, loaded: LoadedForces, pressed: Pressing, *, start: float
+) -> TumourVerification:
+    """The design with the objective of what ``contact`` found under its load."""
+    scene = design.scene.model_copy(update={"load": pressed.load})
+    answer = ContactEvaluator().build_answer(scene, VERIFICATION_ACCURACY, contact_scene, loaded)
+    result = replace(answer.build_result(CONTACT_EVALUATOR, scene, perf_counter() - start), load_limits=design.result.load_limits)
+    lower, upper = bound_objective(loaded.films, noise, pressed)
     value = compute_objective(loaded.films, noise, pressed.force)
     return replace(
-        candidate,
-        judged=result,
+        design,
+        result=result,
         pressing=pressed,
-        judged_objective=value,
-        objective_min=objective_min,
-        objective_max=objective_max,
-        linear=candidate,
+        value=value,
+        lower=lower,
+        upper=upper,
+        linear=design,
     )

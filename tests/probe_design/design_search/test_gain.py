@@ -3,39 +3,50 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from geometry import Load, Refusal, Scene, read_scene
 from geometry.scenes.probe import Probe
-from probe_design.optimisation.candidate import FINER_ACCURACY, Candidate, evaluate_candidate, merge_candidates
-from probe_design.optimisation.comparison import build_comparison_table
-from probe_design.optimisation.design_space import build_space, read_variables
-from probe_design.optimisation.global_search import search_designs
-from probe_design.optimisation.objective import Noise
-from probe_design.optimisation.optimum import Optimum
-from probe_design.optimisation.report import build_page, build_summary
+from probe_design.design_report.tumour_report import TumourReport
+from probe_design.design_report.tumour_table import build_comparison_table
+from probe_design.design_search.choices import ChoiceSearch
+from probe_design.design_search.tumour_objective import Noise
+from probe_design.design_search.tumour_optimum import TumourOptimum
+from probe_design.design_search.tumour_study import TumourStudy
+from probe_design.design_search.tumour_verification import (
+    FINER_ACCURACY,
+    TumourVerification,
+    merge_designs,
+    verify_tumour_design,
+)
+from probe_design.design_search.variables import build_space, read_vector
 from tests.support.paths import EXAMPLES, SCENE
 from tests.support.scenes import nodule
 
 NOISE = Noise()
 
 
-def judged(objective: float, error: float, scene: Scene | None = None) -> Candidate:
+def judged(objective: float, error: float, scene: Scene | None = None) -> TumourVerification:
     """A candidate whose judge is good to ``error`` of its log-sensitivity."""
-    judged_design = evaluate_candidate(scene or read_scene(SCENE), NOISE, "axisymmetric")
-    return replace(
-        judged_design, judged_objective=objective, objective_min=objective / (1 + error), objective_max=objective / (1 - error)
-    )
+    judged_design = verify_tumour_design(scene or read_scene(SCENE), NOISE, "axisymmetric")
+    return replace(judged_design, value=objective, lower=objective / (1 + error), upper=objective / (1 - error))
+
+
+def build_optimum(scene: Scene, start: TumourVerification, *finalists: TumourVerification) -> TumourOptimum:
+    """Return what a search of a scene would that has found these."""
+    study = TumourStudy.from_scene(scene)
+    search = ChoiceSearch((), "", True, {})
+    return TumourOptimum(study.design, study.search_space, start, finalists, search, NOISE, "axisymmetric")
 
 
 def test_a_gain_counts_beyond_the_errors_of_both() -> None:
-    room = build_space(read_scene(SCENE))
     start = judged(1.0, 0.04)
 
-    def make_optimum(best: Candidate) -> Optimum:
-        return Optimum("axisymmetric", room, NOISE, start, (best,))
+    def make_optimum(best: TumourVerification) -> TumourOptimum:
+        return build_optimum(start.scene, start, best)
 
     assert make_optimum(judged(0.90, 0.04)).status == "improved"
     hidden = make_optimum(judged(0.98, 0.04))
@@ -61,8 +72,10 @@ def test_a_gain_that_the_judge_cannot_tell_is_none() -> None:
     second_scene = build_space(start).build_scene(np.array([3.1e-3, 0.2088, 0.5e-3, 1.54e-3, 1e6, 1e6]))
     assert second_scene is not None
     for accuracy, counts in ((0.01, False), (FINER_ACCURACY, True)):
-        first, second = (evaluate_candidate(design, NOISE, "equivalent-inclusion", accuracy) for design in (start, second_scene))
-        assert second.judged_objective < 0.9 * first.judged_objective
+        first, second = (
+            verify_tumour_design(design, NOISE, "equivalent-inclusion", accuracy) for design in (start, second_scene)
+        )
+        assert second.value < 0.9 * first.value
         assert second.is_better_than(first) == counts
 
 
@@ -71,8 +84,8 @@ def test_a_gain_that_the_judge_cannot_tell_is_none() -> None:
 @pytest.mark.parametrize("scene", [read_scene(SCENE), nodule()])
 def test_judge_s_errors_hold_the_objective(scene: Scene, judge: str) -> None:
     """A coarse judge's range holds what a fine one says."""
-    coarse, fine = evaluate_candidate(scene, NOISE, judge, 0.05), evaluate_candidate(scene, NOISE, "axisymmetric", 1e-4)
-    assert coarse.objective_min < fine.judged_objective < coarse.objective_max
+    coarse, fine = verify_tumour_design(scene, NOISE, judge, 0.05), verify_tumour_design(scene, NOISE, "axisymmetric", 1e-4)
+    assert coarse.lower < fine.value < coarse.upper
 
 
 def test_designs_alike_are_merged() -> None:
@@ -82,22 +95,20 @@ def test_designs_alike_are_merged() -> None:
         probe = scene.probe.model_copy(update={"height": scene.probe.core_height * factor})
         return scene.model_copy(update={"probe": probe})
 
-    kept = merge_candidates([judged(1.0, 0.0), judged(0.9, 0.0, moved(1.004)), judged(0.8, 0.0, moved(1.02))])
-    assert [design.judged_objective for design in kept] == [0.8, 0.9]
+    kept = merge_designs([judged(1.0, 0.0), judged(0.9, 0.0, moved(1.004)), judged(0.8, 0.0, moved(1.02))])
+    assert [design.value for design in kept] == [0.8, 0.9]
 
 
 def test_a_search_steered_by_formulas_that_refuse_the_scene_says_so() -> None:
     shallow = nodule().inclusion[0].model_copy(update={"depth": 2.7e-3})  # covered by 0.04 of its diameter
     scene = nodule().model_copy(update={"inclusion": (shallow,)})
-    start = evaluate_candidate(scene, NOISE, "axisymmetric")
-    assert start.searched is None
-    remarks = list(Optimum("axisymmetric", build_space(scene), NOISE, start, ()).remarks)
-    assert len(remarks) == 1
-    assert "closed-form refuses this scene" in remarks[0]
-    assert "the search used its formulas" in remarks[0]
-    assert not list(
-        Optimum("axisymmetric", build_space(nodule()), NOISE, evaluate_candidate(nodule(), NOISE, "axisymmetric"), ()).remarks
-    )
+    start = verify_tumour_design(scene, NOISE, "axisymmetric")
+    assert start.formula_result is None
+    warnings = build_optimum(scene, start).warnings
+    assert len(warnings) == 1
+    assert "closed-form refuses this scene" in warnings[0]
+    assert "the search used its formulas" in warnings[0]
+    assert not build_optimum(nodule(), verify_tumour_design(nodule(), NOISE, "axisymmetric")).warnings
 
 
 def test_a_search_that_can_tell_nothing_is_refused() -> None:
@@ -105,34 +116,35 @@ def test_a_search_that_can_tell_nothing_is_refused() -> None:
     body = {key: value for key, value in data["inclusion"][0].items() if key != "diameter"} | {"diameters": (8e-3, 8e-3, 5e-3)}
     flat = Scene.model_validate(data | {"inclusion": (body,)})
     with pytest.raises(Refusal, match="a sphere as the target"):
-        search_designs(build_space(flat), NOISE, 1, lambda done, total: None)
+        TumourStudy.from_scene(flat)
 
 
 def test_a_design_is_written_with_the_load_that_it_bears() -> None:
     scene = read_scene(SCENE).model_copy(update={"load": Load(force=1.0)})
-    start = evaluate_candidate(scene, NOISE, "axisymmetric")
+    start = verify_tumour_design(scene, NOISE, "axisymmetric")
     assert start.loaded_scene.load.force == start.pressing.force < 1.0
     areas = (scene.probe.inner_area, scene.probe.outer_area)
-    force = areas[0] * start.judged.stress_inner + areas[1] * start.judged.stress_outer
+    force = areas[0] * start.result.stress_inner + areas[1] * start.result.stress_outer
     assert force == pytest.approx(start.pressing.force)
     assert start.scene.load.force == 1.0
-    assert np.all(read_variables(start.loaded_scene) == read_variables(scene))
+    assert np.all(read_vector(start.loaded_scene) == read_vector(scene))
 
 
 def test_where_nothing_is_verified_the_recommended_design_is_the_start_everywhere() -> None:
-    """Table, limits, remarks and page once spoke of the best tried, while the start was what was written."""
+    """Table, limits, warnings and page once spoke of the best tried, while the start was what was written."""
     room, start = build_space(read_scene(SCENE)), judged(1.0, 0.04)
     tried = replace(judged(0.98, 0.04), scene=start.scene.model_copy(update={"probe": _widest(start.scene, room.outer_radius)}))
-    optimum = Optimum("axisymmetric", room, NOISE, start, (tried,))
+    optimum = build_optimum(start.scene, start, tried)
     table = build_comparison_table(optimum)
     assert table.headings[1:3] == ("best tried, no gain", "start, recommended")
     radii = next(row for row in table.rows if row[0] == "outer radius, mm")
     assert radii[1:3] == (f"{1e3 * room.outer_radius:.4g}", f"{1e3 * start.scene.probe.tube_radius:.4g}")
-    assert not next(limit.active for limit in optimum.limits if limit.name == "largest outer_radius")
-    answer = build_summary(optimum, ())
+    assert not next(limit.active for limit in optimum.limits if limit.name == "outer_radius")
+    report = TumourReport(optimum)
+    answer = report.build_summary(())
     assert answer["recommended"] == "start"
     assert answer["design"]["probe"]["inner_radius"] == f"{1e3 * start.scene.probe.inner_radius:.12g} mm"
-    assert 'class="headline none"' in build_page(optimum, (), answer)
+    assert 'class="headline none"' in report.build_page((), answer, Path())
 
 
 def _widest(scene: Scene, radius: float) -> Probe:

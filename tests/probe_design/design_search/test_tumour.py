@@ -10,13 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geometry import read_scene
+from geometry import Load, read_scene
 from probe_design.data.builtin import read_builtin_scene
-from probe_design.optimisation.candidate import evaluate_candidate
-from probe_design.optimisation.design_space import build_space
-from probe_design.optimisation.global_search import compute_log_objectives, search_designs
-from probe_design.optimisation.local_search import refine_by_finite_elements
-from probe_design.optimisation.objective import Noise
+from probe_design.design_search.choices import iterate_distinct, search_combinations
+from probe_design.design_search.closed_search import screen
+from probe_design.design_search.tumour_objective import FiniteElementObjective, Noise
+from probe_design.design_search.tumour_study import MIN_LOG_DISTANCE, TumourStudy
+from probe_design.design_search.tumour_verification import verify_tumour_design
+from probe_design.design_search.variables import ProbeSizes, read_vector
 from tests.support.paths import REFERENCE, ROOT
 from tests.support.program import Ended, run
 from tests.support.references import named
@@ -40,24 +41,44 @@ def test_builtin_scene_has_the_papers_numbers() -> None:
 
 def test_search_cost_is_the_closed_forms_objective() -> None:
     scene = named("axisymmetric", "nearly-incompressible").scene
-    room = build_space(scene)
+    study = TumourStudy.from_scene(scene)
     design = np.array([3.5e-3, 0.5, 0.2e-3, 5e-3, 3e5, 2e4])  # far from the tissue's sides, as the scene's probe is
-    made = room.build_scene(design)
-    objective = float(np.exp(compute_log_objectives(room, NOISE, design[:, None])[0]))
-    assert objective == pytest.approx(
-        evaluate_candidate(made, NOISE, "axisymmetric").searched_objective, rel=2e-3
-    )  # lengths were rounded
+    made = study.search_space.space.build_scene(design)
+    assert made is not None
+    objective = float(np.exp(-study.objective.evaluate_designs(design[:, None], study.search_space.start_poisson)[0]))
+    verified = verify_tumour_design(made, NOISE, "axisymmetric")
+    assert objective == pytest.approx(verified.formula_value, rel=2e-3)  # lengths were rounded
+
+
+def test_gradients_are_those_of_differences() -> None:
+    """By formulas and by finite elements, where the load limits the force and where linear elasticity does."""
+    scene = named("axisymmetric", "nearly-incompressible").scene
+    for force in (1e-4, 10.0):
+        study = TumourStudy.from_scene(scene.model_copy(update={"load": Load(force=force)}))
+        space, poisson = study.search_space.space, study.search_space.start_poisson
+        design = read_vector(scene, space.names) * np.array([1.0, 1.1, 1.0, 0.9, 1.1, 0.9])
+        elements = FiniteElementObjective(study.objective, space, scene, "axisymmetric")
+        for objective, step, accuracy in ((study.objective, 1e-4, 1e-4), (elements, 1e-3, 0.01)):
+            slopes = objective.gradient(design, poisson, list(range(len(design))))[1][0]
+            for k, slope in enumerate(slopes):
+                ends = [design * np.exp(sign * step * (np.arange(len(design)) == k)) for sign in (1, -1)]
+                upper, lower = (objective.gradient(end, poisson, [k])[0][0] for end in ends)
+                assert slope == pytest.approx((upper - lower) / (2 * step), rel=accuracy, abs=accuracy * np.abs(slopes).max())
 
 
 def test_search_stays_in_bounds_and_finds_better_than_it_screened() -> None:
-    room = build_space(named("axisymmetric", "nearly-incompressible").scene, 8e-3)
-    designs = search_designs(room, NOISE, 2, lambda done, total: None)
-    values = compute_log_objectives(room, NOISE, designs)
-    assert np.all(np.diff(values) >= 0)
-    assert np.all(room.compute_outer_radius(designs) <= 8e-3 * (1 + 1e-6))
-    assert np.all((room.low * 0.999 <= designs.T) & (room.high * 1.001 >= designs.T))
-    distances = [np.max(np.abs(np.log(designs[:, i] / designs[:, j]))) for i in range(10) for j in range(i)]
-    assert min(distances) > 0.05
+    study = TumourStudy.from_scene(named("axisymmetric", "nearly-incompressible").scene, 8e-3, starts=2)
+    space, poisson = study.search_space.space, study.search_space.start_poisson
+    search = search_combinations(study.objective, study.search_space, lambda done, total: None)
+    designs = np.array([choice.design for choice in search.choices]).T
+    values = study.objective.evaluate_designs(designs, poisson)
+    assert np.all(np.diff(values) <= 0)
+    assert values[0] > study.objective.evaluate_designs(screen(space, 512), poisson).max()
+    assert np.all(ProbeSizes.from_vector(designs).outer_radius <= 8e-3 * (1 + 1e-6))
+    assert np.all((space.low * 0.999 <= designs.T) & (space.high * 1.001 >= designs.T))
+    scenes = [scene for _, scene in iterate_distinct(search.choices, study.search_space, MIN_LOG_DISTANCE)]
+    distinct = [np.log(read_vector(scene)) for scene in scenes[:10]]
+    assert min(np.max(np.abs(distinct[i] - distinct[j])) for i in range(len(distinct)) for j in range(i)) > 0.05
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +100,7 @@ def test_optimize_from_the_command_line(improved: tuple[Path, Ended]) -> None:
     assert report["objective"] < report["baseline_objective"] / 2
     assert sorted(Path(file).name for file in report["files"]) == sorted(path.name for path in output.iterdir())
     design = read_scene(output / "design.toml")
-    assert evaluate_candidate(design, NOISE, report["evaluator"]).judged_objective == pytest.approx(report["objective"], rel=1e-9)
+    assert verify_tumour_design(design, NOISE, report["evaluator"]).value == pytest.approx(report["objective"], rel=1e-9)
     rows = list(csv.DictReader((output / "candidates.csv").read_text().splitlines()))
     assert 8 <= len(rows) <= 14  # the start, ten judged designs and what polishing made of the best three, merged
     judged = [float(row["objective"]) for row in rows]
@@ -109,11 +130,10 @@ def test_no_gain_is_said_and_exits_1(improved: tuple[Path, Ended], tmp_path: Pat
 )
 def test_polishing_gains_by_the_judges_own_word(folder: str, name: str, judge: str) -> None:
     scene = named(folder, name).scene
-    room = build_space(scene)
-    start = evaluate_candidate(scene, NOISE, judge)
-    polished = room.build_scene(refine_by_finite_elements(room, NOISE, scene, start.wall_approach, judge))
-    assert polished is not None
-    assert evaluate_candidate(polished, NOISE, judge).judged_objective < 0.95 * start.judged_objective
+    study = TumourStudy.from_scene(scene, evaluator=judge)
+    refined = study.refine_scene(scene)
+    assert refined is not None
+    assert study.verify(refined).value < 0.95 * study.verify(scene).value
 
 
 def test_a_judge_is_one_that_knows_finite_elements(tmp_path: Path) -> None:

@@ -10,13 +10,12 @@ from itertools import pairwise
 import pytest
 
 from geometry import Load, Scene
-from probe_design.optimisation.candidate import Candidate, evaluate_candidate
-from probe_design.optimisation.comparison import build_comparison_table
-from probe_design.optimisation.loaded_candidate import needs_contact, optimize_load
-from probe_design.optimisation.loaded_search import remove_load_limit, restore_load
-from probe_design.optimisation.objective import Noise
-from probe_design.optimisation.optimize import optimize
-from probe_design.optimisation.report import build_summary
+from probe_design.design_report.tumour_table import build_comparison_table
+from probe_design.design_search.contact_verification import needs_contact, optimize_load
+from probe_design.design_search.optimize import optimize
+from probe_design.design_search.tumour_objective import Noise
+from probe_design.design_search.tumour_study import TumourStudy, remove_load_limit
+from probe_design.design_search.tumour_verification import TumourVerification, verify_tumour_design
 from solver import evaluate
 from tests.support.load_paths import FOLDER, scene_of
 from tests.support.scenes import nodule
@@ -25,10 +24,10 @@ NOISE = Noise()
 EXPECTED = json.loads((FOLDER / "expected.json").read_text())
 
 
-def loaded(name: str, force: float) -> tuple[Candidate, Candidate]:
+def loaded(name: str, force: float) -> tuple[TumourVerification, TumourVerification]:
     """A reference's probe under a force, judged linearly as far as that goes and by contact."""
     scene = scene_of(name).model_copy(update={"load": Load(force=force)})
-    judged_design = evaluate_candidate(Scene.model_validate(scene), NOISE, "axisymmetric")
+    judged_design = verify_tumour_design(Scene.model_validate(scene), NOISE, "axisymmetric")
     return judged_design, optimize_load(judged_design, NOISE)
 
 
@@ -46,10 +45,10 @@ def test_contact_judges_what_linear_elasticity_does_not_answer_for(name: str, k:
     row = EXPECTED[name]["rows"][k]
     linear, pressed = loaded(name, row["force"])
     assert linear.pressing.limited_by != "scene"
-    assert pressed.judged.evaluator == "contact"
+    assert pressed.evaluator == "contact"
     assert (pressed.pressing.limited_by, pressed.pressing.force) == ("scene", row["force"])
     unsure = row["log_sensitivity_unc"] / row["log_sensitivity"] + 0.01
-    assert pressed.objective_min * (1 - unsure) <= sd(row, pressed.scene) <= pressed.objective_max * (1 + unsure)
+    assert pressed.lower * (1 - unsure) <= sd(row, pressed.scene) <= pressed.upper * (1 + unsure)
     assert pressed.is_better_than(linear)  # pressing harder tells more
 
 
@@ -68,9 +67,9 @@ def test_beyond_closure_the_gap_is_kept_open() -> None:
 def test_a_wider_limit_never_makes_a_design_worse() -> None:
     """Below linear elasticity's end, just beyond it, far beyond it, and beyond what it can be pressed."""
     judged_designs = [loaded("example", force)[1] for force in (0.01, 0.03, 0.031, 0.05, 0.12, 0.3, 3.0)]
-    values = [judged_design.judged_objective for judged_design in judged_designs]
+    values = [judged_design.value for judged_design in judged_designs]
     assert all(wider <= tighter for tighter, wider in pairwise(values)), values
-    assert [judged_design.judged.evaluator for judged_design in judged_designs[1:]] == ["contact"] * 6
+    assert [judged_design.evaluator for judged_design in judged_designs[1:]] == ["contact"] * 6
     assert judged_designs[-1].pressing.limited_by in ("depth", "gap closure")
     assert judged_designs[-1].pressing.force < 0.5
 
@@ -79,9 +78,9 @@ def test_a_wider_limit_never_makes_a_design_worse() -> None:
 def test_what_is_judged_is_what_the_level_says_when_it_is_asked_alone() -> None:
     _, pressed = loaded("example", 0.09)
     alone = evaluate(pressed.loaded_scene, "contact")
-    assert pressed.judged.evaluator == "contact"
-    errors = (pressed.judged.error_estimate or 0.0) + (alone.error_estimate or 0.0)
-    assert pressed.judged.ratio == pytest.approx(alone.ratio, rel=errors)
+    assert pressed.evaluator == "contact"
+    errors = (pressed.result.error_estimate or 0.0) + (alone.error_estimate or 0.0)
+    assert pressed.result.ratio == pytest.approx(alone.ratio, rel=errors)
     forces = [
         pressed.scene.probe.inner_area * (alone.stress_inner or 0.0),
         pressed.scene.probe.outer_area * (alone.stress_outer or 0.0),
@@ -89,14 +88,14 @@ def test_what_is_judged_is_what_the_level_says_when_it_is_asked_alone() -> None:
     assert sum(forces) == pytest.approx(0.09, rel=errors)
     noise = math.hypot(0.05, *(0.01e-12 / (20e-12 * force) for force in forces))
     value = noise / (alone.log_sensitivity or math.nan)
-    assert pressed.objective_min < value < pressed.objective_max
-    assert pressed.judged_objective == pytest.approx(value, rel=0.02)
+    assert pressed.lower < value < pressed.upper
+    assert pressed.value == pytest.approx(value, rel=0.02)
 
 
 @pytest.mark.slow
 def test_an_indentation_is_a_limit_too() -> None:
     scene = scene_of("example").model_copy(update={"load": Load(indentation=1e-3)})
-    start = evaluate_candidate(Scene.model_validate(scene), NOISE, "axisymmetric")
+    start = verify_tumour_design(Scene.model_validate(scene), NOISE, "axisymmetric")
     pressed = optimize_load(start, NOISE)
     assert (pressed.pressing.load.indentation, pressed.pressing.load.force, pressed.pressing.limited_by) == (1e-3, None, "scene")
     row = next(row for row in EXPECTED["example"]["rows"] if row["indentation"] == 1.25e-3)
@@ -106,10 +105,10 @@ def test_an_indentation_is_a_limit_too() -> None:
 
 def test_a_gain_of_more_load_counts_beyond_twice_its_error() -> None:
     linear, _ = loaded("example", 0.01)
-    loose = replace(linear, judged_objective=1.0, objective_min=0.98, objective_max=1.02)
+    loose = replace(linear, value=1.0, lower=0.98, upper=1.02)
 
-    def make_candidate(value: float, error: float) -> Candidate:
-        return replace(linear, judged_objective=value, objective_min=value - error, objective_max=value + error, linear=loose)
+    def make_candidate(value: float, error: float) -> TumourVerification:
+        return replace(linear, value=value, lower=value - error, upper=value + error, linear=loose)
 
     gain, error = make_candidate(0.9, 0.03).compute_gain(loose)
     assert gain == pytest.approx(0.1)
@@ -126,12 +125,12 @@ def test_finalists_do_not_hang_on_the_limit_of_the_load() -> None:
     free, _ = loaded("example", 1e9)
     for force in (5e-3, 0.2):
         scene = free.scene.model_copy(update={"load": Load(force=force)})
-        limited_scene = restore_load(free, scene, NOISE, "axisymmetric")
-        repeated = evaluate_candidate(scene, NOISE, "axisymmetric")
-        assert (limited_scene.scene.load, limited_scene.pressing, limited_scene.judged_objective) == (
+        limited_scene = TumourStudy.from_scene(scene, evaluator="axisymmetric").restore_load(free)
+        repeated = verify_tumour_design(scene, NOISE, "axisymmetric")
+        assert (limited_scene.scene.load, limited_scene.pressing, limited_scene.value) == (
             scene.load,
             repeated.pressing,
-            repeated.judged_objective,
+            repeated.value,
         )
         assert remove_load_limit(limited_scene.scene) == free.scene
 
@@ -140,15 +139,15 @@ def test_finalists_do_not_hang_on_the_limit_of_the_load() -> None:
 @pytest.mark.timeout(1800)
 def test_a_tighter_limit_of_the_load_never_gives_a_better_optimum() -> None:
     """The whole loop: within linear elasticity, where only some designs ask for more, and where all do."""
-    optima = [optimize(pressed_nodule(force), lambda *_: None, starts=1, outer_radius=4.5e-3) for force in (1e-3, 0.03, 0.1)]
-    best = [optimum.candidates[0].judged_objective for optimum in optima]
+    optima = [optimize(pressed_nodule(force), starts=1, outer_radius=4.5e-3) for force in (1e-3, 0.03, 0.1)]
+    best = [optimum.finalists[0].value for optimum in optima]
     assert all(wider <= tighter for tighter, wider in pairwise(best)), best
-    assert optima[0].candidates[0].judged.evaluator == "axisymmetric"
+    assert optima[0].finalists[0].evaluator == "axisymmetric"
     last = optima[-1]
-    assert last.best_tried.judged.evaluator == last.baseline.judged.evaluator == "contact"
+    assert last.best_tried.evaluator == last.start.evaluator == "contact"
     assert last.best_tried.linear is not None
-    assert last.best_tried.judged_objective < last.best_tried.linear.judged_objective
-    text = build_summary(last, [])
+    assert last.best_tried.value < last.best_tried.linear.value
+    text = last.build_summary([])
     assert text["evaluator"] == text["baseline_evaluator"] == "contact"
     gain, error = last.best.compute_gain(last.best.linear or last.best)
     assert (text["under_load"]["gain"], text["under_load"]["gain_error"]) == pytest.approx((gain, error))
@@ -156,10 +155,10 @@ def test_a_tighter_limit_of_the_load_never_gives_a_better_optimum() -> None:
     rows = {name: optima for name, _, optima, _ in build_comparison_table(last).rows}
     assert rows["force limited by"] == last.best_tried.pressing.limited_by
     assert float(rows["gain of more load, %"]) == pytest.approx(100 * gain, rel=0.01)
-    assert any("where linear elasticity ends" in line for line in last.remarks)
+    assert any("where linear elasticity ends" in line for line in last.warnings)
     assert all(
-        evaluate_candidate(optimum.loaded_scene, NOISE, "axisymmetric").pressing.force <= optimum.pressing.force
-        for optimum in last.candidates[:2]
+        verify_tumour_design(optimum.loaded_scene, NOISE, "axisymmetric").pressing.force <= optimum.pressing.force
+        for optimum in last.finalists[:2]
     )
 
 

@@ -13,12 +13,13 @@ import pytest
 from geometry import Film, InputError, Load, read_scene
 from probe_design.data.builtin import read_builtin_scene
 from probe_design.data.noise import DEFAULT_NOISE, MAX_RESOLVED_LOG_SD, compute_channel_noise
+from probe_design.design_search.optimize import optimize
+from probe_design.design_search.pressing import compute_pressing
+from probe_design.design_search.tumour_objective import Noise, standard_deviation
+from probe_design.design_search.tumour_study import TumourStudy
+from probe_design.design_search.tumour_verification import evaluate_films, verify_tumour_design
+from probe_design.design_search.variables import ProbeSizes
 from probe_design.maps.sphere_effects import Thresholds
-from probe_design.optimisation.candidate import evaluate_candidate, evaluate_films
-from probe_design.optimisation.design_space import read_variables
-from probe_design.optimisation.objective import Noise, standard_deviation
-from probe_design.optimisation.optimize import optimize
-from probe_design.optimisation.pressing import compute_pressing, compute_pressing_force
 from solver import evaluate
 from solver.planning.coarse_model import CoarseModel
 from solver.planning.load_limits import build_load_rule
@@ -76,7 +77,7 @@ def test_noise_is_printed() -> None:
 def loaded(load: Load) -> tuple[float, str]:
     """The force on the probe of examples/scene.toml that a load comes to, and what sets it."""
     scene = read_scene(EXAMPLES / "scene.toml").model_copy(update={"load": load})
-    pressed = evaluate_candidate(scene, Noise(), "axisymmetric").pressing
+    pressed = verify_tumour_design(scene, Noise(), "axisymmetric").pressing
     return pressed.force, pressed.limited_by
 
 
@@ -110,10 +111,9 @@ def test_search_and_judge_press_alike() -> None:
             closure = float(totals.sum()) * scene.probe.gap / rough.wall_approach
             rule = LoadRule.from_totals(loaded_scene, totals, closure)
             force = compute_pressing(loaded_scene, rule.stiffness, rule).force
-            rough_force = compute_pressing_force(
-                loaded_scene, read_variables(loaded_scene), scene.probe.tube_radius, totals, rough.wall_approach
-            )
-            assert float(rough_force) == pytest.approx(
+            searched = TumourStudy.from_scene(loaded_scene, evaluator="equivalent-inclusion").objective.rule
+            rough_force = searched.compute_forces(ProbeSizes.from_scene(scene), totals[None, None], np.zeros(1, dtype=int))
+            assert float(rough_force[0, 0]) == pytest.approx(
                 force, rel=0.01
             )  # loads that the rule sets are rounded down to three digits
 
@@ -121,4 +121,4 @@ def test_search_and_judge_press_alike() -> None:
 def test_no_load_is_refused() -> None:
     for load in (Load(force=0.0), Load(indentation=0.0)):
         with pytest.raises(InputError, match="above 0"):
-            optimize(read_scene(SCENE).model_copy(update={"load": load}), lambda *_: None)
+            optimize(read_scene(SCENE).model_copy(update={"load": load}))

@@ -1,0 +1,127 @@
+"""The result of an optimisation for one tumour as rows of text: designs side by side with their limits, all verified designs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from probe_design.design_search.tumour_optimum import TumourOptimum
+from probe_design.design_search.tumour_verification import TumourVerification
+from probe_design.design_search.variables import Limit
+from probe_design.reporting.table import Table, format_number
+
+Cells = list[tuple[str, str]]  # quantity, value
+M_PER_MM, PA_PER_KPA = 1e-3, 1e3
+LIMITED_QUANTITIES = {
+    "inner radius, mm": "inner_radius", "A2/A1": "area_ratio", "outer radius, mm": "outer_radius", "wall, mm": "wall",
+    "gap, mm": "gap", "height, mm": "height", "inner modulus, kPa": "inner_modulus", "outer modulus, kPa": "outer_modulus",
+}  # fmt: skip
+
+
+def build_comparison_table(optimum: TumourOptimum) -> Table:
+    """Return start and other designs beside each other, the recommended one last, with the limits of the quantities."""
+    designs, limits = list(optimum.list_columns().values()), optimum.search_space.space.list_limits(optimum.best.scene)
+    linear, others = optimum.linear_evaluator, [name for name in optimum.evaluators if name != optimum.linear_evaluator]
+
+    def build_rows(list_cells: Callable[[TumourVerification], Cells], suffix: str = "") -> list[tuple[str, ...]]:
+        columns = [list_cells(design) for design in designs]
+        return [
+            (
+                f"{cells[0][0]}{suffix}",
+                *(text for _, text in cells),
+                _format_limits(limits, LIMITED_QUANTITIES.get(cells[0][0], "")),
+            )
+            for cells in zip(*columns, strict=True)
+        ]
+
+    rows = build_rows(_list_design_cells) + build_rows(_list_load_cells)
+    for name in ("closed-form", linear, *others):
+        rows += build_rows(lambda design, name=name: _list_evaluator_cells(design, name), f" by {name}")  # type: ignore[misc]
+    rows += build_rows(_list_gain_cells) if any(design.linear is not None for design in designs) else []
+    caption = f"{describe_noise(optimum)}; *: the limit is active"
+    return Table(("quantity", *optimum.list_columns(), "limits"), rows, optimum.title, caption)
+
+
+def describe_noise(optimum: TumourOptimum) -> str:
+    """Return the noise for which the standard deviations hold, in words."""
+    noise = optimum.noise
+    return f"noise {noise.ratio:g} on the ratio, {noise.charge * 1e12:g} pC on each channel's charge"
+
+
+def build_verified_table(optimum: TumourOptimum) -> Table:
+    """Return all verified designs, best first, with units in the headings."""
+    names = [name for name, _ in (*_list_design_cells(optimum.start), *_list_load_cells(optimum.start))]
+    numbers = ("objective closed-form", "objective", "least", "most", "ratio", "log_sensitivity", "error_estimate")
+    rows = list[tuple[str, ...]]()
+    for name, item in [("start", optimum.start), *((f"{k + 1}", item) for k, item in enumerate(optimum.finalists))]:
+        result, objectives = item.result, (item.formula_value, item.value, item.lower, item.upper)
+        values = (*objectives, result.ratio, result.log_sensitivity, result.error_estimate)
+        cells = [text for _, text in (*_list_design_cells(item), *_list_load_cells(item))]
+        rows.append((name, *cells, item.evaluator, *(f"{v:.6g}" if v is not None and math.isfinite(v) else "" for v in values)))
+    return Table(("design", *names, "evaluator", *numbers), rows)
+
+
+def _format_limits(limits: tuple[Limit, ...], variable: str) -> str:
+    """Return the limits of a variable, an active one with a star: ``0.1* to 0.5``."""
+    shown = {}
+    for limit in limits:
+        kind, _, limited_variable = limit.name.partition(" ")
+        if limited_variable == variable:
+            unit = PA_PER_KPA if "modulus" in limited_variable else 1.0 if limited_variable == "area_ratio" else M_PER_MM
+            shown[kind] = f"{limit.value / unit:.4g}{'*' * limit.active}"
+    if len(shown) == 2:
+        return f"{shown['least']} to {shown['largest']}"
+    return "".join(f"{'from' if kind == 'least' else 'up to'} {text}" for kind, text in shown.items())
+
+
+def _list_design_cells(verified: TumourVerification) -> Cells:
+    probe = verified.scene.probe
+    heights = [f"{height / M_PER_MM:.4g}" for height in dict.fromkeys((probe.core_height, probe.tube_height))]
+    return [
+        ("inner radius, mm", f"{probe.inner_radius / M_PER_MM:.4g}"),
+        ("A2/A1", f"{probe.inner_area / probe.outer_area:.4g}"),
+        ("outer radius, mm", f"{probe.tube_radius / M_PER_MM:.4g}"),
+        ("wall, mm", f"{(probe.tube_radius - probe.hole_radius) / M_PER_MM:.4g}"),
+        ("gap, mm", f"{probe.gap / M_PER_MM:.4g}"),
+        ("height, mm", " / ".join(heights)),
+        ("inner modulus, kPa", f"{probe.inner.youngs_modulus / PA_PER_KPA:.4g}"),
+        ("outer modulus, kPa", f"{probe.outer.youngs_modulus / PA_PER_KPA:.4g}"),
+    ]
+
+
+def _list_load_cells(verified: TumourVerification) -> Cells:
+    force, limited_by = verified.force
+    depth = force / verified.result.stiffness if verified.result.stiffness else math.nan
+    return [("force, N", f"{force:.3g}"), ("indentation, mm", f"{depth / M_PER_MM:.3g}"), ("force limited by", limited_by)]
+
+
+def _list_gain_cells(verified: TumourVerification) -> Cells:
+    """Return rows on the gain of a load beyond the linear range."""
+    linear, names = verified.linear_design, ("largest linear load, N", "gain of more load, %", "its error, %")
+    if linear is None:
+        return [(name, "-") for name in names]
+    gain, error = verified.compute_gain(linear)
+    shown = (f"{linear.pressing.force:.3g}", f"{100 * gain:.3g}", format_number(100 * error))
+    return list(zip(names, shown, strict=True))
+
+
+def _list_evaluator_cells(verified: TumourVerification, evaluator_name: str) -> Cells:
+    """Return an evaluator's results of a design; a linear evaluator's are under the largest linear load."""
+    linear = verified.linear or verified
+    if evaluator_name == "closed-form":
+        sensitivity = linear.formula_result.log_sensitivity if linear.formula_result else None
+        return [
+            ("log-sensitivity", format_number(sensitivity)),
+            ("sd of ln E_object", format_number(linear.formula_value)),
+        ]
+    evaluated = next((item for item in (verified, linear) if item.evaluator == evaluator_name), None)
+    shown, result = evaluated or verified, (evaluated or verified).result
+    rows = [
+        ("ratio", result.ratio),
+        ("error estimate", result.error_estimate),
+        ("log-sensitivity", result.log_sensitivity),
+        ("sd of ln E_object", shown.value),
+        ("least sd", shown.lower),
+        ("most sd", shown.upper),
+    ]
+    return [(name, format_number(value if evaluated else None)) for name, value in rows]

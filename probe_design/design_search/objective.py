@@ -1,0 +1,71 @@
+"""What a search climbs: an objective of designs by formulas, larger is better, with exact derivatives."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from geometry.common.arrays import Floats
+from solver.closed_form.bessel import Array
+
+COMPLEX_STEP_RELATIVE = 1e-30
+MARGIN_TOLERANCE = 1e-6  # of the logarithm of a charge over the least one
+
+
+@dataclass(frozen=True)
+class SearchEffort:
+    """How much a search tries.
+
+    Attributes:
+        starts: local searches.
+        screened: designs in each shell of outer radii, a power of two as Sobol's sequence likes it.
+        steps: of IPOPT from each start.
+    """
+
+    starts: int
+    screened: int
+    steps: int
+
+
+class ExactGradients(Protocol):
+    """An objective with exact derivatives, as IPOPT needs it."""
+
+    def gradient(self, x: Floats, poisson: tuple[float, float], which: list[int]) -> tuple[Floats, Floats]:
+        """Return value and margin of one design, shape (2,), and their derivatives by ln of some variables, shape (2, k)."""
+
+
+class SearchObjective(ABC):
+    """An objective of designs x (variables, n) by formulas, see ``variables.ProbeSizes.from_vector``."""
+
+    effort: SearchEffort
+
+    @abstractmethod
+    def values(self, x: Array, poisson: Any) -> tuple[Array, Array]:
+        """Return the objective and ln(charge of the weaker channel / least charge) of designs, shapes (n,).
+
+        Args:
+            x: floats or complex, shape (variables, n).
+            poisson: Poisson's ratios of both blocks, floats or shape (2, n).
+        """
+
+    def evaluate_designs(self, x: Floats, poisson: Any) -> Floats:
+        """Return the objective of designs, ``-inf`` where it is not finite or a channel's charge is too small."""
+        with np.errstate(all="ignore"):
+            values, margin = self.values(x, poisson)
+        return np.where(np.isfinite(values) & (margin >= -MARGIN_TOLERANCE), values, -np.inf)
+
+    def gradient(self, x: Floats, poisson: Any, which: list[int]) -> tuple[Floats, Floats]:
+        """See ``ExactGradients.gradient``; by complex steps."""
+        with np.errstate(all="ignore"):
+            both_values = np.array(self.values(build_complex_steps(x, which), poisson))
+        return both_values[:, 0].real, both_values.imag / COMPLEX_STEP_RELATIVE
+
+
+def build_complex_steps(x: Floats, which: list[int]) -> Array:
+    """Return a design with a complex step of the logarithm of each of some variables, shape (variables, k)."""
+    steps = np.repeat(x[:, None].astype(complex), len(which), axis=1)
+    steps[which, range(len(which))] += 1j * COMPLEX_STEP_RELATIVE * x[which]
+    return steps

@@ -1,0 +1,157 @@
+"""The design of a probe for a design file's population, verified by finite elements on tumours not used in the search."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+
+from geometry.common.errors import InputError, Refusal
+from geometry.scenes.scene import Inclusion, Load, Scene
+from probe_design.design_search.choices import Choice, ChoiceSearch, iterate_distinct, search_combinations
+from probe_design.design_search.loads import PressingRule
+from probe_design.design_search.population_optimum import PopulationOptimum
+from probe_design.design_search.refinement import refine_design
+from probe_design.design_search.search_space import SearchSpace, build_search_space
+from probe_design.design_search.steered_population import MAX_SEARCH_TUMOURS, DesignObjective
+from probe_design.design_search.tumour_objective import Noise, TumourObjective
+from probe_design.design_search.variables import SAME_DESIGN_TOLERANCE_RELATIVE
+from probe_design.design_search.verification import PopulationVerification
+from probe_design.design_search.workshop import Robustness, compute_robustness
+from probe_design.populations.design_file import Design
+from probe_design.populations.judge import verify
+from probe_design.populations.population import ScenePopulation
+
+Progress = Callable[[str, int, int], None]
+MAX_VERIFIED = 2  # designs that are verified, beside start and single-tumour optimum
+MAX_TRIED = 100  # designs, the best first, of which these are taken
+SINGLE_STARTS = 4  # local searches for one tumour
+MIN_SINGLE_NOISE = 1e-6
+
+
+@dataclass(frozen=True)
+class PopulationStudy:
+    """The design of a probe for a population.
+
+    Attributes:
+        design: the design file.
+        search_space: the designs that are to choose from.
+        objective: of the search, on some of the population's tumours.
+    """
+
+    design: Design
+    search_space: SearchSpace
+    objective: DesignObjective
+
+    @classmethod
+    def from_design(cls, design: Design, tell: Progress, max_tumours: int = MAX_SEARCH_TUMOURS) -> PopulationStudy:
+        """Draw the tumours that steer the search, at most so many.
+
+        Raises:
+            InputError: the file leaves no design to choose, or a population that does not fit the tissue.
+            Refusal: the closed form cannot take the scene.
+        """
+        search_space = build_search_space(design)
+        tell("drawing the population", 0, 1)
+        objective = DesignObjective.from_design(
+            design, max(search_space.space.outer_radius, design.scene.probe.tube_radius), max_tumours
+        )
+        tell("drawing the population", 1, 1)
+        return cls(design, search_space, objective)
+
+    def verify(self, scene: Scene, advance: Callable[[int, int], None], choice: Choice | None = None) -> PopulationVerification:
+        """Verify a scene's probe under its allowed force, on tumours that the search did not use.
+
+        Raises:
+            InputError: the population does not fit the tissue, or the probe would leave it.
+            Refusal: the evaluators cannot take the scene.
+        """
+        loaded, pressed = self.objective.rule.apply_force(scene)
+        judgement = verify(loaded, self.design, progress=advance)
+        materials = () if choice is None else choice.combination.materials
+        return PopulationVerification(loaded, pressed, judgement, self.design.objective, materials)
+
+    def verify_start(self, tell: Progress) -> PopulationVerification:
+        """Verify the start."""
+        return self.verify(self.design.scene, partial(tell, "judging the start"))
+
+    def verify_choices(self, start: PopulationVerification, search: ChoiceSearch, tell: Progress) -> PopulationOptimum:
+        """Refine the best design of a search, and verify the best that differ and one for a single tumour."""
+        finalists = self._select_finalists(search, tell)
+        single, reason = self._design_for_one_tumour(tell)
+        pairs = [*self._verify_finalists(finalists, tell), *([] if single is None else [single])]
+        pairs.sort(key=lambda pair: -(pair[0].objective[0] + pair[1].expected - pair[1].nominal))  # less what workshops lose
+        return PopulationOptimum(
+            self.design,
+            self.search_space,
+            start,
+            tuple(verified for verified, _ in pairs),
+            search,
+            None if single is None else single[0],
+            (self._compute_robustness(self.design.scene), *(robust for _, robust in pairs)),
+            reason,
+        )
+
+    def _compute_robustness(self, scene: Scene, materials: tuple[str, ...] = ()) -> Robustness:
+        return compute_robustness(self.objective, self.design, scene, materials)
+
+    def _select_finalists(self, search: ChoiceSearch, tell: Progress) -> list[tuple[Choice, Scene]]:
+        """Select the best designs that differ, rounded to what a workshop makes; the first is refined before."""
+        advance = partial(tell, "polishing by equivalent-inclusion")
+        better = refine_design(self.objective, self.design, self.search_space, search.choices[0], advance)
+        order = [*([] if better is None else [better]), *search.choices][:MAX_TRIED]
+        finalists: list[tuple[Choice, Scene]] = []
+        for choice, scene in iterate_distinct(order, self.search_space, SAME_DESIGN_TOLERANCE_RELATIVE):
+            with suppress(Refusal):  # finite elements see a film pulled on where the formulas do not, or cannot solve it
+                self.objective.rule.compute_pressed_design(scene)
+                finalists.append((choice, scene))
+            if len(finalists) == MAX_VERIFIED:
+                break
+        return finalists
+
+    def _verify_finalists(
+        self, finalists: list[tuple[Choice, Scene]], tell: Progress
+    ) -> Iterator[tuple[PopulationVerification, Robustness]]:
+        for k, (choice, scene) in enumerate(finalists):
+            with suppress(Refusal):  # a design that cannot be judged is none
+                yield self._verify_choice(choice, scene, partial(tell, f"judging finalist {k + 1} of {len(finalists)}"))
+
+    def _verify_choice(
+        self, choice: Choice, scene: Scene, advance: Callable[[int, int], None]
+    ) -> tuple[PopulationVerification, Robustness]:
+        return self.verify(scene, advance, choice), self._compute_robustness(scene, choice.combination.materials)
+
+    def _design_for_one_tumour(self, tell: Progress) -> tuple[tuple[PopulationVerification, Robustness] | None, str]:
+        """Design and verify a probe for one tumour in the middle of the population; return it, or None and the reason.
+
+        It is a candidate like those of the search: where it is verified to be the best, it is recommended.
+        """
+        if not self.search_space.space.free:
+            return None, "no variable left to choose"
+        try:
+            scene = build_middle_scene(self.design)
+            rule = PressingRule.from_scene(self.design.model_copy(update={"scene": scene}))
+            noise = Noise.from_scene(scene, max(self.design.noise.white, MIN_SINGLE_NOISE))
+            objective = TumourObjective.from_scene(rule, noise, SINGLE_STARTS)
+            search = search_combinations(objective, self.search_space, partial(tell, "designing for one tumour"))
+            for choice, best in iterate_distinct(search.choices, self.search_space, SAME_DESIGN_TOLERANCE_RELATIVE):
+                return self._verify_choice(choice, best, partial(tell, "judging the design for one tumour")), ""
+        except (Refusal, InputError) as fault:
+            return None, str(fault)
+        return None, "no design for one tumour within the limits"
+
+
+def build_middle_scene(design: Design) -> Scene:
+    """Return the scene with one tumour in the middle of the population's ranges, under the probe's axis."""
+    population = ScenePopulation.from_scene(design.scene, design.population)
+    middle = {key: population.ranges[key].middle for key in ("depth", "diameter", "object", "x")}
+    inclusion = design.scene.inclusion[0] if design.scene.inclusion else None
+    nu = inclusion.poisson_ratio if inclusion else design.scene.tissue.poisson_ratio
+    placement = design.scene.placement
+    body = Inclusion(
+        diameter=middle["diameter"], depth=max(middle["depth"], 0.6 * middle["diameter"]), x=placement.x, y=placement.y,
+        youngs_modulus=middle["object"], poisson_ratio=nu, target=True,
+    )  # fmt: skip
+    load = design.scene.load if design.scene.load.force or design.scene.load.indentation else Load(force=0.1)
+    return design.scene.model_copy(update={"inclusion": (body,), "load": load})

@@ -1,0 +1,159 @@
+"""The objective of one tumour read once: the standard deviation of ln E_object that the reading of the ratio leaves.
+
+With g the noise of the ratio, half of its variance from each channel, and Q_j = |d33| F_j the charge of channel j under the force
+that ``loads`` allows the design (PHYSICS section 2),
+
+    v_j = g^2 / 2 + (q0 / Q_j)^2                    (DS.4)
+    I   = S^2 / (v_inner + v_outer)                 (DS.5)
+    sd  = I^(-1/2), smaller is better               (DS.6)
+
+with S the log-sensitivity of the ratio. A raw slope d(ratio)/dE would reward designs whose outer film feels nothing, and so
+nothing but noise. A search climbs -ln sd.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from geometry.common.arrays import Floats
+from geometry.common.errors import Refusal, Words
+from geometry.scenes.scene import Load, Scene
+from probe_design.data.noise import DEFAULT_NOISE, check_noise, compute_channel_noise
+from probe_design.design_search.loads import DEFAULT_CHARGE_PER_FORCE, PressingRule
+from probe_design.design_search.objective import (
+    COMPLEX_STEP_RELATIVE,
+    SearchEffort,
+    SearchObjective,
+    build_complex_steps,
+)
+from probe_design.design_search.variables import VARIABLES, ProbeSizes, VariableSpace, read_vector
+from solver.casadi_functions.finite_elements import FilmCallback, TumourCallback
+from solver.closed_form.bessel import Array
+from solver.closed_form.designs import PROBE_PARAMETERS, Shape, build_parameters, compute_forces
+
+SCREENED_PER_SHELL, MAX_IPOPT_STEPS = 512, 40  # formulas of one tumour take a tenth of a population's time
+UNIT_INDENTATION_M = 1e-6  # m
+REFINEMENT_ACCURACY = 0.03  # of finite elements at the start: what is found is verified more finely
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What limits a reading.
+
+    Attributes:
+        ratio: relative standard deviation of one reading of the ratio, see ``probe_design.data.noise``.
+        charge: charge noise of each channel, C.
+        charge_per_force: |d33| of the films, C/N.
+
+    Raises:
+        InputError: the noise of the ratio is not allowed, see ``check_noise``.
+    """
+
+    ratio: float = DEFAULT_NOISE
+    charge: float = 0.01e-12
+    charge_per_force: float = DEFAULT_CHARGE_PER_FORCE
+
+    def __post_init__(self) -> None:
+        """Refuse what is no noise."""
+        check_noise(self.ratio)
+
+    @classmethod
+    def from_scene(cls, scene: Scene, ratio: float = DEFAULT_NOISE) -> Noise:
+        """Return the noise of a scene's probe, with its own film where it has one."""
+        film = scene.probe.film
+        return cls(ratio, charge_per_force=abs(film.d33) or cls.charge_per_force if film else cls.charge_per_force)
+
+    def compute_information(self, sensitivity: Any, share_inner: Any, force: Any) -> Any:
+        """Return the information of one reading about ln E_object (eqs. DS.4, DS.5); floats or arrays.
+
+        ``share_inner`` is the inner film's fraction of ``force``, N; the outer film has the rest.
+        """
+        full = self.charge / (self.charge_per_force * force)
+        variance = 2 * compute_channel_noise(self.ratio) ** 2 + (full / share_inner) ** 2 + (full / (1 - share_inner)) ** 2
+        return sensitivity**2 / variance
+
+
+def standard_deviation(information: float) -> float:
+    """Return the standard deviation of ln E_object from the information (eq. DS.6); inf where that is 0."""
+    return 1 / math.sqrt(information) if information > 0 else math.inf
+
+
+@dataclass(frozen=True)
+class TumourObjective(SearchObjective):
+    """-ln of eq. DS.6 by the closed form, for the target of a scene.
+
+    Attributes:
+        rule: the forces.
+        noise: of the reading.
+        shape, parameters: of the formula, see ``solver.closed_form.designs.build_parameters``.
+        effort: of a search.
+    """
+
+    rule: PressingRule
+    noise: Noise
+    shape: Shape
+    parameters: Floats
+    effort: SearchEffort
+
+    @classmethod
+    def from_scene(cls, rule: PressingRule, noise: Noise, starts: int) -> TumourObjective:
+        """Return the objective of the rule's scene.
+
+        Raises:
+            Refusal: the target is no sphere, of which alone the formulas give a sensitivity.
+        """
+        scene = rule.design.scene
+        if scene.target is not None and scene.inclusion[scene.target].diameter is None:
+            raise Refusal("inclusion", Words("of a kind without sensitivity in the closed form"), "a sphere as the target")
+        return cls(rule, noise, *build_parameters(scene), SearchEffort(starts, SCREENED_PER_SHELL, MAX_IPOPT_STEPS))
+
+    def values(self, x: Array, poisson: Any) -> tuple[Array, Array]:
+        """See ``SearchObjective.values``; no charge is too small."""
+        sizes = ProbeSizes.from_vector(x)
+        columns = np.repeat(self.parameters[:, None], x.shape[1], axis=1).astype(x.dtype)
+        columns[: len(PROBE_PARAMETERS)] = sizes.build_parameters(poisson)
+        totals, slopes = (part.sum(axis=2).T for part in compute_forces(self.shape, columns))
+        values = self.compute_log_precision(sizes, totals, slopes[0] / totals[0] - slopes[1] / totals[1])
+        return values, 0 * values
+
+    def compute_log_precision(self, sizes: ProbeSizes, totals: Array, sensitivity: Array) -> Array:
+        """Return -ln sd of n designs from the forces on both films per indentation, N/m, shape (2, n), and S, shape (n,)."""
+        force = self.rule.compute_forces(sizes, totals.T[:, None], np.zeros(1, dtype=int))[:, 0]
+        return 0.5 * np.log(self.noise.compute_information(sensitivity, totals[0] / (totals[0] + totals[1]), force))
+
+
+class FiniteElementObjective:
+    """The objective of one tumour by finite elements with their exact derivatives, for IPOPT.
+
+    Args:
+        formulas: the objective by formulas, of which forces and noise are taken.
+        space: the variables.
+        start: a scene with a design within them, whose mesh moves with the design.
+        evaluator: ``axisymmetric``, or ``equivalent-inclusion``, whose derivatives are those of its first order.
+
+    Raises:
+        Refusal: the evaluator cannot take the scene.
+    """
+
+    def __init__(self, formulas: TumourObjective, space: VariableSpace, start: Scene, evaluator: str) -> None:
+        scene = space.build_exact_scene(read_vector(start, space.names))
+        assert scene is not None
+        pressed = scene.model_copy(update={"load": Load(indentation=UNIT_INDENTATION_M)})
+        keys = tuple(VARIABLES[name].key for name in space.names)
+        self.formulas = formulas
+        self.films = (FilmCallback if evaluator == "axisymmetric" else TumourCallback)(pressed, keys, REFINEMENT_ACCURACY)
+
+    def gradient(self, x: Floats, poisson: tuple[float, float], which: list[int]) -> tuple[Floats, Floats]:
+        """See ``ExactGradients.gradient``; Poisson's ratios are the start's."""
+        outputs, jacobian = self.films.compute(x)
+        steps = build_complex_steps(x, which)
+        _, inner, outer, sensitivity = outputs[:, None] + jacobian @ (steps - x[:, None])
+        sizes = ProbeSizes.from_vector(steps)
+        totals = np.array([inner, outer]) * np.array(sizes.areas) / UNIT_INDENTATION_M
+        with np.errstate(all="ignore"):
+            values = self.formulas.compute_log_precision(sizes, totals, sensitivity)
+        return np.array([values[0].real, 0.0]), np.array([values.imag, 0 * values.imag]) / COMPLEX_STEP_RELATIVE

@@ -1,0 +1,284 @@
+"""The design of a probe for one tumour read once: a population of one, verified by finite elements under the load of a hand.
+
+Where a design bears more load than linear elasticity answers for, the load is one more variable, and ``contact`` verifies.
+A limit of the load that took part in choosing designs would make other ones of a wider limit, and these might do worse. So those
+that are pressed further are of searches that know no limit but linear elasticity's own: the best ``PRESSED_DESIGNS`` within the
+limits, and the best within each radius of ``OUTER_RADII_M`` that is smaller, as a narrower probe is pressed deeper by the same
+force. Designs that could not become better than the best so far if their log-sensitivity grew ``MAX_SENSITIVITY_GROWTH`` times
+are not pressed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import islice
+
+from geometry.common.errors import InputError, Refusal, SolveError, describe_choices
+from geometry.scenes.scene import Load, Scene
+from probe_design.data.noise import DEFAULT_NOISE
+from probe_design.design_search.choices import ChoiceSearch, iterate_distinct, search_combinations
+from probe_design.design_search.closed_search import refine_by_ipopt
+from probe_design.design_search.contact_verification import (
+    CONTACT_EVALUATOR,
+    evaluate_by_contact,
+    needs_contact,
+    optimize_load,
+)
+from probe_design.design_search.loads import PressingRule
+from probe_design.design_search.pressing import check_load
+from probe_design.design_search.search_space import SearchSpace, build_search_space
+from probe_design.design_search.tumour_objective import FiniteElementObjective, Noise, TumourObjective
+from probe_design.design_search.tumour_optimum import TumourOptimum
+from probe_design.design_search.tumour_verification import (
+    FINER_ACCURACY,
+    VERIFICATION_ACCURACY,
+    TumourVerification,
+    evaluate_closed_form,
+    merge_designs,
+    verify_tumour_design,
+)
+from probe_design.design_search.variables import read_vector
+from probe_design.populations.design_file import Design
+from probe_design.populations.tables import DesignLimits, NoiseModel, PopulationRanges, Protocol
+from solver import evaluator as find_evaluator
+
+EVALUATORS = ("axisymmetric", "equivalent-inclusion")
+DEFAULT_STARTS = 8  # local searches
+MAX_VERIFIED = 10
+MIN_LOG_DISTANCE = 0.05  # of the logarithm of a variable: of designs nearer to each other one is verified
+REFINED_DESIGNS = 3  # of the best
+MAX_REFINEMENT_STEPS, REFINEMENT_TOLERANCE = 15, 1e-3  # of IPOPT; each step costs one to a few solutions with derivatives
+PRESSED_DESIGNS = 3  # of the best within the limits
+OUTER_RADII_M = (1e-3, 1.6e-3, 2.5e-3, 4e-3, 6.3e-3, 10e-3, 16e-3, 25e-3)  # m: preferred numbers, R5 of ISO 3
+STARTS_WITHIN_RADIUS = 2  # local searches within each
+MAX_SENSITIVITY_GROWTH = 2.5  # of the log-sensitivity by load; 1.3 to 2 were seen
+UNLIMITED_FORCE_N = 1e9  # N: the most that a scene may ask for
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class TumourStudy:
+    """The design of a probe for the target of a scene.
+
+    Attributes:
+        design: the scene as a design file: a population of its own tumour, read once; the objective is eq. DS.6.
+        search_space: the designs that are to choose from.
+        objective: of the search.
+        evaluator: that verifies within linear elasticity.
+    """
+
+    design: Design
+    search_space: SearchSpace
+    objective: TumourObjective
+    evaluator: str
+
+    @classmethod
+    def from_scene(
+        cls,
+        scene: Scene,
+        outer_radius: float | None = None,
+        starts: int = DEFAULT_STARTS,
+        evaluator: str | None = None,
+        noise: float = DEFAULT_NOISE,
+    ) -> TumourStudy:
+        """Return the study of a scene; its tissue, inclusions, contact and load stay.
+
+        Args:
+            scene: the start.
+            outer_radius: limit of the outer radius in m; 1.4 times the start's by default.
+            starts: local searches.
+            evaluator: one of ``EVALUATORS``; by default the first that can take the scene.
+            noise: relative standard deviation of one reading of the ratio.
+
+        Raises:
+            InputError: the scene has no target or a load of 0, or leaves no room for a design; no such evaluator or noise.
+            Refusal: the closed form gives no sensitivity, or the scene is too extreme to be solved.
+        """
+        if scene.target is None:
+            allowed = "one inclusion, or one of several marked target = true: its modulus is to be estimated"
+            raise InputError("inclusion.target", "none", allowed)
+        check_load(scene)
+        reading = Noise.from_scene(scene, noise)
+        design = Design.model_construct(
+            scene=scene,
+            population=PopulationRanges(samples=1),
+            protocol=Protocol(positions=(0.0,), stiffness=False),
+            noise=NoiseModel().model_copy(update={"white": noise, "charge": reading.charge}),
+            limits=DesignLimits().model_copy(update={"outer_radius": outer_radius}),
+        )
+        try:
+            search_space = build_search_space(design)
+        except InputError as fault:
+            raise InputError("outer-radius", fault.value, fault.allowed) from None
+        name = _select_evaluator(scene, evaluator)
+        return cls(design, search_space, TumourObjective.from_scene(PressingRule.from_scene(design), reading, starts), name)
+
+    @property
+    def scene(self) -> Scene:
+        """The start."""
+        return self.design.scene
+
+    @property
+    def noise(self) -> Noise:
+        """Of the reading."""
+        return self.objective.noise
+
+    def verify(self, scene: Scene, accuracy: float = VERIFICATION_ACCURACY) -> TumourVerification:
+        """Verify a scene's probe within linear elasticity.
+
+        Raises:
+            Refusal: the evaluator cannot take the scene.
+        """
+        return verify_tumour_design(scene, self.noise, self.evaluator, accuracy)
+
+    def verify_start(self, tell: Progress) -> TumourVerification:
+        """Verify the start."""
+        tell("judging the start", 0, 1)
+        start = self.verify(self.scene)
+        tell("judging the start", 1, 1)
+        return start
+
+    def verify_choices(self, start: TumourVerification, search: ChoiceSearch, tell: Progress) -> TumourOptimum:
+        """Verify the best designs of a search, and under more load where the scene asks for it; refine the best of them."""
+        finalists = self._verify_best(search, tell)
+        if any(map(needs_contact, (start, *finalists))):
+            finalists = merge_designs((*finalists, *self._search_loaded(tell)))
+            start = self._press_start(start, finalists, tell)
+        hidden = finalists and finalists[0].value < start.value and not finalists[0].is_better_than(start)
+        if hidden and start.linear is None and finalists[0].linear is None:
+            with suppress(Refusal):  # errors hide the gain: start and best once more, more finely
+                start, best = (self.verify(item.scene, FINER_ACCURACY) for item in (start, finalists[0]))
+                finalists = merge_designs((best, *finalists[1:]))
+        return TumourOptimum(self.design, self.search_space, start, finalists, search, self.noise, self.evaluator)
+
+    def replace_scene(self, scene: Scene) -> TumourStudy:
+        """Return the study of another scene within the same limits."""
+        design = self.design.model_copy(update={"scene": scene})
+        space = replace(self.search_space, space=replace(self.search_space.space, scene=scene))
+        objective = replace(self.objective, rule=replace(self.objective.rule, design=design))
+        return replace(self, design=design, search_space=space, objective=objective)
+
+    def _verify_best(self, search: ChoiceSearch, tell: Progress) -> tuple[TumourVerification, ...]:
+        """Verify the best designs of a search and refine the best of these; best first."""
+        scenes = [
+            scene for _, scene in islice(iterate_distinct(search.choices, self.search_space, MIN_LOG_DISTANCE), MAX_VERIFIED)
+        ]
+        verified = merge_designs(self._verify_scenes(scenes, partial(tell, f"judging candidates by {self.evaluator}")))
+        refined = self._refine(verified[:REFINED_DESIGNS], partial(tell, f"polishing by {self.evaluator}"))
+        return merge_designs((*verified, *refined))
+
+    def _verify_scenes(self, scenes: list[Scene], advance: Callable[[int, int], None]) -> Iterator[TumourVerification]:
+        for k, (scene, formula) in enumerate(zip(scenes, evaluate_closed_form(scenes), strict=True)):
+            advance(k, len(scenes))
+            with suppress(Refusal):  # a design that cannot be judged is no candidate
+                yield verify_tumour_design(scene, self.noise, self.evaluator, formula=formula)
+        advance(len(scenes), len(scenes))
+
+    def _refine(
+        self, verified: tuple[TumourVerification, ...], advance: Callable[[int, int], None]
+    ) -> Iterator[TumourVerification]:
+        for k, item in enumerate(verified):
+            advance(k, len(verified))
+            with suppress(Refusal, SolveError):  # what cannot be differentiated stays as it is
+                scene = self.refine_scene(item.scene)
+                if scene is not None:
+                    yield self.verify(scene)
+        advance(len(verified), len(verified))
+
+    def refine_scene(self, scene: Scene) -> Scene | None:
+        """Return the local optimum near a scene's probe by finite elements, rounded for a workshop; None where that fails.
+
+        Raises:
+            Refusal: the evaluator cannot take the scene.
+        """
+        space = self.search_space.space
+        optimum = refine_by_ipopt(
+            FiniteElementObjective(self.objective, space, scene, self.evaluator),
+            space,
+            read_vector(scene, space.names),
+            poisson=self.search_space.start_poisson,
+            steps=MAX_REFINEMENT_STEPS,
+            tolerance=REFINEMENT_TOLERANCE,
+        )
+        return space.build_scene(optimum)
+
+    def _search_loaded(self, tell: Progress) -> Iterator[TumourVerification]:
+        """Yield designs for which the load is a variable: of searches without a limit of it, under the best up to the scene's."""
+        study = self.replace_scene(remove_load_limit(self.scene))
+
+        def tell_unlimited(stage: str, done: int, total: int) -> None:
+            tell(f"{stage}, at any load", done, total)
+
+        advance = partial(tell_unlimited, "searching with the closed form")
+        unlimited = study._verify_best(search_combinations(study.objective, study.search_space, advance), tell_unlimited)
+        for item in unlimited:
+            with suppress(Refusal):
+                yield self.restore_load(item)
+        stage, best = "pressing finalists by contact", math.inf
+        radii = [radius for radius in OUTER_RADII_M[::-1] if radius < self.search_space.space.outer_radius]
+        finalists: tuple[TumourVerification | float, ...] = (*unlimited[:PRESSED_DESIGNS], *radii)
+        for k, source in enumerate(finalists):
+            tell(stage, k, PRESSED_DESIGNS + len(radii))
+            with suppress(Refusal, InputError):  # no room within a radius, or a design that cannot be judged
+                verified = self.restore_load(source if isinstance(source, TumourVerification) else self._find_best_within(source))
+                if needs_contact(verified) and self._can_improve(verified, best):
+                    verified = optimize_load(verified, self.noise)
+                best = min(best, verified.value)
+                yield verified
+        tell(stage, PRESSED_DESIGNS + len(radii), PRESSED_DESIGNS + len(radii))
+
+    def restore_load(self, unlimited: TumourVerification) -> TumourVerification:
+        """Return a design of an unlimited scene under the scene's load, or as much of that as linear elasticity answers for.
+
+        Raises:
+            Refusal: see ``verify``.
+        """
+        scene = unlimited.scene.model_copy(update={"load": self.scene.load})
+        if scene.load.force is None or scene.load.force < unlimited.pressing.force:
+            return self.verify(scene)
+        return replace(unlimited, scene=scene)
+
+    def _find_best_within(self, radius: float) -> TumourVerification:
+        """Return the best design no wider than a radius, by a search that knows no limit of the load."""
+        scene = remove_load_limit(self.scene)
+        study = TumourStudy.from_scene(scene, radius, STARTS_WITHIN_RADIUS, self.evaluator, self.noise.ratio)
+        search = search_combinations(study.objective, study.search_space, lambda done, total: None)
+        for _, best in iterate_distinct(search.choices, study.search_space, MIN_LOG_DISTANCE):
+            return self.verify(best)
+        raise InputError("outer-radius", radius, "room for a design")
+
+    def _can_improve(self, verified: TumourVerification, best: float) -> bool:
+        """Return whether a design could become better than the best so far by more load."""
+        size = abs(verified.result.log_sensitivity or 0.0)
+        return size > 0 and self.noise.ratio / (MAX_SENSITIVITY_GROWTH * size) < best
+
+    def _press_start(
+        self, start: TumourVerification, finalists: tuple[TumourVerification, ...], tell: Progress
+    ) -> TumourVerification:
+        """Return the start under its best load up to the scene's.
+
+        Where the best finalist is evaluated by ``contact``, so is the start: both then have errors of the same model.
+        """
+        tell("pressing the start by contact", 0, 1)
+        loaded = optimize_load(start, self.noise)
+        if loaded is start and finalists and finalists[0].evaluator == CONTACT_EVALUATOR:
+            loaded = evaluate_by_contact(start, self.noise)
+        tell("pressing the start by contact", 1, 1)
+        return loaded
+
+
+def remove_load_limit(scene: Scene) -> Scene:
+    """Return a scene under more load than linear elasticity answers for, whatever its probe is."""
+    return scene.model_copy(update={"load": Load(force=UNLIMITED_FORCE_N)})
+
+
+def _select_evaluator(scene: Scene, name: str | None) -> str:
+    if name is None:
+        return next((known for known in EVALUATORS if find_evaluator(known).refusal(scene) is None), EVALUATORS[0])
+    if name not in EVALUATORS:
+        raise InputError("evaluator", name, f"to judge designs {describe_choices(name, EVALUATORS)}")
+    return name

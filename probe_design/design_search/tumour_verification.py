@@ -1,0 +1,231 @@
+"""Verification of designs for one tumour read once: the standard deviation of ln E_object, between bounds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from geometry.common.errors import InputError
+from geometry.scenes.scene import Scene
+from geometry.scenes.scene_file import scene_to_dict
+from probe_design.design_search.loads import MAX_RATIO_CHANGE_RELATIVE
+from probe_design.design_search.pressing import Pressing, compute_pressing
+from probe_design.design_search.tumour_objective import Noise, standard_deviation
+from probe_design.design_search.variables import is_same_design
+from probe_design.design_search.verification import VerifiedDesign
+from solver import Result, evaluator
+from solver.planning.coarse_model import CoarseModel
+from solver.planning.load_limits import build_limits
+from solver.planning.loads import bound_log_sensitivity_change, compute_sensitivity_size
+from solver.results.evaluator import FilmEvaluator, FilmSolution
+from solver.results.film_forces import FilmForces
+
+VERIFICATION_ACCURACY = 0.01  # of the evaluator
+FINER_ACCURACY = 0.001  # of the evaluator where its errors at ``VERIFICATION_ACCURACY`` hide a gain
+
+
+@dataclass(frozen=True)
+class TumourVerification(VerifiedDesign):
+    """A design with its results by the closed form and by the verifying evaluator.
+
+    Attributes:
+        scene: the scene with this probe.
+        result: the evaluator's result, at the load of ``pressing``.
+        pressing: the load that the objective counts with.
+        value: standard deviation of ln E_object by the evaluator, smaller is better.
+        lower, upper: bounds of that, from the evaluator's error bounds and the neglected finite strain.
+        formula_result: the closed form's result, or None where it refuses the scene.
+        refused: what it takes instead, or None.
+        formula_value: by the closed form, inf where it refuses.
+        linear: the same design under the largest load that linear elasticity answers for, where this is one beyond that.
+    """
+
+    scene: Scene
+    result: Result
+    pressing: Pressing
+    value: float
+    lower: float
+    upper: float
+    formula_result: Result | None = None
+    refused: str | None = None
+    formula_value: float = math.inf
+    linear: TumourVerification | None = None
+
+    @property
+    def loaded_scene(self) -> Scene:
+        """See ``VerifiedDesign``."""
+        return _set_load(self.scene, self.pressing)
+
+    @property
+    def evaluator(self) -> str:
+        """See ``VerifiedDesign``."""
+        return self.result.evaluator
+
+    @property
+    def objective(self) -> tuple[float, float]:
+        """Standard deviation of ln E_object and how far it can be off; inf where nothing bounds it."""
+        return self.value, max(self.upper - self.value, self.value - self.lower) if self.upper < math.inf else math.inf
+
+    @property
+    def force(self) -> tuple[float, str]:
+        """See ``VerifiedDesign``."""
+        return self.pressing.force, self.pressing.limited_by
+
+    @property
+    def linear_design(self) -> TumourVerification | None:
+        """The same under the largest load that linear elasticity answers for, where this is under more; None elsewhere."""
+        return self.linear if self.linear is not None and self.linear.pressing.force < self.pressing.force else None
+
+    def compute_gain(self, reference: TumourVerification) -> tuple[float, float]:
+        """Return by which share the standard deviation is less than the other's, and the combined error of that."""
+        (value, error), (reference_value, reference_error) = self.objective, reference.objective
+        if not math.isfinite(reference_error) or not math.isfinite(error):
+            return 0.0 if math.isinf(value) else 1 - value / reference_value, math.inf
+        share = value / reference_value
+        return 1 - share, share * math.hypot(error / value, reference_error / reference_value)
+
+    def is_better_than(self, reference: TumourVerification) -> bool:
+        """Return whether it is better whatever the errors of both are; beyond linear elasticity also by twice those."""
+        if not self.upper < reference.lower:
+            return False
+        return (self.linear is None and reference.linear is None) or super().is_better_than(reference)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the numbers as JSON has them."""
+        return {
+            "objective": replace_non_finite(self.value),
+            "objective_within": [self.lower, replace_non_finite(self.upper)],
+            "searched_objective": replace_non_finite(self.formula_value),
+            "force": self.pressing.force,
+            "force_limited_by": self.pressing.limited_by,
+            "evaluator": self.evaluator,
+            "under_load": self.summarize_load_gain(),
+            "design": scene_to_dict(self.loaded_scene),
+        }
+
+    def summarize_load_gain(self) -> dict[str, Any] | None:
+        """Return what more load than linear elasticity answers for brings, as JSON has it; None where there is no more."""
+        linear = self.linear_design
+        if linear is None:
+            return None
+        gain, error = self.compute_gain(linear)
+        return {
+            "linear_force": linear.pressing.force,
+            "linear_force_limited_by": linear.pressing.limited_by,
+            "linear_objective": replace_non_finite(linear.value),
+            "linear_objective_within": [linear.lower, replace_non_finite(linear.upper)],
+            "gain": replace_non_finite(gain),
+            "gain_error": replace_non_finite(error),
+        }
+
+
+def replace_non_finite(value: float | None) -> float | None:
+    """Return a number, or None where it is not finite, as JSON has it."""
+    return value if value is not None and math.isfinite(value) else None
+
+
+def verify_tumour_design(
+    scene: Scene,
+    noise: Noise,
+    evaluator_name: str,
+    accuracy: float = VERIFICATION_ACCURACY,
+    formula: FilmSolution | InputError | None = None,
+) -> TumourVerification:
+    """Verify a scene's probe by an evaluator, beside the closed form.
+
+    Args:
+        scene: with the probe.
+        noise: of a reading.
+        evaluator_name: of the verification.
+        accuracy: of the evaluator.
+        formula: what the closed form finds, or its refusal, where that is known, see ``evaluate_closed_form``.
+
+    Raises:
+        Refusal: the evaluator cannot take the scene.
+    """
+    start, rule = perf_counter(), CoarseModel.from_scene(scene).build_rule(scene)
+    answer = evaluate_films(scene, evaluator_name, accuracy)
+    films = answer.films[0]
+    pressing = compute_pressing(scene, float(films.totals.sum()), rule)
+    lower, upper = bound_objective(films, noise, pressing)
+    result = answer.build_result(evaluator_name, _set_load(scene, pressing), perf_counter() - start)
+    verified = TumourVerification(
+        scene=scene,
+        result=replace(result, load_limits=build_limits(rule, MAX_RATIO_CHANGE_RELATIVE, promise=True)),
+        pressing=pressing,
+        value=compute_objective(films, noise, pressing.force),
+        lower=lower,
+        upper=upper,
+    )
+    (formula_answer,) = evaluate_closed_form([scene], accuracy) if formula is None else (formula,)
+    if isinstance(formula_answer, InputError):
+        return replace(verified, refused=formula_answer.allowed)
+    films = formula_answer.films[0]
+    pressing = compute_pressing(scene, float(films.totals.sum()), rule)
+    formula_result = formula_answer.build_result("closed-form", _set_load(scene, pressing), 0.0)
+    return replace(verified, formula_result=formula_result, formula_value=compute_objective(films, noise, pressing.force))
+
+
+def evaluate_films(scene: Scene, evaluator_name: str, accuracy: float = VERIFICATION_ACCURACY) -> FilmSolution:
+    """Return the answer of an evaluator, with the error of its log-sensitivity.
+
+    Raises:
+        Refusal: the level cannot take the scene.
+    """
+    made = evaluator(evaluator_name)
+    assert isinstance(made, FilmEvaluator)
+    return made.solve(scene, accuracy)
+
+
+def evaluate_closed_form(scenes: Sequence[Scene], accuracy: float = VERIFICATION_ACCURACY) -> list[FilmSolution | InputError]:
+    """Return what the closed form finds of each scene, or its refusal: of ten in twice the time of one."""
+    made = evaluator("closed-form")
+    assert isinstance(made, FilmEvaluator)
+    return made.solve_many(scenes, [accuracy] * len(scenes))
+
+
+def _set_load(scene: Scene, pressed: Pressing) -> Scene:
+    return scene.model_copy(update={"load": pressed.load})
+
+
+def compute_objective(films: FilmForces, noise: Noise, force: float) -> float:
+    """Return the objective under a force, N; inf where the sensitivity is not resolved."""
+    if films.stress_below_error is not None or films.log_sensitivity is None:
+        return math.inf
+    return standard_deviation(noise.compute_information(films.log_sensitivity, _compute_inner_share(films), force))
+
+
+def merge_designs(verified: Iterable[TumourVerification]) -> tuple[TumourVerification, ...]:
+    """Sort designs, best first, and drop those within the tolerance of a better one."""
+    distinct: list[TumourVerification] = []
+    for item in sorted(verified, key=lambda item: item.value):
+        if not any(is_same_design(item.scene, better.scene) for better in distinct):
+            distinct.append(item)
+    return tuple(distinct)
+
+
+def _compute_inner_share(films: FilmForces) -> float:
+    """The inner film's share of the force."""
+    return float(films.totals[0] / films.totals.sum())
+
+
+def bound_objective(films: FilmForces, noise: Noise, pressed: Pressing) -> tuple[float, float]:
+    """Return lower and upper bounds of the objective, given the errors of film forces and of linear elasticity."""
+    sensitivities = films.film_log_sensitivities
+    if films.stress_below_error is not None or films.log_sensitivity is None or sensitivities is None:
+        return 0.0, math.inf
+    size, share = abs(films.log_sensitivity), _compute_inner_share(films)
+    sensitivity_error = films.sensitivity_error + compute_sensitivity_size(sensitivities) * bound_log_sensitivity_change(
+        pressed.x
+    )
+    shift = films.bound.log_ratio + pressed.change
+    odds = share / (1 - share) * np.exp([-shift, 0.0, shift])  # inner over outer force
+    noises = [standard_deviation(noise.compute_information(1.0, ratio / (1 + ratio), pressed.force)) for ratio in odds.tolist()]
+    return min(noises) / (size + sensitivity_error), max(noises) / (
+        size - sensitivity_error
+    ) if size > sensitivity_error else math.inf

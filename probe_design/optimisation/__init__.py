@@ -1,1 +1,0 @@
-"""``optimize``: objective, design space, global search, polish, report."""
