@@ -214,7 +214,7 @@ def optimize(
     return optimum
 
 
-def refuse_options(options: dict[str, object]) -> None:
+def refuse_options(options: Mapping[str, object]) -> None:
     """Refuse options that do not apply to a design file."""
     for key, value in options.items():
         raise InputError(key, value, "none for a design file, whose tables say it")
