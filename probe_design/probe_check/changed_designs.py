@@ -126,7 +126,7 @@ def fit_changes(changes: Changes, deviation: Deviation) -> Fit:
     chi_square = _compute_chi_square(changes, deviation, errors)
     for k in range(MAX_STEPS):
         model = _build_linear_model(changes, deviation, errors)
-        step = model.compute_posterior_mean(changes.compute_residual(deviation))
+        step = model.compute_posterior_mean(changes.compute_residual(deviation))[: len(changes.names)]
         expected_gain = float(errors.compute_chi_square(changes.compute_derivatives(deviation) @ step))
         if k and expected_gain < MIN_RELATIVE_GAIN * (1.0 + chi_square):
             break  # saves solving a design that is no better; not at first, where linear theory may miss an improvement
@@ -134,10 +134,11 @@ def fit_changes(changes: Changes, deviation: Deviation) -> Fit:
         if better is None:
             break
         changes, previous, chi_square = better, chi_square, _compute_chi_square(better, deviation, errors)
-        is_converged = np.all(np.abs(step) < STEP_TOLERANCE_SD * _compute_sds(model))
+        is_converged = np.all(np.abs(step) < STEP_TOLERANCE_SD * _compute_sds(model, len(changes.names)))
         if is_converged or previous - chi_square < MIN_RELATIVE_GAIN * (1.0 + chi_square):
             break
-    return Fit(changes, chi_square, _compute_sds(_build_linear_model(changes, deviation, errors)) * changes.per_step)
+    sds = _compute_sds(_build_linear_model(changes, deviation, errors), len(changes.names))
+    return Fit(changes, chi_square, sds * changes.per_step)
 
 
 def predict_chi_square(fit: Fit, deviation: Deviation, second_name: str) -> float:
@@ -155,9 +156,9 @@ def _build_linear_model(
     return errors.add_unknowns(slopes, np.full(slopes.shape[1], UNKNOWN_STEP_SD))
 
 
-def _compute_sds(model: LinearGaussian) -> Floats:
-    """Return the standard deviations of the steps, shape (n,)."""
-    return np.asarray(np.sqrt(np.diag(model.compute_posterior_covariance())))
+def _compute_sds(model: LinearGaussian, n: int) -> Floats:
+    """Return the standard deviations of the steps, which are the first n unknowns, shape (n,)."""
+    return np.asarray(np.sqrt(np.diag(model.compute_posterior_covariance())[:n]))
 
 
 def _find_better(changes: Changes, deviation: Deviation, errors: LinearGaussian, step: Floats) -> Changes | None:

@@ -101,10 +101,12 @@ def test_large_changes_need_the_refined_fit() -> None:
 def test_nothing_to_explain_is_explained_by_no_change() -> None:
     name, known = "probe.outer.youngs_modulus", shares()
     read = np.full(len(known.log_ratios), 0.0027**2)
-    deviation = Deviation(known.log_ratios, known.log_ratios, read, np.zeros((len(read), 0)), np.zeros_like(read), {})
+    gains = np.full((len(read), 1), 1e-3)
+    deviation = Deviation(known.log_ratios, known.log_ratios, read, gains, np.zeros_like(read), {}, {"probe.gap": read})
     (fit,) = fit_variables(scene(), BLOCKS, deviation, known, [name])
     assert fit.changes.values[0] == list_values(scene())[name]
     assert fit.chi_square == 0
+    assert fit.uncertainties.shape == (1,)
 
 
 def _find_explanation(name: str, explained: tuple[Explanation, ...]) -> Explanation:
