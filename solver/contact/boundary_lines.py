@@ -148,12 +148,9 @@ def _find_line(
 
 
 @keep_table
-def tabulate_gauss(order: int) -> tuple[Floats, Floats]:
-    """Return weights (g,) and functions (g, p + 1) of an edge at its p + 1 Gauss points.
-
-    More points would constrain the edge more than it can move.
-    """
-    x, w = legendre.leggauss(order + 1)
+def tabulate_gauss(order: int, count: int) -> tuple[Floats, Floats]:
+    """Return weights (g,) and functions (g, p + 1) of an edge of order p at g = ``count`` Gauss points."""
+    x, w = legendre.leggauss(count)
     x, w = np.asarray((x + 1) / 2), np.asarray(w / 2)
     return w, evaluate_functions(x, order)[0]
 

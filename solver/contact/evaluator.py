@@ -15,7 +15,7 @@ from geometry.common.resources import LimitReached
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Contact, Scene
 from solver.axisymmetric.evaluator import Axisymmetric
-from solver.contact.loaded_scene import LoadedScene, compute_modulus_curve
+from solver.contact.loaded_scene import LoadedScene, compute_modulus_curve, press_with_enough_points
 from solver.contact.path_points import LoadedForces, StoppedError
 from solver.linalg.workspace import use_own_workspace
 from solver.results.evaluator import FilmEvaluator, FilmSolution, ProgressCallback
@@ -145,7 +145,7 @@ def press_refined(
     Raises:
         Refusal, StoppedError, LimitReached: see ``LoadedScene.press_to_force``; on the first two meshes.
     """
-    result = loaded.press_to_scene_load()
+    result, loaded = press_with_enough_points(loaded, LoadedScene.press_to_scene_load)
     while not is_accurate(result.films):
         try:
             finer = loaded.refine()

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from geometry.common.arrays import Bools, Floats, Ints
-from solver.contact.boundary_lines import LinePoints, find_points, tabulate_gauss
+from solver.contact.boundary_lines import LinePoints, find_points
 from solver.contact.pairs import Pair
 
 
@@ -35,7 +35,7 @@ class PointGaps:
         Raises:
             SolveError: a line folds over.
         """
-        value = tabulate_gauss(pair.slave.order)[1]
+        value = pair.gauss[1]
         t, s = np.einsum("ac,kcp,gp->akg", pair.axes, pair.slave.compute_positions(displacements), value).reshape(2, -1)
         mt, ms = np.einsum("ac,kcp->akp", pair.axes, pair.master.compute_positions(displacements))
         master_points, inside = find_points(mt, t)
@@ -61,7 +61,7 @@ class PointGaps:
         _, tilt, curve = pair.master_edge.compute_removed_height(self.place[active])
         k = np.asarray((rise + length * tilt) / run)
         curl = (np.einsum("jp,jp->j", bend, ms[master_edges] - k[:, None] * mt[master_edges]) + length**2 * curve) / run
-        on_slave = tabulate_gauss(pair.slave.order)[1]
+        on_slave = pair.gauss[1]
         edge, point = (np.asarray(x) for x in np.divmod(np.flatnonzero(active), len(on_slave)))
         return Footpoints(pair, edge, master_edges, on_slave[point], value, slope, k, run, curl)
 

@@ -19,7 +19,7 @@ from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
 from solver.contact.evaluator import ContactEvaluator
 from solver.contact.limits import find_change_load, find_gap_closure_load, is_gap_closed
-from solver.contact.loaded_scene import LoadedScene
+from solver.contact.loaded_scene import LoadedScene, press_with_enough_points
 from solver.contact.path import Path
 from solver.contact.path_points import LoadedForces, PathPoint, StoppedError
 from solver.results.evaluator import ProgressCallback, ignore_progress
@@ -56,9 +56,8 @@ def compute_load_curve(
         try:
             for k, load in enumerate(loads):
                 tell(f"load {k + 1} of {len(loads)}, {load:.3g} {'N' if by_force else 'm'}")
-                points.append(
-                    loaded.press_to_force(float(load), "force") if by_force else loaded.press_to_indentation(float(load))
-                )
+                point, loaded = press_with_enough_points(loaded, partial(_press, load=float(load), by_force=by_force))
+                points.append(point)
         except (StoppedError, LimitReached) as fault:
             if not points:
                 if isinstance(fault, LimitReached):
@@ -67,6 +66,10 @@ def compute_load_curve(
                 raise evaluator.build_stop_refusal(load_entry, fault) from fault
             stopped = str(fault)
     return _build_curve(scene, points, stopped=stopped, accuracy=accuracy, seconds=perf_counter() - start)
+
+
+def _press(loaded: LoadedScene, load: float, by_force: bool) -> LoadedForces:
+    return loaded.press_to_force(load, "force") if by_force else loaded.press_to_indentation(load)
 
 
 @dataclass(frozen=True)
@@ -139,7 +142,7 @@ def _refine_limit(loaded: LoadedScene, change: _LimitChange, coarse: LargestLoad
 def _find_closure(loaded: LoadedScene) -> tuple[LargestLoad | None, list[Note]]:
     """Find the load that closes the gap, or explain in a note why none is known."""
     path = loaded.paths[0]
-    reason = "as deep as the probe is wide"
+    reason = "where the indentation is the probe's outer radius"
     try:
         limit = find_gap_closure_load(path)
         if limit is not None:

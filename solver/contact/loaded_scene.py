@@ -52,6 +52,7 @@ class LoadedScene:
         paths: load paths on two meshes, the finer last.
         known: mesh differences on the part of the load path that was not computed because the path began at a loaded state of
             another modulus.
+        dense: whether lines that touch have twice the usual number of contact points.
     """
 
     scene: Scene
@@ -59,6 +60,7 @@ class LoadedScene:
     linear: Converged
     paths: tuple[Path, Path]
     known: MeshDifferences = NO_DIFFERENCES
+    dense: bool = False
 
     @classmethod
     def from_scene(cls, scene: Scene, accuracy: float) -> LoadedScene:
@@ -82,7 +84,18 @@ class LoadedScene:
         following = MESH_FINENESSES.index(self.paths[1].model.mesh.layout.fineness) + 1
         if following == len(MESH_FINENESSES):
             return None
-        return replace(self, paths=(self.paths[1], _build_path(self.scene, self.linear, MESH_FINENESSES[following])))
+        return replace(self, paths=(self.paths[1], _build_path(self.scene, self.linear, MESH_FINENESSES[following], self.dense)))
+
+    def add_contact_points(self) -> LoadedScene | None:
+        """Return the scene at rest with twice the contact points; None if it has them, or has faces that slide or open.
+
+        With few points a wall whose corner the tissue folds onto kinks between two elements, and no step over the kink converges.
+        More points take longer, and would hold faces that slide, which touch everywhere, more than these can follow.
+        """
+        if self.dense or self.scene.contact.interface != "bonded":
+            return None
+        first, second = (_build_path(self.scene, self.linear, path.model.mesh.layout.fineness, True) for path in self.paths)
+        return replace(self, paths=(first, second), dense=True)
 
     def with_modulus(self, modulus: float, linear: Converged) -> LoadedScene:
         """Return the scene at rest with another Young's modulus of the target, Pa, and its linear film forces."""
@@ -90,7 +103,7 @@ class LoadedScene:
         scene = self.scene.model_copy(update={"inclusion": (body,)})
         known = None if self.may_open else linear.films[0].totals
         first, second = (Path(path.model.with_modulus(modulus), True, known) for path in self.paths)
-        return LoadedScene(scene, self.accuracy, linear, (first, second))
+        return LoadedScene(scene, self.accuracy, linear, (first, second), dense=self.dense)
 
     def press_to_scene_load(self) -> LoadedForces:
         """Press the probe to the scene's load.
@@ -112,7 +125,9 @@ class LoadedScene:
         """
         estimate, radius = force / self._stiffness, self.paths[1].radius
         if estimate > MAX_LINEAR_DEPTH_RELATIVE * radius:
-            limit = f"for contact less than some {self._stiffness * radius:.2g} N, which drives it as deep as it is wide"
+            limit = (
+                f"up to about {self._stiffness * radius:.2g} N for contact, which indents the tissue by the probe's outer radius"
+            )
             raise Refusal(key, Words(f"{force:g} N"), limit)
         return self._press(estimate, lambda path: path.press_to_force(force))
 
@@ -210,6 +225,24 @@ class LoadedScene:
         return films(places).T, sensitivity(places)
 
 
+def press_with_enough_points(
+    loaded: LoadedScene, press: Callable[[LoadedScene], LoadedForces]
+) -> tuple[LoadedForces, LoadedScene]:
+    """Press a scene, with more contact points where no step converges; return the result and the scene that was pressed.
+
+    Raises:
+        StoppedError: no step converges with more points either.
+        LimitReached: the time limit is reached.
+    """
+    try:
+        return press(loaded), loaded
+    except StoppedError:
+        denser = loaded.add_contact_points()
+        if denser is None:
+            raise
+        return press(denser), denser
+
+
 def compute_modulus_curve(loaded: LoadedScene, moduli: Floats) -> list[LoadedForces]:
     """Return film forces at a scene's load for other moduli of the target, each started from its neighbour's state.
 
@@ -252,14 +285,14 @@ def _solve_neighbour(neighbour: LoadedScene, modulus: float, linear: Converged) 
         return loaded.press_to_scene_load(), loaded
 
 
-def _build_path(scene: Scene, linear: Converged, fineness: MeridianFineness) -> Path:
+def _build_path(scene: Scene, linear: Converged, fineness: MeridianFineness, dense: bool = False) -> Path:
     """Build the load path, on one mesh, of the section that the linear solution used."""
     rest_model = linear.sample.states.model
     inclusion = {Body.INCLUSION: scene.inclusion[0]} if scene.inclusion else {}
     section = rest_model.section if scene.tissue.shape != "half-space" else _truncate_section(rest_model.section)
     faces, spring = scene.contact, SPRING_SHARES[fineness.order]
     model = ContactModel.from_section(
-        section, {**rest_model.materials, **inclusion}, faces.interface, fineness, faces.friction, spring=spring
+        section, {**rest_model.materials, **inclusion}, faces.interface, fineness, faces.friction, spring=spring, dense=dense
     )
     return Path(model, scene.target is not None, None if faces.interface == "unilateral" else linear.films[0].totals)
 

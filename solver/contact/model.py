@@ -69,10 +69,11 @@ class ContactModel:
         friction: float = 0.0,
         *,
         spring: float = 1.0,
+        dense: bool = False,
     ) -> ContactModel:
         """Mesh a section whose faces are bonded, or slide without opening (frictionless), or open and slide against ``friction``.
 
-        Friction acts through springs; ``spring`` scales their stiffness.
+        Friction acts through springs; ``spring`` scales their stiffness. For ``dense`` see ``find_pairs``.
 
         Raises:
             SolveError: the mesh has a cell without area.
@@ -84,7 +85,7 @@ class ContactModel:
         lift = numbers.lift.copy()
         for side, block_elements in enumerate(_find_block_elements(section, mesh)):
             lift[block_elements, :, side] -= numbers.vertical
-        pairs = find_pairs(section, materials, mesh, fineness.order, faces=interface, friction=friction)
+        pairs = find_pairs(section, materials, mesh, fineness.order, faces=interface, friction=friction, dense=dense)
         pairs = tuple(replace(pair, spring=spring * FRICTION_SPRING_RELATIVE) for pair in pairs)
         return cls(section, materials, mesh, elements, numbers, Assembly.from_pairs(numbers, pairs), pairs, lift)
 

@@ -64,6 +64,7 @@ class Pair:
         axes: unit vectors of t and s, as (r, z), shape (2, 2).
         sign: 1 if the gap is s of the master minus s of the slave, else -1.
         penalty: penalty e of eq. CT.3, Pa/m.
+        points_per_edge: Gauss points on each edge of the slave.
         loose: whether lines lie on each other from the start, faces that may open.
         friction: Coulomb's coefficient.
         spring: f of eq. CT.6, in penalties.
@@ -77,6 +78,7 @@ class Pair:
     axes: Floats
     sign: float
     penalty: float
+    points_per_edge: int
     loose: bool = False
     friction: float = 0.0
     spring: float = 0.0
@@ -90,28 +92,29 @@ class Pair:
         return self.loose or self.slave_edge.radius > 0 or self.master_edge.radius > 0
 
     @property
+    def gauss(self) -> tuple[Floats, Floats]:
+        """Weights (g,) and functions (g, p + 1) at the Gauss points of an edge of the slave."""
+        return tabulate_gauss(self.slave.order, self.points_per_edge)
+
+    @property
     def points(self) -> int:
         """Number of the slave's Gauss points."""
-        return int(self.slave.place.shape[0]) * len(tabulate_gauss(self.slave.order)[0])
+        return int(self.slave.place.shape[0]) * self.points_per_edge
 
     def compute_positions(self, displacements: Floats) -> Floats:
         """Return the deformed positions (r, z) of the slave's points, m, shape (points, 2)."""
-        return np.asarray(
-            np.einsum("kcp,gp->kgc", self.slave.compute_positions(displacements), tabulate_gauss(self.slave.order)[1]).reshape(
-                -1, 2
-            )
-        )
+        return np.asarray(np.einsum("kcp,gp->kgc", self.slave.compute_positions(displacements), self.gauss[1]).reshape(-1, 2))
 
     @cached_property
     def slave_places(self) -> Floats:
         """Positions of the slave's points on the undeformed line, m from its start, shape (points,)."""
         lengths = self.slave.lengths[:, None]
         starts = np.cumsum(lengths)[:, None] - lengths
-        return np.asarray((starts + lengths * tabulate_gauss(self.slave.order)[1][:, 1]).ravel())
+        return np.asarray((starts + lengths * self.gauss[1][:, 1]).ravel())
 
     @cached_property
     def weights(self) -> Floats:
         """Areas 2 pi r dL of the undeformed slave at its points, m^2, shape (points,)."""
-        w, value = tabulate_gauss(self.slave.order)
+        w, value = self.gauss
         radius = self.slave.place[:, 0] @ value.T
         return np.asarray((2 * np.pi * radius * w * self.slave.lengths[:, None]).ravel())

@@ -136,7 +136,7 @@ class Path:
         """Take one step towards an indentation, halved until it converges."""
         start, max_depth = self.last.indentation, MAX_DEPTH_RELATIVE * self.radius
         if start >= max_depth * (1 - 1e-9):
-            raise StoppedError(self.last, "it is as deep as the probe is wide, and deeper solutions were never verified")
+            raise StoppedError(self.last, "the indentation is the probe's outer radius, and deeper solutions were never verified")
         step = min(indentation, max_depth) - start
         while True:
             try:

@@ -47,20 +47,29 @@ def compute_contact_length(section: Section) -> float:
 
 
 def find_pairs(
-    section: Section, materials: Materials, mesh: Topology, order: int, *, faces: Interface = "bonded", friction: float = 0.0
+    section: Section,
+    materials: Materials,
+    mesh: Topology,
+    order: int,
+    *,
+    faces: Interface = "bonded",
+    friction: float = 0.0,
+    dense: bool = False,
 ) -> tuple[Pair, ...]:
     """Return the pairs: first the walls of the gap, then each wall with the tissue next to it, the outermost last.
 
-    Faces that are not bonded belong to the line of their wall and have ``friction``.
+    Faces that are not bonded belong to the line of their wall and have ``friction``. Each edge has one Gauss point more than its
+    order, or twice as many if ``dense``.
     """
     lines = find_lines(mesh, compute_nodes(section, mesh, UNIT_SQUARE), order)
+    points = (2 if dense else 1) * (order + 1)
     plan = _list_wall_sides(lines) if faces == "bonded" else _list_face_sides(lines)
     inner, hole = (Side(lines[name], lines[name]) for name in ("inner wall", "hole wall"))
     gap, radius = (
-        _build_pair("walls of the gap", inner, hole, GAP_AXES, materials=materials, mesh=mesh),
+        _build_pair("walls of the gap", inner, hole, GAP_AXES, materials=materials, mesh=mesh, points=points),
         float(section.edge_radius),
     )
-    side_pairs = [(_build_pair(*row, materials=materials, mesh=mesh), row[1], row[2]) for row in plan]
+    side_pairs = [(_build_pair(*row, materials=materials, mesh=mesh, points=points), row[1], row[2]) for row in plan]
     if faces == "bonded":
         return (gap, *(_round_edge(pair, upper, radius) for pair, _, upper in side_pairs))
     return (
@@ -108,13 +117,13 @@ def _list_face_sides(lines: dict[str, BoundaryLine]) -> tuple[tuple[str, Side, S
     )
 
 
-def _build_pair(name: str, lower: Side, upper: Side, axes: Axes, *, materials: Materials, mesh: Topology) -> Pair:
+def _build_pair(name: str, lower: Side, upper: Side, axes: Axes, *, materials: Materials, mesh: Topology, points: int) -> Pair:
     """Build a pair: the softer line is the slave; the gap is s of the upper line minus s of the lower line."""
     soft, hard = (materials[Body(mesh.body[side.watched.element[0]])].youngs_modulus for side in (lower, upper))
     swapped = hard < soft
     slave, master = (upper, lower) if swapped else (lower, upper)
     penalty = PENALTY_FACTOR * min(soft, hard) / float(slave.watched.lengths.min())
-    return Pair(name, slave.watched, master.met, np.array(axes), -1.0 if swapped else 1.0, penalty)
+    return Pair(name, slave.watched, master.met, np.array(axes), -1.0 if swapped else 1.0, penalty, points)
 
 
 def _round_edge(pair: Pair, block: Side, radius: float) -> Pair:

@@ -71,7 +71,7 @@ def test_only_contact_takes_them() -> None:
     with pytest.raises(Refusal, match=r"contact for contact\.edge_radius"):
         evaluate(scene, linear=True)
     assert plan(scene, 0.02).evaluator == "contact"
-    with pytest.raises(Refusal, match=r"load\.force = 1e\+06 N: .* as deep as it is wide$"):  # without a linear way round
+    with pytest.raises(Refusal, match=r"load\.force = 1e\+06 N: .* by the probe's outer radius$"):  # without a linear way round
         evaluate(scene.model_copy(update={"load": Load(force=1e6)}))
 
 
