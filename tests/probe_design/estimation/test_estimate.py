@@ -348,7 +348,7 @@ class TestLoads:
     READ = (Reading(0.0, 0.0, 0.563, 0.01),)
 
     def test_large_loads_are_refused(self) -> None:
-        with pytest.raises(Refusal, match=r"load.force = 2 N: allowed: for contact less than some 0.4\d N.*--linear"):
+        with pytest.raises(Refusal, match=r"load.force = 2 N: allowed: up to about 0.4\d N.*--linear"):
             estimate(self.scene(2.0), self.READ)
 
     def test_the_interval_counts_finite_strain(self) -> None:

@@ -109,7 +109,7 @@ def test_scenes_of_other_kinds_are_refused() -> None:
 
 
 def test_a_load_far_beyond_all_is_refused_by_what_was_asked() -> None:
-    with pytest.raises(Refusal, match=r"force = 1e\+06 N: allowed: for contact less than some 0.5\d* N"):
+    with pytest.raises(Refusal, match=r"force = 1e\+06 N: allowed: up to about 0.5\d* N"):
         load(EXAMPLE, force=1e6, points=1)
 
 
