@@ -1,4 +1,4 @@
-"""Definition, default and limits of the noise, which are the same for all commands.
+"""Definition, defaults and limits of the noise, which are the same for all commands.
 
 Noise is the relative standard deviation of one reading of the ratio. Both channels contribute equally.
 """
@@ -6,8 +6,13 @@ Noise is the relative standard deviation of one reading of the ratio. Both chann
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from geometry.scenes.probe import Probe
 
 DEFAULT_NOISE = 0.05  # the paper's "about 5 %", section 3
+DEFAULT_CHARGE_NOISE_C = 0.01e-12  # C: of a good charge amplifier over a second
 MAX_RESOLVED_LOG_SD = 0.5  # sd of ln E_object up to which a stiffness counts as resolved: a factor of 1.65 either way
 MIN_NOISE = 1e-6  # better than any electronics; the model's error is larger
 MAX_NOISE = 10.0
@@ -34,6 +39,13 @@ def check_noise(noise: float, key: str = "noise") -> float:
 def choose_accuracy(noise: float) -> float:
     """Return the relative accuracy that a noise asks of an evaluator: the noise itself, within limits."""
     return min(max(noise, MIN_ACCURACY), MAX_ACCURACY)
+
+
+def find_charge_per_force(probe: Probe) -> float:
+    """Return |d33| of a probe's films, C/N; that of a film by default where the probe states none, or states 0."""
+    from geometry.scenes.probe import Film
+
+    return abs(probe.film.d33 if probe.film else 0.0) or abs(Film().d33)
 
 
 def compute_channel_noise(noise: float) -> float:

@@ -16,6 +16,7 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Inclusion, Load, Scene
+from probe_design.data.noise import find_charge_per_force
 from probe_design.design_search.variables import ProbeSizes
 from probe_design.populations.design_file import Design
 from probe_design.populations.inclusion_scan import check_films_compressed
@@ -33,7 +34,6 @@ from solver.planning.strains import (
     compute_tissue_strain,
 )
 
-DEFAULT_CHARGE_PER_FORCE = 20e-12  # C/N, of films that a scene does not have
 MAX_RATIO_CHANGE_RELATIVE = 0.01  # relative change of the ratio by finite strain that is allowed
 LOAD_DIGITS = 3  # of a load that a limit sets
 COVER_SAMPLES = (
@@ -111,8 +111,7 @@ class PressingRule:
     @property
     def charge_per_force(self) -> float:
         """|d33| of the films, C/N."""
-        film = self.design.scene.probe.film
-        return abs(film.d33) or DEFAULT_CHARGE_PER_FORCE if film else DEFAULT_CHARGE_PER_FORCE
+        return find_charge_per_force(self.design.scene.probe)
 
     def compute_pressed_design(self, scene: Scene) -> PressedDesign:
         """Return the force on a scene's probe.

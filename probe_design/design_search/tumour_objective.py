@@ -21,9 +21,16 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, Words
+from geometry.scenes.probe import Film
 from geometry.scenes.scene import Load, Scene
-from probe_design.data.noise import DEFAULT_NOISE, check_noise, compute_channel_noise
-from probe_design.design_search.loads import DEFAULT_CHARGE_PER_FORCE, PressingRule
+from probe_design.data.noise import (
+    DEFAULT_CHARGE_NOISE_C,
+    DEFAULT_NOISE,
+    check_noise,
+    compute_channel_noise,
+    find_charge_per_force,
+)
+from probe_design.design_search.loads import PressingRule
 from probe_design.design_search.objective import (
     COMPLEX_STEP_RELATIVE,
     SearchEffort,
@@ -54,8 +61,8 @@ class Noise:
     """
 
     ratio: float = DEFAULT_NOISE
-    charge: float = 0.01e-12
-    charge_per_force: float = DEFAULT_CHARGE_PER_FORCE
+    charge: float = DEFAULT_CHARGE_NOISE_C
+    charge_per_force: float = abs(Film().d33)
 
     def __post_init__(self) -> None:
         """Refuse what is no noise."""
@@ -64,8 +71,7 @@ class Noise:
     @classmethod
     def from_scene(cls, scene: Scene, ratio: float = DEFAULT_NOISE) -> Noise:
         """Return the noise of a scene's probe, with its own film where it has one."""
-        film = scene.probe.film
-        return cls(ratio, charge_per_force=abs(film.d33) or cls.charge_per_force if film else cls.charge_per_force)
+        return cls(ratio, charge_per_force=find_charge_per_force(scene.probe))
 
     def compute_information(self, sensitivity: Any, share_inner: Any, force: Any) -> Any:
         """Return the information of one reading about ln E_object (eqs. DS.4, DS.5); floats or arrays.

@@ -28,9 +28,8 @@ import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
-from geometry.scenes.probe import Film
 from geometry.scenes.scene import Scene
-from probe_design.data.noise import MIN_NOISE
+from probe_design.data.noise import MIN_NOISE, find_charge_per_force
 from probe_design.inference.linear_gaussian import LinearGaussian
 from probe_design.populations.tables import CHANNEL_INDICES, NoiseModel, Observable, Protocol
 
@@ -135,9 +134,9 @@ def _compute_common_variances(noise: NoiseModel, channels: tuple[int, ...], blan
 
 def compute_film_charges(scene: Scene, places: Floats) -> Floats:
     """Return the charge of each film under the scene's load, C, shape (k, 2)."""
-    load, film = scene.load, scene.probe.film
+    load = scene.load
     indentation = (load.force or 0.0) / places.sum(axis=1) if load.indentation is None else np.full(len(places), load.indentation)
-    charges = (abs(film.d33 if film else 0.0) or abs(Film().d33)) * np.abs(places) * indentation[:, None]
+    charges = find_charge_per_force(scene.probe) * np.abs(places) * indentation[:, None]
     if not np.all(charges > 0):
         key = "force" if load.indentation is None else "indentation"
         raise InputError(f"load.{key}", getattr(load, key), f"a {key} above 0: at 0 the films give no charge to read")

@@ -14,6 +14,7 @@ from geometry.common.errors import InputError
 from geometry.scenes.probe import LENGTH_QUANTITY, Frozen, Length
 from geometry.scenes.scene import MAX_LAYERS, Force, Indentation
 from geometry.scenes.units import MODULUS_QUANTITY, PERCENTAGE, Quantity
+from probe_design.data.noise import DEFAULT_CHARGE_NOISE_C, DEFAULT_NOISE
 from probe_design.populations.ranges import Range, Ranged
 
 POSITION_QUANTITY = Quantity("position", "m", "mm", -10.0, 10.0)
@@ -155,11 +156,11 @@ class NoiseModel(Frozen):
     """What keeps two readings of the same from being alike; see ``docs/guides/population.md``."""
 
     white: Relative = Field(default=0.01, description=_describe_relative("of each reading of the ratio by itself"))
-    gain: Relative = Field(default=0.05, description=_describe_relative("of each channel's gain, common to a scan"))
+    gain: Relative = Field(default=DEFAULT_NOISE, description=_describe_relative("of each channel's gain, common to a scan"))
     stiffness_white: Relative = Field(default=0.03, description=_describe_relative("of each reading of the stiffness"))
     stiffness_gain: Relative = Field(default=0.05, description=_describe_relative("of all stiffnesses of a scan together"))
     charge: Charge = Field(
-        default=0.01e-12,
+        default=DEFAULT_CHARGE_NOISE_C,
         description="of each channel's charge, a charge with its unit, such as '0.01 pC', one standard deviation",
     )
     tilt: Relative = Field(default=0.0, description=_describe_relative("of each reading of the ratio by the probe's tilt at it"))
