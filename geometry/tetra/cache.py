@@ -23,7 +23,8 @@ import numpy as np
 from geometry import mesh_programs
 from geometry.common.files import write_whole
 from geometry.scenes.scene import Scene
-from geometry.tetra.layout import BodyLayout, build_layout, find_extent
+from geometry.tetra.body_layout import BodyLayout
+from geometry.tetra.layout import build_layout, find_extent
 from geometry.tetra.mesher import mesh_layout
 from geometry.tetra.sizing import COARSE_FINENESS, TetraFineness
 from geometry.tetra.tet_mesh import TetMesh

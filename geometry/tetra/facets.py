@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geometry.common.arrays import Points
+from geometry.tetra.body_layout import BodyLayout
 from geometry.tetra.labels import AIR_LABEL
-from geometry.tetra.layout import BodyLayout
 from geometry.tetra.sizing import TetraFineness, compute_sizes
 from geometry.tetra.snapping import Surface, build_exact_surfaces, snap
 from geometry.tetra.stretched_space import MeshSpace

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geometry.common.arrays import Points
-from geometry.tetra.layout import BodyLayout
+from geometry.tetra.body_layout import BodyLayout
 from geometry.tetra.stretched_space import MeshSpace
 from geometry.tetra.surface_files import Sheet
 from geometry.tetra.surfaces import Corners

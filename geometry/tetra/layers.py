@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from geometry.common.arrays import Points
 from geometry.common.errors import SolveError
+from geometry.tetra.body_layout import BodyLayout
 from geometry.tetra.labels import AIR_LABEL, MIRROR_LABEL
-from geometry.tetra.layout import BodyLayout
 from geometry.tetra.smoothing import compute_mean_ratios, smooth, undo_inversions
 from geometry.tetra.snapping import Surface, find_interfaces, find_memberships, find_surfaces, snap
 from geometry.tetra.tet_mesh import EDGE_CORNERS

@@ -3,117 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from geometry.common.arrays import Points
 from geometry.common.errors import Refusal
 from geometry.scenes.fit_check import compute_semi_axes
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
-from geometry.tetra.layout_fit import check_extent, check_fit
+from geometry.tetra.body_layout import BodyLayout, Ellipsoid, check_extent, check_fit
 from geometry.tetra.surface_files import Sheet, read_surface
 
 _SYMMETRY_TOLERANCE = 1e-9  # by how much of its size a scene may be off its mirror image
-
-
-@dataclass(frozen=True)
-class Ellipsoid:
-    """The points ``centre`` + ``axes`` u with |u| <= 1, in m; ``axes`` (3, 3) has the semi-axes as columns."""
-
-    centre: Points
-    axes: Points
-
-    def level(self, points: Points) -> Points:
-        """Return |u| of points (n, 3), see the class: 1 on the surface."""
-        result: Points = np.linalg.norm((points - self.centre) @ self._inverse.T, axis=1)
-        return result
-
-    def estimate_distance(self, points: Points) -> Points:
-        """Estimate the distance from points (n, 3) to the surface, negative inside; exact for a sphere."""
-        inverse, level = self._inverse, np.maximum(self.level(points), 1e-9)
-        slope = np.linalg.norm((points - self.centre) @ (inverse.T @ inverse), axis=1) / level
-        return np.asarray((level - 1) / np.maximum(slope, 1e-9 / self.min_semi_axis))
-
-    @property
-    def min_semi_axis(self) -> float:
-        """The least semi-axis."""
-        return float(np.linalg.norm(self.axes, axis=0).min())
-
-    @property
-    def reach(self) -> Points:
-        """Half the sides of the box around it, (3,)."""
-        result: Points = np.linalg.norm(self.axes, axis=1)
-        return result
-
-    @property
-    def volume(self) -> float:
-        """Volume in m^3."""
-        return 4 / 3 * math.pi * abs(float(np.linalg.det(self.axes)))
-
-    @cached_property
-    def _inverse(self) -> Points:
-        return np.asarray(np.linalg.inv(self.axes), dtype=np.float64)
-
-
-@dataclass(frozen=True)
-class BodyLayout:
-    """Lengths in m, in the probe's axes: origin on its axis in the tissue's top plane, z out of the tissue.
-
-    Attributes:
-        inner, hole, tube: radii of the solid cylinder, the hole and the tube.
-        inner_height, outer_height: of the blocks.
-        groove: half its width and its depth, or None.
-        centre: the tissue's axis, (2,).
-        tissue_radius: of round tissue, or None for a block.
-        sides: half the length and half the breadth of a block.
-        depth: of the tissue.
-        interfaces: depths of the planes between its layers, from the surface downwards.
-        wall: radius of the reference cylinder where it is not the tissue's own side, or None.
-        inclusions: in the scene's order.
-        half: whether only y >= 0 is meshed.
-    """
-
-    inner: float
-    hole: float
-    tube: float
-    inner_height: float
-    outer_height: float
-    groove: tuple[float, float] | None
-    centre: tuple[float, float]
-    tissue_radius: float | None
-    sides: tuple[float, float]
-    depth: float
-    interfaces: tuple[float, ...]
-    wall: float | None
-    inclusions: tuple[Ellipsoid | Sheet, ...]
-    half: bool
-
-    @property
-    def gap(self) -> float:
-        """Width of the gap."""
-        return self.hole - self.inner
-
-    def compute_side_distance(self, angles: Points) -> Points:
-        """Return the distances from the probe's axis to the tissue's side in the directions ``angles`` (n,)."""
-        directions = np.column_stack([np.cos(angles), np.sin(angles)])
-        centre = np.array(self.centre)
-        if self.tissue_radius is not None:
-            projection = directions @ centre
-            result: Points = projection + np.sqrt(projection**2 + self.tissue_radius**2 - centre @ centre)
-            return result
-        distances = np.where(directions > 0, np.array(self.sides) + centre, np.array(self.sides) - centre)
-        return np.asarray((distances / np.maximum(np.abs(directions), 1e-300)).min(axis=1))
-
-    def contains(self, points: Points) -> NDArray[np.bool_]:
-        """Return which points (n, 3) lie in tissue or blocks, gap and groove included; of a half mesh those with y >= 0."""
-        radius, z = np.hypot(points[:, 0], points[:, 1]), points[:, 2]
-        tissue = (z <= 0) & (z >= -self.depth) & (radius <= self.compute_side_distance(np.arctan2(points[:, 1], points[:, 0])))
-        blocks = (z > 0) & (z <= max(self.inner_height, self.outer_height)) & (radius <= self.tube)
-        return np.asarray((tissue | blocks) & ((points[:, 1] >= 0) | (not self.half)))
 
 
 def find_extent(scene: Scene, tissue_extent: float | None) -> float:

@@ -11,7 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from geometry.common.errors import SolveError
-from geometry.tetra.layout import BodyLayout, Ellipsoid
+from geometry.tetra.body_layout import BodyLayout, Ellipsoid
 from geometry.tetra.surface_files import Sheet
 from geometry.tetra.tet_mesh import (
     BEYOND_BODY,

@@ -22,10 +22,10 @@ from geometry.common.errors import SolveError
 from geometry.common.resources import check_time
 from geometry.mesh_programs.tetwild import tetrahedralize
 from geometry.processes.child import Failure, TooLong
+from geometry.tetra.body_layout import BodyLayout
 from geometry.tetra.facets import halve_triangles
 from geometry.tetra.labels import label_points
 from geometry.tetra.layers import cut_by_planes
-from geometry.tetra.layout import BodyLayout
 from geometry.tetra.mesh_check import check_mesh, find_max_error
 from geometry.tetra.regular_mesh import estimate_regular_elements, is_regular, mesh_regular_layout
 from geometry.tetra.sizing import COARSE_FINENESS, FINE_FINENESS, ROUGH_FINENESS, TetraFineness, build_background, count_squares

@@ -13,9 +13,9 @@ from geometry.common.arrays import Points
 from geometry.common.errors import SolveError
 from geometry.mesh_programs.glued_shapes import GluedShapes, Pieces
 from geometry.mesh_programs.size_cubes import SizeCubes, build_size_cubes
+from geometry.tetra.body_layout import BodyLayout, Ellipsoid
 from geometry.tetra.labels import label_points
 from geometry.tetra.layers import find_body_faces, find_layers
-from geometry.tetra.layout import BodyLayout, Ellipsoid
 from geometry.tetra.sizing import TetraFineness, compute_sizes, count_squares
 from geometry.tetra.smoothing import smooth
 from geometry.tetra.snapping import build_exact_surfaces, curve_mesh, find_memberships, snap

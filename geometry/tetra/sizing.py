@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geometry.common.arrays import Points
-from geometry.tetra.layout import BodyLayout
+from geometry.tetra.body_layout import BodyLayout
 from geometry.tetra.stretched_space import MeshSpace
 
 _KUHN_TETRAHEDRA = np.array([(0, 1, 3, 7), (0, 1, 5, 7), (0, 2, 3, 7), (0, 2, 6, 7), (0, 4, 5, 7), (0, 4, 6, 7)])  # a cube's six

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geometry.common.arrays import Points
+from geometry.tetra.body_layout import BodyLayout, Ellipsoid
 from geometry.tetra.labels import AIR_LABEL, MIRROR_LABEL
-from geometry.tetra.layout import BodyLayout, Ellipsoid
 from geometry.tetra.tet_mesh import (
     BEYOND_BODY,
     EDGE_CORNERS,

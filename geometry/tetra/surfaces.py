@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geometry.common.arrays import Points
-from geometry.tetra.layout import BodyLayout, Ellipsoid
+from geometry.tetra.body_layout import BodyLayout, Ellipsoid
 from geometry.tetra.stretched_space import Spacing
 from geometry.tetra.surface_files import Sheet
 from geometry.tetra.tissue_faces import triangulate_faces

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial import Delaunay, cKDTree
 
 from geometry.common.arrays import Points
-from geometry.tetra.layout import BodyLayout, Ellipsoid
+from geometry.tetra.body_layout import BodyLayout, Ellipsoid
 from geometry.tetra.stretched_space import Spacing
 from geometry.tetra.surface_files import Sheet
 

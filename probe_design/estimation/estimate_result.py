@@ -3,18 +3,58 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from probe_design.estimation.intervals import Piece
 from probe_design.estimation.strength import Interval
 from solver.results.record import Record
 from solver.results.result import Decision
 
-if TYPE_CHECKING:
-    from probe_design.estimation.next_reading import NextReading
-
 MAX_END_RATIOS = {"youngs_modulus": 100.0, "diameter": 4.0, "depth": 4.0, "thickness": 4.0}
 OPEN_INTERVAL: Interval = (None, None)
+
+
+@dataclass(frozen=True)
+class ExpectedInterval:
+    """The interval that is expected after one further reading.
+
+    Attributes:
+        kind: see ``candidates.NextCandidate``.
+        told: the reading in words.
+        x, y: of the probe's axis, m; None for a size.
+        interval: medians of the interval's ends, SI; None where an end is open in most cases.
+        width: median of the ratio of the ends; None where an end is open in most cases.
+        identifiable: probability that the unknown is identifiable after this reading.
+        score: mean logarithmic length, see above.
+    """
+
+    kind: str
+    told: str
+    x: float | None
+    y: float | None
+    interval: Interval
+    width: float | None
+    identifiable: float
+    score: float
+
+
+@dataclass(frozen=True)
+class NextReading:
+    """Advice what to measure next.
+
+    Attributes:
+        reading: the best candidate, or None where none narrows the interval.
+        together: all candidates together.
+        verdict: the advice in one sentence.
+        others: the other candidates, the best first.
+        draws: number of draws of eq. ES.11.
+    """
+
+    reading: ExpectedInterval | None
+    together: ExpectedInterval | None
+    verdict: str
+    others: tuple[ExpectedInterval, ...]
+    draws: int
 
 
 @dataclass(frozen=True)

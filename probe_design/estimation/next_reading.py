@@ -24,62 +24,18 @@ from scipy.stats import norm, qmc
 
 from geometry.common.arrays import Floats, Ints
 from probe_design.estimation.candidates import ULTRASOUND_RELATIVE_SD, NextCandidate, list_candidates
-from probe_design.estimation.estimate_result import get_max_end_ratio, is_identifiable
+from probe_design.estimation.estimate_result import ExpectedInterval, NextReading, get_max_end_ratio, is_identifiable
 from probe_design.estimation.intervals import Likelihood, compute_hulls
 from probe_design.estimation.measurements import Measurements
 from probe_design.estimation.model import TargetModel
 from probe_design.estimation.nuisances import NuisanceErrors
 from probe_design.estimation.profile import POINTS_PER_NODE, Track
 from probe_design.estimation.shared_errors import SharedErrors
-from probe_design.estimation.strength import Interval
 from probe_design.inference.linear_gaussian import LinearGaussian
 
 DRAW_COUNT = 64
 COARSE_POINTS = 10  # points from node to node that bracket the ends of intervals
 LIKELY_PROBABILITY = 0.5  # probability of being identifiable from which a reading is recommended
-
-
-@dataclass(frozen=True)
-class ExpectedInterval:
-    """The interval that is expected after one further reading.
-
-    Attributes:
-        kind: see ``candidates.NextCandidate``.
-        told: the reading in words.
-        x, y: of the probe's axis, m; None for a size.
-        interval: medians of the interval's ends, SI; None where an end is open in most cases.
-        width: median of the ratio of the ends; None where an end is open in most cases.
-        identifiable: probability that the unknown is identifiable after this reading.
-        score: mean logarithmic length, see above.
-    """
-
-    kind: str
-    told: str
-    x: float | None
-    y: float | None
-    interval: Interval
-    width: float | None
-    identifiable: float
-    score: float
-
-
-@dataclass(frozen=True)
-class NextReading:
-    """Advice what to measure next.
-
-    Attributes:
-        reading: the best candidate, or None where none narrows the interval.
-        together: all candidates together.
-        verdict: the advice in one sentence.
-        others: the other candidates, the best first.
-        draws: number of draws of eq. ES.11.
-    """
-
-    reading: ExpectedInterval | None
-    together: ExpectedInterval | None
-    verdict: str
-    others: tuple[ExpectedInterval, ...]
-    draws: int
 
 
 def choose_next_reading(

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
 from itertools import accumulate
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -42,8 +42,7 @@ from solver.closed_form.tractions import (
 )
 from solver.layers.stack import TissueLayer
 
-if TYPE_CHECKING:
-    from solver.closed_form.tractions import Pair
+Pair = tuple[ElasticBlocks, ElasticBlocks]  # the inner block and the outer
 
 INTEGRAL_REACH = 10.0  # exponent at which the integrals over wave numbers are cut off
 FLOOR_REACH = 6.0

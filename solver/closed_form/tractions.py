@@ -12,17 +12,38 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.polynomial import legendre
 
 from solver.closed_form.bessel import Array, bessel
 
-if TYPE_CHECKING:  # it imports the functions below
-    from solver.closed_form.block_compliance import ElasticBlocks
 
-    Pair = tuple[ElasticBlocks, ElasticBlocks]  # the inner block and the outer
+class LoadedEnds(Protocol):
+    """The tissue ends of n blocks of one kind: what the loads on them depend on.
+
+    Attributes:
+        radius: outer radii, m, shape (n,).
+        width: of the ends from axis or hole to the outer radius, m, shape (n,).
+        fine: whether the fine load functions act.
+    """
+
+    @property
+    def radius(self) -> Array: ...  # noqa: D102
+
+    @property
+    def width(self) -> Array: ...  # noqa: D102
+
+    @property
+    def fine(self) -> bool: ...  # noqa: D102
+
+    def radii(self, y: Any) -> Array:
+        """Return the radii at fractions y (k,) of the width, m, shape (n, k)."""
+        ...
+
+
+EndPair = tuple[LoadedEnds, LoadedEnds]  # of the inner block and the outer
 
 
 @dataclass(frozen=True)
@@ -134,12 +155,12 @@ def _build_transform_weights(solid: Loads, tube: Loads) -> tuple[Any, Any]:
     return pressure, shear
 
 
-def select_pair_loads(blocks: Pair) -> PairLoads:
+def select_pair_loads(blocks: EndPair) -> PairLoads:
     """Return the fine or the coarse load functions, as the blocks ask for."""
     return FINE_LOADS if blocks[0].fine else COARSE_LOADS
 
 
-def compute_load_areas(blocks: Pair, like: Array) -> Array:
+def compute_load_areas(blocks: EndPair, like: Array) -> Array:
     """Return the force of each unit load on each block, m^2, shape (n, loads, 2); ``like`` has n and the number of loads."""
     areas = np.zeros((len(like), like.shape[1], 2), dtype=like.dtype)
     row = 0
@@ -167,7 +188,7 @@ def build_block_diagonal(parts: tuple[Array, Array]) -> Array:
     return full
 
 
-def list_disc_radii(blocks: Pair) -> tuple[Array, Array]:
+def list_disc_radii(blocks: EndPair) -> tuple[Array, Array]:
     """Return the radii of the discs whose differences are the rings, and the radius of each disc's block, shapes (n, discs)."""
     inner, outer = (block.radii(loads.cuts) for block, loads in zip(blocks, select_pair_loads(blocks).loads, strict=True))
     count = inner.shape[1] - 1
@@ -175,7 +196,7 @@ def list_disc_radii(blocks: Pair) -> tuple[Array, Array]:
     return np.concatenate([inner[:, 1:], outer], axis=1), radius
 
 
-def combine_disc_works(blocks: Pair, works: Sequence[Array]) -> list[Array]:
+def combine_disc_works(blocks: EndPair, works: Sequence[Array]) -> list[Array]:
     """Combine the works of discs to works of the loads: of pressures, shears, pressures on shears."""
     pressure, shear = select_pair_loads(blocks).discs
     sides = ((pressure, pressure), (shear, shear), (pressure, shear))
@@ -198,7 +219,7 @@ def build_wave_rule(nodes: int, powers: tuple[float, float, float] = (0.2, 0.8, 
     return s * (linear + s * (quadratic + s * cubic)), (linear + s * (2 * quadratic + s * 3 * cubic)) * weight / 2
 
 
-def transform_long_waves(blocks: Pair, k: Array, bonded: bool) -> tuple[Array, Array]:
+def transform_long_waves(blocks: EndPair, k: Array, bonded: bool) -> tuple[Array, Array]:
     """Return Hankel transforms of pressures and shears (no shears unless bonded) at long waves k (n, q); shapes (n, q, loads)."""
     pair = select_pair_loads(blocks)
     radii = np.concatenate([block.radii(loads.radii) for block, loads in zip(blocks, pair.loads, strict=True)], axis=1)
@@ -212,7 +233,7 @@ def transform_long_waves(blocks: Pair, k: Array, bonded: bool) -> tuple[Array, A
     return pressure, batched_matmul(J1 * (rings * radii / outer)[:, None, :], pair.transform_weights[1])
 
 
-def transform_all_waves(blocks: Pair, k: Array, bonded: bool) -> tuple[Array, Array]:
+def transform_all_waves(blocks: EndPair, k: Array, bonded: bool) -> tuple[Array, Array]:
     """Return Hankel transforms of pressures and shears at waves of any length: those of the rings themselves."""
     (c, radius), discs = list_disc_radii(blocks), select_pair_loads(blocks).discs
     kinds = bessel(k[:, :, None] * c[:, None, :], 3 if bonded else 2, first=1)
@@ -222,7 +243,7 @@ def transform_all_waves(blocks: Pair, k: Array, bonded: bool) -> tuple[Array, Ar
     return pressure, batched_matmul(kinds[1] * (c * c / radius)[:, None, :] / k[:, :, None], discs[1])
 
 
-def integrate_load_products(blocks: Pair) -> tuple[Array, Array]:
+def integrate_load_products(blocks: EndPair) -> tuple[Array, Array]:
     """Integrate products of two pressures, and of two shears, over the ends; shapes (n, p, p) and (n, s, s), m^2."""
     pressures: list[Array] = []
     shears: list[Array] = []

@@ -6,8 +6,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
 
+from geometry.tetra.body_layout import BodyLayout
 from geometry.tetra.cache import compute_key, find_cache_folder, read_or_make_mesh
-from geometry.tetra.layout import BodyLayout, build_layout, find_extent
+from geometry.tetra.layout import build_layout, find_extent
 from geometry.tetra.sizing import TetraFineness
 from geometry.tetra.tet_mesh import TetMesh
 from solver.linalg.workspace import get_workspace

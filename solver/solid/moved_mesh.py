@@ -22,8 +22,8 @@ from scipy.sparse.linalg import splu
 
 from geometry.common.arrays import Floats, Ints
 from geometry.common.errors import SolveError
+from geometry.tetra.body_layout import BodyLayout, Ellipsoid
 from geometry.tetra.layers import find_body_faces
-from geometry.tetra.layout import BodyLayout, Ellipsoid
 from geometry.tetra.mesh_check import check_mesh
 from geometry.tetra.mesher import choose_space
 from geometry.tetra.sizing import TetraFineness, compute_sizes

@@ -44,8 +44,3 @@ def everywhere(path: Path) -> set[str]:
     """Modules of ours that a source imports anywhere in it, for types too."""
     modules = imported(ast.walk(ast.parse(path.read_bytes(), str(path))))
     return {name for name in modules if name.split(".")[0] in OURS}
-
-
-def at_import(path: Path) -> set[str]:
-    """Modules that are imported when a source is, by its top-level statements."""
-    return set(imported(ast.parse(path.read_bytes(), str(path)).body))

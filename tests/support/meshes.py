@@ -12,7 +12,8 @@ from functools import cache
 import numpy as np
 
 from geometry.scenes.scene_file import read_scene
-from geometry.tetra.layout import BodyLayout, build_layout, find_extent
+from geometry.tetra.body_layout import BodyLayout
+from geometry.tetra.layout import build_layout, find_extent
 from geometry.tetra.mesh_check import check_mesh
 from geometry.tetra.mesher import mesh_layout
 from geometry.tetra.sizing import COARSE_FINENESS, ROUGH_FINENESS, ROUGHEST_FINENESS, TetraFineness

@@ -8,7 +8,8 @@ import pytest
 from geometry import Refusal, SolveError
 from geometry.processes.child import Failure, TooLong
 from geometry.tetra import mesher as module
-from geometry.tetra.layout import Ellipsoid, build_layout, find_extent, is_mirror_symmetric
+from geometry.tetra.body_layout import Ellipsoid
+from geometry.tetra.layout import build_layout, find_extent, is_mirror_symmetric
 from geometry.tetra.mesh_check import MIN_QUALITY, check_mesh, compute_errors, find_max_error
 from geometry.tetra.mesher import COARSE_FINENESS, FINE_FINENESS, ROUGH_FINENESS, mesh_layout
 from geometry.tetra.stretched_space import choose_mesh_space

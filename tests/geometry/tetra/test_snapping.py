@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from geometry.tetra.layout import Ellipsoid
+from geometry.tetra.body_layout import Ellipsoid
 from geometry.tetra.snapping import Surface, _build_closed, curve_mesh
 from geometry.tetra.tet_mesh import EDGE_CORNERS, compute_scaled_jacobians
 

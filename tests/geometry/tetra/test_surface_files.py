@@ -10,8 +10,8 @@ from geometry import InputError, Refusal, SolveError
 from geometry.common.resources import LimitReached, Limits, start_clock, use_limits
 from geometry.processes.child import Failure, TooLong
 from geometry.tetra import surface_files
+from geometry.tetra.body_layout import compute_distances
 from geometry.tetra.layout import build_layout
-from geometry.tetra.layout_fit import compute_distances
 from geometry.tetra.mesh_check import check_mesh, compute_errors, find_max_file_error
 from geometry.tetra.mesher import ROUGH_FINENESS, mesh_layout
 from geometry.tetra.surface_files import read_surface

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from geometry.scenes.scene import Scene
-from geometry.tetra.layout import BodyLayout, build_layout, find_extent
+from geometry.tetra.body_layout import BodyLayout
+from geometry.tetra.layout import build_layout, find_extent
 from geometry.tetra.sizing import ROUGH_FINENESS
 from geometry.tetra.tet_mesh import BEYOND_BODY, FIRST_INCLUSION_BODY, TISSUE_BODY, TetMesh, compute_volumes
 from solver.linalg.workspace import Workspace
