@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from typing import Any, Protocol
@@ -65,6 +66,21 @@ class Transport(Protocol):
 
     def close(self) -> None:
         """Stop and release the device; never raises."""
+
+
+class FileTransport:
+    """Base of transports of files, which prepare their ``header`` and an iterator of ``chunks``."""
+
+    header: Header
+    _chunks: Generator[Chunk, None, None]
+
+    def read(self) -> Chunk | None:
+        """Return the next chunk; None at the end."""
+        return next(self._chunks, None)
+
+    def close(self) -> None:
+        """Read no more, and close what the iterator has open."""
+        self._chunks.close()
 
 
 class Decoder(Protocol):

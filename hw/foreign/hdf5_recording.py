@@ -11,7 +11,7 @@ import json
 import math
 import os
 import secrets
-from collections.abc import Iterator
+from collections.abc import Generator
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -23,7 +23,7 @@ from hw.common.clock import describe_rate_difference
 from hw.common.errors import InvalidSource
 from hw.common.limits import ReadLimits
 from hw.common.samples import Gap, Samples
-from hw.common.transport import Chunk, Header
+from hw.common.transport import Chunk, FileTransport, Header
 from hw.foreign.hdf5_file import Hdf5File
 from hw.foreign.hdf5_library import UnfailingFile, load_h5py
 from hw.foreign.volts import build_volts_header, encode_note, pack_samples
@@ -136,7 +136,7 @@ class Hdf5Recorder:
         self.close()
 
 
-class Hdf5Replay:
+class Hdf5Replay(FileTransport):
     """A transport that replays an HDF5 recording.
 
     Args:
@@ -172,15 +172,11 @@ class Hdf5Replay:
         self.header = build_volts_header(float(rate), channels, **(source | {"replayed": str(file.path)}))
         self._chunks = self._iterate_chunks()
 
-    def read(self) -> Chunk | None:
-        """Return the next rows; None at the end."""
-        return next(self._chunks, None)
-
     def close(self) -> None:
         """Close the file."""
         self._file.close()
 
-    def _iterate_chunks(self) -> Iterator[Chunk]:
+    def _iterate_chunks(self) -> Generator[Chunk, None, None]:
         overruns, gaps = self._overruns, list(self._gaps)
         channels = self.header.channels
         columns = [("index", None), *((name, None) for name in channels), *(("saturated", k) for k in range(len(channels)))]

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from hw.common.samples import Bools, Floats, Ints
-from hw.common.transport import Chunk, Header
+from hw.common.transport import Chunk, FileTransport
 from hw.foreign.columns import COLUMN_EXAMPLE, Column, ColumnMap
 from hw.foreign.units import SECOND_UNITS, VOLT_UNITS, build_refusal
 from hw.foreign.volts import CHANNEL_NAMES, build_volts_header, pack_samples, replace_infinities
@@ -90,7 +90,7 @@ class ColumnTable:
         )
 
 
-class TableTransport:
+class TableTransport(FileTransport):
     """A transport of a table's rows as volts.
 
     Args:
@@ -116,17 +116,10 @@ class TableTransport:
         self._volts, self._lost = replace_infinities(values * worths), np.isnan(values).any(axis=1)
         self._check_volts(channels)
         rate, self._index = self._compute_clock(times, len(values))
-        self.header: Header = build_volts_header(rate, channels, **({"replayed": table.path, "started": ""} | table.source))
+        self.header = build_volts_header(rate, channels, **({"replayed": table.path, "started": ""} | table.source))
         self._chunks = self._iterate_chunks()
 
-    def read(self) -> Chunk | None:
-        """Return the next rows; None at the end."""
-        return next(self._chunks, None)
-
-    def close(self) -> None:
-        """Do nothing: no file is open."""
-
-    def _iterate_chunks(self) -> Iterator[Chunk]:
+    def _iterate_chunks(self) -> Generator[Chunk, None, None]:
         good = np.flatnonzero(~self._lost)
         for begin in range(0, len(good), CHUNK_ROWS):
             part = good[begin : begin + CHUNK_ROWS]

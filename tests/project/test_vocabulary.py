@@ -20,7 +20,7 @@ FIXED = {
     "probe_design/commands/maps.py: ScanRequest.at": "the option --at",
     "probe_design/commands/maps.py: scan.at": "the keyword of the public function",
     "probe_design/design_search/pareto.py: Point.at": "a JSON key of fronts",
-    "probe_design/estimation/next_reading.py: ExpectedInterval.told": "a JSON key of estimate --next",
+    "probe_design/estimation/estimate_result.py: ExpectedInterval.told": "a JSON key of estimate --next",
     "probe_design/maps/scan.py: Scan.at": "a JSON key of scan",
     "solver/results/load_limits.py: LargestLoad.by": "a JSON key of linear_limit_load and gap_closure_load",
 }
