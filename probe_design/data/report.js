@@ -1,13 +1,29 @@
 "use strict";
-// Tables that are copied, and bodies that turn, drawn by WebGL; nothing is fetched.
+// Tables that are stacked where they are too wide, and copied; bodies that turn, drawn by WebGL; nothing is fetched.
+
+// A table that is wider than the page shows each row as a list of headings and cells.
+function stackWideTables() {
+  for (const table of document.querySelectorAll("div.wide > table")) {
+    table.classList.remove("stacked");
+    table.classList.toggle("stacked", table.parentElement.scrollWidth > table.parentElement.clientWidth);
+  }
+}
+for (const table of document.querySelectorAll("div.wide > table")) {
+  const headings = [...table.tHead.rows[0].cells].map((cell) => cell.textContent);
+  for (const row of table.tBodies[0].rows) [...row.cells].forEach((cell, k) => { cell.dataset.heading = headings[k]; });
+}
+stackWideTables();
+addEventListener("resize", stackWideTables);
 
 for (const button of document.querySelectorAll("button.copy")) {
   button.addEventListener("click", () => {
-    const range = document.createRange(), selection = getSelection();
-    range.selectNode(button.previousElementSibling.firstElementChild);
+    const range = document.createRange(), selection = getSelection(), table = button.previousElementSibling.firstElementChild;
+    table.classList.remove("stacked");
+    range.selectNode(table);
     selection.removeAllRanges();
     selection.addRange(range);
     button.textContent = document.execCommand("copy") ? "copied" : "selected: copy it with Ctrl-C";
+    stackWideTables();
   });
 }
 

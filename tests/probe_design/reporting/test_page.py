@@ -7,12 +7,13 @@ import re
 from pathlib import Path
 
 import pytest
+from matplotlib.figure import Figure
 
 from geometry import read_scene
 from geometry.provenance.block import build_provenance
 from geometry.provenance.texts import read_block
 from probe_design.reporting.bodies import build_bodies
-from probe_design.reporting.page import Chapter, Code, Items, Part, Text, TurningView, build_page
+from probe_design.reporting.page import Chapter, Code, Items, Part, Picture, Text, TurningView, build_page
 from probe_design.reporting.table import Table
 from tests.support.browser import shown
 from tests.support.paths import EXAMPLES, SCENE
@@ -32,7 +33,8 @@ def written(folder: Path, *parts: Part) -> Path:
 def report(tmp_path: Path) -> Path:
     wide = Table(tuple(f"heading {k}" for k in range(15)), (tuple("1.2345678" for _ in range(15)), (LONG, *"abcdefghijklmn")))
     view = TurningView(build_bodies(read_scene(EXAMPLES / "two-tumours.toml")), "the probe")
-    return written(tmp_path, Text(ODD), Text(LONG), Code(LONG), Items((ODD, "design.toml"), links=True), wide, view)
+    picture = Picture.from_figure(Figure(figsize=(16.0, 9.0)), "an empty picture that is wider than the page")
+    return written(tmp_path, Text(ODD), Text(LONG), Code(LONG), Items((ODD, "design.toml"), links=True), wide, view, picture)
 
 
 def test_texts_are_texts_and_nothing_is_fetched(report: Path) -> None:
@@ -63,5 +65,6 @@ def test_a_page_in_a_browser(report: Path, width: int, tmp_path: Path) -> None:
     assert int(page.attributes["width"]) == width
     assert int(page.attributes["scroll"]) <= width
     assert page.attributes["clipped"] == ""
+    assert page.attributes["scrolled"] == "0"  # pictures shrink, and wide tables are stacked
     assert int(page.attributes["drawn"]) > 3000  # pixels that are not background
     assert page.attributes["tables"] == page.attributes["buttons"] == "2"
