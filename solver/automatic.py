@@ -13,7 +13,7 @@ from geometry.scenes.scene import Scene
 from geometry.scenes.surface_names import check_surface_names
 from solver.evaluators import AUTO, CONTACT, evaluator
 from solver.results.evaluator import Evaluator, OutOfReach, ProgressCallback
-from solver.results.refusals import find_linear_refusal
+from solver.results.refusals import find_refusal
 from solver.results.result import Result
 
 if TYPE_CHECKING:
@@ -140,7 +140,7 @@ def build_supported_plan(scene: Scene, accuracy: float, linear: bool, rough: Coa
     check_surface_names(scene)
     planned = run(scene, accuracy, linear=linear, rough=rough)
     if planned.evaluator is None:
-        raise Refusal("evaluator", AUTO, str(find_linear_refusal(scene)))
+        raise Refusal("evaluator", AUTO, str(find_refusal(scene, ("contact",))))
     return planned
 
 
@@ -178,7 +178,7 @@ def _add_remedy(fault: Refusal, planned: Plan, scene: Scene) -> Refusal:
     """Return the refusal of a load by ``contact``, with advice how to evaluate the scene linearly."""
     from solver.planning.load_check import LINEAR_REMEDY
 
-    if planned.evaluator != CONTACT or find_linear_refusal(scene) is not None or LINEAR_REMEDY in fault.allowed:
+    if planned.evaluator != CONTACT or find_refusal(scene, ("contact",)) is not None or LINEAR_REMEDY in fault.allowed:
         return fault
     return Refusal(fault.key, fault.value, f"{fault.allowed}, {LINEAR_REMEDY}")
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,13 +22,14 @@ from solver.evaluation import evaluate
 from solver.evaluators import AUTO
 from solver.planning.load_check import add_load_effect, check_load
 from solver.planning.load_limits import build_load_rule
+from solver.results.record import Record
 from solver.results.result import Result
 
 EXCHANGE_FACTOR = 5.0  # factor by which exchanged channels must reduce the difference of ln ratio from its prediction
 
 
 @dataclass(frozen=True)
-class StressReading:
+class StressReading(Record):
     """Stress amplitudes under the sinusoidal load, compression positive; every ``uncertainty`` is a standard deviation.
 
     Attributes:
@@ -82,10 +82,6 @@ class StressReading:
     gaps: int
     overruns: int
     warnings: tuple[str, ...]
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the JSON object of ``probe-design read``."""
-        return asdict(self)
 
 
 def predict_scene(scene: Scene, accuracy: float, linear: bool = False, frequency: float | None = None) -> Result:

@@ -9,8 +9,7 @@ d^T C^-1 d is a chi-square (PC.1). ``probe_design.probe_check.verdicts`` looks f
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -29,6 +28,7 @@ from probe_design.probe_check.deviation import SIGNIFICANCE_LEVEL, CancellingPai
 from probe_design.probe_check.explanations import Explanation, VariablePair
 from probe_design.probe_check.verdicts import VERDICT_WITHIN, decide_verdict
 from solver.results.evaluator import ProgressCallback, ignore_progress
+from solver.results.record import Record
 
 Films = Sequence[tuple[Floats, Floats]]  # both films' readings of each block, N, (2,), and their covariance, (2, 2)
 
@@ -46,7 +46,7 @@ class BlockDeviation:
 
 
 @dataclass(frozen=True)
-class Check:
+class Check(Record):
     """The result of a check.
 
     Attributes:
@@ -89,10 +89,6 @@ class Check:
     cancelling: tuple[CancellingPair, ...]
     warnings: tuple[str, ...] = ()
     serial: str | None = None
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the JSON object of ``probe-design check``."""
-        return asdict(self)
 
 
 def check(

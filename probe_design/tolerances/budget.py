@@ -16,7 +16,7 @@ t_j) are
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from time import perf_counter
 from types import MappingProxyType
 from typing import Any
@@ -34,6 +34,7 @@ from probe_design.tolerances.uncertain_numbers import UncertainNumber, list_unce
 from solver import evaluator
 from solver.closed_form.evaluator import ClosedForm
 from solver.planning.load_check import add_load_warning
+from solver.results.record import Record
 from solver.results.result import Result
 from solver.results.warnings import select_notes
 
@@ -104,7 +105,7 @@ class OutputScatter:
 
 
 @dataclass(frozen=True)
-class ToleranceBudget:
+class ToleranceBudget(Record):
     """An uncertainty budget, SI units.
 
     Attributes:
@@ -128,10 +129,6 @@ class ToleranceBudget:
     lines: tuple[BudgetLine, ...]
     samples: int
     warnings: tuple[str, ...]
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the JSON object of ``probe-design tolerances``."""
-        return asdict(self)
 
 
 def tolerances(

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 from geometry.common.errors import InputError, Refusal, Words
 from geometry.scenes.base_sizes import base_sizes, has_flange
@@ -12,6 +11,7 @@ from geometry.scenes.probe import LENGTH_QUANTITY, Probe, format_mm
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_from_dict, scene_to_dict
 from solver import Result, evaluate
+from solver.results.record import Record
 
 MIN_WALL_M = 0.5e-3
 """m: a wall is not rounded below this thickness, a thinner one not below its own; the limit of `optimize`."""
@@ -41,7 +41,7 @@ class RoundingCost:
 
 
 @dataclass(frozen=True)
-class Rounding:
+class Rounding(Record):
     """A rounded scene.
 
     Attributes:
@@ -52,18 +52,13 @@ class Rounding:
         remark: why there are no results.
     """
 
+    INTERNAL = ("scene",)
     step: float
     scene: Scene
     changes: tuple[SizeChange, ...]
     before: RoundingCost | None = None
     after: RoundingCost | None = None
     remark: str = ""
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the JSON object of ``rounding``, SI units."""
-        entries = asdict(self)
-        del entries["scene"]
-        return entries
 
 
 def round_sizes(scene: Scene, step: float) -> Rounding:

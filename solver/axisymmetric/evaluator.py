@@ -17,7 +17,7 @@ from solver.linalg.memory import keep_freed
 from solver.linalg.threads import limit_to_one_thread
 from solver.linalg.workspace import use_own_workspace
 from solver.results.evaluator import FilmEvaluator, FilmSolution, ProgressCallback
-from solver.results.refusals import find_geometry_refusal
+from solver.results.refusals import GEOMETRY_KINDS, find_refusal
 
 
 @dataclass(frozen=True)
@@ -30,8 +30,9 @@ class Axisymmetric(FilmEvaluator):
     def refusal(self, scene: Scene) -> str | None:
         """Return why the scene is not rotationally symmetric, with the evaluator that takes it; None where it is."""
         placement = scene.placement
-        if find_geometry_refusal(scene) is not None:
-            return find_geometry_refusal(scene)
+        reason = find_refusal(scene, GEOMETRY_KINDS)
+        if reason is not None:
+            return reason
         if len(scene.inclusion) > 1:
             return "equivalent-inclusion or closed-form for several inclusions"
         for body in scene.inclusion:

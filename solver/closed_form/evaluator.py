@@ -34,7 +34,7 @@ from solver.layers.squeeze import compute_squeeze
 from solver.linalg.workspace import use_own_workspace
 from solver.results.evaluator import FilmEvaluator, FilmSolution, ProgressCallback
 from solver.results.film_forces import FilmForces, find_shortfalls
-from solver.results.refusals import find_geometry_refusal
+from solver.results.refusals import GEOMETRY_KINDS, find_refusal
 from solver.results.result import ErrorKind
 
 MIN_COVER_DIAMETERS = 0.1  # of an inclusion, in its diameters
@@ -68,8 +68,9 @@ class ClosedForm(FilmEvaluator):
 
     def refusal(self, scene: Scene) -> str | None:
         """Return which evaluator to use instead, and why, for scenes that the formulas do not cover; else None."""
-        if find_geometry_refusal(scene) is not None:
-            return find_geometry_refusal(scene)
+        reason = find_refusal(scene, GEOMETRY_KINDS)
+        if reason is not None:
+            return reason
         if any(body.diameter is None for body in scene.inclusion):
             return "equivalent-inclusion or solid for an ellipsoid"
         if any(body.depth - body.diameter / 2 < MIN_COVER_DIAMETERS * body.diameter for body in scene.inclusion if body.diameter):

@@ -17,7 +17,7 @@ from solver.inclusions.tumours import Tumours
 from solver.linalg.workspace import use_own_workspace
 from solver.results.evaluator import FilmEvaluator, FilmSolution, ProgressCallback
 from solver.results.film_forces import Bound, FilmForces, find_shortfalls
-from solver.results.refusals import find_crossing_refusal, find_geometry_refusal
+from solver.results.refusals import GEOMETRY_KINDS, find_refusal
 from solver.results.result import Decision
 
 
@@ -30,7 +30,7 @@ class EquivalentInclusion(FilmEvaluator):
 
     def refusal(self, scene: Scene) -> str | None:
         """Return which evaluator to use instead, and why, for scenes that this one does not model; else None."""
-        return find_crossing_refusal(scene) or find_geometry_refusal(scene)
+        return find_refusal(scene, (*GEOMETRY_KINDS, "crossed sphere"))
 
     def solve(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> FilmSolution:
         """Solve the scene to first order where that is accurate enough, else with reflections.

@@ -28,7 +28,7 @@ from solver.planning.negligible_inclusions import LEFT_OUT_ACCURACY_SHARE, leave
 from solver.planning.nonlinear_effects import decide_nonlinear_effects
 from solver.results.evaluator import OutOfReach
 from solver.results.load_limits import LoadedRecord, LoadLimits
-from solver.results.refusals import find_geometry_refusal, find_linear_refusal
+from solver.results.refusals import GEOMETRY_KINDS, find_refusal
 from solver.results.result import Curve, Decision, Effect, Result, combine_errors
 from solver.results.warnings import Note, explain_null_sensitivity
 from solver.solid.domain import choose_domain, compute_reach
@@ -187,7 +187,7 @@ def build_plan(
         is_beyond_limit = evaluator == AXISYMMETRIC and rule.compute_force(scene) > limits.auto.force
         if (
             not linear
-            and (is_beyond_limit or find_linear_refusal(scene) is not None)
+            and (is_beyond_limit or find_refusal(scene, ("contact",)) is not None)
             and ContactEvaluator().refusal(fewer.scene) is None
         ):
             evaluator = CONTACT
@@ -248,9 +248,9 @@ def find_next_evaluator(
 
 def _choose_evaluator(scene: Scene, rough: CoarseModel, accuracy: float) -> str | None:
     """Return the cheapest evaluator that takes a scene and leaves out no more than the accuracy allows."""
-    if find_linear_refusal(scene) is not None:
+    if find_refusal(scene, ("contact",)) is not None:
         return None
-    if find_geometry_refusal(scene) is not None:
+    if find_refusal(scene, GEOMETRY_KINDS) is not None:
         return SOLID
     flat = sum(change.effect for change in rough.changes if change.feature not in (*IN_PLANE_DETAILS, OUTER_TISSUE))
     if flat > accuracy and SolidEvaluator().may_help(scene, accuracy):
@@ -286,7 +286,7 @@ def _decide_dimension(scene: Scene, rough: CoarseModel, evaluator: str | None, a
         sum((decision.effect_on_stiffness or 0.0 for decision in flat), 0.0),
     )
     reason = (
-        find_geometry_refusal(scene)
+        find_refusal(scene, GEOMETRY_KINDS)
         or ", ".join(decision.feature for decision in flat)
         or "the scene is axisymmetric except for tumours"
     )

@@ -12,7 +12,7 @@ from geometry.scenes.scene import Scene
 from solver.published import corrected_equations as corrected
 from solver.published import equations as printed
 from solver.results.evaluator import ProgressCallback
-from solver.results.refusals import find_layer_refusal
+from solver.results.refusals import GEOMETRY_KINDS, find_refusal
 from solver.results.result import Curve, Result
 from solver.results.warnings import Note
 
@@ -40,8 +40,8 @@ class Published:
 
     def refusal(self, scene: Scene) -> str | None:
         """Return why the paper's equations cannot describe the scene, with the evaluator that can; None where they can."""
-        if find_layer_refusal(scene) is not None:
-            return find_layer_refusal(scene)
+        if scene.tissue.layer:
+            return find_refusal(scene, (*GEOMETRY_KINDS, "crossed sphere", "layers"))
         if len(scene.inclusion) != 1 or scene.inclusion[0].diameter is None:
             return "axisymmetric or closed-form unless there is exactly one sphere: eq. (8) has one diameter, one depth"
         body, placement = scene.inclusion[0], scene.placement

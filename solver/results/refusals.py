@@ -1,40 +1,50 @@
-"""Reasons why most evaluators refuse certain kinds of scenes; each text names the evaluator that takes them."""
+"""Kinds of scenes that only some evaluators take; each text names the evaluator that takes the kind."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from typing import Literal
 
 from geometry.scenes.fit_check import compute_semi_axes
 from geometry.scenes.scene import Inclusion, Scene
 
 TOUCHING_RELATIVE = 1e-6  # of a body's half height: at this distance from an interface of layers it counts as crossed
 
+Kind = Literal["contact", "solid", "crossed sphere", "crossed", "layers"]
+GEOMETRY_KINDS: tuple[Kind, ...] = ("contact", "solid", "crossed")  # what no rotationally symmetric linear evaluator takes
 
-def find_linear_refusal(scene: Scene) -> str | None:
-    """Return why no linear evaluator takes the scene: a unilateral interface or round edges; None otherwise."""
+
+def find_refusal(scene: Scene, kinds: tuple[Kind, ...]) -> str | None:
+    """Return which evaluator takes a scene, and why, for an evaluator that takes none of some kinds; None where it does.
+
+    Parameters
+    ----------
+    scene
+        Any scene.
+    kinds
+        ``contact``: a unilateral interface or round edges, which no linear evaluator takes; ``solid``: a tilted probe or a body
+        from a file; ``crossed sphere``: a sphere on the axis that an interface of layers crosses; ``crossed``: any other body
+        that one crosses; ``layers``: tissue of layers.
+    """
+    return next((text for kind, text in _iterate_kinds(scene) if kind in kinds), None)
+
+
+def _iterate_kinds(scene: Scene) -> Iterator[tuple[Kind, str]]:
     if scene.contact.interface == "unilateral":
-        return "contact for contact.interface = 'unilateral'"
+        yield "contact", "contact for contact.interface = 'unilateral'"
     if scene.contact.edge_radius > 0:
-        return "contact for contact.edge_radius above 0: round edges close bit by bit"
-    return None
-
-
-def find_layer_refusal(scene: Scene) -> str | None:
-    """Return which evaluator takes the scene's layers of tissue, for one that does not; None without layers."""
-    if not scene.tissue.layer:
-        return None
-    return (
-        find_geometry_refusal(scene)
-        or find_crossing_refusal(scene)
-        or f"{'axisymmetric' if is_round(scene) else 'equivalent-inclusion'} for layers of tissue"
-    )
-
-
-def find_crossing_refusal(scene: Scene) -> str | None:
-    """Return which evaluator takes inclusions crossed by an interface of layers, for one that does not; None without any."""
-    if not any(_is_crossed(scene, body) for body in scene.inclusion if body.surface is None):
-        return None
-    return f"{'axisymmetric' if is_round(scene) else 'solid'} for an inclusion that an interface of the tissue's layers crosses"
+        yield "contact", "contact for contact.edge_radius above 0: round edges close bit by bit"
+    if scene.placement.tilt != 0:
+        yield "solid", "solid for placement.tilt other than 0"
+    if any(body.surface is not None for body in scene.inclusion):
+        yield "solid", "solid for an inclusion that is neither sphere nor ellipsoid"
+    symmetric = is_round(scene)
+    if any(_is_crossed(scene, body) for body in scene.inclusion if body.surface is None):
+        text = f"{'axisymmetric' if symmetric else 'solid'} for an inclusion that an interface of the tissue's layers crosses"
+        yield "crossed sphere" if symmetric else "crossed", text
+    if scene.tissue.layer:
+        yield "layers", f"{'axisymmetric' if symmetric else 'equivalent-inclusion'} for layers of tissue"
 
 
 def _is_crossed(scene: Scene, body: Inclusion) -> bool:
@@ -54,14 +64,3 @@ def is_round(scene: Scene) -> bool:
         and centred
         and all(body.diameter is not None for body in scene.inclusion)
     )
-
-
-def find_geometry_refusal(scene: Scene) -> str | None:
-    """Return why only ``solid``, or no linear evaluator, takes the scene: contact, tilt, shape or crossed layers; else None."""
-    if find_linear_refusal(scene) is not None:
-        return find_linear_refusal(scene)
-    if scene.placement.tilt != 0:
-        return "solid for placement.tilt other than 0"
-    if any(body.surface is not None for body in scene.inclusion):
-        return "solid for an inclusion that is neither sphere nor ellipsoid"
-    return None if is_round(scene) else find_crossing_refusal(scene)

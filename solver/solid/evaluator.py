@@ -15,7 +15,7 @@ from geometry.scenes.scene import Scene
 from solver.linalg.workspace import use_own_workspace
 from solver.results.evaluator import FilmEvaluator, FilmSolution, OutOfReach, ProgressCallback, ignore_progress
 from solver.results.film_forces import Bound, FilmForces, find_shortfalls
-from solver.results.refusals import find_linear_refusal, is_round
+from solver.results.refusals import find_refusal, is_round
 from solver.results.result import Result
 from solver.results.warnings import Note, select_notes
 from solver.solid.domain import is_coaxial
@@ -41,7 +41,7 @@ class SolidEvaluator(FilmEvaluator):
 
     def refusal(self, scene: Scene) -> str | None:
         """Return the feature of the scene that this evaluator does not model, or None."""
-        return find_linear_refusal(scene)
+        return find_refusal(scene, ("contact",))
 
     def may_help(self, scene: Scene, accuracy: float) -> bool:
         """Return whether this evaluator may reach an accuracy that cheaper ones do not, because it models more of the scene."""

@@ -20,12 +20,15 @@ from solver.evaluation import plan
 from solver.inclusions.tumours import Tumours
 from solver.multiple_scattering.exchange import Reflector
 from solver.multiple_scattering.solve import solve_scattering
-from solver.results.refusals import find_crossing_refusal
+from solver.results.refusals import find_refusal
 from tests.solver.axisymmetric.test_layers import EXAMPLE, FOLDER, OWN, add_layers, forces
 
 EXPECTED = json.loads((FOLDER / "expected.json").read_text())
 SCENES = {name: read_scene(FOLDER / f"{name}.toml") for name in EXPECTED}
-INSIDE = [name for name, scene in SCENES.items() if scene.inclusion and find_crossing_refusal(scene) is None]
+CROSSED = ("crossed", "crossed sphere")
+INSIDE = [name for name, scene in SCENES.items() if scene.inclusion and find_refusal(scene, CROSSED) is None]
+    name for name, scene in SCENES.items() if scene.inclusion and find_refusal(scene, ("crossed", "crossed sphere")) is None
+]
 LEVEL = EquivalentInclusion()
 
 
