@@ -189,7 +189,7 @@ def _build_refusal(
     """Return a refusal that names the accuracy within reach, the evaluator that reaches it, and what to do."""
     reached = best.compute_error(accuracy)
     reachable, name = _find_reachable_accuracy(scene, reached, linear, tell), fault.name
-    advice = f"--evaluator {name} answers with its own error"
+    advice = f"--evaluator {name} returns its result with its own error"
     load = 0.0 if linear else (1 + accuracy) / (1 + best.plan.allowed) - 1
     smaller, share = (
         (", or a smaller load", f", {load:.2g} of it by the load") if load > MIN_LOAD_SHARE_OF_ERROR * reached else ("", "")

@@ -58,7 +58,7 @@ def open_libusb() -> IBackend:
     if backend is None and libusb1._lib is None:
         raise NotFound("libusb could not be loaded: install libusb-1.0 (apt install libusb-1.0-0, brew install libusb)")
     if backend is None:  # pyusb loaded it, but hides the reason of its failure
-        raise _build_uninitialised_error("of no reason that pyusb tells")
+        raise _build_uninitialised_error("for a reason that pyusb does not report")
     try:
         return _Context(backend.lib)
     except usb.core.USBError as fault:

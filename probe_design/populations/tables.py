@@ -123,7 +123,7 @@ class Protocol(Frozen):
         description="whether a tumour-free place of the tissue is read too, from which all readings are counted: true or false",
     )
     false_alarm: Annotated[float, PERCENTAGE, Field(ge=1e-4, le=0.5)] = Field(
-        default=0.05, description="share of patients without a tumour in whom one is found, over the whole scan: 0.0001 to 0.5"
+        default=0.05, description="share of patients without a tumour in whom one is detected, over the whole scan: 0.0001 to 0.5"
     )
 
     @field_validator("positions", mode="before")
@@ -213,8 +213,8 @@ class Objective(Frozen):
     maximise: Literal["detection", "resolved", "information"] = Field(
         default="detection",
         description=(
-            "'detection': probability that a tumour is found; 'resolved': share whose ln contrast is told to 0.5 (one standard "
-            "deviation); 'information': mean ln(prior / posterior standard deviation) of ln contrast"
+            "'detection': probability that a tumour is detected; 'resolved': share whose ln contrast is resolved to 0.5 (one "
+            "standard deviation); 'information': mean ln(prior / posterior standard deviation) of ln contrast"
         ),
     )
     statistic: Statistic = Field(

@@ -83,7 +83,7 @@ def _decide_within(tested: Sequence[VariableCoverage]) -> tuple[str, str]:
         return VERDICT_WITHIN, ""
     return (
         VERDICT_UNTESTED,
-        "no variable would be found off by five tolerances, so that readings that agree do not confirm the probe",
+        "no deviation by five tolerances would be detected, so that readings that agree do not confirm the probe",
     )
 
 

@@ -36,7 +36,7 @@ def write_page(folder: Path | str, path: Path) -> Path:
     request, all_rows = read_request(folder), list(iterate_rows(folder))
     ok_rows = [row for row in all_rows if row["status"] == "ok"]
     names = [name for name in SUMMARY_COLUMNS if any(row[name] is not None for row in ok_rows)]
-    sections = [Chapter("What was asked", (_build_counts_table(request, all_rows),))]
+    sections = [Chapter("The request", (_build_counts_table(request, all_rows),))]
     for name in names:
         result_rows = [row for row in ok_rows if row[name] is not None]
         y = np.array([row[name] for row in result_rows], dtype=float)

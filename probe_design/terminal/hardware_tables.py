@@ -92,8 +92,8 @@ def build_pairs_table(check: Check) -> Table:
 
 def build_coverage_table(check: Check) -> Table:
     """Return a table of the variables that the check has tested, and the deviation from which each would be detected."""
-    title = "what was tested: a variable that would be found off by five tolerances in 1 of 2 cases or more"
-    headings = ("variable", "tolerance, 1 sd", "five change a ratio by", "then found", "found 1 in 2 from", "tested")
+    title = "what was tested: a variable of which a deviation by five tolerances is detected in 1 of 2 cases or more"
+    headings = ("variable", "tolerance, 1 sd", "five change a ratio by", "detected", "detected 1 in 2 from", "tested")
     rows = []
     for row in (*check.tested, *check.untested):
         detected_from = "nowhere" if row.found_from is None else _format_deviation(row.variable, row.found_from)

@@ -14,13 +14,13 @@ from probe_design.tradeoffs.study import Tradeoff
 
 Cells = tuple[str, ...]
 SUMMARY_HEADINGS = (
-    "evaluator", "accuracy asked", "scenes", "worst stated error", "worst true error", "log-sensitivity off by",
-    "first answer, s", "new probe, s", "next tumour, s", "slowest, s",
+    "evaluator", "accuracy requested", "scenes", "worst stated error", "worst true error", "log-sensitivity error",
+    "first result, s", "new probe, s", "next tumour, s", "slowest, s",
 )  # fmt: skip
-TERMINAL_HEADINGS = ("evaluator", "asked", "scenes", "stated\nerror", "true\nerror", "new\nprobe, s", "next\ntumour, s")
+TERMINAL_HEADINGS = ("evaluator", "requested", "scenes", "stated\nerror", "true\nerror", "new\nprobe, s", "next\ntumour, s")
 CHOICE_HEADINGS = ("scene", "within", "cheapest that states it", "cheapest that is within it")
 ROW_HEADINGS = (
-    "scene", "evaluator", "accuracy asked", "ratio", "stated error", "true error", "log-sensitivity off by", "first answer, s",
+    "scene", "evaluator", "accuracy requested", "ratio", "stated error", "true error", "log-sensitivity error", "first result, s",
     "new probe, s", "next tumour, s",
 )  # fmt: skip
 # signs with a meaning in Markdown: anywhere, beside words, or at the beginning of a line
@@ -30,8 +30,8 @@ Stated error: the bound on the relative error of the ratio that comes with each 
 reference, the finest result of any converging evaluator; `<`: at most this, as the difference is below the reference's own stated
 error. `*`: for some scenes the reference is of the same evaluator: the difference then shows its convergence, but no error that
 all its settings share; equivalent-inclusion and axisymmetric share the model of the probe on tissue without tumours.
-Log-sensitivity off by: relative to the reference's, or to 1e-5 where that is smaller; the reference's own error is not counted.
-First answer: includes what a process computes only once. New probe: nothing is cached. Next tumour: another one under the same
+Log-sensitivity error: relative to the reference's, or to 1e-5 where that is smaller; the reference's own error is not counted.
+First result: includes what a process computes only once. New probe: nothing is cached. Next tumour: another one under the same
 probe. Slowest: of the new probes. Times are medians of wall clock; only their ratios carry over to other machines."""
 
 

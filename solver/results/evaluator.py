@@ -195,7 +195,7 @@ class OutOfReach(Refusal):
 
     def __init__(self, name: str, scene: Scene, accuracy: float, reached: float, *, stopped: str = "", allowed: str = "") -> None:
         self.name, self.scene, self.accuracy, self.reached, self.stopped = name, scene, accuracy, reached, stopped
-        reason = f"{format_minimum(reached, 2)} or more for this scene (--evaluator {name} answers with that error)"
+        reason = f"{format_minimum(reached, 2)} or more for this scene (--evaluator {name} returns its result with that error)"
         if reached >= 1:
             reason = f"none for this scene: errors are no smaller than the values (--evaluator {name} prints their bounds)"
         reason = allowed or reason

@@ -60,7 +60,7 @@ def describe_sensitivity_limit(accuracy: float) -> str:
 
 def describe_auto_limit(accuracy: float) -> str:
     """Return the statement that limits the load up to which ``auto`` uses linear elasticity."""
-    return f"auto answers linearly within {accuracy:.4g}, its own error included"
+    return f"auto uses linear elasticity within {accuracy:.4g}, its own error included"
 
 
 @dataclass(frozen=True)
