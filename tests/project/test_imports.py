@@ -296,6 +296,8 @@ ALLOWED: dict[str, set[str]] = {
     },
     "probe_design": {
         "probe_design.commands",
+        "probe_design.design_report",
+        "probe_design.design_search",
         "probe_design.process",
         "probe_design.reporting",
         "probe_design.sweeps",
