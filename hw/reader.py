@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 from hw.common.clock import Clock
 from hw.common.drain import Drain
@@ -110,7 +110,7 @@ class Reader:
                     if end is not None and block.index[-1] >= end - 1:
                         return
 
-    def _try_recording(self, recorder: DataRecorder, step: Callable[..., None], *data: Any) -> None:
+    def _try_recording(self, recorder: DataRecorder, step: Callable[..., None], *data: object) -> None:
         """Run a step of recording. A full disk ends the recording but not the reading; ``close`` (no data) always runs."""
         if "unrecorded" in self.header.source and data:
             return

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import pyvista
+
 
 MAX_DIRECT_TRIANGLES = 20_000  # triangles up to which pytetwild takes no longer than for a thousand
 DECIMATED_TRIANGLES = 10_000
 MAX_RELATIVE_DISTANCE = 0.005  # of half the least side of the box around a surface: how far fewer triangles may lie from it
 
 
-def decimate(surface: Any) -> tuple[Any, float] | None:
+def decimate(surface: pyvista.PolyData) -> tuple[pyvista.PolyData, float] | None:
     """Decimate a surface of more than ``MAX_DIRECT_TRIANGLES`` triangles to ``DECIMATED_TRIANGLES``.
 
     Quadric error metrics: M. Garland, P. S. Heckbert, Proc. SIGGRAPH 1997, 209-216.
@@ -33,7 +37,7 @@ def decimate(surface: Any) -> tuple[Any, float] | None:
     return (fewer, distance) if distance <= allowed else None
 
 
-def hausdorff_distance(surface: Any, fewer: Any) -> float:
+def hausdorff_distance(surface: pyvista.PolyData, fewer: pyvista.PolyData) -> float:
     """Hausdorff's distance of two surfaces, seen from the corners of the first and some dozen points a triangle of the second."""
     from vtkmodules.vtkFiltersModeling import vtkHausdorffDistancePointSetFilter
 

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from geometry.cad import solids, step_check, step_writer
 from geometry.cad.parts_check import PartMeasures
@@ -20,6 +20,10 @@ from geometry.cad.stamp import Stamp, build_stamp
 from geometry.common.errors import InputError
 from geometry.scenes.base_sizes import base_sizes
 from geometry.scenes.probe import Probe, format_mm
+
+if TYPE_CHECKING:
+    import cadquery
+
 
 RING_ALIGNMENT_MM = 0.05  # mm: of the ring's axis with the probe's
 SLEEVE_PLAY_MM = 0.015  # mm between the sleeve and either rim, on the radius; turning centres each part to 0.01
@@ -82,7 +86,7 @@ def find_fixture_sizes(probe: Probe) -> FixtureSizes:
     )
 
 
-def build_fixture(probe: Probe) -> dict[str, Any]:
+def build_fixture(probe: Probe) -> dict[str, cadquery.Solid]:
     """Build pin, ring and sleeve, sleeve where it centres; raises as ``solids.build_parts``, and as ``find_fixture_sizes``."""
     sizes = find_fixture_sizes(probe)
     builders = {"pin": _build_pin, "ring": _build_ring, "sleeve": _build_sleeve}
@@ -134,11 +138,11 @@ def _half_strip_area(radius: float, a: float) -> float:
     return (a * math.sqrt(radius**2 - a**2) + radius**2 * math.asin(a / radius)) / 2
 
 
-def _build_pin(sizes: FixtureSizes) -> Any:
+def _build_pin(sizes: FixtureSizes) -> cadquery.Solid:
     return _revolve([*_carrier_profile(sizes), (sizes.pin, -CARRIER_RISE_MM), (sizes.pin, 0.0), (0.0, 0.0)])
 
 
-def _build_ring(sizes: FixtureSizes) -> Any:
+def _build_ring(sizes: FixtureSizes) -> cadquery.Solid:
     inner, outer = sizes.ring
     return _revolve(
         [
@@ -152,7 +156,7 @@ def _build_ring(sizes: FixtureSizes) -> Any:
     )
 
 
-def _revolve(profile: list[tuple[float, float]]) -> Any:
+def _revolve(profile: list[tuple[float, float]]) -> cadquery.Solid:
     return solids.revolve([(radius / solids.MM_PER_M, height / solids.MM_PER_M) for radius, height in profile])
 
 
@@ -167,7 +171,7 @@ def _carrier_profile(sizes: FixtureSizes) -> list[tuple[float, float]]:
     ]
 
 
-def _build_sleeve(sizes: FixtureSizes) -> Any:
+def _build_sleeve(sizes: FixtureSizes) -> cadquery.Solid:
     """Build the sleeve where it centres: gripping the carrier below, the base above."""
     cq, low, outer = solids.load_cadquery(), -CARRIER_RISE_MM - SLEEVE_GRIP_MM, sizes.bore + SLEEVE_WALL_MM
     top = low + sizes.sleeve
@@ -177,7 +181,7 @@ def _build_sleeve(sizes: FixtureSizes) -> Any:
     return piece
 
 
-def _write(name: str, shape: Any, expected: PartMeasures, stamp: Stamp, path: Path) -> None:
+def _write(name: str, shape: cadquery.Solid, expected: PartMeasures, stamp: Stamp, path: Path) -> None:
     with step_writer.silence_messages():
         step_writer.write_step({name: shape}, path, stamp)
         step_check.check_part_file(path, name, expected)

@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterable, Mapping
 from dataclasses import astuple
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -45,7 +45,7 @@ class PartsRecord(BaseModel):
     assumed: dict[str, str]
     files: dict[FileName, Digest]
     asked: Digest | None = None
-    provenance: dict[str, Any] | None = None
+    provenance: dict[str, object] | None = None
 
     def text(self) -> str:
         """Return the text of the file."""

@@ -11,7 +11,8 @@ import math
 import warnings
 from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from types import ModuleType
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from geometry.common.errors import ExportError, InputError, MissingLibrary
 from geometry.common.interrupts import defer_signals
@@ -21,6 +22,10 @@ from geometry.scenes.probe import Probe, format_mm
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
+
+    import cadquery
+
+T = TypeVar("T")
 
 MM_PER_M = 1e3  # millimetres in a metre
 PART_COLOURS = {
@@ -36,7 +41,21 @@ PART_COLOURS = {
 }
 
 
-def load_cadquery() -> Any:
+class CadQuery(Protocol):
+    """What is used of cadquery: its module is one."""
+
+    exporters: ModuleType
+    importers: ModuleType
+    Workplane: type[cadquery.Workplane]
+    Edge: type[cadquery.Edge]
+    Face: type[cadquery.Face]
+    Shape: type[cadquery.Shape]
+    Solid: type[cadquery.Solid]
+    Vector: type[cadquery.Vector]
+    Wire: type[cadquery.Wire]
+
+
+def load_cadquery() -> CadQuery:
     """Import cadquery and return it.
 
     Raises:
@@ -68,12 +87,12 @@ def find_film_tops(probe: Probe) -> tuple[float, float]:
     return (outer, outer) if math.isclose(inner, outer, rel_tol=1e-14) else (inner, outer)
 
 
-def build_inner_block(probe: Probe, edge_radius: float = 0.0) -> Any:
+def build_inner_block(probe: Probe, edge_radius: float = 0.0) -> cadquery.Solid:
     """Build the solid cylinder, its lower edge round by ``edge_radius`` (m)."""
     return _build_block(0.0, probe.inner_radius, probe.core_height, edge_radius)
 
 
-def build_outer_block(probe: Probe, edge_radius: float = 0.0) -> Any:
+def build_outer_block(probe: Probe, edge_radius: float = 0.0) -> cadquery.Solid:
     """Build the tube, its lower edges round by ``edge_radius`` (m), with its groove at the film end.
 
     Raises:
@@ -90,12 +109,12 @@ def build_outer_block(probe: Probe, edge_radius: float = 0.0) -> Any:
     return _cut_groove(tube, probe, probe.tube_height - probe.groove.depth, probe.tube_height + probe.groove.depth)
 
 
-def build_inner_film(probe: Probe) -> Any:
+def build_inner_film(probe: Probe) -> cadquery.Solid:
     """Build the disc of film on the inner block."""
     return _build_ring(0.0, probe.inner_radius, probe.core_height, probe.core_height + film_thickness(probe))
 
 
-def build_outer_film(probe: Probe) -> Any:
+def build_outer_film(probe: Probe) -> cadquery.Solid:
     """Build the ring of film on the outer block, open above the groove so that the inner film's lead can leave.
 
     Raises:
@@ -106,7 +125,7 @@ def build_outer_film(probe: Probe) -> Any:
     return ring if probe.groove is None else _cut_groove(ring, probe, bottom - thickness, bottom + 2 * thickness)
 
 
-def build_base(probe: Probe) -> Any:
+def build_base(probe: Probe) -> cadquery.Solid:
     """Build the base; where the blocks differ in height its lower face steps in the middle of the gap.
 
     A boss reaches down to a shorter inner block, a recess takes a longer one; both keep half the gap to the blocks.
@@ -122,7 +141,7 @@ def build_base(probe: Probe) -> Any:
     return revolve([*lower, (radius, side), *shoulder, (sizes.flange_radius, top), (0.0, top)])
 
 
-def build_parts(probe: Probe, edge_radius: float = 0.0) -> dict[str, Any]:
+def build_parts(probe: Probe, edge_radius: float = 0.0) -> dict[str, cadquery.Solid]:
     """Build all solids, by their names: inner, outer, film-inner and film-outer where there are films, base.
 
     Args:
@@ -140,11 +159,11 @@ def build_parts(probe: Probe, edge_radius: float = 0.0) -> dict[str, Any]:
         "inner": partial(build_inner_block, edge_radius=edge_radius),
         "outer": partial(build_outer_block, edge_radius=edge_radius),
     }
-    builders: dict[str, Callable[[Probe], Any]] = {**blocks, **films, "base": build_base}
+    builders: dict[str, Callable[[Probe], cadquery.Solid]] = {**blocks, **films, "base": build_base}
     return {name: call_modeller(name, partial(builder, probe)) for name, builder in builders.items()}
 
 
-def call_modeller(name: str, make: Callable[[], Any]) -> Any:
+def call_modeller(name: str, make: Callable[[], T]) -> T:
     """Call ``make`` and turn the modeller's own exceptions into ``ExportError`` naming the part."""
     try:
         return make()
@@ -155,11 +174,11 @@ def call_modeller(name: str, make: Callable[[], Any]) -> Any:
         raise ExportError(f"{name}: the modeller fails: {type(fault).__name__} {_first_line(fault)}".rstrip()) from fault
 
 
-def _build_ring(inner: float, outer: float, bottom: float, top: float) -> Any:
+def _build_ring(inner: float, outer: float, bottom: float, top: float) -> cadquery.Solid:
     return revolve([(inner, bottom), (outer, bottom), (outer, top), (inner, top)])
 
 
-def _build_block(inner: float, outer: float, top: float, edge: float) -> Any:
+def _build_block(inner: float, outer: float, top: float, edge: float) -> cadquery.Solid:
     """Build a ring that stands on z = 0, its lower edges quarters of circles; a cylinder has one, for its axis is none."""
     if edge == 0:
         return _build_ring(inner, outer, 0.0, top)
@@ -174,31 +193,31 @@ def _build_block(inner: float, outer: float, top: float, edge: float) -> Any:
     return _revolve_wire(cq.Wire.assembleEdges(edges))
 
 
-def revolve(profile: list[tuple[float, float]]) -> Any:
+def revolve(profile: list[tuple[float, float]]) -> cadquery.Solid:
     """Build one solid of revolution about z from its (r, z) polygon in m."""
     return _revolve_wire(load_cadquery().Wire.makePolygon(_to_vectors(profile), close=True))
 
 
-def _to_vectors(profile: Iterable[tuple[float, float]]) -> list[Any]:
+def _to_vectors(profile: Iterable[tuple[float, float]]) -> list[cadquery.Vector]:
     """Return vectors in mm of (r, z) in m, on +x side, so that the groove removes the surfaces' seam."""
     cq = load_cadquery()
     return [cq.Vector(radius * MM_PER_M, 0, height * MM_PER_M) for radius, height in profile]
 
 
-def _revolve_wire(wire: Any) -> Any:
+def _revolve_wire(wire: cadquery.Wire) -> cadquery.Solid:
     """Build one solid of revolution about z from its closed profile: exact where booleans would leave tolerances."""
     cq = load_cadquery()
     return cq.Solid.revolve(cq.Face.makeFromWires(wire), 360.0, cq.Vector(0, 0, 0), cq.Vector(0, 0, 1))
 
 
-def _cut_groove(tube: Any, probe: Probe, bottom: float, top: float) -> Any:
+def _cut_groove(tube: cadquery.Solid, probe: Probe, bottom: float, top: float) -> cadquery.Solid:
     cq, groove = load_cadquery(), probe.groove
     assert groove is not None  # the callers ask
     a, far, low = groove.width / 2 * MM_PER_M, 1.5 * probe.tube_radius * MM_PER_M, bottom * MM_PER_M
     # a wedge from the axis to the hole's wall, whose corners are computed here: a groove almost as wide as the hole meets
     # the wall at an angle so small that OCC, left to find the corner, is off by more than its tolerance
-    x = math.sqrt((probe.hole_radius * MM_PER_M - a) * (probe.hole_radius * MM_PER_M + a))
-    outline = [cq.Vector(*point, low) for point in ((0, 0), (x, -a), (far, -a), (far, a), (x, a))]
+    wall = math.sqrt((probe.hole_radius * MM_PER_M - a) * (probe.hole_radius * MM_PER_M + a))
+    outline = [cq.Vector(x, y, low) for x, y in ((0.0, 0.0), (wall, -a), (far, -a), (far, a), (wall, a))]
     face = cq.Face.makeFromWires(cq.Wire.makePolygon(outline, close=True))
     tool = cq.Solid.extrudeLinear(face, cq.Vector(0, 0, (top - bottom) * MM_PER_M))
     pieces = tube.cut(tool).Solids()

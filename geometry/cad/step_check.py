@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Iterator
 from itertools import combinations, pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from geometry.cad import solids
 from geometry.cad.parts_check import PartMeasures, compute_expected_bodies
@@ -14,6 +14,10 @@ from geometry.cad.step_reader import Part, read_rgb, read_step
 from geometry.cad.step_writer import ASSEMBLY_NAME, find_colour
 from geometry.common.errors import ExportError
 from geometry.scenes.probe import Probe
+
+if TYPE_CHECKING:
+    import cadquery
+
 
 RELATIVE_TOLERANCE = 1e-6
 """Largest relative mismatch between a dimension read back and the parameters."""
@@ -61,13 +65,13 @@ def _read_named(path: Path, names: list[str]) -> list[Part]:
     return parts
 
 
-def _check_apart(file_label: str, first: Any, second: Any) -> None:
+def _check_apart(file_label: str, first: cadquery.Shape, second: cadquery.Shape) -> None:
     common = solids.call_modeller(file_label, lambda: first.intersect(second))
     scale = min(first.Volume(), second.Volume())
     _check_rows(file_label, [("common volume", sum(solid.Volume() for solid in common.Solids()), 0.0, scale)])
 
 
-def check_body(file_label: str, shape: Any, expected: PartMeasures) -> PartMeasures:
+def check_body(file_label: str, shape: cadquery.Shape, expected: PartMeasures) -> PartMeasures:
     """Raise unless ``shape`` is one valid closed solid that measures what is expected; returns what it measures."""
     if shape.ShapeType() != "Solid" or not shape.isValid():
         raise ExportError(f"{file_label}: shape = {shape.ShapeType()}, valid = {shape.isValid()}, expected a valid Solid")
@@ -124,14 +128,17 @@ def _check_rows(file_label: str, rows: Iterable[Row]) -> None:
             )
 
 
-def _measure(file_label: str, solid: Any) -> PartMeasures:
+def _measure(file_label: str, solid: cadquery.Shape) -> PartMeasures:
     from OCP.BRepAdaptor import BRepAdaptor_Surface
+    from OCP.gp import gp_Ax1
 
     ends, radii, walls, edges, off_axis = [], [], [], [], 0.0
     for face in solid.Faces():
         kind, surface = face.geomType(), BRepAdaptor_Surface(face.wrapped)
         shape = {"PLANE": surface.Plane, "CYLINDER": surface.Cylinder, "TORUS": surface.Torus}.get(kind)
-        place, x, y, z = _origin_and_direction(None if shape is None else shape().Axis())
+        axis = gp_Ax1() if shape is None else shape().Axis()
+        place, direction = axis.Location(), axis.Direction()
+        x, y, z = (direction.X(), direction.Y(), direction.Z()) if shape is not None else (math.nan,) * 3
         if kind == "PLANE" and math.hypot(x, y) < MAX_PARALLEL_SINE:
             ends.append((place.Z(), face.Area()))
         elif kind == "CYLINDER" and math.hypot(x, y) < MAX_PARALLEL_SINE:
@@ -148,10 +155,3 @@ def _measure(file_label: str, solid: Any) -> PartMeasures:
     return PartMeasures(
         solid.Volume(), tuple(sorted(ends)), tuple(sorted(radii)), tuple(sorted(walls)), off_axis, tuple(sorted(edges))
     )
-
-
-def _origin_and_direction(axis: Any) -> tuple[Any, float, float, float]:
-    if axis is None:
-        return None, math.nan, math.nan, math.nan
-    direction = axis.Direction()
-    return axis.Location(), direction.X(), direction.Y(), direction.Z()

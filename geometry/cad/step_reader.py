@@ -5,14 +5,21 @@ from __future__ import annotations
 import math
 import re
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from geometry.cad import solids
 from geometry.cad.step_writer import create_document
 from geometry.common.errors import ExportError
 
+if TYPE_CHECKING:
+    import cadquery
+    from OCP.Quantity import Quantity_Color
+    from OCP.TDF import TDF_Label, TDF_LabelSequence
+    from OCP.TDocStd import TDocStd_Document
+
+
 Rgb = tuple[float, float, float]  # linear red, green and blue
-Part = tuple[str, Any, Rgb]  # name, shape, colour
+Part = tuple[str, "cadquery.Shape", Rgb]  # name, shape, colour
 
 
 def read_step(path: Path) -> list[Part]:
@@ -35,7 +42,7 @@ def read_step(path: Path) -> list[Part]:
     return _list_parts(document)
 
 
-def _list_parts(document: Any) -> list[Part]:
+def _list_parts(document: TDocStd_Document) -> list[Part]:
     from OCP.TDF import TDF_Label, TDF_LabelSequence
     from OCP.XCAFDoc import XCAFDoc_DocumentTool, XCAFDoc_ShapeTool
 
@@ -54,11 +61,11 @@ def _list_parts(document: Any) -> list[Part]:
     return parts
 
 
-def _list_labels(labels: Any) -> list[Any]:
+def _list_labels(labels: TDF_LabelSequence) -> list[TDF_Label]:
     return [labels.Value(index + 1) for index in range(labels.Length())]
 
 
-def _read_part(name: str, label: Any, placed: Any) -> Part:
+def _read_part(name: str, label: TDF_Label, placed: TDF_Label) -> Part:
     from OCP.Quantity import Quantity_Color
     from OCP.XCAFDoc import XCAFDoc_ColorTool, XCAFDoc_ColorType, XCAFDoc_ShapeTool
 
@@ -69,13 +76,13 @@ def _read_part(name: str, label: Any, placed: Any) -> Part:
     return name, shape, read_rgb(colour) if coloured else (math.nan,) * 3
 
 
-def _read_name(label: Any) -> str:
+def _read_name(label: TDF_Label) -> str:
     from OCP.TDataStd import TDataStd_Name
 
     name = TDataStd_Name()
     return name.Get().ToExtString() if label.FindAttribute(TDataStd_Name.GetID_s(), name) else ""
 
 
-def read_rgb(colour: Any) -> Rgb:
+def read_rgb(colour: Quantity_Color) -> Rgb:
     """Return the components of an OCC colour."""
     return colour.Red(), colour.Green(), colour.Blue()

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from geometry.cad import solids
 from geometry.cad.materials import PartMaterial
@@ -13,13 +13,21 @@ from geometry.cad.stamp import Stamp
 from geometry.common.errors import ExportError
 from geometry.provenance.texts import split_block
 
+if TYPE_CHECKING:
+    import cadquery
+    from OCP.Interface import Interface_InterfaceModel
+    from OCP.Quantity import Quantity_Color
+    from OCP.TDF import TDF_Label
+    from OCP.TDocStd import TDocStd_Document
+
+
 ASSEMBLY_NAME = "probe"
 """Name of the assembly inside ``assembly.step``."""
 STEP_SCHEMA = "AP242DIS"
 FIXED_TIMESTAMP = "1970-01-01T00:00:00"  # in place of a date, which the format wants: the same design gives the same file
 
 
-def write_step(shapes: dict[str, Any], path: Path, stamp: Stamp) -> None:
+def write_step(shapes: Mapping[str, cadquery.Shape], path: Path, stamp: Stamp) -> None:
     """Write one solid, or several as the components of an assembly, with their names, colours and materials.
 
     Raises:
@@ -38,7 +46,7 @@ def write_step(shapes: dict[str, Any], path: Path, stamp: Stamp) -> None:
         raise ExportError(f"{path.name}: the STEP writer stopped, expected a file in {path.parent.parent}")
 
 
-def _write_header(model: Any, name: str, stamp: Stamp) -> None:
+def _write_header(model: Interface_InterfaceModel, name: str, stamp: Stamp) -> None:
     from OCP.APIHeaderSection import APIHeaderSection_MakeHeader
     from OCP.Interface import Interface_HArray1OfHAsciiString
     from OCP.TCollection import TCollection_HAsciiString
@@ -59,7 +67,7 @@ def _write_header(model: Any, name: str, stamp: Stamp) -> None:
     header.SetOrganizationValue(1, nobody)
 
 
-def _add_shapes(document: Any, shapes: dict[str, Any], stamp: Stamp) -> None:
+def _add_shapes(document: TDocStd_Document, shapes: Mapping[str, cadquery.Shape], stamp: Stamp) -> None:
     from OCP.TopLoc import TopLoc_Location
     from OCP.XCAFDoc import XCAFDoc_ColorType, XCAFDoc_DocumentTool
 
@@ -75,7 +83,7 @@ def _add_shapes(document: Any, shapes: dict[str, Any], stamp: Stamp) -> None:
     tool.UpdateAssemblies()
 
 
-def _set_material(document: Any, label: Any, material: PartMaterial | None) -> None:
+def _set_material(document: TDocStd_Document, label: TDF_Label, material: PartMaterial | None) -> None:
     """Give a part its material; the density among its properties, for OCC 7.9 writes that of the format in g^3 cm^2."""
     from OCP.TCollection import TCollection_HAsciiString
     from OCP.XCAFDoc import XCAFDoc_DocumentTool
@@ -87,7 +95,7 @@ def _set_material(document: Any, label: Any, material: PartMaterial | None) -> N
     XCAFDoc_DocumentTool.MaterialTool_s(document.Main()).SetMaterial(label, name, properties, 0.0, nothing, nothing)
 
 
-def create_document() -> Any:
+def create_document() -> TDocStd_Document:
     """Create an empty OCC document that holds shapes with names and colours."""
     from OCP.TCollection import TCollection_ExtendedString
     from OCP.TDocStd import TDocStd_Document
@@ -98,7 +106,7 @@ def create_document() -> Any:
     return document
 
 
-def find_colour(name: str) -> Any:
+def find_colour(name: str) -> Quantity_Color:
     """Return the colour of the part of that name as OCC has it."""
     from OCP.Quantity import Quantity_Color, Quantity_TypeOfColor
 
@@ -122,7 +130,7 @@ def silence_messages() -> Iterator[None]:
             messenger.AddPrinter(printer)
 
 
-def _set_name(label: Any, name: str) -> Any:
+def _set_name(label: TDF_Label, name: str) -> TDF_Label:
     from OCP.TCollection import TCollection_ExtendedString
     from OCP.TDataStd import TDataStd_Name
 

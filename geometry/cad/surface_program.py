@@ -5,18 +5,21 @@ OpenCASCADE ends a process by signal 11 over some, and reads others without an e
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyvista
 
 from geometry.cad.decimation import decimate
 
+if TYPE_CHECKING:
+    from geometry.common.arrays import Arrays
+
 RELATIVE_DEFLECTION = 0.002  # of a STEP surface's diagonal: how far its triangles may lie from it
 MAX_TURN_RAD = 0.2  # rad: by how much neighbouring triangles' normals may differ
 
 
-def run(arguments: dict[str, Any]) -> dict[str, Any]:
+def run(arguments: Arrays) -> Arrays:
     """Read the file ``name`` (of kind ".stl", ".step" or ".stp" by its ``suffix``).
 
     Returns:
@@ -29,19 +32,21 @@ def run(arguments: dict[str, Any]) -> dict[str, Any]:
     return _to_arrays(poly) if fewer is None else {**_to_arrays(poly), **_to_arrays(fewer[0], "few_"), "off": np.array(fewer[1])}
 
 
-def _to_arrays(poly: Any, prefix: str = "") -> dict[str, Any]:
+def _to_arrays(poly: pyvista.PolyData, prefix: str = "") -> Arrays:
     points, triangles = np.asarray(poly.points, dtype=float), np.asarray(poly.regular_faces, dtype=np.int64)
     return {f"{prefix}points": points, f"{prefix}triangles": triangles}
 
 
-def _read_stl(name: str) -> Any:
-    return pyvista.read(name, force_ext=".stl").triangulate()
+def _read_stl(name: str) -> pyvista.PolyData:
+    surface: pyvista.PolyData = pyvista.read(name, force_ext=".stl").triangulate()
+    return surface
 
 
-def _read_step(name: str) -> Any:
+def _read_step(name: str) -> pyvista.PolyData:
     from geometry.cad.solids import load_cadquery
 
     shape = load_cadquery().importers.importStep(name).val()
     vertices, triangles = shape.tessellate(RELATIVE_DEFLECTION * shape.BoundingBox().DiagonalLength, MAX_TURN_RAD)
     points = np.array([vertex.toTuple() for vertex in vertices], dtype=float)
-    return pyvista.PolyData.from_regular_faces(points, triangles)
+    surface: pyvista.PolyData = pyvista.PolyData.from_regular_faces(points, triangles)
+    return surface

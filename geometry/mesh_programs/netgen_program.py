@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from netgen import occ
 from netgen.meshing import MeshingParameters
+
+if TYPE_CHECKING:
+    from geometry.common.arrays import Arrays, Points
+
 
 MM_PER_M = 1e3  # OpenCASCADE's margins are absolute, for lengths in mm; ours are in m
 _CUTTING_BOX_FACTOR = 4.0  # times the largest length: boxes that cut shapes
@@ -15,7 +19,7 @@ _CURVATURE_SAFETY = 2.0  # radii of curvature over edges: with 1.3 some cannot b
 _SEGMENTS_PER_EDGE = 0.1  # segments of the shortest edges: sizes say how many there are
 
 
-def run(arguments: dict[str, Any]) -> dict[str, Any]:
+def run(arguments: dict[str, Any]) -> Arrays:
     """Mesh what ``geometry.mesh_programs.glued_shapes.GluedShapes`` describes, its fields by name."""
     given = {name: value if value.ndim else value.item() for name, value in arguments.items()}
     parameters = MeshingParameters(
@@ -38,7 +42,7 @@ def run(arguments: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _build_shapes(given: dict[str, Any]) -> list[Any]:
+def _build_shapes(given: dict[str, Any]) -> list[occ.TopoDS_Shape]:
     """All shapes, or their halves: what overlaps becomes pieces when they are glued."""
     tubes = [
         _build_cylinder(x, y, low, high, tube) - _build_cylinder(x, y, low, high, hole)
@@ -55,19 +59,20 @@ def _build_shapes(given: dict[str, Any]) -> list[Any]:
     return [shape * _build_box(-far, 0.0, -far, far, far, far) for shape in whole] if given["half"] else whole
 
 
-def _rows_in_mm(lengths: Any) -> Any:
-    return (MM_PER_M * lengths).tolist()
+def _rows_in_mm(lengths: Points) -> list[list[float]]:
+    rows: list[list[float]] = (MM_PER_M * lengths).tolist()
+    return rows
 
 
-def _build_cylinder(x: float, y: float, low: float, high: float, radius: float) -> Any:
+def _build_cylinder(x: float, y: float, low: float, high: float, radius: float) -> occ.TopoDS_Shape:
     return occ.Cylinder(occ.Pnt(x, y, low), occ.Z, radius, high - low)
 
 
-def _build_box(*corners: float) -> Any:
+def _build_box(*corners: float) -> occ.TopoDS_Shape:
     return occ.Box(occ.Pnt(*corners[:3]), occ.Pnt(*corners[3:]))
 
 
-def _build_ellipsoid(centre: Any, axes: Any) -> Any:
+def _build_ellipsoid(centre: Points, axes: Points) -> occ.TopoDS_Shape:
     """A sphere, or an ellipsoid of three semi-axes along the columns of ``axes``."""
     lengths = np.linalg.norm(axes, axis=0)
     middle = occ.Pnt(*centre.tolist())

@@ -5,17 +5,23 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from geometry.common.arrays import Arrays, Points
 
 
-def run(arguments: dict[str, Any]) -> dict[str, Any]:
+def run(arguments: Arrays) -> Arrays:
     """Call ``pytetwild.tetrahedralize`` with arguments by name, arrays of any dimension; points (n, 3), tetrahedra (t, 4)."""
     options = {name: value if value.ndim else value.item() for name, value in arguments.items()}
     points, tetrahedra = _load_pytetwild()(**options, num_threads=1, quiet=True, vtk_ordering=True)
     return {"points": points, "tetrahedra": tetrahedra}
 
 
-def _load_pytetwild() -> Callable[..., Any]:
+def _load_pytetwild() -> Callable[..., tuple[Points, NDArray[np.int32]]]:
     """``pytetwild.tetrahedralize``, without the half second for pyvista if it can do without."""
     sys.modules["pyvista"] = ModuleType("pyvista")
     try:
@@ -24,5 +30,4 @@ def _load_pytetwild() -> Callable[..., Any]:
         for name in [name for name in sys.modules if name.startswith(("pyvista", "pytetwild"))]:
             del sys.modules[name]
         from pytetwild.pytetwild import tetrahedralize
-    function: Callable[..., Any] = tetrahedralize
-    return function
+    return tetrahedralize

@@ -46,7 +46,7 @@ class Request:
     words: list[str]
     inputs: dict[str, str]
     scene: Scene | Path | None
-    settings: dict[str, Any]
+    settings: dict[str, object]
 
 
 NO_REQUEST = Request([], {}, None, {})
@@ -54,7 +54,7 @@ _request: ContextVar[Request | None] = ContextVar("asked", default=None)
 
 
 @contextmanager
-def record_command(words: Sequence[str], scene: Path | None = None, **settings: Any) -> Iterator[None]:
+def record_command(words: Sequence[str], scene: Path | None = None, **settings: object) -> Iterator[None]:
     """Record a command line in the provenance of everything made inside the block.
 
     Args:

@@ -6,7 +6,6 @@ import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from geometry.scenes.scene import Scene
 
@@ -14,7 +13,7 @@ DIGEST_DIGITS = 9  # of a number; what differs less is the same
 LARGEST_FILE = 4_000_000_000  # bytes: what takes some seconds; of larger ones no answer is made
 
 
-def compute_digest(content: Mapping[str, Any]) -> str:
+def compute_digest(content: Mapping[str, object]) -> str:
     """Return the SHA-256 of numbers, to ``DIGEST_DIGITS``, and texts by their names."""
     return hashlib.sha256(json.dumps(_round_numbers(content), sort_keys=True, default=str).encode()).hexdigest()
 
@@ -39,7 +38,7 @@ def compute_file_digest(path: Path) -> str | None:
         return None
 
 
-def _round_numbers(value: Any) -> Any:
+def _round_numbers(value: object) -> object:
     if isinstance(value, float):
         return f"{value:.{DIGEST_DIGITS}g}"
     if isinstance(value, Mapping):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
-from typing import Any
 
 from geometry.common.errors import InputError, Words
 from geometry.common.text_files import LARGEST_FILE, read_bytes
@@ -25,7 +24,7 @@ def format_toml_comment(block: Provenance) -> str:
     return f"{TOML_LEAD}{json.dumps(block)}\n"
 
 
-def format_html_script(name: str, content: Any) -> str:
+def format_html_script(name: str, content: object) -> str:
     """Return a script of an HTML page that holds JSON and does nothing; no ``<`` in it can end it."""
     text = json.dumps(content, allow_nan=False).replace("<", "\\u003c")
     return f"{HTML_SCRIPT.format(name)}{text}</script>"
@@ -48,7 +47,7 @@ def build_picture_metadata(kind: str, block: Provenance | None = None) -> dict[s
     return {"Subject" if kind == "pdf" else "Description": json.dumps(build_provenance() if block is None else block)}
 
 
-def read_block(path: Path) -> tuple[Provenance, dict[str, Any]]:
+def read_block(path: Path) -> tuple[Provenance, dict[str, object]]:
     """Return the block of a file or folder, and the numbers that stand beside it.
 
     Raises:
@@ -70,15 +69,17 @@ def read_block(path: Path) -> tuple[Provenance, dict[str, Any]]:
     return block, content
 
 
-def _holds_texts(values_or_none: Any, kind: type) -> bool:
+def _holds_texts(values_or_none: object, kind: type) -> bool:
     """Whether it is nothing, or a list of texts, or a table of them, of which a version may be missing."""
-    values = values_or_none.values() if isinstance(values_or_none, dict) else values_or_none or []
-    return values_or_none is None or (
-        isinstance(values_or_none, kind) and all(isinstance(text, str) or (text is None and kind is dict) for text in values)
-    )
+    if values_or_none is None:
+        return True
+    if not isinstance(values_or_none, kind) or not isinstance(values_or_none, list | dict):
+        return False
+    values = values_or_none.values() if isinstance(values_or_none, dict) else values_or_none
+    return all(isinstance(text, str) or (text is None and kind is dict) for text in values)
 
 
-def _parse_content(text: str) -> dict[str, Any]:
+def _parse_content(text: str) -> dict[str, object]:
     """What JSON, a page or TOML holds, the block under ``provenance``; empty where it is none of them."""
     script = re.search(re.escape(HTML_SCRIPT.format("answer")) + "(.*?)</script>", text, re.S)
     try:
@@ -93,7 +94,7 @@ def _parse_content(text: str) -> dict[str, Any]:
     return {}
 
 
-def _parse_toml(text: str) -> dict[str, Any]:
+def _parse_toml(text: str) -> dict[str, object]:
     import tomllib
 
     try:

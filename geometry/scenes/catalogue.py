@@ -107,7 +107,7 @@ class CatalogueMaterial:
         """Return whether a modulus, Pa, is the catalogue's, so that nobody has measured it of the part itself."""
         return math.isclose(youngs_modulus, self.youngs_modulus, rel_tol=0.5 * 10.0 ** (1 - MODULUS_DIGITS))
 
-    def check_numbers(self, table: Mapping[str, Any]) -> None:
+    def check_numbers(self, table: Mapping[str, object]) -> None:
         """Raise ``InputError`` unless a table's numbers may be ones of this material; what is no number is left to others."""
         given, poisson = table["youngs_modulus"], table["poisson_ratio"]
         try:
@@ -141,7 +141,7 @@ class CatalogueMaterial:
         explanation = "the name alone does: both numbers below are the catalogue's, in whose place one may write measured ones"
         return {} if self.kind == "film" else {"material": Number(self.name, explanation)}
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """Return the JSON object of ``probe-design material show``: SI numbers, a scene's table, where each number comes from."""
         keys = self._name_entry | {"youngs_modulus": self.modulus} | self.numbers
         values = [vars(value) for value in self.published]
@@ -192,7 +192,7 @@ def read_catalogue() -> dict[str, dict[str, Any]]:
     return {name: (shared if entry["kind"] == "elastomer" else {}) | entry for name, entry in entries.items()}
 
 
-def fill_in(table: Any, numbers: bool = True) -> Any:
+def fill_in(table: object, numbers: bool = True) -> object:
     """Return a material's table with what the catalogue says of the name under its key ``material``.
 
     The name takes the catalogue's spelling. Numbers that the table has stay: they were measured of what was cast or bought. A

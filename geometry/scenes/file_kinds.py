@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 from geometry.common.errors import InputError, Words
 
@@ -25,7 +24,7 @@ _USES = {
 }
 
 
-def check_kind(data: Mapping[str, Any], name: str, kind: str, allowed: str) -> None:
+def check_kind(data: Mapping[str, object], name: str, kind: str, allowed: str) -> None:
     """Refuse a file that another command reads, and name what reads it.
 
     Args:

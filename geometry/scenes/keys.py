@@ -82,7 +82,7 @@ class Key:
         return self.quantity.read(name, entry)
 
 
-def find_key(name: str, base: Mapping[str, Any], model: type[BaseModel]) -> Key:
+def find_key(name: str, base: Mapping[str, object], model: type[BaseModel]) -> Key:
     """Find a key of a scene by its name.
 
     Args:
@@ -101,14 +101,15 @@ def find_key(name: str, base: Mapping[str, Any], model: type[BaseModel]) -> Key:
         assert part is not None
         path += [part[1], *(int(number) for number in re.findall("[0-9]+", part[2]))]
     if path[0] == "inclusion" and len(path) > 1 and isinstance(path[1], str):
-        count = len(base.get("inclusion", ()))
+        bodies = base.get("inclusion", ())
+        count = len(bodies) if isinstance(bodies, list | tuple) else 0
         if count != 1:
             raise InputError("variable", name, f"inclusion[NUMBER].{path[1]}: the scene has {count} inclusions")
         path.insert(1, 0)
     return Key(name, tuple(path), _find_quantity(name, tuple(path), base, model))
 
 
-def replace_values(base: Mapping[str, Any], keys: Iterable[Key], values: Iterable[Value]) -> dict[str, Any]:
+def replace_values(base: Mapping[str, object], keys: Iterable[Key], values: Iterable[Value]) -> dict[str, Any]:
     """Return the tables of a scene with new values of ``keys``; ``base`` is not modified.
 
     A key that excludes a new one goes; so do the numbers of a material with a new name, and the name of one with a new number.
@@ -129,7 +130,7 @@ def replace_values(base: Mapping[str, Any], keys: Iterable[Key], values: Iterabl
     return data
 
 
-def find_at_path(base: Mapping[str, Any], path: Path) -> object:
+def find_at_path(base: Mapping[str, object], path: Path) -> object:
     """Return the entry at a path, or None."""
     place: Any = base
     for part in path:
@@ -163,9 +164,9 @@ def _remove_at_path(place: Any, path: Path) -> Any:
     return {**place, first: _remove_at_path(place[first], tuple(inner_path))} if first in place else place
 
 
-def _find_quantity(name: str, path: Path, base: Mapping[str, Any], model: type[BaseModel]) -> Quantity | None:
+def _find_quantity(name: str, path: Path, base: Mapping[str, object], model: type[BaseModel]) -> Quantity | None:
     """Return the quantity of the key at a path, from the annotations of the pydantic models."""
-    kind: Any = model
+    kind: object = model
     for depth, part in enumerate(path):
         models = list_models(kind)
         if isinstance(part, int):
@@ -187,7 +188,7 @@ def _find_quantity(name: str, path: Path, base: Mapping[str, Any], model: type[B
     return quantities[0] if quantities else None
 
 
-def _list_quantities(kind: Any) -> list[Quantity]:
+def _list_quantities(kind: object) -> list[Quantity]:
     """Return the quantities in a type annotation."""
     quantities = [note for note in getattr(kind, "__metadata__", ()) if isinstance(note, Quantity)]
     arguments = get_args(kind) if get_origin(kind) is not None or isinstance(kind, type(Union[int, str])) else ()  # noqa: UP007

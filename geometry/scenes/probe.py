@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -69,7 +69,7 @@ class Material(Frozen):
 
     @model_validator(mode="before")
     @classmethod
-    def _fill_from_catalogue(cls, table: Any) -> Any:
+    def _fill_from_catalogue(cls, table: object) -> object:
         return fill_in(table)
 
     @model_validator(mode="after")
@@ -117,7 +117,7 @@ class Base(Frozen):
 
     @model_validator(mode="before")
     @classmethod
-    def _fill_from_catalogue(cls, table: Any) -> Any:
+    def _fill_from_catalogue(cls, table: object) -> object:
         return fill_in(table, numbers=not (isinstance(table, Mapping) and table.get("rigid")))
 
     @model_validator(mode="after")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
-from typing import Any
 
 from geometry.common.errors import InputError
 
@@ -88,7 +87,7 @@ def parse_name(text: str) -> tuple[str, float | None, float | None]:
         InputError: what stands for a number is none.
     """
     match = _NAME_PATTERN.fullmatch(text.strip())
-    groups: dict[str, Any] = match.groupdict() if match else {"name": text}
+    groups: dict[str, str] = match.groupdict() if match else {"name": text}
     share, ratio = groups.get("share") or groups.get("turned"), groups.get("ratio")
     try:
         return (

@@ -5,7 +5,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Mapping
 from itertools import accumulate
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, Discriminator, Field, Tag, ValidationError, model_validator
 
@@ -229,7 +229,7 @@ class Scene(Frozen):
         return self
 
     @classmethod
-    def from_tables(cls, tables: Mapping[str, Any], units_required: bool = False) -> Self:
+    def from_tables(cls, tables: Mapping[str, object], units_required: bool = False) -> Self:
         """Build a scene from the tables of a scene file.
 
         Args:

@@ -50,7 +50,7 @@ def scene_from_toml(text: str, name: str = "scene") -> Scene:
     return scene_from_dict(data)
 
 
-def scene_from_dict(data: dict[str, Any]) -> Scene:
+def scene_from_dict(data: Mapping[str, object]) -> Scene:
     """Build a scene from the tables of a scene file, quantities as strings. Raises ``InputError``."""
     return Scene.from_tables(data, units_required=True)
 

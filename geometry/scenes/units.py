@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, SupportsFloat, SupportsIndex
 
 from pydantic import BeforeValidator, ValidationInfo
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
@@ -17,6 +17,7 @@ from geometry.common.errors import InputError, Words
 
 if TYPE_CHECKING:
     import pint
+    from pint.facets.plain import PlainUnit
     from pydantic import GetCoreSchemaHandler
 
 _NUMBER_AND_UNIT = re.compile(r"\s*([+-]?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|inf|nan))\s*(.*?)\s*", re.S)
@@ -121,7 +122,7 @@ class Quantity:
         short = f"{convert_to_unit(value, self.si, self.unit):.12g} {self.unit}"
         return short if self.parse(short) == value else f"{value!r} {self.si}"
 
-    def _validate(self, value: Any, info: ValidationInfo) -> float:
+    def _validate(self, value: object, info: ValidationInfo) -> float:
         try:
             if info.context is None:
                 self.check_bare(value)
@@ -129,7 +130,7 @@ class Quantity:
         except (ValueError, OverflowError) as fault:
             raise PydanticCustomError("quantity", "{allowed} ({why})", {"allowed": self.allowed, "why": str(fault)}) from None
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
         """Tell pydantic how to read and, as JSON, write the quantity."""
         write = core_schema.plain_serializer_function_ser_schema(self.format_value, when_used="json-unless-none")
         return core_schema.with_info_plain_validator_function(self._validate, serialization=write)
@@ -147,7 +148,7 @@ MEMORY_QUANTITY = Quantity("memory", "byte", "GB", 1e8, 1e15)
 """That an answer may take."""
 
 
-def read_number(key: str, entry: Any, allowed: str) -> float:
+def read_number(key: str, entry: object, allowed: str) -> float:
     """Return a number or the number that a text says; whether it is in range is for those to say who use it.
 
     Raises:
@@ -156,14 +157,14 @@ def read_number(key: str, entry: Any, allowed: str) -> float:
     if entry is None:
         raise InputError(key, Words("missing"), allowed)
     try:
-        if not isinstance(entry, bool):
+        if isinstance(entry, str | SupportsFloat | SupportsIndex) and not isinstance(entry, bool):
             return float(entry)
     except (TypeError, ValueError, OverflowError):
         pass
     raise InputError(key, entry, allowed)
 
 
-def read_fraction(key: str, entry: Any, allowed: str) -> float:
+def read_fraction(key: str, entry: object, allowed: str) -> float:
     """Return a fraction: a number, or a text such as ``"0.02"`` or ``"2 %"``; its range is checked by those who use it.
 
     Raises:
@@ -178,7 +179,7 @@ def read_fraction(key: str, entry: Any, allowed: str) -> float:
     raise InputError(key, entry, allowed)
 
 
-def _from_percent(entry: Any) -> Any:
+def _from_percent(entry: object) -> object:
     """Turn "2 %" into 0.02; what is no such text is left to pydantic, which says what the field allows."""
     if isinstance(entry, str) and entry.rstrip().endswith("%"):
         with suppress(InputError):
@@ -206,7 +207,7 @@ def _multiply(number: str, factor: float) -> float:
     return float(Decimal(number) / divisor)
 
 
-def parse_measured(text: str) -> tuple[float, Any]:
+def parse_measured(text: str) -> tuple[float, PlainUnit]:
     """Return the value in SI base units of a text such as ``'2 kPa/mm'``, and these; raises ``ValueError``."""
     match = _NUMBER_AND_UNIT.fullmatch(text) if len(text) <= 80 else None
     if match is None or not match[2]:
@@ -219,7 +220,7 @@ def parse_measured(text: str) -> tuple[float, Any]:
 
 
 @lru_cache(maxsize=256)
-def find_base_unit(unit: str) -> Any:
+def find_base_unit(unit: str) -> PlainUnit:
     """Return pint's SI base units of a unit such as ``'Pa'``; of '' those of a pure number; raises ``ValueError``."""
     import pint
 

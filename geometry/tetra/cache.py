@@ -12,11 +12,10 @@ import hashlib
 import io
 import os
 from contextlib import suppress
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -102,14 +101,14 @@ def compute_source_digest() -> str:
     return digest.hexdigest()
 
 
-def _update_digest(digest: Any, value: Any) -> None:
+def _update_digest(digest: hashlib._Hash, value: object) -> None:
     if isinstance(value, np.ndarray):
         digest.update(f"{value.dtype} {value.shape} ".encode() + np.ascontiguousarray(value).tobytes())
     elif isinstance(value, tuple):
         digest.update(f"({len(value)} ".encode())
         for part in value:
             _update_digest(digest, part)
-    elif hasattr(value, "__dataclass_fields__"):
+    elif is_dataclass(value) and not isinstance(value, type):
         digest.update(type(value).__name__.encode())
         for part in fields(value):
             _update_digest(digest, getattr(value, part.name))

@@ -11,13 +11,12 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from geometry.cad.decimation import DECIMATED_TRIANGLES, MAX_DIRECT_TRIANGLES
-from geometry.common.arrays import Points
+from geometry.common.arrays import Arrays, Ints, Points
 from geometry.common.errors import SolveError
 from geometry.common.resources import check_time
 from geometry.mesh_programs.tetwild import tetrahedralize
@@ -231,7 +230,7 @@ def _replace_fine_surfaces(layout: BodyLayout, space: MeshSpace) -> BodyLayout:
     )
 
 
-def _map_to_mesh_space(layout: BodyLayout, space: MeshSpace, soup: tuple[Points, Any]) -> tuple[Points, NDArray[np.int32]]:
+def _map_to_mesh_space(layout: BodyLayout, space: MeshSpace, soup: tuple[Points, Ints]) -> tuple[Points, NDArray[np.int32]]:
     """Map the surfaces, with the plane of symmetry, a rectangle beyond them all, for half a scene."""
     points, triangles = space.to_mesh(soup[0]), soup[1]
     if layout.half:
@@ -271,7 +270,7 @@ def _tetrahedralize(
     scale = 1 / float(np.linalg.norm(np.ptp(points, axis=0)))
     grid, cells, values = sizes
     values = np.minimum(values, _MAX_RELATIVE_SIZE / scale)
-    arguments: dict[str, NDArray[Any]] = {
+    arguments: Arrays = {
         "vertices": points * scale,
         "faces": triangles,
         "edge_length_abs": np.array(float(values.max()) * scale),

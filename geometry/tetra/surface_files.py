@@ -10,13 +10,13 @@ import tempfile
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from geometry.common.arrays import Points
+from geometry.common.arrays import Arrays, Points
 from geometry.common.errors import InputError, Words
 from geometry.common.resources import find_seconds_left, get_limits
 from geometry.common.text_files import read_bytes
@@ -24,6 +24,10 @@ from geometry.common.winding import WindingTree
 from geometry.processes.child import Failure
 from geometry.processes.programs import run_program
 from geometry.scenes.surface_names import check_surface_name
+
+if TYPE_CHECKING:
+    import pyvista
+
 
 _READER_PROGRAM = Path(__file__).parents[1] / "cad" / "surface_program.py"
 LARGEST_FILE = 50_000_000  # bytes: a million triangles, some hundred times as many as a mesh can follow
@@ -92,8 +96,8 @@ class Sheet:
 
     def find_nearest(self, points: Points) -> Points:
         """Return the nearest points of the surface, (m, 3)."""
-        result: Points = np.asarray(self._poly.find_closest_cell(points, return_closest_point=True)[1], dtype=float)
-        return result.reshape(-1, 3)
+        _, nearest = self._poly.find_closest_cell(points, return_closest_point=True)  # type: ignore[misc]  # a pair if asked for
+        return np.asarray(nearest, dtype=float).reshape(-1, 3)
 
     def crosses(self, second: Sheet) -> bool:
         """Return whether a triangle of one surface touches one of the other."""
@@ -123,8 +127,9 @@ class Sheet:
         return np.asarray(np.ptp(self.points, axis=0) / 2)
 
     @cached_property
-    def _poly(self) -> Any:
-        return _load_pyvista().PolyData.from_regular_faces(self.points, self.triangles)
+    def _poly(self) -> pyvista.PolyData:
+        surface: pyvista.PolyData = _load_pyvista().PolyData.from_regular_faces(self.points, self.triangles)
+        return surface
 
 
 def read_surface(name: str, key: str, centre: Points) -> Sheet:
@@ -152,7 +157,7 @@ def read_surface(name: str, key: str, centre: Points) -> Sheet:
 
 
 @lru_cache(maxsize=8)
-def _read_triangles(suffix: str, content: bytes) -> dict[str, NDArray[Any]]:
+def _read_triangles(suffix: str, content: bytes) -> Arrays:
     """What ``geometry/cad/surface_program.py`` says of a file's content in a process of its own; files asked for last are kept.
 
     Raises:

@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from geometry.cad import solids
 
+if TYPE_CHECKING:
+    import cadquery
+    from mpl_toolkits.mplot3d import Axes3D
+
+    from geometry.common.arrays import Floats, Ints
+
+
 VIEW_ELEVATION_DEG, VIEW_AZIMUTH_DEG = 22.0, -50.0  # of the eye, in degrees; it looks into the missing quarter
 
 
-def draw_cutaway(axes: Any, shapes: dict[str, Any], hole: float) -> None:
+def draw_cutaway(axes: Axes3D, shapes: dict[str, cadquery.Solid], hole: float) -> None:
     """Draw the assembly without its quarter x > 0, y < 0, from whose side the eye looks; ``hole`` is the tube's hole radius."""
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
@@ -33,7 +40,7 @@ def draw_cutaway(axes: Any, shapes: dict[str, Any], hole: float) -> None:
     _set_view(axes, low, high)
 
 
-def _order_layers(name: str, triangles: Any, normals: Any, hole: float) -> Any:
+def _order_layers(name: str, triangles: Floats, normals: Floats, hole: float) -> Ints:
     """Return the order of painting of each triangle, since sorting by depth fails where parts are a thin gap apart.
 
     Seen from outside and above, through the missing quarter: walls that face the axis are hidden by everything, then
@@ -50,7 +57,7 @@ def _order_layers(name: str, triangles: Any, normals: Any, hole: float) -> Any:
     return layers
 
 
-def _set_view(axes: Any, low: Any, high: Any) -> None:
+def _set_view(axes: Axes3D, low: Floats, high: Floats) -> None:
     width, _, height = span = high - low
     elevation = math.radians(VIEW_ELEVATION_DEG)
     tall = height * math.cos(elevation) + width * math.sin(elevation)
@@ -62,21 +69,21 @@ def _set_view(axes: Any, low: Any, high: Any) -> None:
     axes.set_axis_off()
 
 
-def _find_bounds(*shapes: Any) -> tuple[Any, Any]:
+def _find_bounds(*shapes: cadquery.Solid) -> tuple[Floats, Floats]:
     boxes = [shape.BoundingBox() for shape in shapes]
     low = np.min([(box.xmin, box.ymin, box.zmin) for box in boxes], axis=0)
     return low, np.max([(box.xmax, box.ymax, box.zmax) for box in boxes], axis=0)
 
 
-def _cut_quarter(solid: Any, high: Any) -> Any:
+def _cut_quarter(solid: cadquery.Solid, high: Floats) -> cadquery.Shape:
     cq, (x, y, z) = solids.load_cadquery(), 2 * high
     return solids.call_modeller("drawing", lambda: solid.cut(cq.Solid.makeBox(x, y, 2 * z, cq.Vector(0, -y, -z / 2))))
 
 
-def _triangulate(shape: Any, longest: float) -> Any:
+def _triangulate(shape: cadquery.Shape, longest: float) -> Floats:
     """Return triangles (n, 3, 3) in mm, halved across their longest edge until none is longer than ``longest``."""
     vertices, faces = shape.tessellate(longest / 20, 0.15)
-    triangles = np.array([vertex.toTuple() for vertex in vertices])[np.array(faces)]
+    triangles: Floats = np.array([vertex.toTuple() for vertex in vertices])[np.array(faces)]
     while True:
         lengths = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
         long = lengths.max(axis=1) > longest

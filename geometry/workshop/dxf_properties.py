@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 from geometry.cad.stamp import Stamp
 from geometry.provenance.texts import split_block
 
+if TYPE_CHECKING:
+    from ezdxf.document import Drawing
+
+
 MAX_PIECE_CHARACTERS = 2000  # characters: a string of a DXF file holds 2049
 
 
-def add_properties(document: Any, stamp: Stamp) -> Any:
+def add_properties(document: Drawing, stamp: Stamp) -> Drawing:
     """Return a DXF document with its custom properties: design, program, and the block as JSON, in one where it fits."""
     entries = {"design": stamp.design, "program": stamp.program}
     parts = split_block(stamp.provenance, MAX_PIECE_CHARACTERS)

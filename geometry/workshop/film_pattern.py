@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from geometry.cad.stamp import Stamp
 from geometry.scenes.probe import Probe
@@ -18,6 +18,10 @@ from geometry.workshop.millimetres import Millimetres, convert_to_mm
 from geometry.workshop.outlines import build_box, build_disc, build_open_ring, compute_area
 from geometry.workshop.parts import DRAWING_TITLES
 from geometry.workshop.sheet import Loop, find_bounds, format_number
+
+if TYPE_CHECKING:
+    from ezdxf.document import Drawing
+
 
 MAX_INSET_MM, MAX_INSET_FRACTION = 0.5, 0.1  # mm between an electrode and the edge, at most this part of the film's width
 TAB_LENGTH_MM = 5.0  # mm: length of the tabs, on which a connector or a conductive adhesive finds hold
@@ -132,7 +136,7 @@ def _build_leads(radius: float, half: float, reach: float, side: float) -> Patte
     return pattern
 
 
-def build_document(pattern: FilmPattern, stamp: Stamp, thickness: float) -> Any:
+def build_document(pattern: FilmPattern, stamp: Stamp, thickness: float) -> Drawing:
     """Return the DXF document of a pattern; ``thickness`` of the film in mm."""
     from ezdxf.filemanagement import new
 

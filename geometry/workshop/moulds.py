@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from geometry.cad import solids, step_writer
 from geometry.cad.stamp import Stamp
@@ -26,6 +26,10 @@ from geometry.workshop.mould_sizes import (
     compute_half_volumes,
 )
 from geometry.workshop.sheet import Point
+
+if TYPE_CHECKING:
+    import cadquery
+
 
 MOULD_HALVES = ("lower", "upper")
 
@@ -62,11 +66,11 @@ def check_half(path: Path, name: str, volume: float) -> None:
         )
 
 
-def build_lower(mould: MouldSizes) -> Any:
+def build_lower(mould: MouldSizes) -> cadquery.Solid:
     """Build the half with the cavity; the parting plane is its upper face, z = 0 the cavity's floor."""
     top, outside = mould.height, mould.outside
     corners = [(0.0, -FLOOR_THICKNESS_MM), (outside, -FLOOR_THICKNESS_MM), (outside, top), (mould.outer[1], top)]
-    body = _revolve(
+    body: cadquery.Shape = _revolve(
         [
             *(_list_lines(corners)),
             *_cavity_profile(mould, 0.0),
@@ -79,9 +83,9 @@ def build_lower(mould: MouldSizes) -> Any:
     return _single_solid(body)
 
 
-def build_upper(mould: MouldSizes) -> Any:
+def build_upper(mould: MouldSizes) -> cadquery.Solid:
     """Build the lid, as it lies on the lower half."""
-    body = _build_cylinder(mould.outside, LID_THICKNESS_MM, (0.0, 0.0), mould.height)
+    body: cadquery.Shape = _build_cylinder(mould.outside, LID_THICKNESS_MM, (0.0, 0.0), mould.height)
     for radius, place in zip(PIN_RADII_MM, _list_pin_places(mould), strict=True):
         body = body.cut(_build_cylinder(radius + PIN_PLAY_MM, PIN_HEIGHT_MM + 0.5, place, mould.height))
     for radius, place in list_holes(mould):
@@ -105,7 +109,7 @@ def _list_pin_places(mould: MouldSizes) -> tuple[Point, Point]:
     return (0.0, offset), (0.0, -offset)
 
 
-def _build_cylinder(radius: float, height: float, place: Point, z: float) -> Any:
+def _build_cylinder(radius: float, height: float, place: Point, z: float) -> cadquery.Solid:
     cq = solids.load_cadquery()
     return cq.Solid.makeCylinder(radius, height, cq.Vector(*place, z))
 
@@ -140,7 +144,7 @@ def _axis_height(mould: MouldSizes) -> float:
     return mould.height if mould.inner[1] else 0.0
 
 
-def _build_rib(mould: MouldSizes) -> Any:
+def _build_rib(mould: MouldSizes) -> cadquery.Solid:
     """What of the cavity's ring lies in |y| < half the groove's width, x > 0, within its depth below the parting plane."""
     cq, low = solids.load_cadquery(), mould.height - mould.depth
     (inner, outer), a = mould.compute_radii(low), mould.half_width
@@ -151,7 +155,7 @@ def _build_rib(mould: MouldSizes) -> Any:
     return _single_solid(ring.intersect(slab))
 
 
-def _revolve(sides: list[tuple[Point, ...]]) -> Any:
+def _revolve(sides: list[tuple[Point, ...]]) -> cadquery.Solid:
     cq = solids.load_cadquery()
     edges = []
     for side in sides:
@@ -161,6 +165,6 @@ def _revolve(sides: list[tuple[Point, ...]]) -> Any:
     return cq.Solid.revolve(face, 360.0, cq.Vector(0, 0, 0), cq.Vector(0, 0, 1))
 
 
-def _single_solid(shape: Any) -> Any:
+def _single_solid(shape: cadquery.Shape) -> cadquery.Solid:
     (solid,) = shape.Solids()
     return solid

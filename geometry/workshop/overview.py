@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from geometry.cad import solids
 from geometry.cad.materials import find_part_materials
@@ -16,6 +16,10 @@ from geometry.workshop.millimetres import convert_to_mm
 from geometry.workshop.outlines import build_box, convert_to_polygon
 from geometry.workshop.parts import build_part_views
 from geometry.workshop.sheet import DIAMETER_SIGN, Point, format_number
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 
 ASSUMED_MARK = "*"  # behind dimensions that the scene does not give
 SHEET_SIZE_INCH = (16.0, 9.0)  # inches
@@ -63,7 +67,7 @@ def build_section_outlines(probe: Probe, edge_radius: float = 0.0) -> dict[str, 
     return {name: [convert_to_polygon(loop) for loop, _ in view.cut] for name, view in views.items()}
 
 
-def _fill_section(axes: Any, probe: Probe, edge_radius: float) -> None:
+def _fill_section(axes: Axes, probe: Probe, edge_radius: float) -> None:
     if probe.groove is not None:  # what is seen behind the cut: the groove's side, and the film's edge above it
         lengths = convert_to_mm(probe)
         side = build_box(lengths.ri, lengths.ro, lengths.h1 - lengths.depth, lengths.h1)
@@ -77,7 +81,7 @@ def _fill_section(axes: Any, probe: Probe, edge_radius: float) -> None:
             axes.fill(*zip(*polygon, strict=True), facecolor=tint, edgecolor="0.15", hatch=HATCH_OF_PART[name], lw=0.9)
 
 
-def _draw_section(axes: Any, probe: Probe, edge_radius: float) -> None:
+def _draw_section(axes: Axes, probe: Probe, edge_radius: float) -> None:
     lengths = convert_to_mm(probe, edge_radius)
     r2, ri, ro, h2, h1, edge = lengths.r2, lengths.ri, lengths.ro, lengths.h2, lengths.h1, lengths.edge
     rf, flange_bottom, top = lengths.rf, lengths.flange_bottom, lengths.top
@@ -121,7 +125,7 @@ def _draw_section(axes: Any, probe: Probe, edge_radius: float) -> None:
         _draw_leader(axes, ((ri + ro) / 2, h1 - depth / 2), (max(rf, ro + 0.6 * inch) + step, -3.8 * step), text)
 
 
-def _set_frame(axes: Any, radius: float, height: float) -> float:
+def _set_frame(axes: Axes, radius: float, height: float) -> float:
     """Scale the axes so that the probe and its dimension lines fill them; returns mm of the probe per inch."""
     width, tall = SECTION_PANEL[2] * SHEET_SIZE_INCH[0], SECTION_PANEL[3] * SHEET_SIZE_INCH[1]
     inch = max(2 * radius / (width - 8 * DIMENSION_SPACING_INCH - 0.4), height / (tall - 7 * DIMENSION_SPACING_INCH))
@@ -133,7 +137,7 @@ def _set_frame(axes: Any, radius: float, height: float) -> float:
 
 
 def _draw_dimension(
-    axes: Any,
+    axes: Axes,
     start: tuple[float, float],
     end: tuple[float, float],
     *,
@@ -144,11 +148,10 @@ def _draw_dimension(
 ) -> None:
     """Draw a dimension line at ``line_position`` between two points; short ones get arrows from outside."""
     axis = 1 if upright else 0
-    place = (
-        (lambda text_position: (line_position, text_position))
-        if upright
-        else (lambda text_position: (text_position, line_position))
-    )
+
+    def place(along: float) -> Point:
+        return (line_position, along) if upright else (along, line_position)
+
     low, high = sorted((start[axis], end[axis]))
     for point in (start, end):
         axes.plot(*zip(point, place(point[axis]), strict=True), color="0.45", lw=0.5)
@@ -163,16 +166,17 @@ def _draw_dimension(
         text_position = high + 0.3 * inch + room / 2
         axes.plot(*zip(place(high), place(text_position), strict=True), color="black", lw=0.7)
     white = {"facecolor": "white", "edgecolor": "none", "pad": 0.8}
-    axes.text(*place(text_position), text, rotation=90 * upright, ha="center", va="center", fontsize=10, bbox=white)
+    x, y = place(text_position)
+    axes.text(x, y, text, rotation=90 * upright, ha="center", va="center", fontsize=10, bbox=white)
 
 
-def _draw_leader(axes: Any, tip: tuple[float, float], place: tuple[float, float], text: str) -> None:
+def _draw_leader(axes: Axes, tip: tuple[float, float], place: tuple[float, float], text: str) -> None:
     arrow = {"arrowstyle": "-|>,head_width=0.12,head_length=0.35", "lw": 0.7, "color": "black", "shrinkB": 0}
     box = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
     axes.annotate(text, tip, place, ha="center", va="center", fontsize=10, arrowprops=arrow, bbox=box, zorder=9)
 
 
-def _draw_detail(axes: Any, probe: Probe, edge_radius: float) -> None:
+def _draw_detail(axes: Axes, probe: Probe, edge_radius: float) -> None:
     """Magnify the gap's corner at the outer film."""
     lengths = convert_to_mm(probe)
     ri, ro, h1, t, gap = lengths.ri, lengths.ro, lengths.h1, lengths.t, lengths.ri - lengths.r2
@@ -191,7 +195,7 @@ def _draw_detail(axes: Any, probe: Probe, edge_radius: float) -> None:
         _draw_leader(axes, (film, z), (film, z + 0.7 * reach), f"film {_format_length(probe, 'film.thickness', t)}")
 
 
-def _build_notes(probe: Probe, edge_radius: float) -> list[tuple[str, Any]]:
+def _build_notes(probe: Probe, edge_radius: float) -> list[tuple[str, tuple[float, float, float] | None]]:
     """Return lines of text, those of the parts with their colour."""
     thick = f"{_format_length(probe, 'film.thickness', solids.film_thickness(probe) * solids.MM_PER_M)} thick"
     cut, step = probe.groove_footprint, DIAMETER_SIGN + format_number(2 * probe.tube_radius * solids.MM_PER_M)
@@ -204,7 +208,7 @@ def _build_notes(probe: Probe, edge_radius: float) -> list[tuple[str, Any]]:
         "base": ("base" if probe.base.material is None else f"base of {probe.base.material}")
         + (f", step {step}" if has_flange(probe) else f", {step}"),
     }
-    lines: list[tuple[str, Any]] = [
+    lines: list[tuple[str, tuple[float, float, float] | None]] = [
         (text, solids.PART_COLOURS[name]) for name, text in texts.items() if probe.film or "film" not in name
     ]
     lines += [] if probe.film else [("no films: the scene has none", None)]

@@ -4,11 +4,18 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from geometry.provenance.block import Provenance
 from geometry.provenance.texts import build_picture_metadata
 from geometry.workshop.sheet import PAPER_SIZES_MM, DrawingSheet
+
+if TYPE_CHECKING:
+    from ezdxf.entities.mtext import MText
+    from ezdxf.entities.text import Text
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
 
 MM_PER_INCH = 25.4
 CAPITAL_HEIGHT_FRACTION = 0.72  # of the font's size: height of Helvetica's capitals and figures, and of DejaVu Sans'
@@ -27,7 +34,7 @@ def write_pdf(sheet: DrawingSheet, path: Path, title: str, origin: Provenance | 
         )
 
 
-def draw_figure(sheet: DrawingSheet) -> Any:
+def draw_figure(sheet: DrawingSheet) -> Figure:
     """Return the sheet as a matplotlib figure of the paper's size."""
     from ezdxf.addons.drawing.config import BackgroundPolicy, ColorPolicy, Configuration, TextPolicy
     from ezdxf.addons.drawing.frontend import Frontend
@@ -57,17 +64,24 @@ def draw_figure(sheet: DrawingSheet) -> Any:
     return figure
 
 
-def list_texts(sheet: DrawingSheet) -> list[Any]:
+def list_texts(sheet: DrawingSheet) -> list[MText | Text]:
     """Return every line of text on the sheet, those of dimensions among them."""
-    entities = list(sheet.model.query("TEXT"))
-    for dimension in sheet.model.query("DIMENSION"):
-        entities += [part for part in dimension.virtual_entities() if part.dxftype() == "MTEXT"]
-    return entities
+    from ezdxf.entities.dimension import Dimension
+    from ezdxf.entities.mtext import MText
+    from ezdxf.entities.text import Text
+
+    texts: list[MText | Text] = [entity for entity in sheet.model if isinstance(entity, Text)]
+    for dimension in sheet.model:
+        if isinstance(dimension, Dimension):
+            texts += [part for part in dimension.virtual_entities() if isinstance(part, MText)]
+    return texts
 
 
-def _draw_text(axes: Any, sheet: DrawingSheet, text: Any) -> None:
-    if text.dxftype() == "MTEXT":
-        content, place, height = text.plain_text(), text.dxf.insert, text.dxf.char_height
+def _draw_text(axes: Axes, sheet: DrawingSheet, text: MText | Text) -> None:
+    from ezdxf.entities.mtext import MText
+
+    if isinstance(text, MText):
+        content, place, height = str(text.plain_text()), text.dxf.insert, text.dxf.char_height
         turn, horizontal, vertical = text.get_rotation(), "center", "center"
     else:
         alignment, first, second = text.get_placement()

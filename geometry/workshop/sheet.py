@@ -10,7 +10,12 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ezdxf.document import Drawing
+    from ezdxf.layouts.layout import Modelspace
+
 
 Point = tuple[float, float]
 Loop = Sequence[tuple[float, float, float]]
@@ -63,7 +68,7 @@ class DrawingSheet:
         return LEFT_MARGIN_MM, MARGIN_MM, width - MARGIN_MM, height - MARGIN_MM
 
     @cached_property
-    def document(self) -> Any:
+    def document(self) -> Drawing:
         """The DXF document, millimetres."""
         from ezdxf.filemanagement import new
 
@@ -84,7 +89,7 @@ class DrawingSheet:
         return document
 
     @cached_property
-    def model(self) -> Any:
+    def model(self) -> Modelspace:
         """Its model space."""
         return self.document.modelspace()
 
@@ -211,7 +216,7 @@ def find_text_width(text: str, height: float = TEXT_HEIGHT_MM) -> float:
     return WIDTH_PER_LETTER * height * len(text)
 
 
-def _build_style(unit: float) -> dict[str, Any]:
+def _build_style(unit: float) -> dict[str, float]:
     sizes = {"dimtxt": TEXT_HEIGHT_MM, "dimasz": ARROW_LENGTH_MM, "dimexe": 1.5, "dimexo": 0.8, "dimgap": 0.7, "dimscale": unit}
     return {**sizes, "dimtad": 1, "dimtih": 0, "dimtoh": 0, "dimdec": 4, "dimclrd": 256, "dimclre": 256, "dimclrt": 256}
 

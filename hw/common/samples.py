@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +54,7 @@ class Samples:
     saturated: Bools
     gaps: tuple[Gap, ...]
     overruns: int
-    source: dict[str, Any]
+    source: dict[str, object]
 
     def __len__(self) -> int:
         return len(self.index)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Generator
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
-from typing import Any, Protocol
+from typing import Protocol
 
 from hw.common.samples import Samples
 
@@ -47,9 +47,9 @@ class Header:
     scale: tuple[float, ...]
     size: int
     stream: int
-    source: dict[str, Any]
+    source: dict[str, object]
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """Return the header as plain values."""
         return asdict(self)
 

@@ -19,7 +19,6 @@ import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from hw.common.errors import InvalidSource
 from hw.foreign.units import NUMBER_PATTERN, SECOND_UNITS, VOLT_UNITS, build_refusal, read_quantity, read_rate
@@ -136,7 +135,7 @@ def _set_worth(key: str, column: Column, factor: float | None, unit: str) -> Col
     return replace(column, worth=worth, scaled=factor is not None)
 
 
-def _read_entry(label: str, key: str, value: Any) -> Column:
+def _read_entry(label: str, key: str, value: object) -> Column:
     """Read an entry of a TOML file: a text, a column's number, or a table."""
     if isinstance(value, str | int) and not isinstance(value, bool):
         return parse_column(key, str(value))

@@ -12,9 +12,14 @@ import math
 import os
 import sys
 from contextlib import suppress
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
+
+if TYPE_CHECKING:
+    import h5py
+    from numpy.typing import NDArray
+
 
 STORED_ELSEWHERE = "is not stored in this file: allowed: datasets within it (h5copy or h5repack writes such a file)"
 SENT_TYPES = {"u1": "u1", "u8": "<f8"}  # of the values that are sent, where it is not i8 or f8: u8 may exceed i8
@@ -37,7 +42,7 @@ def main(path: str, memory: int, seconds: int) -> None:
             file = h5py.File(path, "r")
         except (OSError, RuntimeError, ValueError):
             raise Refused("is no HDF5 file that can be read: is it whole, is it HDF5?") from None
-        check_links(file, h5py)
+        check_links(file)
         send(answer, describe(file, memory), [])
         for line in sys.stdin:
             send(answer, *read_arrays(file, json.loads(line)))
@@ -60,10 +65,11 @@ def limit_process(memory: int, seconds: int) -> None:
                 resource.setrlimit(getattr(resource, name), (value, value))
 
 
-def check_links(file: Any, h5py: Any) -> None:
+def check_links(file: h5py.File) -> None:
     """Refuse a file that refers to data outside itself. Later steps follow only hard and soft links."""
+    import h5py
 
-    def find_elsewhere(name: str, link: Any) -> str | None:  # a return value other than None ends the visit
+    def find_elsewhere(name: str, link: object) -> str | None:  # a return value other than None ends the visit
         if isinstance(link, h5py.ExternalLink):
             return f"is refused: {name!r} {STORED_ELSEWHERE}"
         node = file[name] if isinstance(link, h5py.HardLink) else None
@@ -75,11 +81,11 @@ def check_links(file: Any, h5py: Any) -> None:
         raise Refused(reason)
 
 
-def describe(file: Any, memory: int) -> dict[str, Any]:
+def describe(file: h5py.File, memory: int) -> dict[str, object]:
     """Return the file's attributes, and descriptions of its numeric datasets of one or two dimensions, without their data."""
-    datasets: list[dict[str, Any]] = []
+    datasets: list[dict[str, object]] = []
 
-    def add_dataset(path: str, node: Any) -> str | None:  # a return value other than None ends the visit
+    def add_dataset(path: str, node: h5py.Group | h5py.Dataset) -> str | None:  # a return value other than None ends the visit
         if not getattr(node, "shape", None) or len(node.shape) > 2 or node.dtype.kind not in "iuf":
             return None
         chunk = math.prod(node.chunks or (0,)) * node.dtype.itemsize
@@ -101,14 +107,14 @@ def describe(file: Any, memory: int) -> dict[str, Any]:
     return {"attributes": attributes, "datasets": datasets, "gaps": read_gaps(file)}
 
 
-def read_gaps(file: Any) -> list[tuple[int, int, str]]:
+def read_gaps(file: h5py.File) -> list[tuple[int, int, str]]:
     """Return the gaps (first, count, reason) of a recording of this project; empty for other files."""
     if "gaps" not in file or getattr(file["gaps"].dtype, "names", None) != ("first", "count", "reason"):
         return []
     return [(int(row["first"]), int(row["count"]), decode_text(row["reason"])) for row in file["gaps"][:]]
 
 
-def read_arrays(file: Any, request: dict[str, Any]) -> tuple[dict[str, Any], list[Any]]:
+def read_arrays(file: h5py.File, request: dict[str, Any]) -> tuple[dict[str, object], list[NDArray[np.generic]]]:
     """Return rows ``begin`` to ``end`` of each (path, column) that the request lists under ``datasets``."""
     rows = slice(request["begin"], request["end"])
     arrays = []
@@ -121,7 +127,7 @@ def read_arrays(file: Any, request: dict[str, Any]) -> tuple[dict[str, Any], lis
     return {"arrays": [[array.dtype.str, array.shape] for array in arrays]}, arrays
 
 
-def check_filters(path: str, dataset: Any) -> None:
+def check_filters(path: str, dataset: h5py.Dataset) -> None:
     """Refuse a dataset that is compressed by a filter which this HDF5 library does not have."""
     from h5py import h5z
 
@@ -133,7 +139,7 @@ def check_filters(path: str, dataset: Any) -> None:
             raise Refused(f"is refused: {path!r} is packed by filter {filter_name}, which is not installed: allowed: {allowed}")
 
 
-def send(answer: BinaryIO, line: dict[str, Any], arrays: list[Any]) -> None:
+def send(answer: BinaryIO, line: dict[str, object], arrays: list[NDArray[np.generic]]) -> None:
     """Write one reply: a line of JSON, then the arrays' bytes."""
     answer.write(json.dumps(line).encode() + b"\n")
     for array in arrays:
@@ -141,7 +147,7 @@ def send(answer: BinaryIO, line: dict[str, Any], arrays: list[Any]) -> None:
     answer.flush()
 
 
-def convert_attribute(value: Any) -> Any:
+def convert_attribute(value: object) -> object:
     """Convert an attribute to a JSON value: a text, a number, or the first number of an array; None for anything else."""
     value = value.item() if isinstance(value, np.generic) else value
     if isinstance(value, bytes | str):
@@ -153,7 +159,7 @@ def convert_attribute(value: Any) -> Any:
     return value if isinstance(value, int | float) else None
 
 
-def decode_text(value: Any) -> str:
+def decode_text(value: object) -> str:
     """Decode a text, with invalid UTF-8 replaced, so that JSON can hold it."""
     decoded = value if isinstance(value, bytes) else str(value).encode("utf-8", "replace")
     return decoded.decode("utf-8", "replace")

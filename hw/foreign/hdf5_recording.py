@@ -64,7 +64,7 @@ class Hdf5Recorder:
         """Create the module's datasets, empty and growable, with units and checksums; ``time`` is the scale of each channel."""
         channels = self._header.channels
         for name, kind, unit in (("time", "f8", "s"), ("index", "i8", "1"), *((name, "f8", "V") for name in channels)):
-            shape: dict[str, Any] = {"shape": (0,), "maxshape": (None,), "chunks": (CHUNK_ROWS,)}
+            shape: dict[str, object] = {"shape": (0,), "maxshape": (None,), "chunks": (CHUNK_ROWS,)}
             self._file.create_dataset(name, dtype=f"<{kind}", fletcher32=True, **shape).attrs["units"] = unit
         shape = {"shape": (0, len(channels)), "maxshape": (None, len(channels)), "chunks": (CHUNK_ROWS, len(channels))}
         saturated = self._file.create_dataset("saturated", dtype="u1", fletcher32=True, **shape)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -42,7 +41,7 @@ class ColumnTable:
     read: Callable[[list[int]], Floats]
     rate: float | None = None
     ends: tuple[float, float] | None = None
-    source: dict[str, Any] = field(default_factory=dict)
+    source: dict[str, object] = field(default_factory=dict)
 
     def find(self, key: str, wanted: Column | None) -> tuple[int, Column] | None:
         """Return the index of a signal's column and its selection; None if it is not selected and no column has its name."""

@@ -7,7 +7,6 @@ the index jumps, and the neighbouring rows are unchanged.
 from __future__ import annotations
 
 import json
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -50,7 +49,7 @@ def encode_note(gaps: tuple[Gap, ...], overruns: int = 0) -> str:
     return json.dumps({"gaps": [[gap.first, gap.count, gap.reason] for gap in gaps], "overruns": overruns})
 
 
-def build_volts_header(rate: float, channels: tuple[str, ...] = CHANNEL_NAMES[:2], **source: Any) -> Header:
+def build_volts_header(rate: float, channels: tuple[str, ...] = CHANNEL_NAMES[:2], **source: object) -> Header:
     """Build the header of a source of volts.
 
     Args:

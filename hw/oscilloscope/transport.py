@@ -64,7 +64,7 @@ class ScopeTransport:
         scaling = [DIALECTS[self._dialect].read_scaling(answer) for answer in acquisition["scales"]]
         scale = tuple(channel_scaling.step for channel_scaling in scaling)
         maker, model, serial, firmware = (*str(identity).split(","), "", "", "")[:4]
-        source = {
+        source: dict[str, object] = {
             "transport": "visa", "serial": serial, "firmware": firmware, "model": f"{maker} {model}", "resource": name,
             "started": make_timestamp(), "scale": list(scale),
         }  # fmt: skip

@@ -13,13 +13,17 @@ import struct
 import time
 from contextlib import suppress
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING
 
 from hw.common.errors import Busy, Disconnected, HardwareError, InvalidSource, NotFound, ProtocolError, Timeout, TransferError
 from hw.common.transport import Chunk, Header, make_timestamp
 from hw.serial_port.packets import encode_request, find_answer
 from hw.wire.frames import CHANNEL_NAMES, MAX_FRAME_BYTES, MIN_FRAME_BYTES
 from hw.wire.protocol import GET_INFO, GET_STATUS, SET_RATE, START, STOP, Info, Status
+
+if TYPE_CHECKING:
+    import serial
+
 
 BAUD_RATE = 115_200  # a CDC board ignores it
 ANSWER_TIMEOUT_S = 1.0  # s for one answer
@@ -84,9 +88,9 @@ class SerialTransport:
             self._port.write(encode_request(STOP))
         self._port.close()
 
-    def _open_port(self) -> Any:
+    def _open_port(self) -> serial.Serial:
         try:
-            serial = import_module("serial")
+            import serial
         except ImportError as missing:
             raise InvalidSource("serial ports need pyserial: pip install pyserial") from missing
         try:
@@ -117,7 +121,7 @@ class SerialTransport:
             raise ProtocolError(
                 f"serial:{self._name} states frames of {size} bytes: allowed: {MIN_FRAME_BYTES} to {MAX_FRAME_BYTES}"
             )
-        source: dict[str, Any] = {
+        source: dict[str, object] = {
             "transport": "serial", "serial": _find_serial_number(self._name), "port": self._name, "firmware": info.firmware,
             "started": make_timestamp(), "scale": list(info.scale),
         }  # fmt: skip

@@ -61,7 +61,7 @@ class Fingerprint:
         except (KeyError, TypeError, ValueError, OverflowError):
             return None
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """Return the fingerprint as a JSON object."""
         return asdict(self)
 

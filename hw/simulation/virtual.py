@@ -13,7 +13,6 @@ import time
 from array import array
 from collections.abc import Callable, Iterator, Sequence
 from types import SimpleNamespace
-from typing import Any
 
 from usb.backend import IBackend
 from usb.core import USBError, USBTimeoutError
@@ -23,20 +22,20 @@ from hw.simulation.firmware import Fault, Firmware, Halted
 from hw.wire.protocol import PRODUCT_ID, VENDOR_CLASS, VENDOR_ID
 
 _ENDPOINT_ADDRESS = 0x81
-_DEVICE_DESCRIPTOR: dict[str, Any] = {
+_DEVICE_DESCRIPTOR: dict[str, object] = {
     "bLength": 18, "bDescriptorType": 1, "bcdUSB": 0x0210, "bDeviceClass": 0, "bDeviceSubClass": 0, "bDeviceProtocol": 0,
     "bMaxPacketSize0": 64, "idVendor": VENDOR_ID, "idProduct": PRODUCT_ID, "bcdDevice": 0x0100, "iManufacturer": 1, "iProduct": 2,
     "iSerialNumber": 3, "bNumConfigurations": 1, "bus": 1, "port_number": 1, "port_numbers": (1,), "speed": 3,
 }  # fmt: skip
-_CONFIGURATION_DESCRIPTOR: dict[str, Any] = {
+_CONFIGURATION_DESCRIPTOR: dict[str, object] = {
     "bLength": 9, "bDescriptorType": 2, "wTotalLength": 25, "bNumInterfaces": 1, "bConfigurationValue": 1, "iConfiguration": 0,
     "bmAttributes": 0x80, "bMaxPower": 50, "extra_descriptors": [],
 }  # fmt: skip
-_INTERFACE_DESCRIPTOR: dict[str, Any] = {
+_INTERFACE_DESCRIPTOR: dict[str, object] = {
     "bLength": 9, "bDescriptorType": 4, "bInterfaceNumber": 0, "bAlternateSetting": 0, "bNumEndpoints": 1,
     "bInterfaceClass": VENDOR_CLASS, "bInterfaceSubClass": 0, "bInterfaceProtocol": 0, "iInterface": 0, "extra_descriptors": [],
 }  # fmt: skip
-_ENDPOINT_DESCRIPTOR: dict[str, Any] = {
+_ENDPOINT_DESCRIPTOR: dict[str, object] = {
     "bLength": 7, "bDescriptorType": 5, "bEndpointAddress": _ENDPOINT_ADDRESS, "bmAttributes": 2, "bInterval": 0, "bRefresh": 0,
     "bSynchAddress": 0, "extra_descriptors": [],
 }  # fmt: skip
@@ -95,7 +94,7 @@ class VirtualProbe(IBackend):  # type: ignore[misc]
         self.firmware.halted = False
 
     def ctrl_transfer(
-        self, dev_handle: int, bmRequestType: int, bRequest: int, wValue: int, wIndex: int, data: Any, timeout: int
+        self, dev_handle: int, bmRequestType: int, bRequest: int, wValue: int, wIndex: int, data: array[int], timeout: int
     ) -> int:
         self._check_present(dev_handle)
         if (bmRequestType, bRequest, wValue) == (0x80, 6, 0x0303):
@@ -108,7 +107,7 @@ class VirtualProbe(IBackend):  # type: ignore[misc]
         self._begin = time.monotonic() if self.firmware.sent == 0 else self._begin
         return _fill_buffer(data, answer) if bmRequestType & 0x80 else len(data)
 
-    def bulk_read(self, dev_handle: int, ep: int, intf: int, buff: Any, timeout: int) -> int:
+    def bulk_read(self, dev_handle: int, ep: int, intf: int, buff: array[int], timeout: int) -> int:
         self._check_present(dev_handle)
         size = len(buff) * buff.itemsize
         try:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from array import array
-from typing import Any
 
 import usb.core
 import usb.util
@@ -78,7 +77,7 @@ class UsbDevice:
             pass
         release([self._device])
 
-    def _find_endpoint(self) -> tuple[Any, Any]:
+    def _find_endpoint(self) -> tuple[usb.core.Interface, usb.core.Endpoint]:
         try:
             configuration = self._device.get_active_configuration()
         except usb.core.USBError:  # not configured yet

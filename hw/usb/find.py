@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
 
 import libusb_package
 import usb.core
@@ -31,7 +30,7 @@ class FoundDevice:
         fault: why the serial number could not be read.
     """
 
-    device: Any
+    device: usb.core.Device
     serial: str
     fault: Exception | None = None
 
@@ -39,7 +38,7 @@ class FoundDevice:
 class _Context(_LibUSB):  # type: ignore[misc]
     """A context of libusb that lives as long as its devices: libusb needs it to release them."""
 
-    def enumerate_devices(self) -> Iterator[Any]:
+    def enumerate_devices(self) -> Iterator[usb.core.Device]:
         for device in super().enumerate_devices():
             device.context = self
             yield device
@@ -99,7 +98,7 @@ def list_connected(backend: IBackend) -> list[FoundDevice]:
     return sorted((_read_serial(device) for device in devices), key=lambda probe: (probe.device.bus, probe.device.address))
 
 
-def find_stream_endpoint(configuration: Any) -> tuple[Any, Any] | None:
+def find_stream_endpoint(configuration: usb.core.Configuration) -> tuple[usb.core.Interface, usb.core.Endpoint] | None:
     """Find the vendor interface with a bulk IN endpoint; return its number and the endpoint, or None."""
     for interface in configuration:
         for endpoint in interface:
@@ -109,7 +108,7 @@ def find_stream_endpoint(configuration: Any) -> tuple[Any, Any] | None:
     return None
 
 
-def _has_stream(device: Any) -> bool:
+def _has_stream(device: usb.core.Device) -> bool:
     """Whether any configuration has the probe's interface; descriptors are readable without opening the device."""
     try:
         return any(find_stream_endpoint(configuration) is not None for configuration in device)
@@ -117,19 +116,19 @@ def _has_stream(device: Any) -> bool:
         return True  # unknown: opening it will give the reason
 
 
-def describe_address(device: Any) -> str:
+def describe_address(device: usb.core.Device) -> str:
     """Describe bus and address as text."""
     return f"bus {device.bus} address {device.address}"
 
 
-def release(devices: list[Any]) -> None:
+def release(devices: list[usb.core.Device]) -> None:
     """Release devices, including disconnected ones."""
     for device in devices:
         with suppress(usb.core.USBError, NotImplementedError):
             usb.util.dispose_resources(device)
 
 
-def _read_serial(device: Any) -> FoundDevice:
+def _read_serial(device: usb.core.Device) -> FoundDevice:
     """Read a device's serial number; unlike pyusb's property this keeps the reason of a failure."""
     try:
         descriptor = bytes(device.ctrl_transfer(0x80, 6, _STRING_DESCRIPTOR | device.iSerialNumber, _ENGLISH_US, 255))

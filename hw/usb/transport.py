@@ -12,7 +12,6 @@ import time
 from array import array
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 from usb.backend import IBackend
 from usb.core import USBError
@@ -142,7 +141,7 @@ class UsbTransport:
         layout = FrameLayout(packet, info.channels)
         frames = max(1, round(self._patience.span * info.rate / layout.rows))
         self._size = min(frames, self._patience.largest // packet) * packet
-        source: dict[str, Any] = {
+        source: dict[str, object] = {
             "transport": self._name, "serial": self._device.serial, "firmware": info.firmware, "place": self._device.place,
             "started": make_timestamp(), "scale": list(info.scale),
         }  # fmt: skip

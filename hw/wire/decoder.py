@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import zlib
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,7 +51,7 @@ class FrameDecoder:
     later one. Anything else is skipped, and the next frame is searched byte by byte.
     """
 
-    def __init__(self, form: Format, source: dict[str, Any]) -> None:
+    def __init__(self, form: Format, source: dict[str, object]) -> None:
         self.form, self.source = form, source
         self.layout = FrameLayout(form.size, len(form.scale))
         self.skipped = 0  # bytes outside valid frames
