@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Iterator
-from inspect import cleandoc
 from pathlib import Path
 
 from pydantic.fields import FieldInfo
 
+import probe_design
 from probe_design.commands.fields import LimitedRequest
 from probe_design.commands.names import COMMANDS
 from probe_design.commands.request import Request, describe_allowed, find_option, find_types, format_default, list_fields
 
 PAGE = Path(__file__).parent / "reference" / "commands.md"
-FUNCTIONS = ("curve", "detectability", "estimate", "evaluate", "export", "load", "optimize", "plan", "scan", "sweep")
 HEAD = """\
 # Commands
 
@@ -45,7 +45,7 @@ def page() -> str:
 def _section(name: str, request: type[Request]) -> Iterator[str]:
     arguments = [_format_argument(key, field) for key, field in list_fields(request).items() if find_option(field).is_argument]
     yield from (f"### `{' '.join((name, *filter(None, arguments)))}`", "")
-    for paragraph in cleandoc(request.__doc__ or "").split("\n\n"):
+    for paragraph in inspect.cleandoc(request.__doc__ or "").split("\n\n"):
         yield from (
             ("```text", paragraph.removeprefix("\b\n"), "```", "") if paragraph.startswith("\b") else (_join_lines(paragraph), "")
         )
@@ -67,7 +67,8 @@ def _format_argument(key: str, field: FieldInfo) -> str:
 def _format_row(command: str, key: str, field: FieldInfo) -> str:
     option = find_option(field)
     names = option.names.split("/") if option.names else [f"--{key.replace('_', '-')}"]
-    keyword = f"<br>`{key}=`" if option.keyword and command in FUNCTIONS else ""
+    function = getattr(probe_design, command, None) if command in probe_design.__all__ else None
+    keyword = f"<br>`{key}=`" if function is not None and key in inspect.signature(function).parameters else ""
     left_out = "required" if field.is_required() else format_default(field) or "-"
     allowed = "-" if bool in find_types(field) else _join_lines(describe_allowed(field))
     return f"| `{', '.join(names)}`{keyword} | {allowed} | {left_out} | {_join_lines(option.help)} |"

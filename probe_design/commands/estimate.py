@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 NO_NUISANCES: Mapping[str, object] = MappingProxyType({})
 Measured = Annotated[str | float | None, Field(description="a number above 0")]  # checked together with the readings of files
-FILE_OPTIONS = ("ratio", "readings", "noise", "stiffness", "stiffness_noise")  # stated by the files of --reading themselves
+FILE_OPTIONS = ("ratio", "readings_file", "noise", "stiffness", "stiffness_noise")  # stated by the files of --reading themselves
 
 
 class EstimateRequest(LimitedRequest):
@@ -58,39 +58,31 @@ class EstimateRequest(LimitedRequest):
     """  # noqa: D301
 
     scene: SceneSource
-    other_files: Annotated[
-        tuple[str, ...], Option("Further files of --reading.", is_argument=True, keyword=False, metavar="")
-    ] = ()
+    other_files: Annotated[tuple[str, ...], Option("Further files of --reading.", is_argument=True, metavar="")] = ()
     ratio: Annotated[Measured, Option("Measured stress_inner / stress_outer at the scene's placement.")] = None
     noise: Noise = DEFAULT_NOISE
     stiffness: Annotated[Measured, Option("Measured force on the base per indentation, together with --ratio, N/m.")] = None
     stiffness_noise: Annotated[Measured, Option("Relative standard deviation of a stiffness.", left_out="that of the ratio")] = (
         None
     )
-    readings: Annotated[Path | None, Option("In place of --ratio: a .toml or .csv file, see below.", keyword=False)] = None
+    readings_file: Annotated[Path | None, Option("In place of --ratio: a .toml or .csv file, see below.", "--readings")] = None
     reading: Annotated[
         tuple[str, ...],
-        Option(
-            "In place of --ratio: recordings or output of read --json, each with its place: 'run.probe, x=-8 mm'.", keyword=False
-        ),
+        Option("In place of --ratio: recordings or output of read --json, each with its place: 'run.probe, x=-8 mm'."),
     ] = ()
-    calibration: Annotated[Path | None, Option("With --reading: calibration file, written by calibrate.", keyword=False)] = None
-    bench: Annotated[Path | None, Option("With --reading: TOML file of load and amplifier.", keyword=False)] = None
-    column: Annotated[
-        tuple[str, ...], Option("Of recordings by other programs: 'inner=CH1 mV'; see read --help.", keyword=False)
-    ] = ()
-    rate: Annotated[str | None, Option("Of recordings without times: samples per second, '10 kHz'.", keyword=False)] = None
+    calibration: Annotated[Path | None, Option("With --reading: calibration file, written by calibrate.")] = None
+    bench: Annotated[Path | None, Option("With --reading: TOML file of load and amplifier.")] = None
+    column: Annotated[tuple[str, ...], Option("Of recordings by other programs: 'inner=CH1 mV'; see read --help.")] = ()
+    rate: Annotated[str | None, Option("Of recordings without times: samples per second, '10 kHz'.")] = None
     unknown: Annotated[
         str,
         Option("youngs_modulus, diameter or depth of the target, or a number of the tissue, tissue.layer[0].thickness."),
     ] = "youngs_modulus"
     nuisance: Annotated[
         tuple[str, ...],
-        Option('An uncertain number, "tissue.layer[0].thickness = 20 %" (sd); may be repeated.', keyword=False),
+        Option('An uncertain number, "tissue.layer[0].thickness = 20 %" (sd); may be repeated.'),
     ] = ()
-    advise: Annotated[
-        bool, Option("Report which further reading would narrow the interval most, and to what.", "--next", keyword=False)
-    ] = False
+    advise: Annotated[bool, Option("Report which further reading would narrow the interval most, and to what.", "--next")] = False
     accuracy: Annotated[
         Fraction | None,
         Option("Relative error that the model's ratio may have.", left_out="1/4 of --noise, at most 0.01"),
@@ -114,14 +106,14 @@ class EstimateRequest(LimitedRequest):
             for key in FILE_OPTIONS:
                 if key in self.model_fields_set:
                     value = str(getattr(self, key))
-                    raise InputError(key.replace("_", "-"), value, "nothing beside --reading, whose files have it")
+                    raise InputError(
+                        key.removesuffix("_file").replace("_", "-"), value, "nothing beside --reading, whose files have it"
+                    )
             scene, readings, notes = collect_field_readings(self, texts)
         else:
             readings = self._read_readings(scene)
         with show_spinner(f"estimating {self.unknown} of {self.scene}"):
-            result = run(
-                scene, readings, self.unknown, self.accuracy, linear=self.linear, nuisances=nuisances, advise=self.advise
-            )
+            result = self.call(run, scene=scene, readings=readings, nuisances=nuisances)
         result = replace(result, warnings=(*notes, *result.warnings))
         present(
             result, build_estimate_table, self.as_json, lines=lambda estimate: [write_sentence(estimate), *list_advice(estimate)]
@@ -129,12 +121,12 @@ class EstimateRequest(LimitedRequest):
 
     def _read_readings(self, scene: Scene) -> tuple[Reading, ...]:
         """Return the readings of --ratio or --readings."""
-        if (self.ratio is None) == (self.readings is None):
+        if (self.ratio is None) == (self.readings_file is None):
             problem = Words("missing") if self.ratio is None else Words(f"{self.ratio} beside --readings")
             raise InputError("ratio", problem, "exactly one of --ratio, --readings and --reading")
-        if self.readings is not None and self.stiffness is not None:
+        if self.readings_file is not None and self.stiffness is not None:
             raise InputError("stiffness", self.stiffness, "nothing beside --readings, whose file has a column for it")
-        return _collect_readings(scene, self.ratio, self.readings, self.noise, self.stiffness, self.stiffness_noise)
+        return _collect_readings(scene, self.ratio, self.readings_file, self.noise, self.stiffness, self.stiffness_noise)
 
 
 @use_request(EstimateRequest)

@@ -9,7 +9,8 @@ from pydantic import Field
 
 from geometry.common.errors import InputError
 from geometry.scenes.probe import Modulus
-from probe_design.commands.fields import Accuracy, Fraction, Frequency, LimitedRequest, Linear, Loads, Picture, SceneFile
+from geometry.scenes.scene_file import load_scene
+from probe_design.commands.fields import Accuracy, Fraction, Frequency, LimitedRequest, Linear, Loads, Picture, SceneSource
 from probe_design.commands.output import check_picture, present, split_assignments
 from probe_design.commands.request import Option
 
@@ -35,7 +36,7 @@ class EvaluateRequest(LimitedRequest):
     model the scene, and refuses if not. With --linear, error_estimate counts the possible effect of finite strain instead.
     """  # noqa: D301
 
-    scene: SceneFile
+    scene: SceneSource
     evaluator: Annotated[str, Option(f"Model to use: {', '.join(EVALUATOR_NAMES)}.", words=EVALUATOR_NAMES)] = "auto"
     accuracy: Accuracy = 0.01
     linear: Linear = False
@@ -43,28 +44,25 @@ class EvaluateRequest(LimitedRequest):
     frequency: Annotated[
         Frequency | None, Option('Frequency of the load, "5 Hz": compute the phase of the ratio by loss factors.')
     ] = None
-    vtu: Annotated[Path | None, Option("With solid: write mesh, displacements and stresses for ParaView.", keyword=False)] = None
-    picture: Annotated[Picture, Option("With solid: draw mesh and stresses to this .png file.", "--plot", keyword=False)] = None
+    vtu: Annotated[Path | None, Option("With solid: write mesh, displacements and stresses for ParaView.")] = None
+    picture: Annotated[Picture, Option("With solid: draw mesh and stresses to this .png file.", "--plot")] = None
 
     def run(self) -> None:
         """Evaluate the scene, and draw the solution where this is requested."""
-        from geometry.scenes.scene_file import read_scene
         from probe_design.terminal.console import build_result_table, show_steps
 
         with show_steps(f"evaluating {self.scene}") as tell:
-            scene = read_scene(self.scene)
+            scene = load_scene(self.scene)
             if self.vtu is not None or self.picture is not None:
                 from probe_design.solid_output.evaluate_with_files import evaluate_with_files
                 from solver.evaluation import add_phase
 
-                result = evaluate_with_files(scene, self.evaluator, self.accuracy, vtu=self.vtu, picture=self.picture, tell=tell)
+                result = self.call(evaluate_with_files, scene=scene, tell=tell)
                 result = result if self.frequency is None else add_phase(result, scene, self.accuracy, self.frequency)
             else:
                 from solver import evaluate
 
-                result = evaluate(
-                    scene, self.evaluator, self.accuracy, tell, linear=self.linear, loads=self.loads, frequency=self.frequency
-                )
+                result = self.call(evaluate, scene=scene, tell=tell)
         present(result, build_result_table, self.as_json)
 
 
@@ -77,18 +75,17 @@ class PlanRequest(LimitedRequest):
     accuracy; solid is not run where its accuracy is certain without.
     """
 
-    scene: SceneFile
+    scene: SceneSource
     accuracy: Accuracy = 0.01
     loads: Loads = False
 
     def run(self) -> None:
         """Print the plan, then refuse where no evaluator reaches the accuracy."""
-        from geometry.scenes.scene_file import read_scene
         from probe_design.terminal.console import build_plan_table, list_plan_lines, show_spinner
         from solver import plan
 
         with show_spinner(f"planning {self.scene}"):
-            result = plan(read_scene(self.scene), self.accuracy, loads=self.loads)
+            result = self.call(plan)
         present(result, build_plan_table, self.as_json, lines=list_plan_lines)
         if result.refusal is not None:
             raise result.refusal
@@ -101,20 +98,19 @@ class CurveRequest(LimitedRequest):
     With tumours elsewhere each modulus takes some 10 to 100 ms.
     """
 
-    scene: SceneFile
-    low: Annotated[Modulus, Option("Smallest Young's modulus of the inclusion.", "--from", keyword=False)] = 1e3
-    high: Annotated[Modulus, Option("Largest Young's modulus of the inclusion.", "--to", keyword=False)] = 1e6
-    points: Annotated[int, Field(ge=2, le=100_000), Option("Moduli, evenly on a logarithmic scale.", keyword=False)] = 50
+    scene: SceneSource
+    low: Annotated[Modulus, Option("Smallest Young's modulus of the inclusion.", "--from")] = 1e3
+    high: Annotated[Modulus, Option("Largest Young's modulus of the inclusion.", "--to")] = 1e6
+    points: Annotated[int, Field(ge=2, le=100_000), Option("Moduli, evenly on a logarithmic scale.")] = 50
     accuracy: Annotated[Accuracy, Option("Relative error that the ratio may have at every modulus.")] = 0.01
     linear: Linear = False
-    picture: Annotated[Picture, Option("Draw the curve to this .png, .svg or .pdf file.", "--plot", keyword=False)] = None
+    picture: Annotated[Picture, Option("Draw the curve to this .png, .svg or .pdf file.", "--plot")] = None
 
     def run(self) -> None:
         """Compute the curve at moduli that contain both ends exactly."""
         import numpy as np
 
         from geometry.scenes.catalogue import format_modulus
-        from geometry.scenes.scene_file import read_scene
         from probe_design.reporting.curve_figures import draw_curve
         from probe_design.reporting.picture_files import save_figure
         from probe_design.terminal.console import build_curve_table, show_steps
@@ -122,12 +118,12 @@ class CurveRequest(LimitedRequest):
 
         if not self.low < self.high:
             raise InputError("to", format_modulus(self.high), f"a modulus above from = {format_modulus(self.low)!r}")
-        scene = read_scene(self.scene)
+        scene = load_scene(self.scene)
         check_picture(self.picture)
         moduli = np.geomspace(self.low, self.high, self.points)
         moduli[0], moduli[-1] = self.low, self.high
         with show_steps(f"curve of {self.scene}") as tell:
-            result = curve(scene, moduli, self.accuracy, tell, linear=self.linear)
+            result = self.call(curve, scene=scene, moduli=moduli, tell=tell)
         if self.picture is not None:
             body = scene.inclusion[scene.target or 0]
             tissue = scene.tissue.find_material(body.depth)
@@ -142,36 +138,29 @@ class TolerancesRequest(LimitedRequest):
     or those of --bench, --tolerance and --material. To first order by exact derivatives, and by samples of the closed form.
     """
 
-    scene: SceneFile
+    scene: SceneSource
     ratio: Annotated[Fraction, Option("Allowed relative standard deviation of the ratio.")] = 0.01
-    tolerance: Annotated[
-        tuple[str, ...], Option('A standard deviation: "probe.gap = 10 um", 5 % of a modulus or gain.', keyword=False)
-    ] = ()
-    material: Annotated[
-        tuple[str, ...], Option("Material of a block, inner=dragon-skin-30: sets the sd of its modulus.", keyword=False)
-    ] = ()
-    bench: Annotated[
-        Path | None, Option("TOML file whose [workshop] and [channels] replace the built-in ones.", keyword=False)
-    ] = None
+    tolerance: Annotated[tuple[str, ...], Option('A standard deviation: "probe.gap = 10 um", 5 % of a modulus or gain.')] = ()
+    material: Annotated[tuple[str, ...], Option("Material of a block, inner=dragon-skin-30: sets the sd of its modulus.")] = ()
+    bench: Annotated[Path | None, Option("TOML file whose [workshop] and [channels] replace the built-in ones.")] = None
     samples: Annotated[int, Field(ge=64, le=65_536), Option("Samples for the Sobol indices: a power of 2.")] = 1024
-    picture: Annotated[Picture, Option("Draw the budget to this .png, .svg or .pdf file.", "--plot", keyword=False)] = None
+    picture: Annotated[Picture, Option("Draw the budget to this .png, .svg or .pdf file.", "--plot")] = None
 
     def run(self) -> None:
         """Compute the budget of uncertainties."""
-        from geometry.scenes.scene_file import read_scene
         from probe_design.built_probe.bench import read_bench
         from probe_design.terminal.console import show_spinner
         from probe_design.terminal.tolerance_table import build_tolerance_table, write_tolerance_lines
         from probe_design.tolerances.budget import tolerances
         from probe_design.tolerances.plot import plot_budget
 
-        scene = read_scene(self.scene)
+        scene = load_scene(self.scene)
         check_picture(self.picture)
         stated_sds = split_assignments("tolerance", self.tolerance, "'probe.gap = 10 um'")
         materials = split_assignments("material", self.material, "'inner=dragon-skin-30'")
         with show_spinner(f"tolerances of {self.scene}"):
             bench = None if self.bench is None else read_bench(self.bench)
-            budget = tolerances(scene, self.ratio, bench=bench, materials=materials, given=stated_sds, samples=self.samples)
+            budget = self.call(tolerances, scene=scene, bench=bench, materials=materials, given=stated_sds)
         if self.picture is not None:
             plot_budget(budget, self.picture)
         present(budget, build_tolerance_table, self.as_json, self.picture, write_tolerance_lines)

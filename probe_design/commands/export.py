@@ -17,7 +17,6 @@ from probe_design.commands.request import Number, Option, Request, use_request
 
 if TYPE_CHECKING:
     from geometry.cad.export import Writer
-    from geometry.workshop.package import Casting
     from probe_design.workshop.package import ExportSummary
 
 Shrinkage = Annotated[float, Number("a number such as 0.001, of every length", math.isfinite)]
@@ -48,50 +47,26 @@ class ExportRequest(Request):
     ] = None
     draft: Annotated[Draft | None, Option("Maximum draft angle of the moulds' walls.", left_out='"0.5 deg"')] = None
     force: Force = False
-    fixture: Annotated[
-        bool, Option("Write also pin, ring and sleeve for the calibration, and a page to print.", keyword=False)
-    ] = False
-    bench: Annotated[Path | None, Option("TOML file of load, amplifier and references, for that page.", keyword=False)] = None
+    fixture: Annotated[bool, Option("Write also pin, ring and sleeve for the calibration, and a page to print.")] = False
+    bench: Annotated[Path | str | None, Option("TOML file of load, amplifier and references, for that page.")] = None
 
     def run(self) -> None:
         """Write the files and report."""
         from probe_design.terminal.console import show_steps
 
-        scene, folder = load_scene(self.scene), Path(self.output)
         with show_steps("export") as tell:
-            from probe_design.workshop.package import export as write
-
-            exported = write(
-                scene,
-                folder,
-                step=self.step,
-                force=self.force,
-                tolerance=self.tolerance,
-                casting=_build_casting(self.shrinkage, self.draft),
-                extra_writers=self._build_fixture_writers,
-                tell=tell,
-            )
+            exported = self.call(export, progress=tell)
         if self.as_json:
             print_json(exported.as_dict())
         else:
-            _report_export(exported, folder)
-
-    def _build_fixture_writers(self, scene: Scene) -> dict[str, Writer]:
-        """Return the writers of the fixture and of the calibration page, if --fixture is given."""
-        if not self.fixture:
-            return {}
-        from probe_design.built_probe.bench import read_bench, read_builtin_bench
-        from probe_design.measuring.protocol_page import build_writers
-
-        name = self.scene.name if isinstance(self.scene, Path) else ""
-        return build_writers(scene, read_builtin_bench() if self.bench is None else read_bench(self.bench), name)
+            _report_export(exported, Path(self.output))
 
 
 @use_request(ExportRequest)
 def export(
     scene: Scene | Path | str, output: Path | str, *, step: float | None = None, tolerance: float = 0.01,
     shrinkage: float | None = None, draft: float | None = None, force: bool = False,
-    progress: Callable[[str], None] | None = None,
+    fixture: bool = False, bench: Path | str | None = None, progress: Callable[[str], None] | None = None,
 ) -> ExportSummary:  # fmt: skip
     """Write the files for the workshop: STEP, drawings, film patterns, moulds, lists (docs/guides/workshop.md).
 
@@ -120,9 +95,10 @@ def export(
     >>> export("examples/scene.toml", "out/parts", step=1e-4).files  # doctest: +SKIP
     """
     from geometry.provenance.block import record_scene
+    from geometry.workshop.package import DEFAULT_CASTING, Casting
     from probe_design.workshop.package import export as write
 
-    probe_scene, casting = load_scene(scene), _build_casting(shrinkage, draft)
+    probe_scene, name = load_scene(scene), "" if isinstance(scene, Scene) else Path(scene).name
     with record_scene(probe_scene):
         return write(
             probe_scene,
@@ -130,18 +106,20 @@ def export(
             step=step,
             force=force,
             tolerance=tolerance,
-            casting=casting,
+            casting=Casting(
+                DEFAULT_CASTING.shrinkage if shrinkage is None else shrinkage, DEFAULT_CASTING.draft if draft is None else draft
+            ),
+            extra_writers=lambda built_scene: _build_fixture_writers(built_scene, name, bench) if fixture else {},
             tell=progress or (lambda text: None),
         )
 
 
-def _build_casting(shrinkage: float | None, draft: float | None) -> Casting:
-    """Return shrinkage and draft angle (rad), by default those that moulds usually have."""
-    from geometry.workshop.package import DEFAULT_CASTING, Casting
+def _build_fixture_writers(scene: Scene, name: str, bench: Path | str | None) -> dict[str, Writer]:
+    """Return the writers of the fixture, and of the calibration page with the name of the scene's file."""
+    from probe_design.built_probe.bench import read_bench, read_builtin_bench
+    from probe_design.measuring.protocol_page import build_writers
 
-    return Casting(
-        DEFAULT_CASTING.shrinkage if shrinkage is None else shrinkage, DEFAULT_CASTING.draft if draft is None else draft
-    )
+    return build_writers(scene, read_builtin_bench() if bench is None else read_bench(Path(bench)), name)
 
 
 def _report_export(exported: ExportSummary, output: Path) -> None:

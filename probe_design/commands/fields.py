@@ -19,7 +19,6 @@ SceneSource = Annotated[
     Field(description="a Scene, or the name of a scene file"),
     Option("Scene, or file of a scene.", is_argument=True),
 ]
-SceneFile = Annotated[Path, Option("File of a scene.", is_argument=True, keyword=False)]
 
 Fraction = Annotated[
     float, Number("a number above 0 and below 1, such as 0.01 or 1 %", lambda fraction: 0 < fraction < 1, percent=True)
@@ -39,15 +38,15 @@ Linear = Annotated[
 ]  # for commands that otherwise refuse loads beyond linear elasticity
 Loads = Annotated[bool, Option("Compute by contact the loads at which the gap closes and linear theory ends; takes seconds.")]
 Force = Annotated[bool, Option("Replace parts of another design in the folder.")]
-AnyProbe = Annotated[bool, Option("Take readings and calibrations of other serial numbers, too.", keyword=False)]
-Picture = Annotated[Path | None, Option("Draw the result to this .png, .svg or .pdf file.", "--plot", keyword=False)]
+AnyProbe = Annotated[bool, Option("Take readings and calibrations of other serial numbers, too.")]
+Picture = Annotated[Path | None, Option("Draw the result to this .png, .svg or .pdf file.", "--plot")]
 
 
 class LimitedRequest(Request):
     """A request whose evaluations may take more or less memory and time."""
 
-    memory: Annotated[Memory | None, Option("Memory that one evaluation may take.", left_out="2 GB", keyword=False)] = None
-    time: Annotated[Time | None, Option("Time that one evaluation may take.", left_out="120 s", keyword=False)] = None
+    memory: Annotated[Memory | None, Option("Memory that one evaluation may take.", left_out="2 GB")] = None
+    time: Annotated[Time | None, Option("Time that one evaluation may take.", left_out="120 s")] = None
 
     @property
     def limits(self) -> Limits:

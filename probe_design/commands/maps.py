@@ -12,7 +12,7 @@ from geometry.common.errors import InputError
 from geometry.scenes.probe import Length, Position, format_mm
 from geometry.scenes.scene import Force, Indentation, Scene
 from geometry.scenes.scene_file import load_scene
-from probe_design.commands.fields import Accuracy, Fraction, LimitedRequest, Linear, Noise, Picture, SceneFile, SceneSource
+from probe_design.commands.fields import Accuracy, Fraction, LimitedRequest, Linear, Noise, Picture, SceneSource
 from probe_design.commands.output import check_picture, present
 from probe_design.commands.request import Number, Option, is_positive, use_request
 from probe_design.data.noise import DEFAULT_NOISE, MAX_RESOLVED_LOG_SD
@@ -42,16 +42,16 @@ class ScanRequest(LimitedRequest):
 
     scene: SceneSource
     along: Annotated[Literal["x", "y"], Option("Axis that the probe moves along.")] = "x"
-    low: Annotated[Position, Option("First position of the probe's axis.", "--from", keyword=False)] = DEFAULT_POSITIONS[0]
-    high: Annotated[Position, Option("Last position of the probe's axis.", "--to", keyword=False)] = DEFAULT_POSITIONS[1]
-    points: Annotated[int, Field(ge=2, le=10_000), Option("Positions, evenly spaced.", keyword=False)] = DEFAULT_POSITIONS[2]
+    low: Annotated[Position, Option("First position of the probe's axis.", "--from")] = DEFAULT_POSITIONS[0]
+    high: Annotated[Position, Option("Last position of the probe's axis.", "--to")] = DEFAULT_POSITIONS[1]
+    points: Annotated[int, Field(ge=2, le=10_000), Option("Positions, evenly spaced.")] = DEFAULT_POSITIONS[2]
     at: Annotated[Position | None, Option("Coordinate of the line along the other axis.", left_out="the scene's placement")] = (
         None
     )
     accuracy: Accuracy = 0.01
     linear: Linear = False
     picture: Annotated[
-        Picture, Option("Draw the scan above a section of the tissue to this .png, .svg or .pdf file.", "--plot", keyword=False)
+        Picture, Option("Draw the scan above a section of the tissue to this .png, .svg or .pdf file.", "--plot")
     ] = None
 
     def run(self) -> None:
@@ -62,22 +62,14 @@ class ScanRequest(LimitedRequest):
         from probe_design.reporting.scan_figure import draw_scan
         from probe_design.terminal.console import build_scan_table, show_count
 
-        parsed_scene = load_scene(self.scene)
+        scene = load_scene(self.scene)
         check_picture(self.picture)
         if not self.low < self.high:
             raise InputError("to", format_mm(self.high), f"a position above from = {format_mm(self.low)!r}")
         with show_count(f"scan of {self.scene}") as progress:
-            result = scan(
-                parsed_scene,
-                along=self.along,
-                positions=np.linspace(self.low, self.high, self.points),
-                at=self.at,
-                accuracy=self.accuracy,
-                linear=self.linear,
-                progress=progress,
-            )
+            result = self.call(scan, scene=scene, positions=np.linspace(self.low, self.high, self.points), progress=progress)
         if self.picture is not None:
-            save_figure(draw_scan(result, parsed_scene), self.picture)
+            save_figure(draw_scan(result, scene), self.picture)
         present(result, build_scan_table, self.as_json, self.picture)
 
 
@@ -149,24 +141,22 @@ class DetectabilityRequest(LimitedRequest):
     resolved: Annotated[
         float, Number("a number above 0", is_positive), Option("Standard deviation of ln E_object up to which it is resolved.")
     ] = MAX_RESOLVED_LOG_SD
-    depth_from: Annotated[Length | None, Option("Smallest depth of a centre.", left_out="1/50 of the largest", keyword=False)] = (
-        None
-    )
+    depth_from: Annotated[Length | None, Option("Smallest depth of a centre.", left_out="1/50 of the largest")] = None
     depth_to: Annotated[
         Length | None,
-        Option("Largest depth of a centre.", left_out="4 outer radii or what the scene's tumour needs", keyword=False),
+        Option("Largest depth of a centre.", left_out="4 outer radii or what the scene's tumour needs"),
     ] = None
-    diameter_from: Annotated[Length | None, Option("Smallest diameter.", left_out="1/50 of the largest", keyword=False)] = None
+    diameter_from: Annotated[Length | None, Option("Smallest diameter.", left_out="1/50 of the largest")] = None
     diameter_to: Annotated[
         Length | None,
-        Option("Largest diameter.", left_out="2.5 outer radii or what the scene's tumour needs", keyword=False),
+        Option("Largest diameter.", left_out="2.5 outer radii or what the scene's tumour needs"),
     ] = None
     points: Annotated[int, Field(ge=2, le=300), Option("Depths, and as many diameters.")] = 50
     accuracy: Annotated[
         Fraction | None, Option("Relative error that the ratio may have.", left_out="--noise, between 0.0005 and 0.01")
     ] = None
     linear: Linear = False
-    picture: Annotated[Picture, Option("Draw both maps to this .png, .svg or .pdf file.", "--plot", keyword=False)] = None
+    picture: Annotated[Picture, Option("Draw both maps to this .png, .svg or .pdf file.", "--plot")] = None
 
     def run(self) -> None:
         """Compute both maps at evenly spaced depths and diameters."""
@@ -175,30 +165,13 @@ class DetectabilityRequest(LimitedRequest):
         from probe_design.reporting.picture_files import save_figure
         from probe_design.terminal.console import build_threshold_table, show_count
 
-        parsed_scene = load_scene(self.scene)
+        scene = load_scene(self.scene)
         check_picture(self.picture)
-        depths, diameters = choose_sizes(
-            parsed_scene,
-            self.points,
-            depth_from=self.depth_from,
-            depth_to=self.depth_to,
-            diameter_from=self.diameter_from,
-            diameter_to=self.diameter_to,
-        )
+        depths, diameters = self.call(choose_sizes, scene=scene)
         with show_count(f"detectability of {self.scene}") as progress:
-            result = detectability(
-                parsed_scene,
-                depths=depths,
-                diameters=diameters,
-                noise=self.noise,
-                seen=self.seen,
-                resolved=self.resolved,
-                accuracy=self.accuracy,
-                linear=self.linear,
-                progress=progress,
-            )
+            result = self.call(detectability, scene=scene, depths=depths, diameters=diameters, progress=progress)
         if self.picture is not None:
-            save_figure(draw_detectability(result, parsed_scene), self.picture)
+            save_figure(draw_detectability(result, scene), self.picture)
         present(result, build_threshold_table, self.as_json, self.picture)
 
 
@@ -259,13 +232,11 @@ class LoadRequest(LimitedRequest):
     further step converges, the curve ends early, with a warning.
     """
 
-    scene: SceneFile
-    max_load: Annotated[str, Option('Largest load: a force, "0.3 N", or an indentation, "2 mm".', "--to", keyword=False)]
+    scene: SceneSource
+    max_load: Annotated[str, Option('Largest load: a force, "0.3 N", or an indentation, "2 mm".', "--to")]
     points: Annotated[int, Field(ge=1, le=1000), Option("Loads, evenly spaced above 0.")] = 20
     accuracy: Accuracy = 0.01
-    picture: Annotated[
-        Picture, Option("Draw ratio, log-sensitivity and walls to this .png, .svg or .pdf file.", "--plot", keyword=False)
-    ] = None
+    picture: Annotated[Picture, Option("Draw ratio, log-sensitivity and walls to this .png, .svg or .pdf file.", "--plot")] = None
 
     def run(self) -> None:
         """Compute the scene under rising loads."""
@@ -279,7 +250,7 @@ class LoadRequest(LimitedRequest):
         scene = load_scene(self.scene)
         check_picture(self.picture)
         with show_steps(f"pressing {self.scene}") as tell:
-            result = load(scene, force=force, indentation=indentation, points=self.points, accuracy=self.accuracy, tell=tell)
+            result = self.call(load, scene=scene, force=force, indentation=indentation, tell=tell)
         if self.picture is not None:
             save_figure(draw_load_curve(result), self.picture)
         present(result, build_load_table, self.as_json, self.picture, list_load_lines)

@@ -25,16 +25,8 @@ if TYPE_CHECKING:
 
 SCENE_OPTIONS = ("outer_radius", "starts", "evaluator", "noise")  # a design file states these by its own keys
 IGNORED_FIELDS = {
-    "design",
-    "output",
-    "force",
-    "template",
-    "pareto",
-    "as_json",
-    "quiet",
-    "time",
-    "memory",
-}  # results do not depend on these
+    "scene", "output", "force", "template", "pareto", "as_json", "quiet", "time", "memory",
+}  # fmt: skip  # results do not depend on these
 Stages = Callable[[str, int, int], None]
 
 
@@ -68,16 +60,12 @@ class OptimizeRequest(LimitedRequest):
     load.
     """  # noqa: D301
 
-    design: Annotated[
-        Path | None, Option("File of a design or scene.", is_argument=True, metavar="[SCENE | DESIGN]", keyword=False)
-    ] = None
+    scene: Annotated[Path | None, Option("File of a design or scene.", is_argument=True, metavar="[SCENE | DESIGN]")] = None
     output: Annotated[Path | str | None, Option("Folder for the design, STEP files and report.", "-o/--output")] = None
-    template: Annotated[
-        bool, Option("Print a design file with every key, its default and its meaning, and exit.", keyword=False)
-    ] = False
+    template: Annotated[bool, Option("Print a design file with every key, its default and its meaning, and exit.")] = False
     pareto: Annotated[
         tuple[Literal["outer_radius", "force", "positions"], ...],
-        Option("With a DESIGN file: compute how the objective improves as this limit grows; may be repeated.", keyword=False),
+        Option("With a DESIGN file: compute how the objective improves as this limit grows; may be repeated."),
     ] = ()
     outer_radius: Annotated[
         Length | None,
@@ -107,7 +95,7 @@ class OptimizeRequest(LimitedRequest):
             return
         if self.output is None:
             raise InputError("output", Words("missing"), "-o DIR, the folder for the design, its parts and the report")
-        question, folder = read_design_source(self.design), Path(self.output)
+        question, folder = read_design_source(self.scene), Path(self.output)
         settings = {key: getattr(self, key) for key in SCENE_OPTIONS}
         if isinstance(question, Design):
             settings = {}

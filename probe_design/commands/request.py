@@ -33,7 +33,6 @@ class Option:
         help: what it is, in one sentence.
         names: names of the option, "-o/--output"; default: the field's name.
         left_out: what holds where None is the default.
-        keyword: whether the Python function has it.
         words: values that a shell completes, where the range of values is not part of the type.
         is_argument: whether it is given by its place in place of its name.
         metavar: stands for an argument in help texts; default: the field's name.
@@ -42,7 +41,6 @@ class Option:
     help: str = ""
     names: str = ""
     left_out: str = ""
-    keyword: bool = True
     words: tuple[str, ...] = ()
     is_argument: bool = False
     metavar: str | None = None
@@ -86,8 +84,8 @@ class Request(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
-    as_json: Annotated[bool, Option("Print one JSON object.", "--json", keyword=False)] = False
-    quiet: Annotated[bool, Option("Print no progress and no notes, only results and warnings.", keyword=False)] = False
+    as_json: Annotated[bool, Option("Print one JSON object.", "--json")] = False
+    quiet: Annotated[bool, Option("Print no progress and no notes, only results and warnings.")] = False
 
     @property
     def limits(self) -> Limits | None:
@@ -97,6 +95,11 @@ class Request(BaseModel):
     def run(self) -> None:
         """Carry out the command and print its result."""
         raise NotImplementedError
+
+    def call(self, function: Callable[..., ResultT], **others: object) -> ResultT:
+        """Call a function with those of its parameters that are fields of this request, and with others."""
+        names = inspect.signature(function).parameters.keys() & type(self).model_fields.keys()
+        return function(**{name: getattr(self, name) for name in names} | others)
 
     @classmethod
     def build(cls, values: Mapping[str, object], labels: Mapping[str, str] = NO_LABELS) -> Self:
@@ -190,16 +193,11 @@ def format_default(field: FieldInfo) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def list_keywords(request: type[Request]) -> dict[str, FieldInfo]:
-    """List the fields of a request that are also keywords in Python."""
-    return {name: field for name, field in list_fields(request).items() if find_option(field).keyword}
-
-
 def use_request(request: type[Request]) -> Callable[[Callable[P, ResultT]], Callable[P, ResultT]]:
-    """Return a decorator by which a function takes checks and help of its keywords from a request."""
+    """Return a decorator by which a function takes checks and help of those parameters that are fields of a request."""
 
     def decorate(function: Callable[P, ResultT]) -> Callable[P, ResultT]:
-        signature, fields = inspect.signature(function), list_keywords(request)
+        signature, fields = inspect.signature(function), list_fields(request)
 
         @functools.wraps(function)
         def check_and_call(*values: P.args, **keywords: P.kwargs) -> ResultT:

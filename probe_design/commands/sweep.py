@@ -20,18 +20,14 @@ class SweepRequest(Request):
     is stored too, with the reason. A design that a limit stopped is evaluated again under a larger limit.
     """
 
-    sweep: Annotated[Path, Option("File of a sweep.", is_argument=True, keyword=False)]
+    sweep: Annotated[Path, Option("File of a sweep.", is_argument=True)]
     output: Annotated[Path, Option("Folder for store, log and results.", "-o/--output")]
     scheduler: Annotated[str | None, Option("Dask scheduler to run on, such as tcp://host:8786.", metavar="ADDRESS")] = None
     workers: Annotated[
         int | None, Field(ge=1, le=1024), Option("Processes on this computer.", left_out="one for each processor")
     ] = None
-    time: Annotated[Time | None, Option("Time limit of a design.", left_out="the file's time_limit, or 120 s", keyword=False)] = (
-        None
-    )
-    memory: Annotated[
-        Memory | None, Option("Memory limit of a design.", left_out="the file's memory_limit, or 2 GB", keyword=False)
-    ] = None
+    time: Annotated[Time | None, Option("Time limit of a design.", left_out="the file's time_limit, or 120 s")] = None
+    memory: Annotated[Memory | None, Option("Memory limit of a design.", left_out="the file's memory_limit, or 2 GB")] = None
     retry_failed: Annotated[bool, Option("Evaluate designs again that failed.")] = False
 
     def run(self) -> None:
@@ -46,15 +42,7 @@ class SweepRequest(Request):
         parsed_sweep = replace(parsed_sweep, limits=replace_limits(parsed_sweep.limits, self.time, self.memory))
         check_writable(self.output)
         with show_sweep() as progress:
-            result = sweep(
-                parsed_sweep,
-                self.output,
-                scheduler=self.scheduler,
-                workers=self.workers,
-                progress=progress,
-                retry_failed=self.retry_failed,
-                notice=write_message,
-            )
+            result = self.call(sweep, specification=parsed_sweep, progress=progress, notice=write_message)
         files = _write_files(self.output)
         if self.as_json:
             print_json(result.as_dict() | {"files": [str(file) for file in files]})
