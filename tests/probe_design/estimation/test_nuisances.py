@@ -23,7 +23,7 @@ from probe_design.estimation.estimate_result import Estimate
 from probe_design.estimation.intervals import CHI2_QUANTILE, Likelihood
 from probe_design.estimation.measurements import Measurements, Reading, read_readings
 from probe_design.estimation.model import TargetModel
-from probe_design.estimation.nuisances import compute_nuisance_errors
+from probe_design.estimation.nuisances import check_nuisances, compute_nuisance_errors
 from probe_design.estimation.profile import Track, compute_coordinate
 from probe_design.estimation.shared_errors import SharedErrors
 from solver import evaluate
@@ -197,3 +197,12 @@ def test_a_number_that_turns_the_ratios_sign_is_refused() -> None:
     assert compute_nuisance_errors(model, {TISSUE: 0.05}, np.zeros(2), target).errors.linear.ravel() == pytest.approx(0.05)
     with pytest.raises(InputError, match=rf"nuisance.{TISSUE} = 0.2: allowed: a smaller one: the model cannot predict"):
         compute_nuisance_errors(model, {TISSUE: 0.2}, np.zeros(2), target)
+
+
+def test_a_constant_of_a_law_is_a_nuisance_by_its_path() -> None:
+    plain = read_scene(SCENE)
+    stiffening = plain.replace({"tissue.law": "yeoh", "tissue.c2_over_c1": 0.5})
+    assert check_nuisances(stiffening, {"tissue.c2_over_c1": "20 %"}, "youngs_modulus") == {"tissue.c2_over_c1": 0.2}
+    for other, name in ((plain, "tissue.c2_over_c1"), (stiffening, "tissue.c3_over_c1")):  # 0 has no relative uncertainty
+        with pytest.raises(InputError, match=rf"nuisance = '{name}'"):
+            check_nuisances(other, {name: 0.2}, "youngs_modulus")
