@@ -136,7 +136,7 @@ def _find_groups(tables: Sequence[Mapping[Any, Any]], name: Any, differing: set[
             yield [*group.values()], np.log(np.array([*group]))
 
 
-def iterate_leaves(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[tuple[Any, ...], Any]]:
+def iterate_leaves(value: object, path: tuple[Any, ...] = ()) -> Iterator[tuple[tuple[Any, ...], Any]]:
     """Yield paths and values of all numbers and words of nested mappings and sequences."""
     if isinstance(value, Mapping):
         for key, item in value.items():

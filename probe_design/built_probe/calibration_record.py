@@ -156,7 +156,7 @@ def build_record(calibration: Calibration, raw: Sequence[Raw], device: str, seri
         for observation, data in zip(calibration.readings, raw, strict=True)
     )  # fmt: skip
     scale = ForceScaleRecord.model_validate(asdict(gains.force_scale) | {"entries": gains.force_scale.entries.tolist()})
-    tables: dict[str, Any] = {name: getattr(gains, name).tolist() for name in ("matrix", "covariance", "slopes", "workshop")}
+    tables: dict[str, object] = {name: getattr(gains, name).tolist() for name in ("matrix", "covariance", "slopes", "workshop")}
     return CalibrationRecord.model_validate(
         tables
         | {

@@ -45,7 +45,7 @@ def describe_probe_difference(numbers: Mapping[str, float], scene: Scene) -> str
     return None if numbers.keys() == wanted.keys() else "it has parts there that the scene's has not"
 
 
-def read_board_serial(source: Mapping[str, Any]) -> str | None:
+def read_board_serial(source: Mapping[str, object]) -> str | None:
     """Read the serial number of the board from a source of samples; None if unknown."""
     transport, serial = source.get("transport"), source.get("serial")
     if transport in BOARDLESS_TRANSPORTS or (

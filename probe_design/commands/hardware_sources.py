@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from geometry.common.errors import InputError, Words, describe_choices
 from geometry.common.files import check_writable_file
@@ -145,7 +144,7 @@ class HardwareSetup:
     scene: Scene
     bench: Bench
     calibration: CalibrationRecord | None = None
-    origin: dict[str, Any] = field(default_factory=dict)
+    origin: dict[str, object] = field(default_factory=dict)
 
     @classmethod
     def from_files(cls, scene: Path | None, bench: Path | None, calibration: Path | None) -> HardwareSetup:

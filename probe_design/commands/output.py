@@ -61,7 +61,7 @@ def present(
         write_message(f"wrote {picture}")
 
 
-def add_provenance(value: dict[str, Any]) -> dict[str, Any]:
+def add_provenance(value: dict[str, object]) -> dict[str, object]:
     """Return a JSON object with a block of provenance, which is added if there is none."""
     from geometry.provenance.block import build_provenance
 
@@ -70,7 +70,7 @@ def add_provenance(value: dict[str, Any]) -> dict[str, Any]:
     return value | {"provenance": block}
 
 
-def print_json(value: dict[str, Any]) -> None:
+def print_json(value: dict[str, object]) -> None:
     """Print one JSON object; NaN and infinity raise ``ValueError``."""
     print(json.dumps(add_provenance(value), allow_nan=False))
 

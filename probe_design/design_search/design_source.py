@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from geometry.common.errors import InputError
 from geometry.common.text_files import parse_tables, read_text
@@ -13,7 +12,7 @@ from geometry.scenes.scene_file import read_scene
 from probe_design.design_search.template import read_builtin_design_text
 from probe_design.populations.design_file import Design, design_from_dict, design_from_tables, is_design
 
-DesignSource = Design | Scene | Path | str | Mapping[str, Any] | None
+DesignSource = Design | Scene | Path | str | Mapping[str, object] | None
 ALLOWED_SOURCES = "a Design or Scene, the name of a design or scene file, or the tables of a design file"
 
 

@@ -20,7 +20,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 from time import perf_counter
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
@@ -56,7 +55,7 @@ TISSUE_KEY = re.compile(r"tissue\.(layer\[\d\]\.(thickness|youngs_modulus)|young
 
 def estimate(
     scene: Scene, readings: tuple[Reading, ...], unknown: str = "youngs_modulus", accuracy: float | None = None, *,
-    linear: bool = False, nuisances: Mapping[str, Any] = MappingProxyType({}), advise: bool = False,
+    linear: bool = False, nuisances: Mapping[str, object] = MappingProxyType({}), advise: bool = False,
 ) -> Estimate:  # fmt: skip
     """Estimate one unknown of the scene's target, or of its tissue.
 

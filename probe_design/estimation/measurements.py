@@ -184,7 +184,7 @@ def read_readings(path: Path, scene: Scene, noise: Any = None, stiffness_noise: 
     return tuple(_check_reading(f"reading[{index}].", row, scene, noise, stiffness_noise) for index, row in enumerate(rows))
 
 
-def _toml_rows(text: str, name: str) -> list[Mapping[str, Any]]:
+def _toml_rows(text: str, name: str) -> list[Mapping[str, object]]:
     data = parse_tables(text, name, "tables headed [[reading]]")
     rows = data.get("reading")
     if set(data) != {"reading"} or not isinstance(rows, list) or not all(isinstance(row, Mapping) for row in rows):
@@ -192,7 +192,7 @@ def _toml_rows(text: str, name: str) -> list[Mapping[str, Any]]:
     return rows
 
 
-def _csv_rows(text: str, name: str) -> list[Mapping[str, Any]]:
+def _csv_rows(text: str, name: str) -> list[Mapping[str, object]]:
     try:
         lines = [[cell.strip() for cell in row] for row in csv.reader(text.splitlines()) if any(cell.strip() for cell in row)]
     except csv.Error as fault:
@@ -205,7 +205,7 @@ def _csv_rows(text: str, name: str) -> list[Mapping[str, Any]]:
     return [{key: cell for key, cell in zip(lines[0], row, strict=True) if cell} for row in lines[1:]]
 
 
-def _check_reading(key_prefix: str, row: Mapping[str, Any], scene: Scene, noise: Any, stiffness_noise: Any) -> Reading:
+def _check_reading(key_prefix: str, row: Mapping[str, object], scene: Scene, noise: Any, stiffness_noise: Any) -> Reading:
     """Return a reading from its entries, checked; ``key_prefix`` precedes its keys in messages."""
     for key in row:
         if key not in READING_KEYS:
@@ -236,7 +236,7 @@ def _check_reading(key_prefix: str, row: Mapping[str, Any], scene: Scene, noise:
     )
 
 
-def _read_phase(key_prefix: str, entries: Mapping[str, Any]) -> dict[str, float]:
+def _read_phase(key_prefix: str, entries: Mapping[str, object]) -> dict[str, float]:
     """Return phase and standard deviation by their keys, or nothing if both are missing."""
     phase_entries = {key: entries[key] for key in ("ratio_phase", "ratio_phase_sd") if key in entries}
     if len(phase_entries) == 1:
@@ -257,11 +257,11 @@ def _check_place(key_prefix: str, scene: Scene, x: float, y: float) -> None:
         raise InputError(f"{key_prefix}{key}", format_mm(x if key == "x" else y), fault.allowed) from None
 
 
-def _read_noise(key: str, value: Any) -> float:
+def _read_noise(key: str, value: object) -> float:
     return check_noise(read_fraction(key, value, ALLOWED_NOISE), key)
 
 
-def _read_blank(key: str, value: Any) -> bool:
+def _read_blank(key: str, value: object) -> bool:
     """Return true or false, which CSV files contain as texts."""
     flag = {"true": True, "false": False}.get(value.lower()) if isinstance(value, str) else value
     if not isinstance(flag, bool):

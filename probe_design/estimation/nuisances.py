@@ -20,7 +20,6 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import combinations, product
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -62,7 +61,7 @@ class NuisanceErrors:
         return self.errors.transform(lambda part: np.tensordot(weights, part, axes=1))
 
 
-def read_sd(key: str, value: Any) -> float:
+def read_sd(key: str, value: object) -> float:
     """Return a relative standard deviation, given as 0.2 or "20 %".
 
     Raises:
@@ -74,7 +73,7 @@ def read_sd(key: str, value: Any) -> float:
     return sd
 
 
-def check_nuisances(scene: Scene, stated: Mapping[str, Any], unknown: str) -> dict[str, float]:
+def check_nuisances(scene: Scene, stated: Mapping[str, object], unknown: str) -> dict[str, float]:
     """Return relative standard deviations as numbers, by the keys of the scene's numbers.
 
     Raises:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from geometry.cad import fixture
 from geometry.cad.solids import PART_COLOURS
@@ -22,6 +22,10 @@ from probe_design.built_probe.block_predictions import LINEARITY_ACCURACY, compu
 from probe_design.built_probe.load_checks import SAFE_SHARE
 from probe_design.built_probe.virtual_probe import compute_charge_per_force
 from solver.planning.load_limits import find_largest_load
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 
 PAGE_NAME = "calibration.pdf"
 SHEET_SIZE_INCHES = (8.27, 11.69)  # inches: A4
@@ -106,7 +110,7 @@ def _format_headline(probe: Probe, name: str) -> str:
     return f"{name[:90]}\n{radii}; {heights}; {moduli}"
 
 
-def _draw_section(axes: Any, probe: Probe, part: str, title: str) -> None:
+def _draw_section(axes: Axes, probe: Probe, part: str, title: str) -> None:
     """Draw the section of the probe on pin or ring, with the sleeve up (dashed) and down."""
     sizes = fixture.find_fixture_sizes(probe)
     for name, polygons in build_section_outlines(probe).items():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from pydantic import Field, ValidationError
 from pydantic_core import ErrorDetails
@@ -40,7 +39,7 @@ class Design(Frozen):
     objective: Objective = Field(default_factory=Objective)
 
 
-def is_design(tables: Mapping[str, Any]) -> bool:
+def is_design(tables: Mapping[str, object]) -> bool:
     """Whether the tables of a file are those of a design file: a scene has the tables probe and tissue itself."""
     return "scene" in tables or (bool(set(DESIGN_SECTIONS) - {"noise"} & set(tables)) and "probe" not in tables)
 
@@ -54,13 +53,13 @@ def read_design(path: Path | str) -> Design:
     return design_from_tables(read_tables(path, "design file"), Path(path))
 
 
-def design_from_tables(tables: Mapping[str, Any], path: Path) -> Design:
+def design_from_tables(tables: Mapping[str, object], path: Path) -> Design:
     """Check the tables of a design file. Raises ``InputError``, of a file that another command reads with its name."""
     check_kind(tables, str(path), "design file", "a design file, with [population], or a scene file, with [probe]")
     return design_from_dict(tables, path.parent, units_required=True)
 
 
-def design_from_dict(tables: Mapping[str, Any], folder: Path | str = ".", units_required: bool = False) -> Design:
+def design_from_dict(tables: Mapping[str, object], folder: Path | str = ".", units_required: bool = False) -> Design:
     """Check a design given as the tables of a design file.
 
     Args:

@@ -78,7 +78,7 @@ class FileEntry(ABC, Generic[Entry]):
     def encode(self, value: Entry) -> Any:
         """Return what a file says of it."""
 
-    def _validate(self, entry: Any, info: ValidationInfo) -> Entry:
+    def _validate(self, entry: object, info: ValidationInfo) -> Entry:
         try:
             return self.read(entry, bool(info.context and info.context.get("units_required")))
         except (ValueError, OverflowError) as fault:

@@ -90,7 +90,7 @@ class PopulationRanges(Frozen):
         return any(value_range is not None and not value_range.is_single for value_range in given)
 
 
-def _expand_positions(entry: Any, units_required: bool) -> Any:
+def _expand_positions(entry: object, units_required: bool) -> Any:
     """Write ``[from, to, number]`` out."""
     if not isinstance(entry, Sequence) or isinstance(entry, str) or len(entry) != 3:
         return entry
@@ -128,7 +128,7 @@ class Protocol(Frozen):
 
     @field_validator("positions", mode="before")
     @classmethod
-    def _expand_positions(cls, entry: Any, info: ValidationInfo) -> Any:
+    def _expand_positions(cls, entry: object, info: ValidationInfo) -> Any:
         return _expand_positions(entry, bool(info.context and info.context.get("units_required")))
 
     @property

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import tomli_w
 from pydantic import BaseModel
@@ -35,7 +34,7 @@ def _format_section(name: str) -> str:
 
 
 def _format_keys(model: type[BaseModel]) -> Iterator[str]:
-    written: dict[str, Any] = model().model_dump(mode="json", exclude_none=True)
+    written: dict[str, object] = model().model_dump(mode="json", exclude_none=True)
     for key, field in model.model_fields.items():
         default = written.get(key)
         if default in ([], {}, None) and field.examples:
@@ -45,7 +44,7 @@ def _format_keys(model: type[BaseModel]) -> Iterator[str]:
             yield f"{key} = {format_toml(value)}   # {field.description}"
 
 
-def format_toml(value: Any) -> str:
+def format_toml(value: object) -> str:
     """Return a value as one line of TOML."""
     if isinstance(value, dict):
         return "{ " + ", ".join(f"{key} = {format_toml(item)}" for key, item in value.items()) + " }"

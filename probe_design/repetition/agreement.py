@@ -45,7 +45,7 @@ class Difference:
         return f"{self.place}: {_format_value(self.recorded)} then, {_format_value(self.repeated)} now"
 
 
-def count_numbers(recorded: Mapping[str, Any], repeated: Mapping[str, Any]) -> int:
+def count_numbers(recorded: Mapping[str, object], repeated: Mapping[str, object]) -> int:
     """Return the number of values that are compared."""
     return sum(1 for _ in _iterate_pairs(recorded, repeated, ""))
 
@@ -113,6 +113,6 @@ def _format_value(value: object) -> str:
     return f"{value:.6g}" if isinstance(value, float) else repr(value)[:60]
 
 
-def _is_number(value: Any) -> bool:
+def _is_number(value: object) -> bool:
     """Return whether a value is a finite number; integers in a damaged file may exceed the range of floats."""
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max

@@ -72,7 +72,7 @@ def _find_command(cli: click.Group, words: list[str]) -> tuple[click.Command, li
     return command, words
 
 
-def _build_option_words(option: click.Option, value: Any, places: Mapping[str, str], output: Path) -> list[str]:
+def _build_option_words(option: click.Option, value: object, places: Mapping[str, str], output: Path) -> list[str]:
     """Return the words of one option of the new command line."""
     name = max(option.opts, key=len)
     if option.name in IGNORED_OPTIONS:
@@ -89,7 +89,7 @@ def _replace_path(text: str, places: Mapping[str, str]) -> str:
     return f"{places.get(head, head)}{comma}{tail}"
 
 
-def _list_words(value: Any) -> list[Any]:
+def _list_words(value: object) -> list[Any]:
     """Return the words of an option's value; click marks a missing value with an object of its own."""
     words = list(value) if isinstance(value, list | tuple) else [value]
     return [word for word in words if isinstance(word, str)]

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
@@ -27,7 +26,7 @@ MM_PER_M = 1e3
 Mesh = tuple[Floats, Ints]
 
 
-def build_bodies(scene: Scene) -> tuple[dict[str, Any], ...]:
+def build_bodies(scene: Scene) -> tuple[dict[str, object], ...]:
     """Build the bodies of a ``page.TurningView``; inclusions with a surface file are left out."""
     placement, rotation = scene.placement, _build_rotation(scene.placement.tilt)
     shift = np.array([placement.x, placement.y, 0.0])

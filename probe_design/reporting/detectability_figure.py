@@ -12,6 +12,7 @@ from probe_design.maps.detectability import Detectability
 from probe_design.maps.target_grid import find_target
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 MM_PER_M = 1e3
@@ -81,7 +82,7 @@ def _draw_map(figure: Any, axes: Any, maps: Detectability, values: Floats, *, no
     bar.ax.minorticks_off()
 
 
-def _draw_contour(axes: Any, maps: Detectability, values: Floats, limit: float) -> None:
+def _draw_contour(axes: Axes, maps: Detectability, values: Floats, limit: float) -> None:
     """Draw the line on which values equal the limit."""
     inside = np.log(np.maximum(values, 1e-300) / limit)
     if np.any(inside < 0) and np.any(inside > 0):
@@ -95,7 +96,7 @@ def _draw_contour(axes: Any, maps: Detectability, values: Floats, limit: float) 
         )
 
 
-def _hatch_open_verdicts(axes: Any, maps: Detectability, verdicts: Any) -> None:
+def _hatch_open_verdicts(axes: Axes, maps: Detectability, verdicts: Any) -> None:
     """Hatch the cells where the error bound leaves the verdict open, or is above the change."""
     from matplotlib.collections import PolyCollection
 
@@ -114,7 +115,7 @@ def _compute_edges(centres: Floats) -> Floats:
     return np.concatenate([[2 * centres[0] - middles[0]], middles, [2 * centres[-1] - middles[-1]]])
 
 
-def _mark_target(axes: Any, maps: Detectability, scene: Scene) -> None:
+def _mark_target(axes: Axes, maps: Detectability, scene: Scene) -> None:
     body = find_target(scene)
     x, y = (body.diameter or 0.0) * MM_PER_M, body.depth * MM_PER_M
     if (

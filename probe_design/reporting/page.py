@@ -89,7 +89,7 @@ class Picture:
 class TurningView:
     """Bodies that a reader can rotate, each with ``colour``, ``vertices`` (n, 3) and ``triangles`` (m, 3); see ``bodies.py``."""
 
-    bodies: tuple[dict[str, Any], ...]
+    bodies: tuple[dict[str, object], ...]
     alt: str
     kind: str = "view"
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from geometry.scenes.scene import Inclusion, Scene
 from probe_design.maps.scan import Column, Scan
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 MM_PER_M = 1e3
@@ -100,7 +101,7 @@ def _choose_probe_position(scan: Scan) -> float:
     return scan.position[int(np.nanargmax(change))]
 
 
-def _plot_ratio(axes: Any, scan: Scan) -> None:
+def _plot_ratio(axes: Axes, scan: Scan) -> None:
     x, ratio, error = np.array(scan.position) * MM_PER_M, _replace_none(scan.ratio), _replace_none(scan.error_estimate)
     axes.plot(x, ratio, color="tab:blue", marker="." if len(x) < 60 else None, label="with inclusions")
     band = np.abs(ratio) * np.minimum(error, 1.0)
@@ -117,7 +118,7 @@ def _plot_ratio(axes: Any, scan: Scan) -> None:
     axes.set_ylabel("ratio of inner to\nouter film stress")
 
 
-def _plot_second_curve(axes: Any, scan: Scan) -> None:
+def _plot_second_curve(axes: Axes, scan: Scan) -> None:
     """Plot the log-sensitivity if there is a target, else the stiffness."""
     x = np.array(scan.position) * MM_PER_M
     sensitivity = _replace_none(scan.log_sensitivity)
@@ -134,7 +135,7 @@ def _plot_second_curve(axes: Any, scan: Scan) -> None:
     axes.set_ylabel("stiffness, N/m\n(force per indentation)")
 
 
-def _draw_section(axes: Any, scan: Scan, scene: Scene, depth: float) -> None:
+def _draw_section(axes: Axes, scan: Scan, scene: Scene, depth: float) -> None:
     from matplotlib.patches import Circle, Rectangle
 
     left, right = _find_sides(scan, scene, 10 * depth + 1e3)
@@ -167,7 +168,7 @@ def _draw_section(axes: Any, scan: Scan, scene: Scene, depth: float) -> None:
     axes.yaxis.set_major_formatter(lambda height, _: f"{abs(height):g}" if height < 1e-9 else "")
 
 
-def _write_label(axes: Any, centre: tuple[float, float], radius: float, text: str, colour: str) -> None:
+def _write_label(axes: Axes, centre: tuple[float, float], radius: float, text: str, colour: str) -> None:
     white = {"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.8}
     axes.annotate(
         text, (centre[0], centre[1] - radius), xytext=(0, -3), textcoords="offset points", ha="center", va="top", fontsize=8,
@@ -195,7 +196,7 @@ def _find_sides(scan: Scan, scene: Scene, far_side: float) -> tuple[float, float
     return -half, half
 
 
-def _draw_probe(axes: Any, scene: Scene, position: float) -> None:
+def _draw_probe(axes: Axes, scene: Scene, position: float) -> None:
     from matplotlib.patches import Rectangle
 
     probe = scene.probe

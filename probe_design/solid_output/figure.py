@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,6 +19,10 @@ from probe_design.solid_output.stress_panel import deform_section, draw_mesh_lin
 from solver.solid.base_states import SolidStates, compute_fields
 from solver.solid.problem import Problem
 from solver.solid.regions import Region
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 
 FIGURE_SIZE_INCHES, FIGURE_DPI = (12.5, 9.6), 140  # inches, and dots per inch
 TISSUE_COLOUR, OUTER_TISSUE_COLOUR = (0.973, 0.875, 0.804), (0.985, 0.945, 0.915)
@@ -110,7 +114,7 @@ def _format_title(states: SolidStates, motion: Floats) -> str:
     )
 
 
-def _draw_mesh(axes: Any, problem: Problem, cut: Faces, sizes: MeshSizes) -> None:
+def _draw_mesh(axes: Axes, problem: Problem, cut: Faces, sizes: MeshSizes) -> None:
     """Draw the mesh cut open, with an inset of the probe in wide tissue."""
     from matplotlib.patches import Patch
 
@@ -137,7 +141,7 @@ def _format_value(value: float, unit: str) -> str:
     return str(EngFormatter(unit)(float(f"{value:.3g}")))
 
 
-def _draw_gap(axes: Any, cut: Faces, sizes: MeshSizes) -> None:
+def _draw_gap(axes: Axes, cut: Faces, sizes: MeshSizes) -> None:
     """Draw the gap at the tissue, with an arrow for its width."""
     from matplotlib.collections import PolyCollection
 

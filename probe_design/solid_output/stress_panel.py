@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,10 @@ from numpy.typing import NDArray
 from geometry.cad.solids import MM_PER_M
 from geometry.common.arrays import Floats
 from probe_design.solid_output.faces import Faces
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 
 TAIL_QUANTILES = (0.01, 0.99)  # shares of the shown area at which the colour scale ends: singular corners are beyond
 MAX_DECADES = 2.0  # of von Mises stress in the colour scale, at most
@@ -86,14 +90,14 @@ def draw_stress(axes: Any, bar_axes: Any, shape: DeformedSection, name: str) -> 
     label_axes(axes)
 
 
-def draw_mesh_lines(axes: Any, points: Floats, lines: NDArray[np.int64], width: float) -> None:
+def draw_mesh_lines(axes: Axes, points: Floats, lines: NDArray[np.int64], width: float) -> None:
     """Draw pairs (m, 2) of points (n, 2) as dark lines, ``width`` in printer's points."""
     from matplotlib.collections import LineCollection
 
     axes.add_collection(LineCollection(list(points[lines]), colors="0.15", linewidths=width, capstyle="round"))
 
 
-def label_axes(axes: Any) -> None:
+def label_axes(axes: Axes) -> None:
     """Label the axes of a section, mm."""
     axes.set_xlabel("x, mm", fontsize=9)
     axes.set_ylabel("z, mm", fontsize=9)

@@ -92,7 +92,7 @@ def read_sweep(path: Path | str) -> Sweep:
     return sweep_from_dict(contents, Path(path).parent, True)
 
 
-def sweep_from_dict(tables: Mapping[str, Any], folder: Path | str = ".", units_required: bool = False) -> Sweep:
+def sweep_from_dict(tables: Mapping[str, object], folder: Path | str = ".", units_required: bool = False) -> Sweep:
     """Check the tables of a sweep file and return the sweep.
 
     Args:
@@ -145,7 +145,7 @@ def _make_surface_paths_absolute(base: dict[str, Any]) -> dict[str, Any]:
     return base | {"inclusion": bodies} if bodies else base
 
 
-def _read_settings(tables: Mapping[str, Any]) -> tuple[str, float, bool]:
+def _read_settings(tables: Mapping[str, object]) -> tuple[str, float, bool]:
     """Read evaluator, accuracy and ``linear``."""
     from solver.evaluators import AUTO, EVALUATOR_NAMES, check_accuracy
 
@@ -159,7 +159,7 @@ def _read_settings(tables: Mapping[str, Any]) -> tuple[str, float, bool]:
     return str(evaluator), accuracy, linear
 
 
-def _read_limits(tables: Mapping[str, Any], units_required: bool) -> Limits:
+def _read_limits(tables: Mapping[str, object], units_required: bool) -> Limits:
     """Read the limits of each design; default to those of this process."""
     time, memory = tables.get("time_limit"), tables.get("memory_limit")
     return Limits(
@@ -189,6 +189,6 @@ def _read_sample(table: object) -> DesignSampling:
     )
 
 
-def build_scene(base: Mapping[str, Any], keys: tuple[Key, ...], values: tuple[Value, ...]) -> Scene:
+def build_scene(base: Mapping[str, object], keys: tuple[Key, ...], values: tuple[Value, ...]) -> Scene:
     """Build the scene of one design. Raises ``InputError`` if the scene is not valid."""
     return Scene.from_tables(replace_values(base, keys, values))

@@ -52,7 +52,7 @@ class Store:
         with _refuse_damage(self.folder):
             return integrity.read_request(rows)
 
-    def begin(self, request: Mapping[str, Any], designs: Sequence[tuple[int, tuple[Value, ...], bytes]]) -> None:
+    def begin(self, request: Mapping[str, object], designs: Sequence[tuple[int, tuple[Value, ...], bytes]]) -> None:
         """Store the request and designs of a sweep, replacing those of an earlier sweep in this folder; result rows stay."""
         with self._open_transaction() as connection:
             connection.execute("DELETE FROM about")

@@ -66,7 +66,7 @@ def read_variable(
     return Variable(target, tuple(values.tolist()), log=scale == "log")
 
 
-def _read_list(target: Key, table: Mapping[str, Any], units_required: bool) -> tuple[Value, ...]:
+def _read_list(target: Key, table: Mapping[str, object], units_required: bool) -> tuple[Value, ...]:
     """Read a list of values."""
     values = table["values"].tolist() if isinstance(table["values"], np.ndarray) else table["values"]
     if not isinstance(values, list | tuple) or not 1 <= len(values) <= MAX_VALUES or len(table) > 1:
@@ -77,7 +77,7 @@ def _read_list(target: Key, table: Mapping[str, Any], units_required: bool) -> t
     return checked_values
 
 
-def _read_bound(target: Key, table: Mapping[str, Any], end: str, units_required: bool) -> float:
+def _read_bound(target: Key, table: Mapping[str, object], end: str, units_required: bool) -> float:
     """Read one end of a range."""
     if end not in table:
         raise InputError(f"{target.name}.{end}", Words("missing"), "from and to, or values")

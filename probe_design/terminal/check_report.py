@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 from geometry.scenes.scene import Scene
 from probe_design.data.noise import DEFAULT_NOISE
@@ -20,7 +19,7 @@ from probe_design.terminal.hardware_tables import (
 )
 
 
-def build_check_report(check: Check, scene: Scene, json_object: dict[str, Any], tell: Callable[[str], None]) -> str:
+def build_check_report(check: Check, scene: Scene, json_object: dict[str, object], tell: Callable[[str], None]) -> str:
     """Return the report as HTML.
 
     Args:

@@ -133,7 +133,7 @@ class ToleranceBudget(Record):
 
 def tolerances(
     scene: Scene, ratio: float = 0.01, *, bench: Bench | None = None, materials: Mapping[str, str] = MappingProxyType({}),
-    given: Mapping[str, Any] = MappingProxyType({}), samples: int = 1024, seed: int = 0,
+    given: Mapping[str, object] = MappingProxyType({}), samples: int = 1024, seed: int = 0,
 ) -> ToleranceBudget:  # fmt: skip
     """Compute the uncertainty budget of a scene's probe as built.
 

@@ -153,7 +153,7 @@ def _apply_material(numbers: Mapping[str, UncertainNumber], block: str, material
     }
 
 
-def _read_sd(number: UncertainNumber, entry: Any) -> float:
+def _read_sd(number: UncertainNumber, entry: object) -> float:
     """Read a given standard deviation, SI."""
     key = f"tolerance.{number.name}"
     if number.kind == "length":

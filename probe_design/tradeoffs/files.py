@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 from geometry.common.files import write_together
 from geometry.provenance.block import build_provenance
@@ -45,7 +44,7 @@ def write_all(study: Tradeoff, folder: Path) -> list[Path]:
     return files
 
 
-def _build_report(study: Tradeoff, picture: Path, summary: dict[str, Any]) -> str:
+def _build_report(study: Tradeoff, picture: Path, summary: dict[str, object]) -> str:
     """Build the report as HTML."""
     scenes = [build_scene_section(scene, f"The scene {name}") for name, scene in study.scenes.items()]
     refusals = [f"{row.scene}, {row.evaluator}: {row.reason}" for row in study.rows if row.reason is not None]

@@ -5,12 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from geometry.common.errors import escape_unprintable
 from probe_design.reporting.picture_files import save_figure
 from probe_design.tradeoffs.rows import Row, find_pareto_front, remove_duplicates
 from probe_design.tradeoffs.study import Tradeoff
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 
 EVALUATOR_COLOURS = {
     "closed-form": "tab:green", "equivalent-inclusion": "tab:orange", "axisymmetric": "tab:blue", "solid": "tab:purple",
@@ -59,7 +63,7 @@ def _find_bottom_axes(grid: Any, count: int, column: int) -> Any:
     return axes
 
 
-def _draw_panel(axes: Any, name: str, rows: Sequence[Row]) -> None:
+def _draw_panel(axes: Axes, name: str, rows: Sequence[Row]) -> None:
     """Draw the panel of one scene."""
     answers = remove_duplicates(rows)
     _draw_front(axes, answers)
@@ -104,7 +108,7 @@ def _draw_row(axes: Any, row: Row) -> None:
     axes.plot(x, stated_error, "*" if row.reference else marker, color=colour, markersize=12 if row.reference else 6.5, zorder=4)
 
 
-def _label_accuracies(axes: Any, answers: Sequence[Row]) -> None:
+def _label_accuracies(axes: Axes, answers: Sequence[Row]) -> None:
     """Label points with the requested accuracy, where labels do not overlap."""
     label_places: list[tuple[float, float]] = []
     white = {"facecolor": "white", "edgecolor": "none", "alpha": 0.6, "pad": 0.3}

@@ -194,5 +194,5 @@ def _find_min_error(rows: list[Row]) -> float:
     return min((error for error in stated if error is not None), default=math.inf)
 
 
-def _build_choice(row: Row | None) -> dict[str, Any] | None:
+def _build_choice(row: Row | None) -> dict[str, object] | None:
     return None if row is None else {"evaluator": row.evaluator, "accuracy": row.accuracy, "seconds_probe": row.seconds_probe}

@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from geometry.common.arrays import Floats
+
 Array = Any  # numpy array of floats, or of complex numbers on the way to a derivative
 STORED_VALUES_FILE = Path(__file__).with_name("bessel.npy")
 STORED_ORDERS = 10  # the orders that ``off_axis`` needs, and one more for the derivative
@@ -56,14 +58,14 @@ def _interpolate(x: Array, tables: list[Any]) -> Array:
 
 
 @lru_cache(maxsize=32)
-def _fit_cylindrical(order: int) -> Any:
+def _fit_cylindrical(order: int) -> Floats:
     """Fit the cubics of J_n from its values and its derivative (J_(n-1) - J_(n+1)) / 2."""
     lower_order = _get_table_values(0, order - 1) if order else -_get_table_values(0, 1)
     return _fit_cubics(_get_table_values(0, order), (lower_order - _get_table_values(0, order + 1)) / 2)
 
 
 @lru_cache(maxsize=32)
-def _fit_spherical(order: int) -> Any:
+def _fit_spherical(order: int) -> Floats:
     """Fit the cubics of j_n from its values and its derivative j_(n-1) - (n+1) j_n / x; at x = 0 it is 1/3 for n = 1, else 0."""
     value = _get_table_values(1, order)
     if order == 0:
@@ -74,7 +76,7 @@ def _fit_spherical(order: int) -> Any:
     )
 
 
-def _fit_cubics(value: Any, slope: Any) -> Any:
+def _fit_cubics(value: Floats, slope: Floats) -> Floats:
     """Return coefficients of the cubics through values and slopes, highest power first, shape (4, steps)."""
     rise, slope = np.diff(value), slope / STEPS_PER_UNIT
     bend = slope[:-1] + slope[1:] - 2 * rise

@@ -35,6 +35,7 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import Polynomial, legendre
 
+from geometry.common.arrays import Floats, Ints
 from solver.closed_form.bessel import Array
 from solver.closed_form.block_functions import (
     AXIAL_FUNCTIONS,
@@ -73,7 +74,7 @@ class ElasticBlocks:
     nu: Array
     fine: bool = False
 
-    def take(self, which: Any) -> ElasticBlocks:
+    def take(self, which: Ints) -> ElasticBlocks:
         """Return the blocks with indices ``which``."""
         hole = None if self.hole is None else self.hole[which]
         return ElasticBlocks(hole, self.radius[which], self.height[which], self.E[which], self.nu[which], self.fine)
@@ -98,7 +99,7 @@ class ElasticBlocks:
         """The decay b of eq. CF.9 times the height."""
         return (2.2 if self.hole is None else 2.0) * self.height / self.width
 
-    def radii(self, y: Any) -> Array:
+    def radii(self, y: Floats) -> Array:
         """Return the radii at fractions y (k,) of the width, m, shape (n, k)."""
         return self.start[:, None] + self.width[:, None] * np.asarray(y)
 

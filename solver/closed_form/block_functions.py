@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import legendre
 
+from geometry.common.arrays import Floats
 from solver.closed_form.bessel import Array
 from solver.closed_form.tractions import COARSE_LOADS, FINE_LOADS, Loads
 from solver.linalg.piecewise import PiecewisePolynomials
@@ -165,7 +166,7 @@ def compute_axial_integrals(steepness: Any, axial: int) -> list[Any]:
     return [integrate_products(g, g), integrate_products(dg, dg), *of_modes, slope, (f_end[:, None] @ modes)[:, 0], modes]
 
 
-def _find_modes(squares: Any, slopes: Any, end: Any) -> tuple[Any, Any]:
+def _find_modes(squares: Floats, slopes: Floats, end: Floats) -> tuple[Any, Any]:
     """Find modes (columns) with unit integrals of squares, positive at ``end``; return their slopes' integrals and the modes."""
     low = np.linalg.inv(np.linalg.cholesky(squares))
     slope, turn = np.linalg.eigh(low @ slopes @ low.swapaxes(1, 2))
@@ -248,7 +249,7 @@ def compute_radial_integrals(wall: Any, solid: bool, fine: bool) -> list[Any]:
     return [strain, integrate_products(u, u), *of_modes, slope_integrals, pressed @ modes, sheared, modes]
 
 
-def _integrate_loads(hole: Any, wall: Any, loads: Loads, radial: int) -> tuple[Any, Any]:
+def _integrate_loads(hole: Floats, wall: Floats, loads: Loads, radial: int) -> tuple[Any, Any]:
     """Return the work of the pressures on the P_i and of the shears on the u, shapes (m, loads, functions)."""
     y, weight = _build_gauss_rule(tuple(loads.cuts), NODES_PER_RING)
     P, _, r, u = _evaluate_functions(y, hole, radial, loads.solid)
@@ -264,7 +265,7 @@ def _build_gauss_rule(cuts: tuple[float, ...], points: int) -> tuple[Any, Any]:
     return (low + parts * (x + 1) / 2).ravel(), (parts * weight / 2).ravel()
 
 
-def _evaluate_functions(y: Any, hole: Any, radial: int, solid: bool) -> tuple[Any, Any, Any, Any]:
+def _evaluate_functions(y: Floats, hole: Floats, radial: int, solid: bool) -> tuple[Any, Any, Any, Any]:
     """Return P_i, dP_i/dr, r and u = U_i / r at fractions y of walls of width 1, shapes (m, functions, points), r (m, points)."""
     x, weight = legendre.leggauss(6)
     x, weight = (x + 1) / 2, weight / 2

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from geometry.common.arrays import Ints
 from geometry.common.resources import check_time
 from solver.closed_form.bessel import Array
 from solver.closed_form.block_compliance import ElasticBlocks, compute_end_compliance
@@ -63,7 +64,7 @@ class Tissue:
     radius: Any = None
     layers: tuple[TissueLayer, ...] = ()
 
-    def take(self, which: Any) -> Tissue:
+    def take(self, which: Ints) -> Tissue:
         """Return the tissue of the designs with indices ``which``."""
         depth, radius = (None if part is None else part[which] for part in (self.depth, self.radius))
         layers = tuple(TissueLayer(layer.thickness[which], layer.E[which], layer.nu[which]) for layer in self.layers)

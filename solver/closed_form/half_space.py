@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 
+from geometry.common.arrays import Floats
 from solver.closed_form.bessel import Array
 
 # of 1, 1-m, (1-m)^2, ..., and of (1-m)^2 ln(1-m) times these; a row for eq. CF.2, one for eq. CF.3
@@ -86,7 +87,7 @@ def _fill_symmetric(values: Array, size: int) -> Array:
     return full.transpose(2, 0, 1)
 
 
-def _evaluate_polynomials(x: Array, coefficients: Any) -> Array:
+def _evaluate_polynomials(x: Array, coefficients: Floats) -> Array:
     """Evaluate several polynomials (rows of coefficients, lowest power first) at x; shape (polynomials, *x.shape)."""
     powers = np.empty((coefficients.shape[1], x.size), dtype=x.dtype)
     powers[0], powers[1] = 1, x.ravel()

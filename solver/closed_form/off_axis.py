@@ -28,6 +28,7 @@ from typing import Any
 
 import numpy as np
 
+from geometry.common.arrays import Ints
 from solver.closed_form.bessel import Array, bessel, spherical_bessel
 from solver.closed_form.surface_images import ALL_MOMENTS, AXIAL_MOMENTS, SphereArray, SphereWaves
 
@@ -203,7 +204,7 @@ def _assemble_responses(pairs: Pairs, even_rows: Array, odd_rows: Array) -> Arra
     return v
 
 
-def _select_degrees(compliance: Array, degrees: Any) -> Array:
+def _select_degrees(compliance: Array, degrees: Ints) -> Array:
     """Return the compliance at each of the degrees, shape (n, degrees); one value may serve all."""
     return np.repeat(compliance[:, None], len(degrees), axis=1) if compliance.ndim == 1 else compliance[:, degrees]
 

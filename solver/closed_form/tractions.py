@@ -17,6 +17,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.polynomial import legendre
 
+from geometry.common.arrays import Floats
 from solver.closed_form.bessel import Array, bessel
 
 
@@ -84,7 +85,7 @@ class Loads:
         return weights / (2 * self.radii[:, None]) if self.solid else weights
 
 
-def batched_matmul(matrices: Any, matrix: Any) -> Any:
+def batched_matmul(matrices: Any, matrix: Floats) -> Any:
     """Multiply matrices (n, i, j) by one matrix (j, k) as a single product, which is faster than n products."""
     return (matrices.reshape(-1, len(matrix)) @ matrix).reshape(*matrices.shape[:-1], -1)
 
@@ -203,7 +204,7 @@ def combine_disc_works(blocks: EndPair, works: Sequence[Array]) -> list[Array]:
     return [_combine_works(work, left, right) for work, (left, right) in zip(works, sides, strict=True)]
 
 
-def _combine_works(work: Array, left: Any, right: Any) -> Array:
+def _combine_works(work: Array, left: Floats, right: Floats) -> Array:
     """Return left^T work right for matrices ``work`` (n, i, j) whose axis n is last in memory."""
     rows = work.transpose(1, 2, 0)
     halves = (left.T @ rows.reshape(len(left), -1)).reshape(-1, *rows.shape[1:])

@@ -105,7 +105,7 @@ class FirstOrder:
                 poisson_ratio (of the tumours).
         """
         t, hosts = self.tumours, self.strata.find_hosts(self.tumours.depth)
-        moduli: dict[str, Any] = {"modulus": hosts.youngs_modulus, "nu": hosts.poisson_ratio}
+        moduli: dict[str, object] = {"modulus": hosts.youngs_modulus, "nu": hosts.poisson_ratio}
         moduli |= {"youngs_modulus": t.youngs_modulus, "poisson_ratio": t.poisson_ratio}
         whole, (volume, shear) = compute_strengths(**{**moduli, **changed})
         mine = np.arange(len(t.x)) == self.target

@@ -42,7 +42,7 @@ class Strength:
     by_poisson: tuple[Any, Any]
 
 
-def compute_strength(matrix: Material | Isotropic, youngs_modulus: Any, poisson_ratio: Any) -> Strength:
+def compute_strength(matrix: Material | Isotropic, youngs_modulus: Floats, poisson_ratio: Floats) -> Strength:
     """Return the strength of spheres with given moduli (Pa) and Poisson's ratios, arrays of one shape, in a matrix.
 
     The matrix is one for all, or each sphere's own in arrays of the same shape.

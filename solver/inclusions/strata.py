@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
@@ -33,11 +32,11 @@ class Strata:
         """Build the strata of a scene's tissue."""
         return cls(tissue.interfaces, (*tissue.layer, tissue))
 
-    def find_layer(self, depth: Any) -> Ints:
+    def find_layer(self, depth: Floats) -> Ints:
         """Return the index of the material at depths, m, of any shape; an interface belongs to the material below it."""
         return np.asarray(np.searchsorted(self.interfaces, depth, side="right"))
 
-    def find_hosts(self, depth: Any) -> Isotropic:
+    def find_hosts(self, depth: Floats) -> Isotropic:
         """Return the laws at depths, m, of any shape."""
         return Isotropic.from_materials(self.materials).select(self.find_layer(depth))
 

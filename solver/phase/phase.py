@@ -21,7 +21,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 from threadpoolctl import threadpool_limits
 
@@ -63,7 +62,7 @@ class RatioPhase:
     notes: tuple[Note, ...] = ()
 
     @property
-    def suffixed_fields(self) -> dict[str, Any]:
+    def suffixed_fields(self) -> dict[str, object]:
         """The values by the suffix that is appended to the name ``ratio_phase``."""
         return {"": self.value, "_error": self.error, "_derivatives": self.derivatives}
 

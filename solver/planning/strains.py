@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable
 from itertools import pairwise
 from typing import Any
 
+from geometry.common.arrays import Floats
 from geometry.scenes.probe import Interface, Material
 from geometry.scenes.scene import Inclusion, Tissue
 
@@ -182,7 +183,7 @@ def _choose_greater(a: Any, b: Any) -> Any:
     return a * first + b * (1 - first)
 
 
-def compute_cancelling_factor(totals: Any, areas: tuple[float, float]) -> float:
+def compute_cancelling_factor(totals: Floats, areas: tuple[float, float]) -> float:
     """Return the factor by which a film's relative change grows where its pressures nearly cancel.
 
     Where a stiff layer carries the load to one block, the other's film is pushed here and pulled there. With the films' stresses
