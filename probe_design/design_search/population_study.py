@@ -74,7 +74,7 @@ class PopulationStudy:
 
     def verify_start(self, tell: Progress) -> PopulationVerification:
         """Verify the start."""
-        return self.verify(self.design.scene, partial(tell, "judging the start"))
+        return self.verify(self.design.scene, partial(tell, "verifying the start"))
 
     def verify_choices(self, start: PopulationVerification, search: ChoiceSearch, tell: Progress) -> PopulationOptimum:
         """Refine the best design of a search, and verify the best that differ and one for a single tumour."""
@@ -98,7 +98,7 @@ class PopulationStudy:
 
     def _select_finalists(self, search: ChoiceSearch, tell: Progress) -> list[tuple[Choice, Scene]]:
         """Select the best designs that differ, rounded to what a workshop makes; the first is refined before."""
-        advance = partial(tell, "polishing by equivalent-inclusion")
+        advance = partial(tell, "refining by equivalent-inclusion")
         better = refine_design(self.objective, self.design, self.search_space, search.choices[0], advance)
         order = [*([] if better is None else [better]), *search.choices][:MAX_TRIED]
         finalists: list[tuple[Choice, Scene]] = []
@@ -115,7 +115,7 @@ class PopulationStudy:
     ) -> Iterator[tuple[PopulationVerification, Robustness]]:
         for k, (choice, scene) in enumerate(finalists):
             with suppress(Refusal):  # a design that cannot be judged is none
-                yield self._verify_choice(choice, scene, partial(tell, f"judging finalist {k + 1} of {len(finalists)}"))
+                yield self._verify_choice(choice, scene, partial(tell, f"verifying candidate {k + 1} of {len(finalists)}"))
 
     def _verify_choice(
         self, choice: Choice, scene: Scene, advance: Callable[[int, int], None]
@@ -136,7 +136,7 @@ class PopulationStudy:
             objective = TumourObjective.from_scene(rule, noise, SINGLE_STARTS)
             search = search_combinations(objective, self.search_space, partial(tell, "designing for one tumour"))
             for choice, best in iterate_distinct(search.choices, self.search_space, SAME_DESIGN_TOLERANCE_RELATIVE):
-                return self._verify_choice(choice, best, partial(tell, "judging the design for one tumour")), ""
+                return self._verify_choice(choice, best, partial(tell, "verifying the design for one tumour")), ""
         except (Refusal, InputError) as fault:
             return None, str(fault)
         return None, "no design for one tumour within the limits"

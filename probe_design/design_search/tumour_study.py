@@ -137,9 +137,9 @@ class TumourStudy:
 
     def verify_start(self, tell: Progress) -> TumourVerification:
         """Verify the start."""
-        tell("judging the start", 0, 1)
+        tell("verifying the start", 0, 1)
         start = self.verify(self.scene)
-        tell("judging the start", 1, 1)
+        tell("verifying the start", 1, 1)
         return start
 
     def verify_choices(self, start: TumourVerification, search: ChoiceSearch, tell: Progress) -> TumourOptimum:
@@ -167,8 +167,8 @@ class TumourStudy:
         scenes = [
             scene for _, scene in islice(iterate_distinct(search.choices, self.search_space, MIN_LOG_DISTANCE), MAX_VERIFIED)
         ]
-        verified = merge_designs(self._verify_scenes(scenes, partial(tell, f"judging candidates by {self.evaluator}")))
-        refined = self._refine(verified[:REFINED_DESIGNS], partial(tell, f"polishing by {self.evaluator}"))
+        verified = merge_designs(self._verify_scenes(scenes, partial(tell, f"verifying candidates by {self.evaluator}")))
+        refined = self._refine(verified[:REFINED_DESIGNS], partial(tell, f"refining by {self.evaluator}"))
         return merge_designs((*verified, *refined))
 
     def _verify_scenes(self, scenes: list[Scene], advance: Callable[[int, int], None]) -> Iterator[TumourVerification]:
