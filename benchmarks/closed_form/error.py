@@ -1,168 +1,195 @@
-"""The closed form's stated errors: where their weights come from, and how they do on other scenes.
+"""Fit the closed form's stated errors, 95 % quantiles by class of scene, and measure how many true errors they cover.
 
-``python -m benchmarks.closed_form.error FILE --seeds 1:1000`` audits: for the scenes of a file of ``scenes.py``, of which the
-seeds drew as many as said, it prints quantiles of the true errors of ln(ratio), of the logarithms of both totals and of the
-log-sensitivity, of the stated ones, and of true over stated, which must stay below 1, and writes them to
-``solver/closed_form/error_weights.json``. With ``--fit`` it writes the weights of eq. CF.19 instead (``envelope.py``), such that
-no scene of the file or of tests/reference is stated less than ``ERROR_MARGIN_FACTOR`` times its error, or than its error with
-that of the converged result.
+``python -m benchmarks.closed_form.error FILE... --fit --seeds K...`` fits eq. CF.19 to scenes of files of ``scenes.py``, drawn
+with these seeds, and writes ``solver/closed_form/error_quantiles.json``. The weights come from quantile regression of the
+logarithms of the errors, all classes together. The constants are calibrated class by class: a tenth of the scenes at a time is
+stated by weights fitted to the others, and the constant is such that 95 % of all are covered (cross-conformal prediction).
 
-Duration: a minute.
+Without ``--fit`` it prints for the scenes of the files, drawn with another seed, by class and quantity: how many true errors the
+stated ones cover, the median stated over the median true error, and the largest true over stated error; then the coverage of
+scenes whose largest stated error is small, as those that a choice by stated error would pick.
+
+Duration: seconds.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterator
+import math
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from scipy.optimize import minimize
 
-from benchmarks.closed_form.envelope import compute_weights
-from benchmarks.closed_form.scenes import read_answers
-from geometry import Scene, read_scene
-from geometry.common.arrays import Floats
+from benchmarks.closed_form.scenes import SolvedScene, read_solved
+from geometry.common.arrays import Bools, Floats
 from solver.closed_form.designs import build_parameters
-from solver.closed_form.error_bound import BOUNDED_QUANTITIES, MIN_SENSITIVITY_ERROR, bound_errors
-from solver.closed_form.error_features import FEATURE_NAMES, compute_features
-from solver.closed_form.evaluator import MAX_LOG_RATIO_ERROR, ClosedForm, compute_variants
+from solver.closed_form.error_quantile import QUANTITIES, SCENE_CLASSES, SceneClass, classify, compute_features, state_errors
+from solver.closed_form.evaluator import MAX_LOG_ERROR, solve_columns
 
-ROOT = Path(__file__).parents[2]
-REFERENCE = ROOT / "tests" / "reference"
-WEIGHTS = ROOT / "solver" / "closed_form" / "error_weights.json"
-FOLDERS = ("axisymmetric", "extra", "extreme", "extremes", "half-space", "off-axis", "solid", "layers", "tissue-layers")
-ERROR_MARGIN_FACTOR = 2.0
-QUANTILE_LEVELS = (0.1, 0.5, 0.9, 0.99, 1.0)
+TABLE = Path(__file__).parents[2] / "solver" / "closed_form" / "error_quantiles.json"
+COVERAGE = 0.95
+FIT_QUANTILE = 0.9  # of the regression: nearer to the middle than the quantile stated, as weights are surer there
+FLOORS = dict.fromkeys(QUANTITIES, 1e-4) | {"log_sensitivity": 1e-6}  # errors below are all as good
+SMOOTHING, RIDGE = 0.05, 1e-3  # of the regression's loss, and of its weights in standard deviations of the features
+FOLDS = 10
+SMALL_ERROR = 0.05  # largest stated error of scenes that a choice by stated error would pick
+FEATURES_OF_TARGET = ("target",)  # features that only the log-sensitivity has
+
+
+@dataclass(frozen=True)
+class ErrorRow:
+    """True errors of a solved scene, in the order of ``QUANTITIES``, NaN where unknown; its features and stated errors."""
+
+    kind: SceneClass
+    features: dict[str, float]
+    true: Floats
+    stated: Floats | None
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("file", type=Path)
+    parser.add_argument("files", type=Path, nargs="+")
     parser.add_argument("--fit", action="store_true")
-    parser.add_argument("--seeds", nargs="+", required=True, metavar="SEED:SCENES", help="what drew the scenes of the file")
+    parser.add_argument("--seeds", type=int, nargs="+", help="what drew the scenes, for the record")
     options = parser.parse_args()
-    scenes = list(read_answers(options.file))
-    seeds = {seed: int(number) for seed, number in (drawn.split(":") for drawn in options.seeds)}
-    if sum(seeds.values()) != len(scenes):
-        parser.error(f"--seeds add up to {sum(seeds.values())} scenes, the file holds {len(scenes)}")
-    drawn = {"date": date.today().isoformat(), "scenes": len(scenes), "seeds": seeds}
-    if options.fit:
-        origin = {"script": "python -m benchmarks.closed_form.error FILE --fit"} | drawn
-        document = {"origin": origin | {"references": FOLDERS, "margin": ERROR_MARGIN_FACTOR}, "weights": fit(scenes)}
-    else:
-        document = json.loads(WEIGHTS.read_text(encoding="utf-8")) | {"audit": drawn | audit(list(rows(scenes)))}
-    WEIGHTS.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
-
-
-def references() -> Iterator[tuple[Scene, dict[str, Any]]]:
-    """Yield the plain scenes of tests/reference that the closed form takes, with their answers."""
-    for folder in FOLDERS:
-        for name, values in json.loads((REFERENCE / folder / "expected.json").read_text()).items():
-            scene = read_scene(REFERENCE / folder / f"{name}.toml")
-            if scene.probe.groove is None and ClosedForm().refusal(scene) is None:
-                keys = {"stress_inner": "stress_inner_pa", "stress_outer": "stress_outer_pa", "stiffness": "stiffness_n_per_m"}
-                answer = {key: values[old] for key, old in keys.items()}
-                yield scene, answer | {"log_sensitivity": values.get("log_sensitivity"), "error_estimate": 0.0}
-
-
-@dataclass(frozen=True)
-class JudgedScene:
-    """A scene's features, true and stated errors by the names of ``QUANTITIES``; no error of a sensitivity that is not known.
-
-    Attributes:
-        features: values of ``FEATURES``, shape (10, 4).
-        true: what the formulas are off by from the converged answer.
-        stated: by eq. CF.19.
-        unsure: the converged answer's own stated error.
-        layered: whether the tissue has layers.
-    """
-
-    features: Floats
-    true: dict[str, float]
-    stated: dict[str, float]
-    unsure: float
-    layered: bool
-
-
-def rows(scenes: list[tuple[Scene, dict[str, Any]]]) -> Iterator[JudgedScene]:
-    """Yield those of the scenes that the closed form takes and for which the formulas give totals above zero."""
-    for scene, answer in scenes:
-        if ClosedForm().refusal(scene) is not None:
-            continue
-        shape, values = build_parameters(scene)
-        forces, slopes, _ = (part[0] for part in compute_variants(shape, [values]))
-        if not (np.all(np.isfinite(forces)) and np.all(forces.sum(axis=2) > 0)):
-            continue
-        bounds, features = bound_errors(scene, forces, slopes), compute_features(scene, forces, slopes)
-        true = zip(BOUNDED_QUANTITIES, _true(scene, answer, forces[0], slopes[0]), strict=True)
-        stated = bounds.log_ratio, *map(float, bounds.log_totals), bounds.sensitivity
-        yield JudgedScene(
-            np.array([features[name] for name in FEATURE_NAMES]),
-            {name: error for name, error in true if error is not None},
-            dict(zip(BOUNDED_QUANTITIES, stated, strict=True)),
-            unsure=answer["error_estimate"],
-            layered=bool(scene.tissue.layer),
-        )
-
-
-def _true(scene: Scene, answer: dict[str, Any], forces: Floats, slope: Floats) -> tuple[float | None, ...]:
-    """Errors of ln(ratio), of the logarithms of both totals and of the log-sensitivity."""
-    totals = forces.sum(axis=1)
-    felt = np.array([answer["stress_inner"], answer["stress_outer"]]) * [scene.probe.inner_area, scene.probe.outer_area]
-    exact = felt * answer["stiffness"] / felt.sum()
-    wrong = np.log(totals / np.where(exact > 0, exact, totals * np.exp(-MAX_LOG_RATIO_ERROR)))  # another sign is to be refused
-    share, known = slope.sum(axis=1) / totals, answer["log_sensitivity"]
-    sensitivity = None if known is None or scene.target is None else abs(float(share[0] - share[1]) - known)
-    return abs(float(wrong[0] - wrong[1])), *map(float, np.abs(wrong)), sensitivity
-
-
-def fit(scenes: list[tuple[Scene, dict[str, Any]]]) -> dict[str, dict[str, float]]:
-    """Return the weights above zero by quantity and feature."""
-    judged = list(rows(scenes + list(references())))
-    return {
-        kind: _fit_quantity(place, kind, [row for row in judged if kind in row.true])
-        for place, kind in enumerate(BOUNDED_QUANTITIES)
+    solved = [item for file in options.files for item in read_solved(file)]
+    rows = [row for item in solved if (row := build_row(item, with_stated=not options.fit)) is not None]
+    if not options.fit:
+        print_coverage(rows)
+        return
+    origin = {
+        "script": "python -m benchmarks.closed_form.error FILE --fit",
+        "date": date.today().isoformat(),
+        "seeds": options.seeds,
+        "scenes": dict(Counter(row.kind for row in rows)),
     }
+    TABLE.write_text(json.dumps({"origin": origin, **fit(rows)}, indent=1) + "\n", encoding="utf-8")
 
 
-def _fit_quantity(place: int, kind: str, known: list[JudgedScene]) -> dict[str, float]:
-    true = np.array([row.true[kind] for row in known])
-    lower_bound = ERROR_MARGIN_FACTOR * true - MIN_SENSITIVITY_ERROR
-    if kind != "sensitivity":
-        lower_bound = np.minimum(
-            np.maximum(ERROR_MARGIN_FACTOR * true, true + [row.unsure for row in known]), MAX_LOG_RATIO_ERROR
-        )
-    weights = compute_weights(
-        np.array([row.features[:, place] for row in known]), np.maximum(lower_bound, 0.0), np.median(true) / 10
-    )
-    return {name: float(f"{weight:.3g}") for name, weight in zip(FEATURE_NAMES, weights, strict=True) if weight > 0}
+def build_row(solved: SolvedScene, *, with_stated: bool = True) -> ErrorRow | None:
+    """Return the errors of a scene; None where the formulas break down, or refuse it as its stated error is too large."""
+    scene, (shape, values) = solved.scene, build_parameters(solved.scene)
+    forces, slope = (part[0] for part in solve_columns(shape, values[:, None])[:2])
+    if not (np.all(np.isfinite(forces)) and np.all(forces.sum(axis=1) > 0)):
+        return None
+    features = compute_features(scene, shape, forces, slope)
+    stated = None
+    if with_stated:
+        errors = state_errors(scene, shape, forces, slope)
+        if errors.largest > MAX_LOG_ERROR:
+            return None
+        stated = np.array([errors.log_ratio, *errors.log_totals, errors.log_stiffness, errors.sensitivity])
+    return ErrorRow(classify(shape), features, _compute_true(solved, forces, slope), stated)
 
 
-def audit(judged: list[JudgedScene]) -> dict[str, Any]:
-    """Print and return quantiles over those that are not refused, and over those of layers."""
-    kept = [row for row in judged if row.stated["ratio"] <= MAX_LOG_RATIO_ERROR]
-    layered = [row for row in kept if row.layered]
-    print(f"{len(judged)} scenes, {len(judged) - len(kept)} refused, {len(layered)} of the others layered")
-    counts = {"answered": len(kept), "refused": len(judged) - len(kept), "layered": len(layered), "shares": QUANTILE_LEVELS}
-    return counts | {"all": _quantiles("", kept), "layers": _quantiles("layered, ", layered)}
+def _compute_true(solved: SolvedScene, forces: Floats, slope: Floats) -> Floats:
+    """Return the errors of ln(ratio), of the logarithms of totals and stiffness, and of the log-sensitivity."""
+    probe, result = solved.scene.probe, solved.result
+    felt = np.array([result["stress_inner"], result["stress_outer"]], dtype=float) * [probe.inner_area, probe.outer_area]
+    totals = forces.sum(axis=1)
+    exact = felt * float(result["stiffness"] or 0.0) / felt.sum()
+    with np.errstate(invalid="ignore"):
+        wrong = np.nan_to_num(np.log(totals / exact), nan=math.inf)  # a total of the other sign
+    share, known = slope.sum(axis=1) / totals, result["log_sensitivity"]
+    sensitivity = math.nan if known is None else abs(float(share[0] - share[1]) - known)
+    stiffness = abs(math.log(float(totals.sum()) / float(exact.sum())))
+    return np.array([abs(wrong[0] - wrong[1]), *np.abs(wrong), stiffness, sensitivity])
 
 
-def _quantiles(which: str, judged: list[JudgedScene]) -> dict[str, Any]:
-    summary: dict[str, Any] = {}
-    for kind in BOUNDED_QUANTITIES:
-        known = [row for row in judged if kind in row.true]
-        true, stated = (np.array([getattr(row, name)[kind] for row in known]) for name in ("true", "stated"))
-        summary[kind] = {"scenes": len(known), "above": int((true > stated).sum())}
-        for text, values in (("true", true), ("stated", stated), ("true over stated", true / stated)):
-            quantiles = [float(f"{value:.3g}") for value in np.quantile(values, QUANTILE_LEVELS)] if known else []
-            summary[kind][text] = quantiles
-            listed = ", ".join(f"{share:.0%} {value:.3g}" for share, value in zip(QUANTILE_LEVELS, quantiles, strict=False))
-            print(f"{which}{kind}, {len(known)} scenes, {text}: {listed}")
-    return summary
+def fit(rows: Sequence[ErrorRow]) -> dict[str, dict[str, dict[str, float]]]:
+    """Return the weights by quantity and feature, and the constants by class and quantity, three digits."""
+    names = list(rows[0].features)
+    table = np.array([[row.features[name] for name in names] for row in rows])
+    kinds = np.array([row.kind for row in rows])
+    weights: dict[str, dict[str, float]] = {}
+    constants: dict[str, dict[str, float]] = {kind: {} for kind in SCENE_CLASSES}
+    for place, quantity in enumerate(QUANTITIES):
+        used = [name for name in names if quantity == "log_sensitivity" or name not in FEATURES_OF_TARGET]
+        true = np.array([row.true[place] for row in rows])
+        known = np.isfinite(true)
+        features, logs = table[known][:, [names.index(name) for name in used]], np.log(true[known] + FLOORS[quantity])
+        fitted = np.array([float(f"{weight:.3g}") for weight in _regress(features, logs, kinds[known])])
+        weights[quantity] = dict(zip(used, fitted.tolist(), strict=True))
+        shift = _calibrate(features, np.log(true[known]), logs, kinds[known])
+        plain = logs - features @ fitted
+        for kind in SCENE_CLASSES:
+            constants[kind][quantity] = float(f"{np.quantile(plain[kinds[known] == kind], FIT_QUANTILE) + shift[kind]:.4g}")
+    return {"weights": weights, "constants": constants}
+
+
+def _regress(features: Floats, logs: Floats, kinds: Floats) -> Floats:
+    """Return the weights of a quantile regression of logarithms of errors, with a constant for each class."""
+    middle, width = features.mean(axis=0), features.std(axis=0)
+    columns = np.column_stack([(features - middle) / width, *(kinds == kind for kind in SCENE_CLASSES)])
+    penalised = np.arange(columns.shape[1]) < features.shape[1]
+
+    def compute_loss(weights: Floats) -> tuple[float, Floats]:
+        left = logs - columns @ weights
+        size = np.sqrt(left**2 + SMOOTHING**2)  # the absolute value, smoothed
+        penalty = RIDGE * np.where(penalised, weights, 0.0)
+        loss = (size / 2 + (FIT_QUANTILE - 0.5) * left).mean() + float(penalty @ weights)
+        return loss, 2 * penalty - (left / size / 2 + FIT_QUANTILE - 0.5) @ columns / len(left)
+
+    start = np.where(penalised, 0.0, np.quantile(logs, FIT_QUANTILE))
+    solution: Floats = minimize(compute_loss, start, jac=True, method="L-BFGS-B").x
+    return np.asarray(solution[: features.shape[1]] / width)
+
+
+def _calibrate(features: Floats, true: Floats, logs: Floats, kinds: Floats) -> dict[str, float]:
+    """Return for each class what its constant needs above the quantile of the regression, so that ``COVERAGE`` is covered.
+
+    The logarithms ``true`` of errors of a tenth of the scenes at a time are compared with those stated by the other scenes.
+    """
+    folds, excess = np.random.default_rng(0).permutation(len(logs)) % FOLDS, np.empty(len(logs))
+    for fold in range(FOLDS):
+        fitted = folds != fold
+        plain = logs - features @ _regress(features[fitted], logs[fitted], kinds[fitted])
+        rest = true - logs + plain
+        for kind in SCENE_CLASSES:
+            inside = kinds == kind
+            excess[~fitted & inside] = rest[~fitted & inside] - np.quantile(plain[fitted & inside], FIT_QUANTILE)
+    shifts: dict[str, float] = {}
+    for kind in SCENE_CLASSES:
+        own = np.sort(excess[kinds == kind])
+        shifts[kind] = float(own[min(math.ceil(COVERAGE * (len(own) + 1)), len(own)) - 1])
+    return shifts
+
+
+def print_coverage(rows: Sequence[ErrorRow]) -> None:
+    """Print the table of coverage by class and quantity, and that of scenes with small stated errors."""
+    print("| class | quantity | scenes | covered | median true | median stated | stated/true | largest true/stated |")
+    print("|---|---|---|---|---|---|---|---|")
+    for kind in SCENE_CLASSES:
+        for place, quantity in enumerate(QUANTITIES):
+            true, stated = select_errors(rows, kind, place)
+            if len(true):
+                medians = np.median(true), np.median(stated)
+                print(
+                    f"| {kind} | {quantity} | {len(true)} | {np.mean(true <= stated):.1%} | {medians[0]:.2g} | {medians[1]:.2g} "
+                    f"| {medians[1] / medians[0]:.1f} | {np.max(true / stated):.2g} |"
+                )
+    small = [row for row in rows if row.stated is not None and row.stated[:4].max() <= SMALL_ERROR]
+    covered = [f"{quantity} {_count_covered(small, place):.1%}" for place, quantity in enumerate(QUANTITIES)]
+    print(f"covered where all stated errors are at most {SMALL_ERROR:.0%}, {len(small)} scenes: {', '.join(covered)}")
+
+
+def select_errors(rows: Sequence[ErrorRow], kind: SceneClass, place: int) -> tuple[Floats, Floats]:
+    """Return the known true errors of a quantity in a class, and those stated."""
+    pairs = [(row.true[place], row.stated[place]) for row in rows if row.kind == kind and row.stated is not None]
+    true, stated = np.array(pairs).reshape(-1, 2).T
+    known: Bools = ~np.isnan(true)
+    return true[known], stated[known]
+
+
+def _count_covered(rows: Sequence[ErrorRow], place: int) -> float:
+    pairs = [(row.true[place], row.stated[place]) for row in rows if row.stated is not None and not math.isnan(row.true[place])]
+    return float(np.mean([true <= stated for true, stated in pairs])) if pairs else math.nan
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Draw random scenes within the closed form's range: half of them ordinary probes on ordinary tissue, a third with layers."""
+"""Random scenes from the range of the closed form, by class: half ordinary probes on ordinary tissue, half from broad ranges."""
 
 from __future__ import annotations
 
@@ -9,85 +9,25 @@ import numpy as np
 from geometry import Scene
 
 MIN_WAY_DIAMETERS = 0.1  # from a sphere to an interface, in its diameters
+NEARLY_INCOMPRESSIBLE = (0.45, 0.48, 0.49, 0.499, 0.4999)  # Poisson's ratios of rubber and tissue
+MODULI_PA = (1e3, 1e7)
 
 
-def draw(rng: np.random.Generator) -> Scene:
-    """Draw a scene; raises ``ValueError`` where its parts do not fit."""
-    layered = rng.random() < 1 / 3
-    return (_ordinary if rng.random() < 1 / 2 else _extreme)(rng, layered)
+def draw(rng: np.random.Generator, kind: str) -> Scene:
+    """Draw a scene meant for a class of ``solver.closed_form.error_quantile``; its parts may make it one of another class.
 
-
-def _draw_log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
-
-
-def _material(rng: np.random.Generator, modulus: float, min_poisson: float = 0.0) -> dict[str, Any]:
-    poisson = float(rng.choice([rng.uniform(min_poisson, 0.49), 0.45, 0.48, 0.499, 0.4999]))
-    return {"youngs_modulus": modulus, "poisson_ratio": poisson}
-
-
-def _ordinary(rng: np.random.Generator, layered: bool) -> Scene:
-    """Blocks of 1 to 6 mm, 5 to 300 times as stiff as the tissue, and a tumour covered by a quarter of its diameter or more."""
-    radius, tissue = _draw_log_uniform(rng, 1e-3, 6e-3), _draw_log_uniform(rng, 1e3, 2e4)
-    probe = {
-        "inner_radius": radius, "area_ratio": _draw_log_uniform(rng, 0.1, 3), "gap": _draw_log_uniform(rng, 0.02, 0.1) * radius,
-        "inner_height": _draw_log_uniform(rng, 0.5, 4) * radius,
-        "inner": _material(rng, tissue * _draw_log_uniform(rng, 5, 300), 0.3),
-        "outer": _material(rng, tissue * _draw_log_uniform(rng, 5, 300), 0.3),
-    }  # fmt: skip
-    probe["outer_height"] = probe["inner_height"]
-    size = radius * _draw_log_uniform(rng, 0.5, 4)
-    material = _material(rng, tissue * _draw_log_uniform(rng, 0.02, 100), 0.3)
-    sphere = {"diameter": size, "depth": size * (0.5 + _draw_log_uniform(rng, 0.25, 2)), **material}
-    return _scene(rng, probe, [sphere], tissue, (2.5, 12), (1, 6), layered)
-
-
-def _extreme(rng: np.random.Generator, layered: bool) -> Scene:
-    radius, tissue = _draw_log_uniform(rng, 0.1e-3, 20e-3), _draw_log_uniform(rng, 5e2, 2e4)
-    probe = {
-        "inner_radius": radius, "area_ratio": _draw_log_uniform(rng, 0.02, 50),
-        "gap": min(max(_draw_log_uniform(rng, 0.001, 0.5) * radius, 1e-6), 5e-3),
-        "inner_height": radius * _draw_log_uniform(rng, 0.05, 20), "outer_height": radius * _draw_log_uniform(rng, 0.05, 20),
-        "inner": _material(rng, tissue * _draw_log_uniform(rng, 0.1, 1e4)),
-        "outer": _material(rng, tissue * _draw_log_uniform(rng, 0.1, 1e4)),
-    }  # fmt: skip
-    spheres = []
-    for _ in range(int(rng.choice([0, 1, 2], p=[0.05, 0.85, 0.1]))):
-        size = radius * _draw_log_uniform(rng, 0.3, 10)
-        material = _material(rng, tissue * _draw_log_uniform(rng, 1e-4, 1e4))
-        spheres.append({"diameter": size, "depth": size * (0.5 + _draw_log_uniform(rng, 0.1, 3)), **material})
-    return _scene(rng, probe, spheres, tissue, (1.05, 20), (0.3, 15), layered)
-
-
-def _scene(
-    rng: np.random.Generator,
-    probe: dict[str, Any],
-    spheres: list[dict[str, Any]],
-    modulus: float,
-    sides: tuple[float, float],
-    depths: tuple[float, float],
-    layered: bool,
-) -> Scene:
-    """Put the spheres under the probe, a third of them beside its axis, into tissue of sides and depth in outer radii.
-
-    On layers there is one sphere at most, on the axis, as ``axisymmetric`` takes it.
+    Raises:
+        ValueError: its parts do not fit.
     """
-    spheres = spheres[:1] if layered else spheres
+    ordinary = rng.random() < 1 / 2
+    probe, spheres, modulus = (_draw_ordinary if ordinary else _draw_broad)(rng, several=kind == "off axis")
     inner = np.pi * probe["inner_radius"] ** 2
     outer = float(np.sqrt((probe["inner_radius"] + probe["gap"]) ** 2 + inner / probe["area_ratio"] / np.pi))
     for sphere in spheres:
-        sphere["x"] = outer * _draw_log_uniform(rng, 0.1, 3) if rng.random() < 0.35 and not layered else 0.0
-    reach = max((sphere["x"] + 0.55 * sphere["diameter"] for sphere in spheres), default=0.0)
-    deepest = max((sphere["depth"] + sphere["diameter"] / 2 for sphere in spheres), default=0.0)
-    depth = max(_draw_log_uniform(rng, *depths) * outer, deepest * _draw_log_uniform(rng, 1.02, 3))
-    side = max(outer * _draw_log_uniform(rng, *sides), reach)
-    tissue: dict[str, Any] = {"shape": "cylinder", "radius": side, "depth": depth}
-    kind = rng.random()
-    if kind < 0.1:
-        tissue = {"shape": "half-space"}
-    elif kind < 0.2 and not layered:
-        tissue = {"shape": "block", "length": 2 * side * _draw_log_uniform(rng, 1, 2), "breadth": 2 * side, "depth": depth}
-    material = _layers(rng, spheres, modulus, outer, depth) if layered else _material(rng, modulus)
+        sphere["x"] = outer * _draw_log_uniform(rng, 0.1, 3) if kind == "off axis" else 0.0
+    tissue = _draw_tissue(rng, kind, spheres, outer, ordinary)
+    depth = tissue.get("depth", 6 * outer)
+    material = _draw_layers(rng, spheres, modulus, outer, depth) if kind == "layered" else _draw_material(rng, modulus)
     return Scene.model_validate(
         {
             "probe": probe,
@@ -99,27 +39,83 @@ def _scene(
     )
 
 
-def _layers(
+def _draw_log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+def _draw_material(rng: np.random.Generator, modulus: float, min_poisson: float = 0.2) -> dict[str, Any]:
+    poisson = float(rng.choice([rng.uniform(min_poisson, 0.49), *NEARLY_INCOMPRESSIBLE]))
+    return {"youngs_modulus": float(np.clip(modulus, *MODULI_PA)), "poisson_ratio": poisson}
+
+
+def _draw_ordinary(rng: np.random.Generator, several: bool) -> tuple[dict[str, Any], list[dict[str, Any]], float]:
+    """Blocks of 1 to 6 mm, 5 to 300 times as stiff as the tissue, and a tumour covered by a quarter of its diameter or more."""
+    radius, modulus = _draw_log_uniform(rng, 1e-3, 6e-3), _draw_log_uniform(rng, 1e3, 3e4)
+    height = _draw_log_uniform(rng, 0.5, 4) * radius
+    probe = {
+        "inner_radius": radius, "area_ratio": _draw_log_uniform(rng, 0.1, 3), "gap": _draw_log_uniform(rng, 0.02, 0.1) * radius,
+        "inner_height": height, "outer_height": height,
+        "inner": _draw_material(rng, modulus * _draw_log_uniform(rng, 5, 300), 0.3),
+        "outer": _draw_material(rng, modulus * _draw_log_uniform(rng, 5, 300), 0.3),
+    }  # fmt: skip
+    spheres = []
+    for _ in range(1 + int(several and rng.random() < 0.2)):
+        size = radius * _draw_log_uniform(rng, 0.5, 4)
+        material = _draw_material(rng, modulus * _draw_log_uniform(rng, 0.05, 100), 0.3)
+        spheres.append({"diameter": size, "depth": size * (0.5 + _draw_log_uniform(rng, 0.25, 2)), **material})
+    return probe, spheres, modulus
+
+
+def _draw_broad(rng: np.random.Generator, several: bool) -> tuple[dict[str, Any], list[dict[str, Any]], float]:
+    radius, modulus = _draw_log_uniform(rng, 0.3e-3, 20e-3), _draw_log_uniform(rng, 1e3, 1e5)
+    probe = {
+        "inner_radius": radius, "area_ratio": _draw_log_uniform(rng, 0.03, 30),
+        "gap": min(max(_draw_log_uniform(rng, 0.003, 0.5) * radius, 1e-6), 5e-3),
+        "inner_height": radius * _draw_log_uniform(rng, 0.1, 10), "outer_height": radius * _draw_log_uniform(rng, 0.1, 10),
+        "inner": _draw_material(rng, _draw_log_uniform(rng, *MODULI_PA)),
+        "outer": _draw_material(rng, _draw_log_uniform(rng, *MODULI_PA)),
+    }  # fmt: skip
+    spheres = []
+    for _ in range(1 + int(several and rng.random() < 0.3)):
+        size = radius * _draw_log_uniform(rng, 0.3, 8)
+        material = _draw_material(rng, _draw_log_uniform(rng, *MODULI_PA))
+        spheres.append({"diameter": size, "depth": size * (0.5 + _draw_log_uniform(rng, 0.1, 3)), **material})
+    return probe, spheres, modulus
+
+
+def _draw_tissue(
+    rng: np.random.Generator, kind: str, spheres: list[dict[str, Any]], outer: float, ordinary: bool
+) -> dict[str, Any]:
+    """Draw the tissue's shape: sides and depth that hold the spheres, in outer radii near, far or thin as the class asks."""
+    if rng.random() < 0.1 and kind != "near sides":
+        return {"shape": "half-space"}
+    reach = max(sphere["x"] + 0.55 * sphere["diameter"] for sphere in spheres)
+    deepest = max(sphere["depth"] + sphere["diameter"] / 2 for sphere in spheres)
+    depth = max(_draw_log_uniform(rng, *((1, 8) if ordinary else (0.3, 15))) * outer, deepest * _draw_log_uniform(rng, 1.02, 3))
+    sides = (1.05, 6) if kind == "near sides" else (3, 20) if kind == "bare" else (2, 15)
+    return {"shape": "cylinder", "radius": max(outer * _draw_log_uniform(rng, *sides), reach), "depth": depth}
+
+
+def _draw_layers(
     rng: np.random.Generator, spheres: list[dict[str, Any]], modulus: float, outer: float, depth: float
 ) -> dict[str, Any]:
     """Put up to two layers over what holds the sphere and what is of ``modulus``, and a stiffer or softer one below or bone.
 
     The first two are a stiff skin or a soft film, from a thousandth of what is over the sphere.
     """
-    above, below = outer * _draw_log_uniform(rng, 0.1, 3), 0.1 * outer
-    for sphere in spheres:
-        above = sphere["depth"] - (0.5 + MIN_WAY_DIAMETERS) * sphere["diameter"]
-        below = sphere["depth"] + (0.5 + MIN_WAY_DIAMETERS) * sphere["diameter"]
+    sphere = spheres[0]
+    above = sphere["depth"] - (0.5 + MIN_WAY_DIAMETERS) * sphere["diameter"]
+    below = sphere["depth"] + (0.5 + MIN_WAY_DIAMETERS) * sphere["diameter"]
     layers = []
     for _ in range(int(rng.choice([0, 1, 2], p=[0.2, 0.6, 0.2]))):
         thickness = above * (float(rng.uniform(0.05, 0.95)) if rng.random() < 0.7 else _draw_log_uniform(rng, 1e-3, 0.1))
         above -= thickness
         stiff = _draw_log_uniform(rng, 1.5, 100) if rng.random() < 0.7 else _draw_log_uniform(rng, 0.01, 0.7)
-        layers.append({"thickness": thickness, **_material(rng, modulus * stiff, 0.3)})
-    base = _material(rng, modulus)
+        layers.append({"thickness": thickness, **_draw_material(rng, modulus * stiff, 0.3)})
+    base = _draw_material(rng, modulus)
     if layers and rng.random() < 0.6:
         return {"layer": layers, **base}
-    floor = below + (depth - below) * float(rng.uniform(0.02, 0.9))
-    stiff = _draw_log_uniform(rng, 0.1, 10) if rng.random() < 0.5 else _draw_log_uniform(rng, 1e2, 1e6)
+    floor = below + max(depth - below, 0.1 * outer) * float(rng.uniform(0.02, 0.9))
+    stiff = _draw_log_uniform(rng, 0.1, 10) if rng.random() < 0.5 else _draw_log_uniform(rng, 1e2, 1e4)
     layers.append({"thickness": floor - sum(layer["thickness"] for layer in layers), **base})
-    return {"layer": layers, **_material(rng, modulus * stiff)}
+    return {"layer": layers, **_draw_material(rng, modulus * stiff)}

@@ -7,6 +7,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from solver.results.result import ErrorKind
+
 Error = Literal["stated_error", "true_error_most"]
 MIN_LOG_SENSITIVITY = 1e-5  # smaller values are compared with this: no evaluator states a smaller error, see README
 
@@ -31,7 +33,8 @@ class Row:
         scene: its name.
         evaluator, accuracy: see ``Setting``.
         ratio, log_sensitivity: see ``solver.Result``.
-        stated_error: bound on the relative error of the ratio, as stated by the result.
+        stated_error: relative error of the ratio, as stated by the result.
+        error_kind: see ``solver.Result``; a row of ``closed-form``, whose error is no bound, is not chosen for its stated error.
         seconds_first: wall clock of the first evaluation of the scene; includes what a process computes only once.
         seconds_probe: median for a new probe and mesh, with nothing cached; that of the first evaluation if there is no other.
         seconds_tumour: median for another tumour under the same probe; None without a tumour.
@@ -51,6 +54,7 @@ class Row:
     ratio: float | None = None
     log_sensitivity: float | None = None
     stated_error: float | None = None
+    error_kind: ErrorKind = "bound"
     seconds_first: float | None = None
     seconds_probe: float | None = None
     seconds_tumour: float | None = None
@@ -129,8 +133,9 @@ def remove_duplicates(rows: Iterable[Row]) -> tuple[Row, ...]:
 
 
 def find_pareto_front(rows: Iterable[Row], error: Error = "stated_error") -> tuple[Row, ...]:
-    """Return the Pareto front of ``seconds_probe`` and error, fastest first."""
-    costs = [(row.seconds_probe, getattr(row, error), row) for row in rows]
+    """Return the Pareto front of ``seconds_probe`` and error, fastest first; of stated errors, bounds alone count."""
+    judged = (row for row in rows if error != "stated_error" or row.error_kind == "bound")
+    costs = [(row.seconds_probe, getattr(row, error), row) for row in judged]
     ranked = sorted(((s, e, row) for s, e, row in costs if s is not None and e is not None), key=lambda cost: cost[:2])
     front: list[Row] = []
     min_error = math.inf

@@ -74,8 +74,8 @@ class Tradeoff:
 
     @property
     def understated_rows(self) -> tuple[Row, ...]:
-        """Rows whose stated error is below the lower limit of the true one: defects of their evaluator."""
-        return tuple(row for row in self.rows if not row.is_error_covered)
+        """Rows whose error bound is below the lower limit of the true error: defects of their evaluator."""
+        return tuple(row for row in self.rows if row.error_kind == "bound" and not row.is_error_covered)
 
     @property
     def uncertain_references(self) -> tuple[Row, ...]:

@@ -110,7 +110,7 @@ def _summarize_setting(study: Tradeoff, setting: Setting) -> Cells:
     return (
         *_format_setting_cells(setting),
         f"{len(answers)}/{len(rows)}",
-        _format_error(_pick_max(answers, lambda row: row.stated_error)),
+        _format_stated_error(max(answers, key=lambda row: row.stated_error or 0.0)),
         _format_worst_error(answers),
         _format_error(_pick_max(answers, lambda row: row.log_sensitivity_error)),
         _format_seconds(_pick_median(answers, lambda row: row.seconds_first)),
@@ -122,8 +122,13 @@ def _summarize_setting(study: Tradeoff, setting: Setting) -> Cells:
 
 def _format_row(row: Row) -> Cells:
     times = (_format_seconds(seconds) for seconds in (row.seconds_first, row.seconds_probe, row.seconds_tumour))
-    errors = (_format_error(row.stated_error), _format_true_error(row), _format_error(row.log_sensitivity_error))
+    errors = (_format_stated_error(row), _format_true_error(row), _format_error(row.log_sensitivity_error))
     return (row.scene, *_format_setting_cells(row.setting), f"{row.ratio:.6g}", *errors, *times)
+
+
+def _format_stated_error(row: Row) -> str:
+    """Format the stated error of a row, and its kind where it is no bound."""
+    return _format_error(row.stated_error) + ("" if row.error_kind == "bound" else f" ({row.error_kind})")
 
 
 def _format_worst_error(answers: Sequence[Row]) -> str:

@@ -35,7 +35,10 @@ def time_first_answer(name: str, scene: Scene, setting: Setting) -> Row:
     timed_row = replace(row, seconds_first=seconds, seconds_probe=seconds)
     if result.ratio is None:
         return replace(timed_row, reason=next(iter(result.warnings), "no ratio"))
-    return replace(timed_row, ratio=result.ratio, log_sensitivity=result.log_sensitivity, stated_error=result.error_estimate)
+    return replace(
+        timed_row, ratio=result.ratio, log_sensitivity=result.log_sensitivity, stated_error=result.error_estimate,
+        error_kind=result.error_kind,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

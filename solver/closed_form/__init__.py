@@ -1,1 +1,1 @@
-"""Level 1: formulas on arrays of designs; a file for each mechanical piece, two for the stated error."""
+"""Level 1: formulas on arrays of designs; a file for each mechanical piece, one for the stated error."""

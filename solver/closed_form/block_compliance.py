@@ -38,8 +38,6 @@ from numpy.polynomial import Polynomial, legendre
 from geometry.common.arrays import Floats, Ints
 from solver.closed_form.bessel import Array
 from solver.closed_form.block_functions import (
-    AXIAL_FUNCTIONS,
-    FINE_AXIAL_FUNCTIONS,
     RADIAL_FUNCTIONS,
     AxialIntegrals,
     RadialIntegrals,
@@ -62,22 +60,18 @@ _POLYNOMIAL_COEFFICIENTS = _build_polynomials()
 
 @dataclass(frozen=True)
 class ElasticBlocks:
-    """Blocks, all solid (``hole`` None) or all tubes: radii, height, modulus, Poisson's ratio; arrays of shape (n,), SI.
-
-    ``fine`` asks for more functions, in the block and under it.
-    """
+    """Blocks, all solid (``hole`` None) or all tubes: radii, height, modulus, Poisson's ratio; arrays of shape (n,), SI."""
 
     hole: Array | None
     radius: Array
     height: Array
     E: Array
     nu: Array
-    fine: bool = False
 
     def take(self, which: Ints) -> ElasticBlocks:
         """Return the blocks with indices ``which``."""
         hole = None if self.hole is None else self.hole[which]
-        return ElasticBlocks(hole, self.radius[which], self.height[which], self.E[which], self.nu[which], self.fine)
+        return ElasticBlocks(hole, self.radius[which], self.height[which], self.E[which], self.nu[which])
 
     @property
     def start(self) -> Array:
@@ -110,8 +104,8 @@ def compute_end_compliance(block: ElasticBlocks, bonded: bool) -> Array:
     Pressures come before shears; the functions of the shears are multiplied by r / radius.
     """
     wall = None if block.hole is None else block.width / block.radius
-    transverse = interpolate_radial_integrals(wall, block.fine)
-    axial = interpolate_axial_integrals(block.steepness, FINE_AXIAL_FUNCTIONS if block.fine else AXIAL_FUNCTIONS)
+    transverse = interpolate_radial_integrals(wall)
+    axial = interpolate_axial_integrals(block.steepness)
     slender = block.height / block.width
     pressures, shears = len(transverse.pressed), len(transverse.sheared)
     on_u = np.zeros((pressures + shears, len(transverse.strain), len(axial.gg), len(slender)), dtype=slender.dtype)
@@ -220,10 +214,8 @@ def _correct_modulus(block: ElasticBlocks, bonded: bool) -> Array:
     """Return E reduced by eq. CF.10, because few functions are too stiff: they leave out the singularities of the corners.
 
     Fitted to finite elements of 300 blocks on stiff ground by ``benchmarks/closed_form/blocks.py``; the remaining error is
-    below 1.5 % of a disc, 6 % of a tube. Blocks with more functions (``fine``) need no correction.
+    below 1.5 % of a disc, 6 % of a tube.
     """
-    if block.fine:
-        return block.E
     tall, constant, flat, power = _STIFFNESS_EXCESS_FIT[block.hole is None, bonded]
     slender, thin = block.height / block.width, block.width / block.radius
     return block.E / (1 + (2 * block.nu) ** power / (tall * slender * thin**1.5 + constant + flat / slender))

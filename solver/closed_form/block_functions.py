@@ -20,16 +20,16 @@ from numpy.polynomial import legendre
 
 from geometry.common.arrays import Floats
 from solver.closed_form.bessel import Array
-from solver.closed_form.tractions import COARSE_LOADS, FINE_LOADS, Loads
+from solver.closed_form.tractions import LOADS, Loads
 from solver.linalg.piecewise import PiecewisePolynomials
 
-RADIAL_FUNCTIONS, FINE_RADIAL_FUNCTIONS = 3, 5  # functions P_i
-AXIAL_FUNCTIONS, FINE_AXIAL_FUNCTIONS = 2, 3  # functions g_j
+RADIAL_FUNCTIONS = 3  # functions P_i
+AXIAL_FUNCTIONS = 2  # functions g_j
 HEIGHT_NODES, TABLE_HEIGHT_NODES = (
     10,
     48,
 )  # nodes of quadrature along the height: of fields, and of the tables, tall blocks among them
-WALL_NODES, FINE_WALL_NODES = 6, 10  # across the wall
+WALL_NODES = 6  # across the wall
 NODES_PER_RING = 4  # on each ring of a load
 TABLE_DEGREE = 10  # degree of the tables' polynomials
 DECAY_LOG_SCALE = 2.0  # decay times height: the table is linear in it below, logarithmic above
@@ -65,8 +65,8 @@ class AxialFunctions:
         return tuple(values.transpose(2, 0, 1) @ interpolation for values in (self.g, self.dg, self.f, self.df))
 
 
-def build_axial_functions(height: Array, steepness: Array, axial: int, nodes: int = HEIGHT_NODES) -> AxialFunctions:
-    """Build ``axial`` functions g_j and one f_j more for blocks of heights (n,) and decays times heights ``steepness`` (n,)."""
+def build_axial_functions(height: Array, steepness: Array, nodes: int = HEIGHT_NODES) -> AxialFunctions:
+    """Build the functions g_j and one f_j more for blocks of heights (n,) and decays times heights ``steepness`` (n,)."""
     rule = _HEIGHT_RULES[nodes]
     y, weight = rule.y[:, None], rule.weight[:, None]
     steep = 0.5 * np.log(1 + 0.5 * steepness) + 1e-3  # nodes as dense at both ends as the functions need
@@ -78,10 +78,10 @@ def build_axial_functions(height: Array, steepness: Array, axial: int, nodes: in
     tissue_end_decay, base_end_decay = np.exp(-steepness * share), np.exp(steepness * (share - 1))
     top, fade = (1 - base_end_decay) / loss, (tissue_end_decay - last) / loss
     dtop, dfade = -steepness / loss * base_end_decay, -steepness / loss * tissue_end_decay
-    powers = [1 + 0 * top, *accumulate([fade] * (axial - 1), np.multiply)]
+    powers = [1 + 0 * top, *accumulate([fade] * (AXIAL_FUNCTIONS - 1), np.multiply)]
     g = np.stack([top * power for power in powers])
     dg = np.stack([dtop * power for power in powers])
-    for j in range(1, axial):
+    for j in range(1, AXIAL_FUNCTIONS):
         dg[j] += j * top * powers[j - 1] * dfade
     df = np.stack([0 * share - 1, (last - base_end_decay) / loss, *g[1:]])  # -1, g_0 - 1 and the other g_j
     f = np.concatenate([(1 - share)[None], -(rule.remaining @ (df[1:] * dz))])
@@ -136,15 +136,15 @@ class AxialIntegrals:
     modes: Array
 
 
-def interpolate_axial_integrals(steepness: Array, axial: int) -> AxialIntegrals:
+def interpolate_axial_integrals(steepness: Array) -> AxialIntegrals:
     """Interpolate the axial integrals for decays times heights (n,); NaN where blocks are far taller than wide."""
-    return AxialIntegrals(*_build_axial_table(axial)(np.log1p(steepness / DECAY_LOG_SCALE)))
+    return AxialIntegrals(*_build_axial_table()(np.log1p(steepness / DECAY_LOG_SCALE)))
 
 
 @cache
-def _build_axial_table(axial: int) -> PiecewisePolynomials:
+def _build_axial_table() -> PiecewisePolynomials:
     return PiecewisePolynomials(
-        lambda x: compute_axial_integrals(DECAY_LOG_SCALE * np.expm1(x), axial),
+        lambda x: compute_axial_integrals(DECAY_LOG_SCALE * np.expm1(x)),
         0.0,
         0.25,
         int(MAX_LOG_DECAY / 0.25),
@@ -152,9 +152,9 @@ def _build_axial_table(axial: int) -> PiecewisePolynomials:
     )
 
 
-def compute_axial_integrals(steepness: Any, axial: int) -> list[Any]:
+def compute_axial_integrals(steepness: Any) -> list[Any]:
     """Compute the fields of ``AxialIntegrals`` by quadrature, blocks along the first axis."""
-    functions = build_axial_functions(np.ones_like(steepness), steepness, axial, TABLE_HEIGHT_NODES)
+    functions = build_axial_functions(np.ones_like(steepness), steepness, TABLE_HEIGHT_NODES)
     g, dg, f, df = functions.g, functions.dg, functions.f, functions.df
 
     def integrate_products(left: Any, right: Any) -> Any:
@@ -199,25 +199,21 @@ class RadialIntegrals:
     modes: Array
 
 
-def interpolate_radial_integrals(wall: Array | None, fine: bool) -> RadialIntegrals:
+def interpolate_radial_integrals(wall: Array | None) -> RadialIntegrals:
     """Interpolate the radial integrals of tubes for walls over outer radii (n,); of a disc where ``wall`` is None, then n = 1."""
-    return (
-        _compute_disc_integrals(fine)
-        if wall is None
-        else RadialIntegrals(*_build_wall_table(fine)(np.log(WALL_LOG_OFFSET - wall)))
-    )
+    return _compute_disc_integrals() if wall is None else RadialIntegrals(*_build_wall_table()(np.log(WALL_LOG_OFFSET - wall)))
 
 
 @cache
-def _compute_disc_integrals(fine: bool) -> RadialIntegrals:
-    return RadialIntegrals(*(np.moveaxis(part, 0, -1) for part in compute_radial_integrals(np.ones(1), True, fine)))
+def _compute_disc_integrals() -> RadialIntegrals:
+    return RadialIntegrals(*(np.moveaxis(part, 0, -1) for part in compute_radial_integrals(np.ones(1), True)))
 
 
 @cache
-def _build_wall_table(fine: bool) -> PiecewisePolynomials:
+def _build_wall_table() -> PiecewisePolynomials:
     start = np.log(WALL_LOG_OFFSET - 1)
     return PiecewisePolynomials(
-        lambda x: compute_radial_integrals(WALL_LOG_OFFSET - np.exp(x), False, fine),
+        lambda x: compute_radial_integrals(WALL_LOG_OFFSET - np.exp(x), False),
         start,
         (np.log(WALL_LOG_OFFSET) - start) / 10,
         10,
@@ -225,14 +221,11 @@ def _build_wall_table(fine: bool) -> PiecewisePolynomials:
     )
 
 
-def compute_radial_integrals(wall: Any, solid: bool, fine: bool) -> list[Any]:
+def compute_radial_integrals(wall: Any, solid: bool) -> list[Any]:
     """Compute the fields of ``RadialIntegrals`` by quadrature, blocks along the first axis."""
-    radial, points, loads = (
-        (FINE_RADIAL_FUNCTIONS, FINE_WALL_NODES, FINE_LOADS.loads) if fine else (RADIAL_FUNCTIONS, WALL_NODES, COARSE_LOADS.loads)
-    )
     hole = 1 / wall - 1
-    y, weight = _build_gauss_rule((0.0, 1.0), points)
-    P, slope, r, u = _evaluate_functions(y, hole, radial, solid)
+    y, weight = _build_gauss_rule((0.0, 1.0), WALL_NODES)
+    P, slope, r, u = _evaluate_functions(y, hole, solid)
     ring = 2 * np.pi * wall[:, None] * r * weight
     hoop = u / r[:, None]
     volume = np.concatenate([P[:, :0] if solid else 0 * P[:, :1], P], axis=1)  # d(r u)/dr / r
@@ -241,18 +234,18 @@ def compute_radial_integrals(wall: Any, solid: bool, fine: bool) -> list[Any]:
         return (left * ring[:, None]) @ right.swapaxes(1, 2)
 
     squares, slopes = integrate_products(P, P), integrate_products(slope, slope)
-    slope_integrals, modes = _find_modes(squares, slopes, np.ones((1, radial)))
+    slope_integrals, modes = _find_modes(squares, slopes, np.ones((1, RADIAL_FUNCTIONS)))
     rr = volume - hoop
     strain = 2 * (integrate_products(rr, rr) + integrate_products(hoop, hoop))
-    pressed, sheared = _integrate_loads(hole, wall, loads[0 if solid else 1], radial)
+    pressed, sheared = _integrate_loads(hole, wall, LOADS.loads[0 if solid else 1])
     of_modes = [integrate_products(left, right) @ modes for left, right in ((volume, P), (u, slope))]
     return [strain, integrate_products(u, u), *of_modes, slope_integrals, pressed @ modes, sheared, modes]
 
 
-def _integrate_loads(hole: Floats, wall: Floats, loads: Loads, radial: int) -> tuple[Any, Any]:
+def _integrate_loads(hole: Floats, wall: Floats, loads: Loads) -> tuple[Any, Any]:
     """Return the work of the pressures on the P_i and of the shears on the u, shapes (m, loads, functions)."""
     y, weight = _build_gauss_rule(tuple(loads.cuts), NODES_PER_RING)
-    P, _, r, u = _evaluate_functions(y, hole, radial, loads.solid)
+    P, _, r, u = _evaluate_functions(y, hole, loads.solid)
     ring = 2 * np.pi * wall[:, None] * r * weight
     pressure, shear = (np.repeat(values, NODES_PER_RING, axis=0).T for values in (loads.pressure, loads.shear))
     return (pressure * ring[:, None]) @ P.swapaxes(1, 2), (shear * (ring * r * wall[:, None])[:, None]) @ u.swapaxes(1, 2)
@@ -265,11 +258,11 @@ def _build_gauss_rule(cuts: tuple[float, ...], points: int) -> tuple[Any, Any]:
     return (low + parts * (x + 1) / 2).ravel(), (parts * weight / 2).ravel()
 
 
-def _evaluate_functions(y: Floats, hole: Floats, radial: int, solid: bool) -> tuple[Any, Any, Any, Any]:
+def _evaluate_functions(y: Floats, hole: Floats, solid: bool) -> tuple[Any, Any, Any, Any]:
     """Return P_i, dP_i/dr, r and u = U_i / r at fractions y of walls of width 1, shapes (m, functions, points), r (m, points)."""
     x, weight = legendre.leggauss(6)
     x, weight = (x + 1) / 2, weight / 2
-    polynomials = [legendre.Legendre(row, domain=[0, 1]) for row in np.eye(radial)]
+    polynomials = [legendre.Legendre(row, domain=[0, 1]) for row in np.eye(RADIAL_FUNCTIONS)]
     inside = np.multiply.outer(y, x)
     values = np.array([p(inside**2 if solid else inside) for p in polynomials]) * weight
     argument, scale = (y**2, 2 * y) if solid else (y, 1 + 0 * y)

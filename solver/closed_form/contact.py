@@ -33,12 +33,12 @@ from solver.closed_form.layered_works import compute_disc_compliances, compute_l
 from solver.closed_form.off_axis import Disc
 from solver.closed_form.surface_images import SphereArray
 from solver.closed_form.tractions import (
+    LOADS,
     build_wave_rule,
     combine_disc_works,
     compute_load_areas,
     join_works,
     list_disc_radii,
-    select_pair_loads,
     transform_long_waves,
 )
 from solver.layers.stack import TissueLayer
@@ -186,7 +186,7 @@ def _assemble_without_spheres(
 
 def _add_end_compliances(C: Array, blocks: Pair, bonded: bool) -> None:
     """Add the compliance of the blocks' ends to C; pressures of both blocks come before shears of both."""
-    loads = select_pair_loads(blocks).loads
+    loads = LOADS.loads
     counts = [loads[0].pressure.shape[1], loads[1].pressure.shape[1], *(load.shear.shape[1] for load in loads if bonded)]
     places = np.split(np.arange(sum(counts)), np.cumsum(counts)[:-1])
     for block, parts in zip(blocks, (places[::2], places[1::2]), strict=True):

@@ -66,7 +66,6 @@ class Shape:
         places: for each inclusion, the layer that holds it, the tissue's own material last; empty if all are in the first.
         layers: how many layers of other materials the tissue has.
         layer_nodes: of the integral for these.
-        fine: whether blocks and tractions have more functions, which shows the error of the usual number.
     """
 
     on_axis: tuple[bool, ...] = (True,)
@@ -78,7 +77,6 @@ class Shape:
     places: tuple[int, ...] = ()
     layers: int = 0
     layer_nodes: int = 0
-    fine: bool = False
 
     @property
     def sphere_layers(self) -> tuple[int, ...]:
@@ -90,7 +88,7 @@ def _solve_columns(shape: Shape, p: Array, share: bool) -> ContactSolution:
     """Solve the contact for parameters p, shape (parameters, n)."""
     r2, gap, ro, hi, ho, ei, ni, eo, no, depth, side, et, nt = p[: len(PROBE_PARAMETERS) + len(TISSUE_PARAMETERS)]
     bodies, layers = split_parameters(shape, p)
-    blocks = ElasticBlocks(None, r2, hi, ei, ni, shape.fine), ElasticBlocks(r2 + gap, ro, ho, eo, no, shape.fine)
+    blocks = ElasticBlocks(None, r2, hi, ei, ni), ElasticBlocks(r2 + gap, ro, ho, eo, no)
     tissue = TissueArray(depth if shape.bounded else None, et, nt, side, tuple(TissueLayer(*layer) for layer in layers))
     spheres = [
         SphereArray(b[0], b[1], offset=b[2], E=b[3], nu=b[4], on_axis=on_axis, layer=place)

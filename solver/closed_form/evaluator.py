@@ -1,12 +1,13 @@
 """The closed form as an evaluator, for one scene or for many: scenes of one structure share one evaluation on arrays.
 
 Each result is bit for bit that of the scene alone: what numpy and LAPACK do to one column of ``designs.compute_forces`` does
-not depend on the other columns, as long as these come in fours, the variants of one scene;
+not depend on the other columns, as long as their number is a multiple of four, to which it is rounded up by repeating the last;
 ``tests/solver/closed_form/test_evaluator.py`` holds that.
 """
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -19,16 +20,8 @@ from geometry.common.errors import InputError, Refusal
 from geometry.common.resources import LimitReached, get_limits, start_clock, use_limits
 from geometry.scenes.probe import Material
 from geometry.scenes.scene import Inclusion, Scene
-from solver.closed_form.designs import (
-    PROBE_PARAMETERS,
-    TISSUE_PARAMETERS,
-    Shape,
-    build_parameters,
-    iterate_solutions,
-    split_parameters,
-)
-from solver.closed_form.error_bound import StatedErrors, bound_errors
-from solver.closed_form.error_features import MODULUS_STEP_FACTOR, PARAMETER_VARIANTS
+from solver.closed_form.designs import Shape, build_parameters, iterate_solutions
+from solver.closed_form.error_quantile import StatedErrors, state_errors
 from solver.layers.materials import list_material_layers
 from solver.layers.squeeze import compute_squeeze
 from solver.linalg.workspace import use_own_workspace
@@ -38,25 +31,30 @@ from solver.results.refusals import GEOMETRY_KINDS, find_refusal
 from solver.results.result import ErrorKind
 
 MIN_COVER_DIAMETERS = 0.1  # of an inclusion, in its diameters
-MAX_LOG_RATIO_ERROR = 2.9  # of ln(ratio): scenes with a larger bound are refused
+MAX_LOG_ERROR = 1.0  # of the formulas' ratio, totals and stiffness: scenes with larger errors are refused
 MAX_RESIDUAL = 1e-10
+COLUMNS_AT_ONCE = 4  # designs whose number is a multiple of it are computed alike, bit for bit
 ERROR_KIND: ErrorKind = "95 %"
 MIN_DEPTH_OUTER_RADII = 0.1  # of the tissue, in outer radii
 # Poisson's ratios up to which rounding, in differences of terms that go with 1 / (1 - 2 nu), stays below a seventh of the stated
 # errors; in tissue with a tumour it grows with the third power, and is beyond them from 0.4999999 on. ``tests`` hold both.
 MAX_POISSON_RATIO = {"tissue": 0.499999, "block": 0.499999999999}
-FAR_SIDE_NODES = 16  # for sides as near as none that are left out
 MAX_SQUEEZE = 50.0  # see ``solver.layers.squeeze``: beyond it totals are up to nine times too small
 BROKEN_FORMULAS_ADVICE = "axisymmetric, as the formulas break down for this scene"
 
 
 @dataclass(frozen=True)
 class ClosedFormForces:
-    """Film forces with their bounds, the bounds on their errors, and the residual of eq. CF.12."""
+    """Film forces, the quantiles of their errors, and the residual of eq. CF.12."""
 
     films: FilmForces
     errors: StatedErrors
     residual: float
+
+    @property
+    def max_error(self) -> float:
+        """Largest of the relative errors of ratio, totals and stiffness."""
+        return math.expm1(self.errors.largest)
 
 
 @dataclass(frozen=True)
@@ -87,7 +85,7 @@ class ClosedForm(FilmEvaluator):
         return explain_incompressible_refusal(scene)
 
     def solve(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> FilmSolution:
-        """Solve the scene with the formulas, with a warning where their error bound is above ``accuracy``.
+        """Solve the scene with the formulas, with a warning where their stated error is above ``accuracy``.
 
         Raises:
             Refusal: the scene is of another kind, or the formulas break down.
@@ -98,8 +96,8 @@ class ClosedForm(FilmEvaluator):
             if isinstance(item, InputError):
                 raise item
             solutions.append(item)
-        worst = max(solutions, key=lambda item: item.errors.largest)
-        notes = tuple(find_shortfalls(worst.films, worst.errors.largest, accuracy))
+        worst = max(solutions, key=lambda item: item.max_error)
+        notes = tuple(find_shortfalls(worst.films, worst.max_error, accuracy, kind=ERROR_KIND))
         films, residual = tuple(item.films for item in solutions), max(item.residual for item in solutions)
         return FilmSolution(films, residual, notes=notes, error_kind=ERROR_KIND)
 
@@ -118,7 +116,7 @@ class ClosedForm(FilmEvaluator):
 
     @use_own_workspace
     def compute_films(self, scenes: Sequence[Scene]) -> list[ClosedFormForces | InputError]:
-        """Return the film forces of each scene with their error bounds, or its refusal."""
+        """Return the film forces of each scene with their errors, or its refusal."""
         solutions: dict[int, ClosedFormForces | InputError] = {}
         groups: dict[Shape, list[tuple[int, Floats]]] = defaultdict(list)
         for place, scene in enumerate(scenes):
@@ -129,25 +127,29 @@ class ClosedForm(FilmEvaluator):
             shape, values = build_parameters(scene)
             groups[shape].append((place, values))
         for shape, group in groups.items():
-            stacked = compute_variants(shape, [values for _, values in group])
-            for (place, _), *arrays in zip(group, *stacked, strict=True):
-                solutions[place] = self._bound_solution(scenes[place], *arrays)
+            solved = solve_columns(shape, np.column_stack([values for _, values in group]))
+            for (place, _), *arrays in zip(group, *solved, strict=True):
+                solutions[place] = self._build_forces(scenes[place], shape, *arrays)
         return [solutions[place] for place in range(len(scenes))]
 
-    def _bound_solution(self, scene: Scene, forces: Floats, slopes: Floats, residuals: Floats) -> ClosedFormForces | InputError:
-        """Return a scene's film forces with error bounds from its variants, or the refusal where the formulas break down."""
-        if not (np.all(np.isfinite(forces)) and np.all(forces.sum(axis=2) > 0) and np.all(residuals < MAX_RESIDUAL)):
+    def _build_forces(
+        self, scene: Scene, shape: Shape, forces: Floats, slope: Floats, residual: float
+    ) -> ClosedFormForces | InputError:
+        """Return a scene's film forces with their errors, or the refusal where the formulas break down."""
+        totals = forces.sum(axis=1)
+        if not (np.all(np.isfinite(forces)) and np.all(totals > 0) and residual < MAX_RESIDUAL):
             return Refusal("evaluator", self.name, BROKEN_FORMULAS_ADVICE)
-        error = bound_errors(scene, forces, slopes)
-        if error.log_ratio > MAX_LOG_RATIO_ERROR:
+        errors = state_errors(scene, shape, forces, slope)
+        if errors.largest > MAX_LOG_ERROR:
             return Refusal("evaluator", self.name, BROKEN_FORMULAS_ADVICE)
-        slope = slopes[0] if scene.target is not None else None
-        films = FilmForces(forces[0], error.compute_bound(forces[0].sum(axis=1)), slope, error.sensitivity)
-        return ClosedFormForces(films, error, float(residuals[0]))
+        errors = errors.add_details(scene.probe, forces)
+        target_slope = slope if scene.target is not None else None
+        films = FilmForces(forces, errors.compute_bound(totals), target_slope, errors.sensitivity)
+        return ClosedFormForces(films, errors, float(residual))
 
 
 def _build_answer(forces: ClosedFormForces, accuracy: float) -> FilmSolution:
-    notes = tuple(find_shortfalls(forces.films, forces.errors.largest, accuracy))
+    notes = tuple(find_shortfalls(forces.films, forces.max_error, accuracy, kind=ERROR_KIND))
     return FilmSolution((forces.films,), forces.residual, notes=notes, error_kind=ERROR_KIND)
 
 
@@ -180,55 +182,22 @@ def _replace_target_modulus(scene: Scene, modulus: float) -> Scene:
     return scene.model_copy(update={"inclusion": tuple(bodies)})
 
 
-def compute_variants(shape: Shape, values: Sequence[Floats]) -> tuple[Floats, Floats, Floats]:
-    """Return forces, slopes and residuals of designs and of the variants for their error bounds, ordered as ``ALL_VARIANTS``.
+def solve_columns(shape: Shape, columns: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return forces, slopes and residuals of designs of one structure.
 
     Args:
         shape: of all the designs.
-        values: the parameters of each, see ``designs.build_parameters``.
+        columns: the parameters of each, see ``designs.build_parameters``, shape (parameters, n).
 
     Returns:
-        two arrays of shape (designs, variants, 2, 2), not finite or not positive where the formulas break down, and one of
-        shape (designs, variants).
+        two arrays of shape (n, 2, 2), not finite or not positive where the formulas break down, and one of shape (n,).
     """
-    columns = np.concatenate([_build_variants(shape, part) for part in values], axis=1)
-    plain = _solve_variants(shape, columns)
-    changed_sides = _solve_variants(toggle_sides(shape), columns) if shape.bounded else plain
-    finer = _solve_variants(replace(shape, fine=True), columns)
-    forces, slopes, residuals = (
-        np.concatenate([part, sides_part[:, :1], finer_part[:, :1]], axis=1)
-        for part, sides_part, finer_part in zip(plain, changed_sides, finer, strict=True)
-    )
-    return forces, slopes, residuals
-
-
-def _solve_variants(shape: Shape, columns: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return forces, slopes and residuals of the variants of designs that have other parameters."""
+    count = columns.shape[1]
+    padded = np.pad(columns, ((0, 0), (0, -count % COLUMNS_AT_ONCE)), mode="edge")
     with np.errstate(all="ignore"):
-        parts = [(solution.forces, solution.slope, solution.residual) for solution in iterate_solutions(shape, columns)]
-        forces, slopes, residuals = (np.concatenate(part) for part in zip(*parts, strict=True))
-    size = -1, len(PARAMETER_VARIANTS)
-    return forces.reshape(*size, 2, 2), slopes.reshape(*size, 2, 2), residuals.reshape(size)
-
-
-def toggle_sides(shape: Shape) -> Shape:
-    """Return the structure that models the sides which ``shape`` leaves out, or leaves out those that it models."""
-    return replace(shape, side_nodes=0 if shape.side_nodes else FAR_SIDE_NODES)
-
-
-def _build_variants(shape: Shape, values: Floats) -> Floats:
-    """Return the parameters of the variants ``PARAMETER_VARIANTS`` as columns."""
-    own_material = values[len(PROBE_PARAMETERS) + len(TISSUE_PARAMETERS) - 2 : len(PROBE_PARAMETERS) + len(TISSUE_PARAMETERS)]
-    columns = {"scene": values}
-    for name in ("inner_modulus", "outer_modulus"):
-        columns[name] = values.copy()
-        columns[name][PROBE_PARAMETERS.index(name)] *= MODULUS_STEP_FACTOR
-    columns["no inclusions"] = values.copy()
-    bodies, layers = split_parameters(shape, columns["no inclusions"])
-    materials = [*layers[:, 1:], own_material]
-    for body, place in zip(bodies, shape.sphere_layers, strict=True):
-        body[-2:] = materials[place]
-    return np.stack([columns[name] for name in PARAMETER_VARIANTS], axis=1)
+        parts = [(solution.forces, solution.slope, solution.residual) for solution in iterate_solutions(shape, padded)]
+        forces, slopes, residuals = (np.concatenate(part)[:count] for part in zip(*parts, strict=True))
+    return forces, slopes, residuals
 
 
 def create_evaluator(tell: ProgressCallback | None = None) -> ClosedForm:

@@ -125,7 +125,7 @@ def solve_free_sides(field: Waves, loads: tuple[Array, Array], weights: Array, t
         weights: k dk of the waves, the smoothing included, shape (n, q).
         tissue: the cylinder, as a disc.
     """
-    column, axial_functions = _solve_column(tissue), build_axial_functions(tissue.height, tissue.steepness, AXIAL_FUNCTIONS)
+    column, axial_functions = _solve_column(tissue), build_axial_functions(tissue.height, tissue.steepness)
     R, dz = tissue.radius[:, None, None], axial_functions.weight.T[:, :, None]
     at_cut, heights = _compute_cut_fields(field, loads, weights, tissue, axial_functions.zeta.T), axial_functions.zeta.shape[0]
     ringed = at_cut[:, : 2 * heights] * np.concatenate([2 * np.pi * R * dz] * 2, axis=1)
@@ -159,8 +159,8 @@ class TissueColumn:
 
 def _solve_column(tissue: ElasticBlocks) -> TissueColumn:
     transverse, axial, slender = (
-        interpolate_radial_integrals(None, False),
-        interpolate_axial_integrals(tissue.steepness, AXIAL_FUNCTIONS),
+        interpolate_radial_integrals(None),
+        interpolate_axial_integrals(tissue.steepness),
         tissue.height / tissue.radius,
     )
     n, works = len(slender), 2 * AXIAL_FUNCTIONS + 1

@@ -2,9 +2,8 @@
 
 Every function is a value on each of several rings, narrow at the edges; y is the share of the width (0 at the axis or hole).
 With pressures 1, y^2 and (1-y^2)^(-1/2) under a disc, 1, y, y^(-1/2) and (1-y)^(-1/2) under a tube, and shears r times such, two
-blocks of any stiffness need eleven unknowns. The fifteen of ``FINE_LOADS`` show the error of eleven. Rings
-are differences of discs, which closed formulas know; in integrals over long waves a load is its values at few radii, exact for
-polynomials.
+blocks of any stiffness need eleven unknowns. Rings are differences of discs, which closed formulas know; in integrals over long
+waves a load is its values at few radii, exact for polynomials.
 """
 
 from __future__ import annotations
@@ -27,7 +26,6 @@ class LoadedEnds(Protocol):
     Attributes:
         radius: outer radii, m, shape (n,).
         width: of the ends from axis or hole to the outer radius, m, shape (n,).
-        fine: whether the fine load functions act.
     """
 
     @property
@@ -35,9 +33,6 @@ class LoadedEnds(Protocol):
 
     @property
     def width(self) -> Array: ...  # noqa: D102
-
-    @property
-    def fine(self) -> bool: ...  # noqa: D102
 
     def radii(self, y: Any) -> Array:
         """Return the radii at fractions y (k,) of the width, m, shape (n, k)."""
@@ -52,13 +47,11 @@ class Loads:
     """The functions under one kind of block, the same for all of that kind.
 
     Attributes:
-        points: at how many radii they act in the integrals over wave numbers.
         cuts: shares of the width where rings meet, shape (rings + 1,).
         pressure, shear: values on the rings, shapes (rings, functions).
         solid: whether the block is a disc.
     """
 
-    points: int
     cuts: Any
     pressure: Any
     shear: Any
@@ -70,7 +63,7 @@ class Loads:
 
         Waves are even functions of the radius: under a disc the radii are Gauss's in its square.
         """
-        x = (legendre.leggauss(self.points)[0] + 1) / 2
+        x = (legendre.leggauss(RADII)[0] + 1) / 2
         return np.sqrt(x) if self.solid else x
 
     def compute_transform_weights(self, values: Any) -> Any:
@@ -78,7 +71,7 @@ class Loads:
 
         A disc's carry the factor r, a tube's leave it to the wave's values.
         """
-        polynomials = [legendre.Legendre(row, domain=[0, 1]) for row in np.eye(self.points)]
+        polynomials = [legendre.Legendre(row, domain=[0, 1]) for row in np.eye(RADII)]
         x, cuts = (self.radii**2, self.cuts**2) if self.solid else (self.radii, self.cuts)
         moments = np.array([np.diff(p.integ()(cuts)) for p in polynomials])
         weights = np.linalg.solve(np.array([p(x) for p in polynomials]), moments) @ values
@@ -99,8 +92,10 @@ def _average_on_rings(cuts: Any, function: Any) -> Any:
     return (function(y) * jacobian) @ weight / ((jacobian) @ weight)
 
 
-_DISC_FUNCTIONS = (lambda y: 1 + 0 * y, lambda y: (1 - y**2) ** -0.5, lambda y: y**2, lambda y: y**4)
-_TUBE_FUNCTIONS = (lambda y: y**-0.5, lambda y: (1 - y) ** -0.5, lambda y: 1 + 0 * y, lambda y: y, lambda y: y**2)
+RINGS, RADII = 6, 4  # rings under a block, and radii at which loads act in the integrals over wave numbers
+_DISC_PRESSURES = (lambda y: 1 + 0 * y, lambda y: (1 - y**2) ** -0.5, lambda y: y**2)
+_TUBE_PRESSURES = (lambda y: y**-0.5, lambda y: (1 - y) ** -0.5, lambda y: 1 + 0 * y, lambda y: y)
+SHEARS = 2  # the first of the pressures are those of the shears, times r
 
 
 @dataclass(frozen=True)
@@ -118,20 +113,19 @@ class PairLoads:
     transform_weights: tuple[Any, Any]
 
 
-def _build_pair_loads(rings: int, points: int, pressures: int, shears: int) -> PairLoads:
-    """Build loads with so many rings and radii per block and functions under the disc; a tube has one pressure more."""
-    step = np.arange(rings + 1) / rings
+def _build_pair_loads() -> PairLoads:
+    """Build the loads of both blocks, their rings narrow at the edges."""
+    step = np.arange(RINGS + 1) / RINGS
     disc, tube = 1 - (1 - step) ** 3, step**3 / (step**3 + (1 - step) ** 3)
-    disc_loads = _build_loads(points, disc, _DISC_FUNCTIONS[:pressures], _DISC_FUNCTIONS[:shears], True)
-    tube_loads = _build_loads(points, tube, _TUBE_FUNCTIONS[: pressures + 1], _TUBE_FUNCTIONS[:shears], False)
+    disc_loads, tube_loads = _build_loads(disc, _DISC_PRESSURES, True), _build_loads(tube, _TUBE_PRESSURES, False)
     return PairLoads(
         (disc_loads, tube_loads), _build_disc_matrices(disc_loads, tube_loads), _build_transform_weights(disc_loads, tube_loads)
     )
 
 
-def _build_loads(points: int, cuts: Any, pressures: Any, shears: Any, solid: bool) -> Loads:
-    pressure, shear = (np.array([_average_on_rings(cuts, f) for f in kind]).T for kind in (pressures, shears))
-    return Loads(points, cuts, pressure, shear, solid)
+def _build_loads(cuts: Any, pressures: Any, solid: bool) -> Loads:
+    pressure = np.array([_average_on_rings(cuts, function) for function in pressures]).T
+    return Loads(cuts, pressure, pressure[:, :SHEARS], solid)
 
 
 def _build_disc_matrices(solid: Loads, tube: Loads) -> tuple[Any, Any]:
@@ -156,16 +150,11 @@ def _build_transform_weights(solid: Loads, tube: Loads) -> tuple[Any, Any]:
     return pressure, shear
 
 
-def select_pair_loads(blocks: EndPair) -> PairLoads:
-    """Return the fine or the coarse load functions, as the blocks ask for."""
-    return FINE_LOADS if blocks[0].fine else COARSE_LOADS
-
-
 def compute_load_areas(blocks: EndPair, like: Array) -> Array:
     """Return the force of each unit load on each block, m^2, shape (n, loads, 2); ``like`` has n and the number of loads."""
     areas = np.zeros((len(like), like.shape[1], 2), dtype=like.dtype)
     row = 0
-    for i, (block, loads) in enumerate(zip(blocks, select_pair_loads(blocks).loads, strict=True)):
+    for i, (block, loads) in enumerate(zip(blocks, LOADS.loads, strict=True)):
         r = block.radii(loads.cuts)
         rings = np.pi * block.width[:, None] * np.diff(loads.cuts) * (r[:, 1:] + r[:, :-1])
         areas[:, row : row + loads.pressure.shape[1], i] = rings @ loads.pressure
@@ -191,7 +180,7 @@ def build_block_diagonal(parts: tuple[Array, Array]) -> Array:
 
 def list_disc_radii(blocks: EndPair) -> tuple[Array, Array]:
     """Return the radii of the discs whose differences are the rings, and the radius of each disc's block, shapes (n, discs)."""
-    inner, outer = (block.radii(loads.cuts) for block, loads in zip(blocks, select_pair_loads(blocks).loads, strict=True))
+    inner, outer = (block.radii(loads.cuts) for block, loads in zip(blocks, LOADS.loads, strict=True))
     count = inner.shape[1] - 1
     radius = np.stack([block.radius for block in blocks], axis=1)[:, [0] * count + [1] * (count + 2 - 1)]
     return np.concatenate([inner[:, 1:], outer], axis=1), radius
@@ -199,7 +188,7 @@ def list_disc_radii(blocks: EndPair) -> tuple[Array, Array]:
 
 def combine_disc_works(blocks: EndPair, works: Sequence[Array]) -> list[Array]:
     """Combine the works of discs to works of the loads: of pressures, shears, pressures on shears."""
-    pressure, shear = select_pair_loads(blocks).discs
+    pressure, shear = LOADS.discs
     sides = ((pressure, pressure), (shear, shear), (pressure, shear))
     return [_combine_works(work, left, right) for work, (left, right) in zip(works, sides, strict=True)]
 
@@ -222,7 +211,7 @@ def build_wave_rule(nodes: int, powers: tuple[float, float, float] = (0.2, 0.8, 
 
 def transform_long_waves(blocks: EndPair, k: Array, bonded: bool) -> tuple[Array, Array]:
     """Return Hankel transforms of pressures and shears (no shears unless bonded) at long waves k (n, q); shapes (n, q, loads)."""
-    pair = select_pair_loads(blocks)
+    pair = LOADS
     radii = np.concatenate([block.radii(loads.radii) for block, loads in zip(blocks, pair.loads, strict=True)], axis=1)
     points = radii.shape[1] // 2
     J0, J1 = bessel(k[:, :, None] * radii[:, None, :])
@@ -236,7 +225,7 @@ def transform_long_waves(blocks: EndPair, k: Array, bonded: bool) -> tuple[Array
 
 def transform_all_waves(blocks: EndPair, k: Array, bonded: bool) -> tuple[Array, Array]:
     """Return Hankel transforms of pressures and shears at waves of any length: those of the rings themselves."""
-    (c, radius), discs = list_disc_radii(blocks), select_pair_loads(blocks).discs
+    (c, radius), discs = list_disc_radii(blocks), LOADS.discs
     kinds = bessel(k[:, :, None] * c[:, None, :], 3 if bonded else 2, first=1)
     pressure = batched_matmul(kinds[0] * c[:, None, :] / k[:, :, None], discs[0])
     if not bonded:
@@ -248,7 +237,7 @@ def integrate_load_products(blocks: EndPair) -> tuple[Array, Array]:
     """Integrate products of two pressures, and of two shears, over the ends; shapes (n, p, p) and (n, s, s), m^2."""
     pressures: list[Array] = []
     shears: list[Array] = []
-    for block, loads in zip(blocks, select_pair_loads(blocks).loads, strict=True):
+    for block, loads in zip(blocks, LOADS.loads, strict=True):
         square = block.radii(loads.cuts) ** 2
         discs = np.pi * square, np.pi / 2 * (square / block.radius[:, None]) ** 2
         for products, disc, values in zip((pressures, shears), discs, (loads.pressure, loads.shear), strict=True):
@@ -256,4 +245,4 @@ def integrate_load_products(blocks: EndPair) -> tuple[Array, Array]:
     return build_block_diagonal((pressures[0], pressures[1])), build_block_diagonal((shears[0], shears[1]))
 
 
-COARSE_LOADS, FINE_LOADS = _build_pair_loads(6, 4, 3, 2), _build_pair_loads(12, 6, 4, 3)
+LOADS = _build_pair_loads()

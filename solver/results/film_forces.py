@@ -14,6 +14,7 @@ from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal, Words
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
+from solver.results.result import ErrorKind
 from solver.results.warnings import Note, explain_null_sensitivity
 
 
@@ -24,10 +25,12 @@ class Bound:
     Attributes:
         totals: on each film's total force, N/m, >= 0, shape (2,).
         log_ratio: on ln(ratio); equal relative errors of both films cancel in it.
+        sum: on the force of both films together, N/m, where it is known better than as the sum of ``totals``.
     """
 
     totals: Floats
     log_ratio: float
+    sum: float | None = None
 
     @classmethod
     def from_independent_errors(cls, totals: Floats, forces: Floats) -> Bound:
@@ -105,7 +108,8 @@ class FilmForces:
     @cached_property
     def stiffness_error(self) -> float:
         """Bound on the relative error of the total force per indentation."""
-        return float(self.bound.totals.sum() / abs(self.totals.sum()))
+        error = self.bound.totals.sum() if self.bound.sum is None else self.bound.sum
+        return float(error / abs(self.totals.sum()))
 
     def compute_stress_errors(self, scene: Scene) -> tuple[float, float]:
         """Return the relative errors of the inner and the outer stress, for the scene's kind of load.
@@ -197,14 +201,16 @@ def check_moduli(scene: Scene, moduli: Floats) -> Floats:
     return values
 
 
-def find_shortfalls(films: FilmForces, reached: float, accuracy: float, stopped: Iterable[Note] = ()) -> list[Note]:
+def find_shortfalls(
+    films: FilmForces, reached: float, accuracy: float, stopped: Iterable[Note] = (), kind: ErrorKind = "bound"
+) -> list[Note]:
     """Return warnings of bounds above the accuracy, preceded by the notes ``stopped``; empty where all are met.
 
-    ``reached`` is the largest of the error bounds on ratio, stresses and stiffness.
+    ``reached`` is the largest of the errors of ratio, stresses and stiffness, ``kind`` what they are.
     """
-    notes = (
-        [] if reached <= accuracy else [Note("accuracy", f"{describe_shortfall(reached, accuracy)}: the best of this evaluator")]
-    )
+    notes = []
+    if reached > accuracy:
+        notes.append(Note("accuracy", f"{describe_shortfall(reached, accuracy, kind)}: the best of this evaluator"))
     size = abs(films.log_sensitivity or 0.0)
     if films.modulus_derivative is not None and films.sensitivity_error > max(5 * accuracy * size, 1e-5):
         share = films.sensitivity_error / size if size > 0 else np.inf
@@ -213,7 +219,8 @@ def find_shortfalls(films: FilmForces, reached: float, accuracy: float, stopped:
     return [*stopped, *notes] if notes else []
 
 
-def describe_shortfall(reached: float, accuracy: float) -> str:
-    """Return the text that the largest error bound is above the accuracy."""
-    bounds = f"error bounds of {reached:.2g}" if reached < 1 else "error bounds no smaller than the values themselves"
-    return f"{bounds} reached, accuracy {accuracy:g} asked for"
+def describe_shortfall(reached: float, accuracy: float, kind: ErrorKind = "bound") -> str:
+    """Return the text that the largest error is above the accuracy."""
+    errors = "error bounds" if kind == "bound" else f"{kind} errors"
+    size = f"of {reached:.2g}" if reached < 1 else "no smaller than the values themselves"
+    return f"{errors} {size} reached, accuracy {accuracy:g} asked for"

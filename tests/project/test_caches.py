@@ -24,7 +24,7 @@ CONSTANT = {  # one value, or one for each of a few numbers of points
     "solver.closed_form.lateral_boundary._build_wave_rule": "at most 16 rules of Gauss",
     "solver.closed_form.off_axis._build_pairs": "at most 4 lists of pairs",
     "solver.closed_form.tractions.build_wave_rule": "at most 64 rules of Gauss",
-    "solver.closed_form.error_bound.read_weights": "the stored weights",
+    "solver.closed_form.error_quantile._read_table": "the stored table",
     "solver.equivalent_inclusion.first_order._build_half_sphere": "at most 8 rules",
     "solver.equivalent_inclusion.first_order.build_half_ball": "at most 8 rules",
     "solver.linalg.cholesky.load_pardiso": "a module",

@@ -8,7 +8,6 @@ import pytest
 from geometry.common.arrays import Floats
 from solver.closed_form.block_compliance import ElasticBlocks, _correct_modulus, compute_end_compliance
 from solver.closed_form.block_functions import (
-    FINE_WALL_NODES,
     HEIGHT_NODES,
     TABLE_HEIGHT_NODES,
     WALL_NODES,
@@ -18,17 +17,16 @@ from solver.closed_form.block_functions import (
     build_axial_functions,
     compute_axial_integrals,
 )
-from solver.closed_form.tractions import COARSE_LOADS, FINE_LOADS
+from solver.closed_form.tractions import LOADS
 from solver.linalg.piecewise import PiecewisePolynomials
 
 
 def whole(block: ElasticBlocks, bonded: bool, nodes: int = TABLE_HEIGHT_NODES) -> Floats:
     """B K^-1 B^T of one block, K of all products P_i f_j and U_i g_j of eq. CF.8, lambda in every term that it is in."""
-    axial, slender = 3 if block.fine else 2, float(block.height[0] / block.width[0])
+    slender = float(block.height[0] / block.width[0])
     wall, solid = block.width / block.radius, block.hole is None
-    radial, points, loads = (5, FINE_WALL_NODES, FINE_LOADS.loads) if block.fine else (3, WALL_NODES, COARSE_LOADS.loads)
-    y, weight = _build_gauss_rule((0.0, 1.0), points)
-    P, slope, r, u = (part[0] for part in _evaluate_functions(y, 1 / wall - 1, radial, solid))
+    y, weight = _build_gauss_rule((0.0, 1.0), WALL_NODES)
+    P, slope, r, u = (part[0] for part in _evaluate_functions(y, 1 / wall - 1, solid))
     ring = 2 * np.pi * wall * r * weight
     spreading, hoop = np.concatenate([P[:0] if solid else 0 * P[:1], P]), u / r
     lift, tilt, spread, mixed = (
@@ -36,8 +34,8 @@ def whole(block: ElasticBlocks, bonded: bool, nodes: int = TABLE_HEIGHT_NODES) -
     )
     turn, slide = (ring * u) @ slope.T, (ring * u) @ u.T
     pure = 2 * (ring * (spreading - hoop)) @ (spreading - hoop).T + 2 * (ring * hoop) @ hoop.T
-    pressed, sheared = (part[0] for part in _integrate_loads(1 / wall - 1, wall, loads[0 if solid else 1], radial))
-    axial_values = build_axial_functions(np.ones(1), block.steepness, axial, nodes)
+    pressed, sheared = (part[0] for part in _integrate_loads(1 / wall - 1, wall, LOADS.loads[0 if solid else 1]))
+    axial_values = build_axial_functions(np.ones(1), block.steepness, nodes)
     g, dg, f, df = (part[:, :, 0] for part in (axial_values.g, axial_values.dg, axial_values.f, axial_values.df))
     weight = axial_values.weight[:, 0]
 
@@ -53,21 +51,20 @@ def whole(block: ElasticBlocks, bonded: bool, nodes: int = TABLE_HEIGHT_NODES) -
     end = -(weight * df).sum(axis=1)
     B = np.zeros((len(pressed) + len(sheared), len(K)))
     B[: len(pressed), : len(ww)] = np.kron(pressed, end)
-    B[len(pressed) :, len(ww) :] = np.kron(sheared, np.ones(axial))
+    B[len(pressed) :, len(ww) :] = np.kron(sheared, np.ones(len(g)))
     size = block.width[0] ** 2 * block.radius[0] * 2 * (1 + nu) / _correct_modulus(block, bonded)[0]
     return np.asarray(size * B @ np.linalg.solve(K, B.T))
 
 
-@pytest.mark.parametrize("fine", [False, True])
 @pytest.mark.parametrize("bonded", [True, False])
 @pytest.mark.parametrize("nu", [0.0, 0.3, 0.4999])
 @pytest.mark.parametrize(
     ("hole", "height"), [(None, 0.05), (None, 1.0), (None, 30.0), (0.02, 1.0), (0.5, 0.1), (0.5, 5.0), (0.97, 1.0), (0.999, 20.0)]
 )
-def test_few_unknowns_are_all_of_them(hole: float | None, height: float, nu: float, bonded: bool, fine: bool) -> None:
+def test_few_unknowns_are_all_of_them(hole: float | None, height: float, nu: float, bonded: bool) -> None:
     """To a billionth of what each load gives way under itself, whatever the shape."""
     ones = np.ones(1)
-    block = ElasticBlocks(None if hole is None else hole * ones, ones, height * ones, 2 * ones, nu * ones, fine)
+    block = ElasticBlocks(None if hole is None else hole * ones, ones, height * ones, 2 * ones, nu * ones)
     expected = whole(block, bonded)
     scale = np.sqrt(np.diag(expected))
     assert compute_end_compliance(block, bonded)[0] / np.outer(scale, scale) == pytest.approx(
@@ -78,7 +75,7 @@ def test_few_unknowns_are_all_of_them(hole: float | None, height: float, nu: flo
 @pytest.mark.parametrize(("steepness", "places"), [(2.0, 8), (200.0, 6), (2e4, 5)])
 def test_integrals_along_tall_blocks_need_the_nodes_that_they_have(steepness: float, places: int) -> None:
     """Against what the functions' exponentials integrate to in closed form."""
-    axial_values = build_axial_functions(np.ones(1), np.array([steepness]), 2, TABLE_HEIGHT_NODES)
+    axial_values = build_axial_functions(np.ones(1), np.array([steepness]), TABLE_HEIGHT_NODES)
     g, weight, b = axial_values.g[:, :, 0], axial_values.weight[:, 0], steepness
     loss = -np.expm1(-b)
     column = 1 / loss - 1 / b  # Int g_0
@@ -104,8 +101,8 @@ def test_beyond_the_tables_it_says_so() -> None:
 
 def test_modes_are_normal() -> None:
     """The integrals of their squares are one, those of two of them none: along a block and across it."""
-    *_, slope, end, modes = (part[0] for part in compute_axial_integrals(np.array([3.0]), 2))
-    axial_values = build_axial_functions(np.ones(1), np.array([3.0]), 2, TABLE_HEIGHT_NODES)
+    *_, slope, end, modes = (part[0] for part in compute_axial_integrals(np.array([3.0])))
+    axial_values = build_axial_functions(np.ones(1), np.array([3.0]), TABLE_HEIGHT_NODES)
     f, df = (modes.T @ part[:, :, 0] for part in (axial_values.f, axial_values.df))
     weight = axial_values.weight[:, 0]
     assert -(df @ weight) == pytest.approx(end, rel=1e-12)

@@ -32,7 +32,7 @@ from solver.results.film_forces import compute_result_fields
 from tests.support.references import Expected, expected, named
 
 FOLDERS = ("axisymmetric", "extra", "extreme", "half-space", "off-axis", "solid", "layers")
-REFUSED = ("narrow-tissue", "inclusion-near-floor", "incompressible-six-nines-frictionless")
+REFUSED = ("narrow-tissue", "hairline-gap-sleeve-fifty", "inclusion-near-floor", "incompressible-six-nines-frictionless")
 SCENES = [reference for folder in FOLDERS for reference in expected(folder)]
 
 
@@ -40,8 +40,8 @@ def cover(scene: Scene) -> float:
     return min((body.depth / body.diameter - 0.5 for body in scene.inclusion if body.diameter), default=np.inf)
 
 
-@pytest.mark.parametrize("reference", SCENES, ids=lambda reference: reference.name)
-def test_stated_errors_are_not_below_the_true_ones(reference: Expected) -> None:
+def list_errors_over_stated(reference: Expected) -> list[float]:
+    """Return what ratio, stiffness and log-sensitivity are off by, over what is stated; none where the scene is refused."""
     answer = ClosedForm().compute_films([reference.scene])[0]
     if isinstance(answer, InputError):
         assert (
@@ -49,19 +49,28 @@ def test_stated_errors_are_not_below_the_true_ones(reference: Expected) -> None:
             or reference.name in REFUSED
             or any(body.diameter is None for body in reference.scene.inclusion)
         )
-        return
-    films, error = answer.films, answer.errors
-    result = compute_result_fields(reference.scene, films)
-    assert abs(result["ratio"] / reference.ratio - 1) <= films.ratio_error + reference.uncertainty
-    assert abs(result["stiffness"] / reference.stiffness - 1) <= error.largest + reference.uncertainty
+        return []
+    films, result = answer.films, compute_result_fields(reference.scene, answer.films)
+    over = [
+        abs(result["ratio"] / reference.ratio - 1) / (films.ratio_error + reference.uncertainty),
+        abs(result["stiffness"] / reference.stiffness - 1) / (films.stiffness_error + reference.uncertainty),
+    ]
     if reference.log_sensitivity:
-        slack = max(0.05 * abs(reference.log_sensitivity), 1e-5)  # what no warning tells of
-        assert abs(result["log_sensitivity"] - reference.log_sensitivity) <= error.sensitivity + slack
+        over.append(abs(result["log_sensitivity"] - reference.log_sensitivity) / max(films.sensitivity_error, 1e-5))
+    return over
+
+
+def test_stated_errors_cover_those_of_the_references() -> None:
+    """Nine in ten, as these scenes are more extreme than those from which the 95 % quantiles come; and none is far off."""
+    over = [value for reference in SCENES for value in list_errors_over_stated(reference)]
+    assert len(over) > 150
+    assert np.mean(np.array(over) <= 1) >= 0.9
+    assert max(over) < 6
 
 
 def test_warnings_tell_the_errors_of_stiffness_and_sensitivity() -> None:
     result = evaluate(named("off-axis", "stiff-cover-0.25-offset-1").scene, "closed-form")  # its sensitivity is 76 % off
-    assert any(text.startswith("error bounds of") for text in result.warnings)
+    assert any(text.startswith("95 % errors of") for text in result.warnings)
     assert any("log_sensitivity is" in text for text in result.warnings)
 
 
