@@ -20,9 +20,10 @@ from tests.support.extremes.rows import Row, Truth, lightened
 ACCURACY = 0.01
 PATIENCE = 300  # s of the processor: what takes longer is no answer
 MARKS = ("right", "refused", "null", "wrong")
-REACHED = re.compile(r"error bounds? of ([0-9.e+-]+)")
+REACHED = re.compile(r"(?:error bounds?|95 % errors) of ([0-9.e+-]+)")
 TOLD = re.compile(r"log_sensitivity is good to about ([0-9.e+-]+) of itself only")
 NOTHING = ("log_sensitivity is smaller than its own error", "log_sensitivity is null")
+QUANTILE_MARGIN = 4  # an error stated as a 95 % quantile is wrong where the true one is so many times as large
 ROUNDED, ROUGHLY = 1.05, 1.5  # what rounding to two digits, or to one, may take off a bound in words
 
 
@@ -137,15 +138,17 @@ def flaws(values: dict[str, Any], truth: Truth) -> Iterator[str]:
         if not any(text.startswith("ratio") and " null: " in text for text in notes):
             yield "ratio is null without a reason"
         return
+    quantile = values.get("error_kind") == "95 %"
+    stated = QUANTILE_MARGIN * stated if quantile else stated
     deviation = relative(ratio, truth.ratio)
     if deviation is not None and not deviation <= stated + truth.uncertainty:
         yield f"ratio off by {deviation:.2g}, stated {stated:.2g}"
-    bound = max(ACCURACY, stated, reached(notes))
+    bound = max(ACCURACY, stated, (QUANTILE_MARGIN if quantile else 1) * reached(notes))
     for key in ("stress_inner", "stress_outer", "stiffness"):
         deviation = relative(values[key], getattr(truth, key))
         if deviation is not None and not deviation <= bound + truth.uncertainty:
             yield f"{key} off by {deviation:.2g}, stated {bound:.2g}"
-    yield from sensitivity_flaws(values["log_sensitivity"], truth, notes)
+    yield from sensitivity_flaws(values["log_sensitivity"], truth, notes, QUANTILE_MARGIN if quantile else 1)
 
 
 def reached(notes: Sequence[str]) -> float:
@@ -155,8 +158,11 @@ def reached(notes: Sequence[str]) -> float:
     return max((ROUNDED * float(match[1]) for text in notes if (match := REACHED.search(text))), default=0.0)
 
 
-def sensitivity_flaws(log_sensitivity: float | None, truth: Truth, notes: Sequence[str]) -> Iterator[str]:
-    """Yield what is wrong with a log-sensitivity: off by more than 5 times the accuracy, 1e-5, or what a warning says."""
+def sensitivity_flaws(log_sensitivity: float | None, truth: Truth, notes: Sequence[str], margin: int) -> Iterator[str]:
+    """Yield what is wrong with a log-sensitivity: off by more than 5 times the accuracy, 1e-5, or what a warning says.
+
+    The larger of these is multiplied by ``margin``.
+    """
     if any(start in text for text in notes for start in NOTHING):
         return
     if log_sensitivity is None:
@@ -165,6 +171,7 @@ def sensitivity_flaws(log_sensitivity: float | None, truth: Truth, notes: Sequen
         words = [float(match[1]) for text in notes if (match := TOLD.search(text))]
         floor = max(abs(log_sensitivity), 2e-6 / ACCURACY)  # small ones are judged by this size
         bound = max(5 * ACCURACY * abs(truth.log_sensitivity), 1e-5, ROUGHLY * max(words, default=0.0) * floor)
+        bound *= margin
         if not abs(log_sensitivity - truth.log_sensitivity) <= bound + truth.doubt:
             yield f"log_sensitivity {log_sensitivity:.3g}, true {truth.log_sensitivity:.3g} +- {bound:.1g} stated"
 
