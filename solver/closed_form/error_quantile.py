@@ -138,7 +138,7 @@ def compute_features(scene: Scene, shape: Shape, forces: Floats, slopes: Floats)
         modulus / probe.outer.youngs_modulus * min(probe.tube_height / wall, 1.0),
     )
     totals = forces.sum(axis=1)
-    far, near = _measure_sides(scene, shape)
+    far_sides, near_sides = _measure_sides(scene, shape)
     return {
         "soft disc": math.log(0.1 + softness[0] / (1 + softness[0])),
         "soft tube": math.log(0.1 + softness[1] / (1 + softness[1])),
@@ -150,8 +150,8 @@ def compute_features(scene: Scene, shape: Shape, forces: Floats, slopes: Floats)
         "compressible": math.log(0.1 + 1 - 2 * surface.poisson_ratio),
         "cancelled": math.log(float((np.abs(forces).sum(axis=1) / totals).max())),
         "interfaces": math.log(0.1 + _sum_contrasts(scene)),
-        "far sides": far,
-        "near sides": near,
+        "far sides": far_sides,
+        "near sides": near_sides,
         "target": math.log(1e-7 + float(np.abs(slopes.sum(axis=1) / totals).sum())),
     }
 
