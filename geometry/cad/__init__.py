@@ -1,1 +1,1 @@
-"""CadQuery solids, STEP files out and back, drawings."""
+"""CadQuery solids, STEP files written and read back, drawings."""

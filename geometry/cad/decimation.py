@@ -1,4 +1,4 @@
-"""Surfaces of many triangles by fewer: what a mesher is given of a body that was scanned finer than any mesh can follow."""
+"""Reduce the triangles of surfaces that were scanned finer than a volume mesh can follow."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def decimate(surface: pyvista.PolyData) -> tuple[pyvista.PolyData, float] | None
 
 
 def hausdorff_distance(surface: pyvista.PolyData, fewer: pyvista.PolyData) -> float:
-    """Hausdorff's distance of two surfaces, seen from the corners of the first and some dozen points a triangle of the second."""
+    """Return Hausdorff's distance of two surfaces, from corners of the first and some dozen points per triangle of the second."""
     from vtkmodules.vtkFiltersModeling import vtkHausdorffDistancePointSetFilter
 
     measure = vtkHausdorffDistancePointSetFilter()

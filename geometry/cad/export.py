@@ -1,4 +1,4 @@
-"""STEP files of the parts and of their assembly, each read back and measured before it takes its place."""
+"""Export the parts and their assembly as STEP files; each is read back and measured before it takes its place."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ def export_parts(
 ) -> tuple[Path, ...]:
     """Write inner, outer, film-inner, film-outer (if any), base and assembly ``.step`` (mm) into ``folder``; returns their paths.
 
-    Every draft is read back and compared with the probe's parameters through formulas that know nothing of the CAD
+    Every draft is read back and compared with the probe's parameters through formulas that are independent of the CAD
     model; the files take their names together, only after all have passed. ``parts.json`` beside them tells which design they
     are of and what in them the scene leaves open; see ``geometry.cad.parts_record``. Its path follows those of the parts.
 
     Args:
-        probe: what is to be built.
+        probe: the probe to be built.
         folder: for the files, made if needed.
         force: whether parts of another design that are there are replaced, with all that was written about it.
         question_digest: digest of the question that the probe is the answer to, for the record.
@@ -41,7 +41,7 @@ def export_parts(
         edge_radius: of the blocks' lower edges in m, the scene's ``contact.edge_radius``; 0: sharp.
 
     Raises:
-        ExportError: a file does not hold what the parameters say, to ``step_check.RELATIVE_TOLERANCE``; no file is left.
+        ExportError: a file deviates from the parameters by more than ``step_check.RELATIVE_TOLERANCE``; no file is left.
         InputError: the folder holds another design; see also ``solids.build_parts``.
         MissingLibrary: see ``solids.load_cadquery``.
         OSError: the folder cannot be written.

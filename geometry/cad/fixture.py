@@ -1,4 +1,4 @@
-"""What presses on one block alone while a probe is calibrated: a pin, a ring, and the sleeve that centres them on the base.
+"""Build the calibration fixture: a pin and a ring that each press on one block alone, and a sleeve that centres them on the base.
 
 Pin and ring stand on carriers of the base's radius. The sleeve slides over the carrier and up over the base's rim, centres one on
 the other, and slides down on the carrier again before the load is switched on; its slot lets the films' leads out. z = 0 is the

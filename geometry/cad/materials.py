@@ -1,4 +1,4 @@
-"""What each part is made of, in the words of a drawing and of a STEP file: a name of the catalogue where the scene has one."""
+"""Name the material of each part for drawings and STEP files: by the catalogue where the scene refers to it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class PartMaterial:
 
     Attributes:
         name: in the catalogue, or of the kind of material.
-        properties: what it must have, with units.
+        properties: required properties, with units.
         density: in kg/m^3; None where it is not known.
         process: how the part is made, a name in ``geometry/workshop/processes.toml``.
     """
@@ -72,7 +72,7 @@ def _block_material(material: Material) -> PartMaterial:
 
 
 def _find_process_name(name: str | None, youngs_modulus: float) -> str:
-    """How a part is made: as the catalogue has it, or by its modulus (Pa) alone."""
+    """Return the process by which a part is made: from the catalogue, or from its modulus (Pa) alone."""
     if name is not None:
         return find_material(name).process
     return "casting" if youngs_modulus < STIFFEST_CAST else "machining"

@@ -1,4 +1,4 @@
-"""What each part of the probe must measure, from the parameters alone: formulas that know nothing of the CAD model."""
+"""Compute the expected measures of each part from the probe's parameters alone, by formulas independent of the CAD model."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from geometry.scenes.probe import Probe
 
 @dataclass(frozen=True)
 class PartMeasures:
-    """What is measured of a solid and what is expected of it, in mm.
+    """Measured or expected sizes of a solid, in mm.
 
     Attributes:
         volume: in mm^3.
@@ -32,7 +32,7 @@ class PartMeasures:
 
 
 def compute_expected_bodies(probe: Probe, edge_radius: float = 0.0) -> dict[str, PartMeasures]:
-    """Derive what each part must measure from the probe's parameters and the radius of its lower edges (m) alone."""
+    """Compute the expected measures of each part from the probe's parameters and the radius of its lower edges (m)."""
     mm, groove = solids.MM_PER_M, probe.groove
     r2, ri, ro = probe.inner_radius * mm, probe.hole_radius * mm, probe.tube_radius * mm
     h2, h1, t = probe.core_height * mm, probe.tube_height * mm, solids.film_thickness(probe) * mm
@@ -57,7 +57,7 @@ def compute_expected_bodies(probe: Probe, edge_radius: float = 0.0) -> dict[str,
 
 
 def _subtract_round_edges(block: PartMeasures, e: float) -> PartMeasures:
-    """Take from a sharp block what its lower edges lose, by Pappus' theorems; the last of its radii is its rim, another its hole.
+    """Subtract a block's round lower edges, by Pappus' theorems; the last of its radii is its rim, another its hole.
 
     What a quarter disc leaves of its square has the area (1 - pi/4) e^2, and the moment e^3/6 about the side through the arc's
     centre; the arc itself has the length pi e/2 and the moment e^2.

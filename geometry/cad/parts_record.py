@@ -1,4 +1,4 @@
-"""Which design the parts in a folder are of: a record beside them, and the refusal to put another design's in their place."""
+"""Record the design of the parts in a folder, and refuse to replace them by those of another design."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ FileName = Annotated[str, Field(pattern=r"^\w[\w.-]*$", max_length=100)]
 
 
 class PartsRecord(BaseModel):
-    """What ``parts.json`` says of the files beside it.
+    """Content of ``parts.json``, the record of the files in its folder.
 
     Attributes:
         design: digest of the probe's numbers, see ``compute_design_digest``.
         assumed: dimensions that the scene leaves open, by the keys that would give them.
-        files: SHA-256 of the parts, and of what else was written about this design, by name.
-        asked: digest of the question whose answer the design is, where it is one's.
+        files: SHA-256 of the parts and of other files of this design, by name.
+        asked: digest of the design question that the design solves, if there is one.
         provenance: what made the newest of the files, see ``geometry.provenance.block``.
     """
 
@@ -58,7 +58,7 @@ def list_part_files(probe: Probe) -> tuple[str, ...]:
 
 
 def compute_design_digest(probe: Probe, edge_radius: float = 0.0) -> str:
-    """Return the digest of all numbers and materials of the parts, however the scene has given them."""
+    """Return the digest of all numbers and materials of the parts, whichever keys the scene gives."""
     sizes = probe.inner_radius, probe.hole_radius, probe.tube_radius, probe.core_height, probe.tube_height
     bodies = probe.model_dump(
         include={
@@ -143,7 +143,7 @@ def read_record(folder: Path) -> PartsRecord | None:
 
 
 def remove_replaced(folder: Path, old_record: PartsRecord | None, written: Iterable[str]) -> None:
-    """Remove what is left of a design that was replaced: its other parts, and files of its record that nobody has changed."""
+    """Remove the remaining files of a replaced design: its other parts, and unchanged files of its record."""
     new, recorded = set(written), {} if old_record is None else old_record.files
     for name in {*PART_FILES, *recorded} - new:
         path = folder / name

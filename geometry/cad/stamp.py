@@ -1,4 +1,4 @@
-"""What every file for the workshop says of itself: which design, by which program, in which unit; no date, so files compare."""
+"""Describe the origin of each file for the workshop: design, program and unit; without a date, so that files can be compared."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Stamp:
     Attributes:
         design: digest of the probe's numbers, see ``geometry.cad.parts_record.compute_design_digest``.
         program: name and version.
-        materials: of the parts, by their names; a part that is missing has none to be told.
+        materials: of the parts, by their names; parts without a known material are missing.
         provenance: what made the file, see ``geometry.provenance.block``.
     """
 

@@ -1,4 +1,4 @@
-"""STEP files read back, measured and compared with what the parameters say."""
+"""Read STEP files back, measure their parts, and compare these with the probe's parameters."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def check_files(probe: Probe, drafts: dict[str, Path], edge_radius: float = 0.0)
     """Compare the files of all parts and of the assembly, by their names, with the probe and the radius of its lower edges (m).
 
     Raises:
-        ExportError: a file does not hold what the parameters say, to ``RELATIVE_TOLERANCE``.
+        ExportError: a file deviates from the parameters by more than ``RELATIVE_TOLERANCE``.
     """
     expected = compute_expected_bodies(probe, edge_radius)
     measured = {name: check_part_file(drafts[name], name, body) for name, body in expected.items()}
@@ -39,7 +39,7 @@ def check_files(probe: Probe, drafts: dict[str, Path], edge_radius: float = 0.0)
 
 
 def check_part_file(path: Path, name: str, expected: PartMeasures) -> PartMeasures:
-    """Read a file of one part back and compare it; returns what it measures. Raises ``ExportError``."""
+    """Read a file of one part back and compare it; return its measures. Raises ``ExportError``."""
     (_, shape, _), *_ = _read_named(path, [name])
     return check_body(path.name, shape, expected)
 
@@ -72,7 +72,7 @@ def _check_apart(file_label: str, first: cadquery.Shape, second: cadquery.Shape)
 
 
 def check_body(file_label: str, shape: cadquery.Shape, expected: PartMeasures) -> PartMeasures:
-    """Raise unless ``shape`` is one valid closed solid that measures what is expected; returns what it measures."""
+    """Raise unless ``shape`` is one valid closed solid with the expected measures; return its measures."""
     if shape.ShapeType() != "Solid" or not shape.isValid():
         raise ExportError(f"{file_label}: shape = {shape.ShapeType()}, valid = {shape.isValid()}, expected a valid Solid")
     closed = [shell.wrapped.Closed() for shell in shape.Shells()]
@@ -108,7 +108,7 @@ def _compare_measures(measured: PartMeasures, expected: PartMeasures) -> Iterato
 
 
 def _compare_parts(probe: Probe, measured: dict[str, PartMeasures]) -> Iterator[Row]:
-    """Yield what holds between the parts: the area ratio, the gap and the common axis."""
+    """Yield the measures that involve two parts: the area ratio, the gap and the common axis."""
     ratio = probe.inner_area / probe.outer_area if probe.area_ratio is None else probe.area_ratio
     # of the faces that look up, the groove's floor among them: round edges leave these whole
     inner, outer = (sum(area for _, area in measured[name].ends[1:]) for name in ("inner", "outer"))

@@ -1,4 +1,4 @@
-"""STEP files read by OCC's reader with names and colours (XCAF)."""
+"""Read STEP files with names and colours by OCC's reader (XCAF)."""
 
 from __future__ import annotations
 

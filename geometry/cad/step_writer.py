@@ -1,4 +1,4 @@
-"""STEP files (ISO 10303-242, AP242) written by OCC's writer with names, colours and materials (XCAF), and who made them."""
+"""Write STEP files (ISO 10303-242, AP242) with names, colours, materials and origin by OCC's writer (XCAF)."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def _add_shapes(document: TDocStd_Document, shapes: Mapping[str, cadquery.Shape]
 
 
 def _set_material(document: TDocStd_Document, label: TDF_Label, material: PartMaterial | None) -> None:
-    """Give a part its material; the density among its properties, for OCC 7.9 writes that of the format in g^3 cm^2."""
+    """Set a part's material, with the density among its properties: OCC 7.9 writes the format's own density in g^3 cm^2."""
     from OCP.TCollection import TCollection_HAsciiString
     from OCP.XCAFDoc import XCAFDoc_DocumentTool
 

@@ -1,4 +1,4 @@
-"""Triangles of an STL or STEP file as a program of ``geometry/processes/child.py``: damaged files crash their readers.
+"""Read triangles of an STL or STEP file in a child process (``geometry/processes/child.py``): damaged files crash their readers.
 
 OpenCASCADE ends a process by signal 11 over some, and reads others without an end; VTK reads STL and takes points together.
 """
@@ -23,8 +23,8 @@ def run(arguments: Arrays) -> Arrays:
     """Read the file ``name`` (of kind ".stl", ".step" or ".stp" by its ``suffix``).
 
     Returns:
-        Its points (n, 3), mm, and triangles (t, 3); where it has very many, ``few_points`` and ``few_triangles`` that follow it
-        and ``off``, how far they are from it, mm: see ``geometry.cad.decimation.decimate``.
+        Points (n, 3), mm, and triangles (t, 3); if there are very many, also ``few_points`` and ``few_triangles`` of a coarser
+        surface and ``off``, its distance from the file's surface, mm: see ``geometry.cad.decimation.decimate``.
     """
     read = _read_stl if arguments["suffix"].item() == ".stl" else _read_step
     poly = read(arguments["name"].item()).clean(tolerance=1e-7)  # both formats give each face points of its own

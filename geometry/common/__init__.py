@@ -1,1 +1,1 @@
-"""What every package uses: errors, files that appear whole or not at all, text files."""
+"""Helpers of every package: errors, files that are written whole or not at all, text files."""

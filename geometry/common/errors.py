@@ -29,7 +29,7 @@ class InputError(ProbeError, ValueError):
     Args:
         key: where the value stands, such as ``probe.gap``.
         value: the value as it was given.
-        allowed: what would have been accepted.
+        allowed: what is accepted.
     """
 
     exit_code = 2
@@ -48,7 +48,7 @@ class SolveError(ProbeError):
 
 
 class ExportError(ProbeError):
-    """A part that, read back from its file, is not what the parameters say."""
+    """A part that, read back from its file, deviates from the parameters."""
 
 
 class MissingLibrary(ProbeError):  # noqa: N818 - says what is missing

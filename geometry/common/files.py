@@ -1,4 +1,4 @@
-"""Files written whole or not at all."""
+"""Write files whole or not at all."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _OF_THE_NAME = {errno.EEXIST, errno.ENOTDIR, errno.EISDIR, errno.ENOENT, errno.E
 
 @contextmanager
 def write_whole(path: Path, once: bool = False) -> Iterator[Path]:
-    """Yield a temporary name beside ``path`` that takes its place, flushed to disk, if the block succeeds.
+    """Yield a temporary file name next to ``path`` that replaces it, flushed to disk, if the block succeeds.
 
     Args:
         path: of the file.
@@ -51,7 +51,7 @@ def write_together(folder: Path, names: Sequence[str], once: bool = False) -> It
 
 @contextmanager
 def _make_folder(folder: Path) -> Iterator[None]:
-    """Make a folder, with those above it, for the block; where the block fails, remove again which of them are empty."""
+    """Make a folder, with those above it, for the block; if the block fails, remove those of them that are empty."""
     new = [new_folder for new_folder in (folder, *folder.parents) if not os.path.lexists(new_folder)]
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -93,7 +93,7 @@ def _place_once(draft: Path, path: Path) -> None:
 
 
 def check_writable(folder: Path, key: str = "output") -> None:
-    """Make sure that files can be written into ``folder``, without making it; ``key`` is what names it in messages.
+    """Check that files can be written into ``folder``, without making it; ``key`` names it in messages.
 
     Raises:
         InputError: it cannot be a folder to write to: a file is in the way, the user has no right to, or the like.
@@ -111,7 +111,7 @@ def check_writable(folder: Path, key: str = "output") -> None:
 
 
 def _find_existing_folder(folder: Path) -> Path:
-    """Return ``folder``, or the nearest above it that is there. Raises ``OSError`` where what is there is no folder."""
+    """Return ``folder``, or the nearest existing one above it. Raises ``OSError`` if the path there is no folder."""
     for place in (folder, *folder.parents):
         with suppress(FileNotFoundError):
             os.lstat(place)
@@ -121,7 +121,7 @@ def _find_existing_folder(folder: Path) -> Path:
 
 
 def check_writable_file(path: Path, key: str = "output") -> None:
-    """Make sure that a file of that name can be written; see ``check_writable``."""
+    """Check that a file of that name can be written; see ``check_writable``."""
     if os.path.isdir(path):
         raise InputError(key, str(path), "the name of a file: this is a folder")
     check_writable(path.parent, key)
@@ -134,7 +134,7 @@ def check_writable_file(path: Path, key: str = "output") -> None:
 
 
 def _describe_obstacle(folder: Path, fault: OSError) -> str:
-    """What is in the way, and the remedy."""
+    """Return what prevents writing, and the remedy."""
     for place in (folder, *folder.parents):
         if os.path.lexists(place):
             break

@@ -1,4 +1,4 @@
-"""Steps that Ctrl-C and the other signals that end a program do not break."""
+"""Protect short steps from Ctrl-C and the other signals that end a program."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bytes, text and TOML from files of any content and size: what cannot be used is refused in one line."""
+"""Read bytes, text and TOML from files of any content and size; refuse unusable files in one line."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def read_text(path: Path | str, key: str, kind: str = "a TOML file", max_bytes: 
 
 
 def read_bytes(path: Path | str, key: str, kind: str, max_bytes: int) -> bytes:
-    """Return what a file holds; see ``read_text``. Raises ``InputError``: it cannot be read or is too large."""
+    """Return the bytes of a file; see ``read_text``. Raises ``InputError``: it cannot be read or is too large."""
     try:
         with open(path, "rb", opener=_open_without_waiting) as file:
             content = file.read(max_bytes + 1)  # no more: devices and pipes have no size to ask for
@@ -56,12 +56,12 @@ def _open_without_waiting(path: str, flags: int) -> int:
 
 
 def parse_tables(text: str, name: str, allowed: str) -> dict[str, Any]:
-    """Return what TOML text holds.
+    """Parse TOML text to its tables.
 
     Args:
         text: of any content.
         name: where it is from, for messages.
-        allowed: what would have been accepted, likewise.
+        allowed: what is accepted, likewise.
 
     Raises:
         InputError: it is no TOML.
@@ -77,5 +77,5 @@ def parse_tables(text: str, name: str, allowed: str) -> dict[str, Any]:
 
 
 def read_tables(path: Path | str, key: str, allowed: str = "a TOML file") -> dict[str, Any]:
-    """Return what a TOML file holds; see ``read_text`` and ``parse_tables``."""
+    """Return the tables of a TOML file; see ``read_text`` and ``parse_tables``."""
     return parse_tables(read_text(path, key, allowed), str(path), allowed)

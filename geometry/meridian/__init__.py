@@ -1,1 +1,1 @@
-"""The meridian section and its quadrilateral mesh, smooth in the design."""
+"""The meridian section and its quadrilateral mesh, whose nodes are smooth functions of the design."""

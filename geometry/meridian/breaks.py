@@ -1,4 +1,4 @@
-"""Breaks of a meridian mesh, the places that its lines must meet, and how many cells lie between them on the coarsest mesh."""
+"""Find the breaks of a meridian mesh, places that its lines must meet, and the numbers of cells between them."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def find_block_breaks(s: Section, height: Any) -> Breaks:
 
 
 def find_cap_places(s: Section, radii: Breaks) -> tuple[tuple[CapPlace, ...], ...]:
-    """``Kind.caps`` of a section whose lengths are floats."""
+    """Return ``Kind.caps`` of a section whose lengths are floats."""
     interfaces_above, interfaces_across = s.interfaces_apart
     if not interfaces_across:
         return (), ()
@@ -82,7 +82,7 @@ def find_cap_places(s: Section, radii: Breaks) -> tuple[tuple[CapPlace, ...], ..
 
 
 def _find_place(radius: float, radii: Breaks) -> tuple[int, int]:
-    """Return between which breaks a radius lies, and how many eighths of the cells there are nearer to the axis."""
+    """Return the breaks between which a radius lies, and how many eighths of the cells there are nearer to the axis."""
     k = min(int(np.searchsorted(radii.places, radius)), len(radii.places) - 1) - 1
     (low, high), (a, b) = radii.places[k : k + 2], radii.sizes[k : k + 2]
     return k, int(np.searchsorted(grade_nodes(low, high, 16, a, b)[1::2], radius))

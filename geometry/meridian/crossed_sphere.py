@@ -1,4 +1,4 @@
-r"""The box round a sphere that interfaces of the tissue cross: where its lines and rays lie.
+r"""Place the lines and rays of the box round a sphere that interfaces of the tissue cross.
 
 An interface that meets the sphere steeply, on its side, is one of the rays from the sphere's centre to the box's side; rays
 near it are turned about the centre where they meet the sphere, so that it stays level. Near a pole such rays would lie along the
@@ -197,14 +197,14 @@ def place_box_lines(box: CrossedBox, radii: Any, levels: Any, centre: Any, radiu
 
 
 def _expand_radii(values: Any, lines: Ints, kind: Any) -> Any:
-    """From the box's lines to all radii up to its edge."""
+    """Expand numbers of the box's lines to all radii up to its edge."""
     expanded = np.zeros((*values.shape[:-2], lines[-1] + 1, values.shape[-1]), dtype=kind)
     expanded[..., lines, :] = values
     return expanded
 
 
 def _place_cap(cap: Cap, radii: Any, heights: Any, radius: Any) -> tuple[Any, Any]:
-    """Angles at which columns meet the sphere up to the last interface's, and radii on the terrain.
+    """Return the angles at which columns meet the sphere, up to the last interface's, and the radii on the terrain.
 
     Columns at which interfaces begin stand there; those between are moved in proportion.
     """
@@ -234,7 +234,7 @@ def _compute_turns(ray_angles: Any, widest: Any, breaks: list[int], met: Any) ->
 
 
 def _place_core(met: Any, reach: Any) -> tuple[Any, Any]:
-    """Radii and heights of the core: its corners are on the rays to the box's, its rows level, its sides straight."""
+    """Return radii and heights of the core: corners on the rays to the box's corners, level rows and straight sides."""
     side = met[..., -1, :]
     (low, bottom), (high, top) = ((reach * np.cos(side[..., [k]]), reach * np.sin(side[..., [k]])) for k in (0, -1))
     slant = (high - low) / (top - bottom)

@@ -1,4 +1,4 @@
-"""Node distributions of a fixed number of cells that are smooth functions of what they are graded to.
+"""Distribute nodes of a fixed number of cells as smooth functions of the sizes to which the cells are graded.
 
 All functions take and return floats or complex numbers (for derivatives by complex steps), shape
 (...,), one entry per design.
@@ -37,7 +37,7 @@ def grade_nodes(
 ) -> Any:
     """Return the ``cells + 1`` nodes on ``low .. high``, shape (..., cells + 1), whose cells grow away from the ends.
 
-    Cells have the same share of the integral of 1 / (x - low + low_size) + 1 / (high - x + high_size) (ME.2);
+    Each cell has the same part of the integral of 1 / (x - low + low_size) + 1 / (high - x + high_size) (ME.2);
     an end without a size draws no cells to it. With t = x - low and L = high - low the share up to t is
     ln[(t + a) (L + b) / (a (L - t + b))], which is solved for t.
     """

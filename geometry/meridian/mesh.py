@@ -85,7 +85,7 @@ def build_topology(kind: Kind, fineness: MeridianFineness) -> Topology:
 
 
 def _order_columns(straight: tuple[int, ...], shape: Ints, vertices: Ints, corners: Floats) -> tuple[Ints, Ints]:
-    """The order in which rectangles come first, column by column, and ``Topology.columns``; of ``straight`` shapes some are."""
+    """Return the order with rectangles (of ``straight`` shapes) first, column by column, and ``Topology.columns``."""
     sides = ((0, 3, 0), (1, 2, 0), (0, 1, 1), (3, 2, 1))  # two corners that share a radius or a level
     upright = np.all([x[:, a, axis] == x[:, b, axis] for x in (vertices, corners) for a, b, axis in sides], axis=0)
     flat = np.flatnonzero(upright & np.isin(shape, straight))
@@ -105,7 +105,7 @@ def compute_nodes(section: Section, mesh: Topology, places: Floats, chosen: Ints
 
 
 def compute_labels(mesh: Topology) -> Floats:
-    """Return points (r, z) that tell the elements' corners apart, from a mesh without dimensions, shape (n, 4, 2)."""
+    """Return dimensionless points (r, z), different for different corners, at the elements' corners, shape (n, 4, 2)."""
     layout, (radii, levels) = mesh.layout, 1 + mesh.vertices.reshape(-1, 2).max(axis=0)
     low, high = (label_line(layout.row.get(name, k)) for k, name in enumerate(("low", "high")))
     edge = label_line(layout.column.get("box", 1))
@@ -132,7 +132,7 @@ def label_line(number: Any) -> Any:
 
 
 def compute_bilinear_shares(places: Floats) -> Floats:
-    """Shares of the unit square's corners at points of it, (..., 2) to (..., 4)."""
+    """Return the bilinear weights of the unit square's corners at points of it, (..., 2) to (..., 4)."""
     u, v = places[..., 0], places[..., 1]
     return np.stack([(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v], axis=-1)
 
@@ -150,7 +150,7 @@ def _map_points(lines: MeshLines, mesh: Topology, places: Floats) -> Any:
 
 
 def _interpolate_in_cells(grid: Any, mesh: Topology, share: Floats, chosen: Ints) -> Any:
-    """What is known at the box's points, (..., radii, levels), at points of chosen elements, shape (..., m, places)."""
+    """Interpolate values at the box's points, (..., radii, levels), to points of chosen elements, shape (..., m, places)."""
     column, row = mesh.vertices[chosen].transpose(2, 0, 1)
     return (share[chosen] @ grid[..., column, row][..., None])[..., 0]
 
@@ -199,7 +199,7 @@ def _move_into_box(
 
 
 def _interpolate_on_level(grid: Any, mesh: Topology, chosen: Ints, rows: Ints, u: Floats) -> Any:
-    """What is known at the box's points on one level of each chosen element, at shares u of the way between its columns."""
+    """Interpolate values at the box's points along one level of each chosen element, at fractions u between its two columns."""
     left, right = (grid[..., mesh.vertices[chosen, k, 0], rows, None] for k in (0, 1))
     return left + u * (right - left)
 
@@ -253,7 +253,7 @@ def _list_merging_cells(body: Body, columns: tuple[int, ...], top: int, middle: 
 
 
 def _find_layer(layout: MeshTopology, top: int) -> Body:
-    """The body of the tissue's row below a level: a layer, or what is below the last."""
+    """Return the body of the tissue's row below a level: a layer, or the tissue below all layers."""
     layer = sum(interface >= top for interface in layout.interfaces)
     return LAYERS[layer] if layer < len(layout.interfaces) else Body.TISSUE
 
@@ -368,7 +368,7 @@ def _list_corners(cell: Cell, rings: int) -> Iterator[Place]:
 
 
 def _find_point_side(cell: Cell, tips: Container[Vertex]) -> int | None:
-    """Whether a cell's left (0) or right (1) side is a point, where an interface begins on the sphere near its pole."""
+    """Return which side of a cell, left (0) or right (1), is a point where an interface begins on the sphere near its pole."""
     shape, _, vertices, circles = cell
     if shape in (ARCH, STRIP):
         return 0 if (vertices[0][0], circles[1]) in tips else None

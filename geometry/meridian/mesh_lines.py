@@ -1,4 +1,4 @@
-"""Where the lines of a meridian mesh lie: radii, heights and fractions of rays as smooth functions of a section."""
+"""Place the lines of a meridian mesh: radii, heights and fractions of rays as smooth functions of a section."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ MAX_MERGING_CELLS = 2.0  # times the coarsest mesh's cells: beyond it no lines e
 
 @dataclass(frozen=True)
 class Kind:
-    """What decides on a mesh's topology; ordinary designs with the same layers and box share one.
+    """The features that determine a mesh's topology; ordinary designs with the same layers and box share one.
 
     Attributes:
         columns, rows: cells between neighbouring breaks of radii and of the tissue's levels on the coarsest mesh.
@@ -81,7 +81,7 @@ class MeridianFineness:
     lean: bool = False
 
     def count(self, cells: int, minimum: int = 1) -> int:
-        """Number of cells where the mesh with a multiplier of 1 has ``cells``; never fewer than ``minimum`` of these."""
+        """Return the number of cells where the mesh with a multiplier of 1 has ``cells``; at least ``minimum`` if that has."""
         return max(min(cells, minimum), round(self.cells * cells))
 
 
@@ -156,7 +156,7 @@ class MeshTopology:
         return (self.column["axis"], inner), (hole, tube)
 
     def _find_merged(self) -> dict[int, list[tuple[int, ...]]]:
-        """Which columns become one in which row."""
+        """Return which columns are merged in which row."""
         surface = self.row["surface"]
         inner, hole, tube = (self.column[name] for name in ("inner", "hole", "tube"))
         if not self.merging:
@@ -174,7 +174,7 @@ class MeshTopology:
         return tuple(line for line in range(self.column["box"] + 1) if line not in ended)
 
     def _build_crossed_box(self) -> CrossedBox:
-        """Which columns of the box meet the sphere where interfaces do near its poles, and which of these are rays."""
+        """Build the box: columns at which interfaces meet the sphere near its poles, and interfaces that are rays."""
         interfaces_above, interfaces_across, _ = self.kind.layers
         lines, rows = self.box_lines, self.interfaces[interfaces_above : interfaces_above + interfaces_across]
         ends, caps = np.cumsum([0, *self.columns]), []
@@ -187,7 +187,7 @@ class MeshTopology:
         return CrossedBox(lines, tuple(sides[::-1]), (lower, upper))
 
     def _number_levels(self, first: int) -> int:
-        """Number the levels above the surface, from ``first``, and the radii beyond the tissue's; return the next level."""
+        """Assign numbers to levels above the surface, from ``first``, and to radii beyond the tissue; return the next level."""
         n, kind = self.fineness.count, self.kind
         middle, top = (first + sum(self.blocks[:k]) + k * kind.films * self.layer for k in (1, 2))
         self.inner = (first - 1, *range(first, middle))
@@ -212,12 +212,12 @@ class MeshTopology:
 
 
 def _list_block_names(edges: bool) -> tuple[str, ...]:
-    """Those of ``Section.block_radii``."""
+    """Return the names of ``Section.block_radii``."""
     return ("inner edge", "inner", "hole", "hole edge", "tube edge", "tube") if edges else ("inner", "hole", "tube")
 
 
 def _list_level_names(layers: tuple[int, int, int], sphere: bool) -> list[str]:
-    """The tissue's breaks from the floor upwards."""
+    """Return the names of the tissue's breaks from the floor upwards."""
     interfaces_above, interfaces_across, _ = layers
     names = ["surface", *(f"interface {k}" for k in range(sum(layers))), "floor"]
     if sphere:
@@ -289,14 +289,14 @@ def place_lines(section: Section, layout: MeshTopology) -> MeshLines:
 
 
 def _join_intervals(breaks: Breaks, cells: tuple[int, ...]) -> Any:
-    """Nodes on all intervals between breaks, shape (..., sum(cells) + 1)."""
+    """Return the nodes on all intervals between breaks, shape (..., sum(cells) + 1)."""
     ends = zip(pairwise(breaks.places), pairwise(breaks.sizes), cells, strict=True)
     pieces = [grade_nodes(low, high, n, a, b) for (low, high), (a, b), n in ends]
     return np.concatenate([pieces[0], *(piece[..., 1:] for piece in pieces[1:])], axis=-1)
 
 
 def place_core_lines(layout: MeshTopology, radii: Any, levels: Any, sphere: SphereBox) -> BoxLines:
-    """``MeshLines.box``."""
+    """Return the lines of the sphere's box, ``MeshLines.box``."""
     if layout.crossed is not None:
         return place_box_lines(layout.crossed, radii, levels, -sphere.depth, sphere.radius)
     columns, rows = slice(layout.column["box"] + 1), slice(layout.row["low"], layout.row["high"] + 1)
@@ -308,13 +308,13 @@ def place_core_lines(layout: MeshTopology, radii: Any, levels: Any, sphere: Sphe
 
 
 def _find_middles(levels: Any, layout: MeshTopology) -> Any:
-    """The levels within rows in which lines end."""
+    """Return the levels within the rows in which lines end."""
     tops = list(layout.merged)
     return (levels[..., tops] + levels[..., [top - 1 for top in tops]]) / 2
 
 
 def _place_bridge(s: Section, layout: MeshTopology) -> Any:
-    """Radii of an elastic base across the gap, graded to its ends and to the step in its middle."""
+    """Return the radii of an elastic base across the gap, graded to its ends and to the step in its middle."""
     middle, sign = (s.inner_radius + s.hole_radius) / 2, layout.kind.base
     step = s.corner_size if not sign else smooth_min(s.corner_size, sign * (s.inner_height - s.outer_height))
     breaks = Breaks([s.inner_radius, middle, s.hole_radius], [s.corner_size, step, s.corner_size], [1, 1])

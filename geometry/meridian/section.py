@@ -84,7 +84,7 @@ class Section:
 
     @cached_property
     def block_radii(self) -> dict[str, Any]:
-        """Where the blocks' walls stand and, if their edges are round, their faces end: rising, by name."""
+        """Radii of the blocks' walls and, if their edges are round, of the ends of their faces: rising, by name."""
         inner, hole, tube, edge = self.inner_radius, self.hole_radius, self.tube_radius, self.edge_radius
         if not _is_present(edge):
             return {"inner": inner, "hole": hole, "tube": tube}
@@ -159,5 +159,5 @@ class Section:
 
 
 def _is_present(length: Lengths) -> bool:
-    """Whether there is such a length, or each of an array; plain comparison of a number takes a hundredth of numpy's."""
+    """Return whether a length is not zero, for each entry of an array; comparing a number takes a hundredth of numpy's time."""
     return length != 0 if isinstance(length, float | int) else bool(np.all(length != 0))

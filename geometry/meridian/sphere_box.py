@@ -17,7 +17,7 @@ SPHERE_CELL = 0.4  # size of the cells beside a sphere, in its radii, to which i
 
 @dataclass(frozen=True)
 class Breaks:
-    """Places that lines must meet, the sizes of cells there (None: any), and least numbers of cells between them."""
+    """Places that lines must meet, the sizes of cells there (None: any), and minimum numbers of cells between them."""
 
     places: list[Any]
     sizes: list[Any]
@@ -42,7 +42,7 @@ class SphereBox:
 
     @classmethod
     def from_section(cls, section: Section) -> SphereBox | None:
-        """Return that of a section; None without a sphere."""
+        """Return the box of a section; None without a sphere."""
         if "sphere_radius" not in section.lengths:
             return None
         s, gaps = section.sphere_radius, (section.cover, section.clearance)
@@ -69,20 +69,20 @@ class SphereBox:
         return outside, inside
 
     def find_widest_interval(self, s: Section) -> int:
-        """Between which radii the box has the most room to end, on a logarithmic scale."""
+        """Return the two radii with the widest interval between them, on a logarithmic scale, in which the box may end."""
         breaks = [0.0, *s.block_radii.values(), s.tissue_radius]
         low, high = s.box_limits()
         return int(np.argmax([min(b, high) / max(a, low) for a, b in pairwise(breaks)]))
 
     def find_edge(self, s: Section, box: int, breaks: list[Any]) -> Any:
-        """Where the box ends: in the middle of the room between its limits and the radii beside it."""
+        """Return the radius where the box ends: the middle of the interval between its limits and the neighbouring radii."""
         low, high = s.box_limits()
         blur = 0.2 * (high - low)
         lower = low if box == 0 else smooth_max(low, breaks[box], blur)
         return (lower - smooth_max(-high, -breaks[box + 1], blur)) / 2
 
     def place_core(self, radii: Any, levels: Any) -> tuple[Any, Any]:
-        """Radii and heights above the centre of the core's grid, shape (..., columns, rows) both: those of the box, shrunk."""
+        """Return radii and heights above the centre of the core's grid, (..., columns, rows) both: the box, scaled down."""
         x, heights = radii[..., :, None], (levels + np.asarray(self.depth)[..., None])[..., None, :]
         edge = radii[..., -1]  # the farthest of the box's corners are farther off than the sphere's poles are from it
         corner_distance = (edge**2 + (self.radius + self.above) ** 2 + (self.radius + self.below) ** 2) ** 0.5

@@ -27,7 +27,7 @@ class GapWalls:
 
     @classmethod
     def from_mesh(cls, mesh: Topology) -> GapWalls:
-        """Find them."""
+        """Find the sides of a mesh on the gap's walls."""
         (elements, sides), hole_walls = (
             _find_rising_sides(mesh, Body.INNER, "inner"),
             _find_rising_sides(mesh, Body.OUTER, "hole"),
@@ -51,7 +51,7 @@ class GapWalls:
 
 
 def _find_rising_sides(mesh: Topology, body: Body, column: str) -> tuple[Ints, Ints]:
-    """Elements and sides of a body on a column of the mesh, rising."""
+    """Return elements and sides of a body on a column of the mesh, in rising order."""
     points, sides = compute_labels(mesh), np.array(ELEMENT_SIDES)
     is_on_column = (points[..., 0] == label_line(mesh.layout.column[column])) & (mesh.body == body)[:, None]
     elements, side = np.nonzero(is_on_column[:, sides].all(axis=2))

@@ -58,7 +58,7 @@ class Child:
     Parameters
     ----------
     program : Path
-        Its file.
+        File of the program.
     seconds : float
         After which it ends by itself where the system can see to that (not Windows), even if this process is killed.
     memory : float or None

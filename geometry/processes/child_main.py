@@ -1,6 +1,6 @@
 """The child's side of ``child.py``: run a file's function on each request from standard input.
 
-It is run by its path, so that a child loads nothing but what the file imports. Requests and answers are pickles; an answer is
+It is run by its path, so that a child loads only what the file imports. Requests and responses are pickles; a response is
 ("part", a part of the result), ("end", None) or ("failure", a reason in one line).
 """
 
@@ -19,7 +19,7 @@ ALARM_MARGIN_S = 5  # s after the limit that the parent enforces: this one holds
 
 
 def main(program: str, seconds: int, memory: int) -> None:
-    """Answer requests until standard input ends, that is with the parent. 0 stands for no limit."""
+    """Respond to requests until standard input ends, that is with the parent. 0 stands for no limit."""
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.SIG_DFL)  # at once, whatever is running, and without a word
     if seconds and hasattr(signal, "alarm"):

@@ -1,4 +1,4 @@
-"""What evaluates batches of items elsewhere: the interface of executors, of the job that they do, and the outcomes."""
+"""Define the interface of executors, which evaluate batches of items in other processes, of their jobs and outcomes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class ExecutorError(ProbeError):
 
 
 class Job(Protocol[ItemIn, Row]):
-    """What workers do: evaluate items to rows. It can be pickled, and its module imported by a worker."""
+    """The work of a worker: evaluate items to rows. It can be pickled, and its module imported by a worker."""
 
     def warm_up(self) -> None:
         """Load what is needed, before the first item. Raises where this worker cannot do the job."""
@@ -35,7 +35,7 @@ class Job(Protocol[ItemIn, Row]):
 
 @dataclass(frozen=True)
 class Outcome(Generic[Row]):
-    """What became of the items of a batch.
+    """The result of a batch of items.
 
     Attributes:
         rows: of the first items.

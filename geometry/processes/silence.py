@@ -1,4 +1,4 @@
-"""Reports of something that does not respond."""
+"""Report that a process or server does not respond."""
 
 from __future__ import annotations
 

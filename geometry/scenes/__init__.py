@@ -1,1 +1,1 @@
-"""The scene: models, units, TOML, refusals, whether bodies fit, numbers by name."""
+"""The scene: models, units, TOML, refusals, the check that bodies fit, numbers by name."""

@@ -1,4 +1,4 @@
-"""Dimensions of the base: those given, the others from the probe; and which of a probe's dimensions are such assumptions."""
+"""Derive the dimensions of the base: those given, and the others from the probe; list which dimensions are assumed."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ class BaseSizes:
 
 
 def base_sizes(probe: Probe) -> BaseSizes:
-    """Dimensions of the base; left out, 1.25 outer radii, 0.3 outer radii but at least 1 mm, and 0.2 outer radii.
+    """Return the base's dimensions; by default 1.25 outer radii, 0.3 outer radii but at least 1 mm, and 0.2 outer radii.
 
-    A rigid base of which neither the flange's radius nor the step's height is given has no flange. An elastic one has, for
-    that is what the levels solve.
+    A rigid base of which neither the flange's radius nor the step's height is given has no flange. An elastic one has:
+    the evaluators model it with one.
 
     Raises:
         InputError: the flange is narrower than the tube.
@@ -46,7 +46,7 @@ def base_sizes(probe: Probe) -> BaseSizes:
 
 
 def has_flange(probe: Probe) -> bool:
-    """Whether the base has a flange above its step; see ``base_sizes``."""
+    """Return whether the base has a flange above its step; see ``base_sizes``."""
     base = probe.base
     return not base.rigid or base.flange_radius is not None or base.step_height is not None
 

@@ -1,12 +1,13 @@
 """Built-in materials: each number with its sources, test methods, licences and tolerance.
 
-Open databases differ by a factor of 2.0 to 2.3 about the same product, for one compresses and the other pulls. A material is
-given the middle of what was published, and a standard deviation of ln E that reaches both ends:
+Open databases differ by a factor of 2.0 to 2.3 for the same product: one tests in compression, the other in tension. The
+catalogue gives the geometric mean of the published range, and a standard deviation of ln E that reaches both ends:
 
     E = (E_low E_high)^(1/2),   s = ln(E_high / E_low) / 2.   (SC.2)
 
-What one method alone tells of an elastomer may be off both from that middle and by what the middle itself is: with ln E by either
-method about the true one with the same standard deviation, the products that both have measured give it as
+with E_low and E_high the lowest and the highest published modulus, and s the standard deviation. A modulus measured by one method
+alone deviates from this mean, and the mean from the true modulus. If ln E by either method scatters about the true ln E with the
+same standard deviation s, it follows from the mean < > over the products that both methods have measured:
 
     s = <(ln E_compression - ln E_tension)^2 / 2>^(1/2).   (SC.3)
 """
@@ -44,7 +45,7 @@ class PublishedModulus:
         youngs_modulus: Pa.
         method: of the test.
         source, licence: of the value.
-        scatter: standard deviation between samples, Pa; 0 where none is told.
+        scatter: standard deviation between samples, Pa; 0 where none is given.
     """
 
     youngs_modulus: float
@@ -62,15 +63,15 @@ class PublishedModulus:
 
 @dataclass(frozen=True)
 class CatalogueMaterial:
-    """A material that one can buy, or cast by a recipe.
+    """A material to buy, or to cast by a recipe.
 
     Attributes:
         name: as in the catalogue, with its recipe.
-        kind: what it serves for: blocks and phantoms, the base, the films.
-        about: what it is.
+        kind: its use: blocks and phantoms, the base, the films.
+        about: description.
         youngs_modulus: the value to take, Pa.
         log_sd: standard deviation of its natural logarithm: its tolerance until the part itself is measured.
-        tolerance: where ``log_sd`` comes from.
+        tolerance: the source of ``log_sd``.
         published: the values that it rests on; of a recipe, without thinner or at the ratio.
         process: how parts of it are made, a name in ``geometry/workshop/processes.toml``.
         numbers: the other keys of its table: ``poisson_ratio``, or of a film ``thickness``, ``d31`` and ``d33``.
@@ -93,22 +94,22 @@ class CatalogueMaterial:
         """Poisson's ratio; ``source`` says whether it is assumed.
 
         Raises:
-            InputError: a film's, of which no level asks any.
+            InputError: the material is a film's, whose Poisson's ratio no evaluator uses.
         """
         if "poisson_ratio" not in self.numbers:
             raise InputError("material", self.name, "an elastomer or a base material, which have a Poisson's ratio")
         return float(self.numbers["poisson_ratio"].value)
 
     def admits(self, youngs_modulus: float) -> bool:
-        """Return whether a modulus, Pa, may be one of this material: within ``MAX_DEVIATIONS`` standard deviations of ln E."""
+        """Return whether a modulus, Pa, is possible for this material: within ``MAX_DEVIATIONS`` standard deviations of ln E."""
         return abs(math.log(youngs_modulus / self.youngs_modulus)) <= MAX_DEVIATIONS * self.log_sd
 
     def is_tabulated(self, youngs_modulus: float) -> bool:
-        """Return whether a modulus, Pa, is the catalogue's, so that nobody has measured it of the part itself."""
+        """Return whether a modulus, Pa, is the catalogue's, and so was not measured on the part itself."""
         return math.isclose(youngs_modulus, self.youngs_modulus, rel_tol=0.5 * 10.0 ** (1 - MODULUS_DIGITS))
 
     def check_numbers(self, table: Mapping[str, object]) -> None:
-        """Raise ``InputError`` unless a table's numbers may be ones of this material; what is no number is left to others."""
+        """Raise ``InputError`` unless a table's numbers are possible for this material; other values are not checked here."""
         given, poisson = table["youngs_modulus"], table["poisson_ratio"]
         try:
             modulus = MODULUS_QUANTITY.convert(given, units_required=False)
@@ -127,7 +128,7 @@ class CatalogueMaterial:
 
     @property
     def source(self) -> str:
-        """Where the modulus and its tolerance come from, in one line."""
+        """The source of the modulus and of its tolerance, in one line."""
         return f"{self.tolerance} | {' | '.join(value.description for value in self.published)}"
 
     @property
@@ -137,7 +138,7 @@ class CatalogueMaterial:
 
     @property
     def _name_entry(self) -> dict[str, Number]:
-        """The key that names it in a scene's table; films have none."""
+        """Return the key that names the material in a scene's table; films have none."""
         explanation = "the name alone does: both numbers below are the catalogue's, in whose place one may write measured ones"
         return {} if self.kind == "film" else {"material": Number(self.name, explanation)}
 
@@ -170,7 +171,7 @@ def find_material(name: str, *, thinner: float | None = None, ratio: float | Non
         ratio: parts of base to one of agent, likewise.
 
     Raises:
-        InputError: there is none of that name, or none with that recipe.
+        InputError: no material has that name, or no recipe is known with these numbers.
     """
     plain, share, parts = parse_name(name)
     if plain not in read_catalogue():
@@ -193,7 +194,7 @@ def read_catalogue() -> dict[str, dict[str, Any]]:
 
 
 def fill_in(table: object, numbers: bool = True) -> object:
-    """Return a material's table with what the catalogue says of the name under its key ``material``.
+    """Return a material's table, completed by the catalogue's entry for its key ``material``.
 
     The name takes the catalogue's spelling. Numbers that the table has stay: they were measured of what was cast or bought. A
     modulus may lie up to ``MAX_DEVIATIONS`` sd of ln E from the catalogue's, a Poisson's ratio up to ``MAX_POISSON_DIFFERENCE``.
@@ -220,7 +221,7 @@ def fill_in(table: object, numbers: bool = True) -> object:
 
 
 def set_number(table: dict[str, Any], key: str, value: float) -> None:
-    """Set a number of a part's table; a name that the number is another's than goes, so that no varied material keeps it.
+    """Set a number of a part's table; remove the material's name if the number is no longer the catalogue's.
 
     Args:
         table: of a block, tissue, layer, inclusion or base, or any other.
@@ -286,7 +287,7 @@ def _build_material(
 
 
 def _combine_published(entry: dict[str, Any], published: tuple[PublishedModulus, ...]) -> tuple[float, float, str]:
-    """Young's modulus, the standard deviation of its logarithm and where that comes from, eqs. SC.2 and SC.3."""
+    """Return Young's modulus, the standard deviation of its logarithm and the source of that, by eqs. SC.2 and SC.3."""
     low, high = (pick(value.youngs_modulus for value in published) for pick in (min, max))
     if len(published) > 1:
         explanation = (
@@ -304,7 +305,7 @@ def _combine_published(entry: dict[str, Any], published: tuple[PublishedModulus,
 
 @cache
 def _compute_method_gaps() -> tuple[float, ...]:
-    """The differences of eq. SC.3, for the products without thinner that both databases have."""
+    """Return the differences of eq. SC.3, for the products without thinner that both databases have."""
     pulled = _read_data("materials-odbl.toml")["value"]
     return tuple(
         math.log(read_compressed()[name].youngs_modulus[0] / MODULUS_QUANTITY.read(name, text))
@@ -315,7 +316,7 @@ def _compute_method_gaps() -> tuple[float, ...]:
 
 @cache
 def read_compressed() -> dict[str, Thinned]:
-    """Return what was compressed, by name."""
+    """Return the products tested in compression, by name."""
 
     def read_moduli(texts: Iterable[str]) -> tuple[float, ...]:
         return tuple(MODULUS_QUANTITY.read("youngs_modulus", text) for text in texts)
@@ -327,7 +328,7 @@ def read_compressed() -> dict[str, Thinned]:
 
 
 def _list_published(name: str, entry: dict[str, Any]) -> tuple[PublishedModulus, ...]:
-    """All that was published of a product, without thinner."""
+    """List all published moduli of a product without thinner."""
     values = [
         value | {"youngs_modulus": MODULUS_QUANTITY.read(name, value["youngs_modulus"])} for value in entry.get("value", ())
     ]

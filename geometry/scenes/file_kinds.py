@@ -1,4 +1,4 @@
-"""Kinds of TOML files by their tables: a file that another command reads is refused with the name of that command."""
+"""Recognise kinds of TOML files by their tables: refuse a file for another command, and name that command."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether the bodies of a scene fit: inclusions inside the tissue and apart, the probe on top of it."""
+"""Check that the bodies of a scene fit: inclusions inside the tissue and apart, the probe on top of it."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def compute_lateral_reach(body: Inclusion) -> float:
 
 
 def list_doubts(scene: Scene) -> tuple[str, ...]:
-    """Return what is allowed but probably a slip of a unit or a digit, each in a sentence."""
+    """Return a sentence for each allowed value that is probably a slip of a unit or a digit."""
     probe = scene.probe
     if probe.gap <= probe.inner_radius:
         return ()
@@ -137,7 +137,7 @@ def _check_probe(scene: Scene) -> None:
 
 
 def _check_gap(probe: Probe, room: float) -> None:
-    """Blame the gap for a probe larger than the tissue where it is wider than the core, and with less of it the probe fits."""
+    """Refuse the gap if it is wider than the core and the probe would fit the tissue with a narrower one."""
     square = room**2 - probe.tube_radius**2 + probe.hole_radius**2  # of the hole's radius with which the probe just fits
     if probe.area_ratio is None or not probe.gap > probe.inner_radius or square <= probe.inner_radius**2:
         return
@@ -151,7 +151,7 @@ def _check_gap(probe: Probe, room: float) -> None:
 
 
 def _check_edges(scene: Scene) -> None:
-    """A face has to be left between round edges; how much sharper ones close no mesh follows."""
+    """Raise ``InputError`` if round edges leave no face between them, or are too sharp for any mesh."""
     probe, radius = scene.probe, scene.contact.edge_radius
     size = min(probe.inner_radius, probe.tube_radius - probe.hole_radius, probe.core_height, probe.tube_height)
     if radius > _MAX_EDGE_FRACTION * size:

@@ -1,4 +1,4 @@
-"""Recipes: an elastomer's modulus by the share of thinner or the mixing ratio, between what was measured and never beyond."""
+"""Interpolate an elastomer's modulus by the fraction of thinner or the mixing ratio, within the measured range only."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _NAME_PATTERN = re.compile(
 
 @dataclass(frozen=True)
 class Thinned:
-    """What was measured of a product with thinner.
+    """Measured moduli of a product with thinner.
 
     Attributes:
         thinner: shares added to parts A and B, as the database has them ("A + B + 12.5 % T"), rising.
@@ -28,7 +28,7 @@ class Thinned:
     scatter: tuple[float, ...]
 
     def compute_softening(self, share: float) -> tuple[float, float]:
-        """Return ln(E / E without thinner) at a share of thinner, and the standard deviation that the share adds.
+        """Return ln(E / E without thinner) at a fraction of thinner, and the standard deviation that the interpolation adds.
 
         ln E runs through the measured shares by a monotone cubic (scipy's PCHIP); what it differs from straight lines counts, as
         does the largest relative scatter of a sample:
@@ -58,8 +58,8 @@ class MixingRatio:
     """A modulus by the ratio of base to agent: E = ``modulus`` / ratio, for ratios that were measured.
 
     Attributes:
-        low, high: the ratios between which it was.
-        usual: the one that is meant where none is given.
+        low, high: the smallest and the largest measured ratio.
+        usual: the ratio used where none is given.
         modulus: Pa.
     """
 
@@ -81,10 +81,10 @@ class MixingRatio:
 
 
 def parse_name(text: str) -> tuple[str, float | None, float | None]:
-    """Return name, share of thinner and mixing ratio of ``"ecoflex-00-10 with 30 % thinner"`` or ``"sylgard-184 20:1"``.
+    """Return name, fraction of thinner and mixing ratio of ``"ecoflex-00-10 with 30 % thinner"`` or ``"sylgard-184 20:1"``.
 
     Raises:
-        InputError: what stands for a number is none.
+        InputError: the recipe has text in place of a number.
     """
     match = _NAME_PATTERN.fullmatch(text.strip())
     groups: dict[str, str] = match.groupdict() if match else {"name": text}

@@ -43,7 +43,7 @@ _LAYERS_FIELD = Field(
 
 
 class _Layered(Material):
-    """Tissue of a material of its own, below the layers that it may have."""
+    """Tissue of one material, below layers if there are any."""
 
     layer: Layers = _LAYERS_FIELD
 
@@ -61,7 +61,7 @@ class CylinderTissue(_Layered):
     """A round piece of tissue, bonded to the table.
 
     Attributes:
-        shape: of the tissue; it says which other keys there are.
+        shape: of the tissue; it determines the other keys.
         youngs_modulus: of the tissue below its layers.
         poisson_ratio: likewise.
         loss_factor: likewise, tan delta.
@@ -79,7 +79,7 @@ class BlockTissue(_Layered):
     """A rectangular piece of tissue, bonded to the table.
 
     Attributes:
-        shape: of the tissue; it says which other keys there are.
+        shape: of the tissue; it determines the other keys.
         youngs_modulus: of the tissue below its layers.
         poisson_ratio: likewise.
         loss_factor: likewise, tan delta.
@@ -99,7 +99,7 @@ class HalfSpaceTissue(_Layered):
     """Tissue without an end.
 
     Attributes:
-        shape: of the tissue; it says which other keys there are.
+        shape: of the tissue; it determines the other keys.
         youngs_modulus: of the tissue below its layers.
         poisson_ratio: likewise.
         loss_factor: likewise, tan delta.
@@ -110,7 +110,7 @@ class HalfSpaceTissue(_Layered):
 
 
 def _read_shape(tissue: object) -> str | None:
-    """The tag of a tissue; a value that is no text stays out of pydantic's own message, which cannot write every integer."""
+    """Return the tag of a tissue; pydantic's own message cannot print every integer, so that only text is passed on."""
     shape = tissue.get("shape") if isinstance(tissue, Mapping) else getattr(tissue, "shape", None)
     return shape if isinstance(shape, str) else None
 

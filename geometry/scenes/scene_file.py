@@ -1,4 +1,4 @@
-"""Scenes as TOML: quantity strings with units; every refusal is one line naming key, value and remedy."""
+"""Read and write scenes as TOML: quantity strings with units; every refusal is one line naming key, value and remedy."""
 
 from __future__ import annotations
 
@@ -69,10 +69,10 @@ def scene_to_toml(scene: Scene) -> str:
 
 
 def find_scene(entry: object, folder: Path) -> Scene:
-    """Return the scene that another file's key ``scene`` says: a ``Scene``, the name of a file in a folder, or its tables.
+    """Return the scene given by another file's key ``scene``: a ``Scene``, the name of a file in a folder, or its tables.
 
     Raises:
-        InputError: it says none, or one that is not allowed.
+        InputError: it gives no scene, or one that is not allowed.
     """
     if isinstance(entry, Scene):
         return entry

@@ -1,4 +1,4 @@
-"""Numbers of built-in data with their sources, and the lines of TOML that say both."""
+"""Hold numbers of built-in data with their sources, and format both as TOML."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Names of surface files: of a kind that can be read, and there, before any work begins."""
+"""Check, before any work begins, that surface files exist and are of a kind that can be read."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SURFACE_SUFFIXES = (".stl", ".step", ".stp")
 
 
 def check_surface_names(scene: Scene) -> None:
-    """Raise ``InputError`` for a scene's surface file that is missing or of another kind: a moment's look."""
+    """Raise ``InputError`` for a scene's surface file that is missing or of another kind, without reading it."""
     for index, body in enumerate(scene.inclusion):
         if body.surface is not None:
             check_surface_name(body.surface, f"inclusion[{index}].surface")

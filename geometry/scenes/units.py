@@ -1,4 +1,4 @@
-"""Quantity strings such as ``"5 mm"`` at the edges, SI floats inside."""
+"""Convert between quantity strings with units, such as ``"5 mm"``, in files and SI floats inside the program."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class Quantity:
         return f"{article} {self.name} with its unit, such as '5 {self.unit}', from {low} to {high}"
 
     def parse(self, text: str) -> float:
-        """Return the SI value of ``text``; raises ``ValueError`` saying what is wrong with it."""
+        """Return the SI value of ``text``; raise ``ValueError`` with the reason if it is not allowed."""
         match = _NUMBER_AND_UNIT.fullmatch(text) if len(text) <= 80 else None
         if match is None:
             raise ValueError("not a number with a unit")
@@ -82,7 +82,7 @@ class Quantity:
         return self.check(_multiply(number, _find_factor(unit, self.si)))
 
     def check(self, value: float) -> float:
-        """Return ``value`` if it lies within the bounds; raises ``ValueError`` otherwise."""
+        """Return ``value`` if it lies within the bounds; raise ``ValueError`` otherwise."""
         if not math.isfinite(value):
             raise ValueError("not a finite number")
         inside = min(max(value, self.low), self.high)
@@ -91,7 +91,7 @@ class Quantity:
         return inside
 
     def convert(self, entry: object, units_required: bool) -> float:
-        """Return the SI value of a text or, unless units are required, of a number; raises ``ValueError`` saying why not."""
+        """Return the SI value of a text or, unless units are required, of a number; raise ``ValueError`` with the reason."""
         if isinstance(entry, str):
             return self.parse(entry)
         if isinstance(entry, bool) or not isinstance(entry, int | float):
@@ -101,7 +101,7 @@ class Quantity:
         return self.check(float(entry))
 
     def check_bare(self, entry: object) -> None:
-        """Raise ``ValueError`` for a number of Python code that is as large only because it is meant in ``unit``."""
+        """Raise ``ValueError`` for a number of Python code so large that it must be meant in ``unit``, not in SI."""
         if isinstance(entry, int | float) and not isinstance(entry, bool) and self.bare < abs(entry) < math.inf:
             meant = _multiply(repr(entry), _find_factor(self.unit, self.si))
             raise ValueError(f"{entry:g} {self.si}? did you mean {meant:g} or '{entry:g} {self.unit}'")
@@ -149,7 +149,7 @@ MEMORY_QUANTITY = Quantity("memory", "byte", "GB", 1e8, 1e15)
 
 
 def read_number(key: str, entry: object, allowed: str) -> float:
-    """Return a number or the number that a text says; whether it is in range is for those to say who use it.
+    """Return a number, also from a text; its range is checked by the caller.
 
     Raises:
         InputError: it is none; ``allowed`` says what is one.
@@ -165,7 +165,7 @@ def read_number(key: str, entry: object, allowed: str) -> float:
 
 
 def read_fraction(key: str, entry: object, allowed: str) -> float:
-    """Return a fraction: a number, or a text such as ``"0.02"`` or ``"2 %"``; its range is checked by those who use it.
+    """Return a fraction from a number or a text such as ``"0.02"`` or ``"2 %"``; its range is checked by the caller.
 
     Raises:
         InputError: it is none; ``allowed`` says what is one.
@@ -180,7 +180,7 @@ def read_fraction(key: str, entry: object, allowed: str) -> float:
 
 
 def _from_percent(entry: object) -> object:
-    """Turn "2 %" into 0.02; what is no such text is left to pydantic, which says what the field allows."""
+    """Convert "2 %" to 0.02; any other value is passed on to pydantic, which reports what the field allows."""
     if isinstance(entry, str) and entry.rstrip().endswith("%"):
         with suppress(InputError):
             return read_fraction("", entry, "a percentage")
@@ -233,14 +233,14 @@ def find_base_unit(unit: str) -> PlainUnit:
 
 
 def _find_factor(unit: str, si: str) -> float:
-    """What a unit is in an SI unit; raises ``ValueError``."""
+    """Return the value of a unit in an SI unit; raise ``ValueError`` if it cannot be converted."""
     usual = UNIT_FACTORS.get(si, {}).get(unit)
     return find_factor_by_pint(unit, si) if usual is None else usual
 
 
 @lru_cache(maxsize=256)
 def find_factor_by_pint(unit: str, si: str) -> float:
-    """Return what a unit is in an SI unit; raises ``ValueError`` where it is none, or of another kind."""
+    """Return the value of a unit in an SI unit; raise ``ValueError`` if it is no unit, or of another kind."""
     import pint
 
     if not _UNIT_PATTERN.fullmatch(unit):

@@ -1,4 +1,4 @@
-"""What pydantic finds wrong with a file's tables, as one line that says what would be right."""
+"""Convert pydantic's errors about a file's tables to messages of one line that state what is allowed."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _TAG_ERRORS = ("union_tag_invalid", "union_tag_not_found")
 
 
 def convert_error(refused: ValidationError, model: type[BaseModel], label: str = "scene") -> InputError:
-    """Turn one of pydantic's errors about ``model``'s tables into ours: an unknown key first, what is missing last.
+    """Convert one of pydantic's errors about ``model``'s tables to ours: unknown keys first, missing values last.
 
     ``label`` stands for the key where the tables as a whole are wrong.
     """
@@ -41,7 +41,7 @@ def _format_key(error: ErrorDetails) -> str:
 
 
 def _find_path(error: ErrorDetails) -> list[str | int]:
-    """The keys as they stand in the file: without the tag that pydantic adds for the tissue's shape."""
+    """Return the keys as they are in the file: without the tag that pydantic adds for the tissue's shape."""
     path = list(error["loc"])
     if path[:1] == ["tissue"] and len(path) > 1:
         del path[1]
@@ -49,7 +49,7 @@ def _find_path(error: ErrorDetails) -> list[str | int]:
 
 
 def _describe_allowed(error: ErrorDetails, model: type[BaseModel]) -> str:
-    """What would be right: the keys there are, the range with its unit, the field's description, or pydantic's words."""
+    """Describe what is allowed: the keys, the range with its unit, the field's description, or pydantic's own text."""
     if error["type"] == "extra_forbidden":
         return describe_choices(error["loc"][-1], find_model(model, error["loc"][:-1]).model_fields)
     if error["type"] == "quantity":
@@ -75,7 +75,7 @@ def _describe_field(error: ErrorDetails, model: type[BaseModel]) -> str | None:
 
 
 def find_model(root: type[BaseModel], path: Sequence[str | int]) -> type[BaseModel]:
-    """Return the model of the table that stands under a path of keys and of tags of shapes, as far as one is known."""
+    """Return the model of the table at a path of keys and of tags of shapes, as far as one is known."""
     models = [root]
     for part in path:
         tagged = [model for model in models if part in get_args(_find_annotation(model, "shape"))]

@@ -1,4 +1,4 @@
-"""Numbers of a scene by name, and how the lengths of its meridian section follow from them."""
+"""List the numbers of a scene by name, and differentiate the lengths of its meridian section with respect to them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A scene's bodies in the probe's axes, as numbers, and whether they fit: surfaces from files, bodies in shortened tissue."""
+"""Hold a scene's bodies as numbers in the probe's axes, and check that they fit the tissue and do not overlap."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Ellipsoid:
 
     @property
     def min_semi_axis(self) -> float:
-        """The least semi-axis."""
+        """The smallest semi-axis."""
         return float(np.linalg.norm(self.axes, axis=0).min())
 
     @property
@@ -119,7 +119,7 @@ def check_fit(layout: BodyLayout, names: tuple[str, ...], extent: float) -> None
     """Refuse bodies that leave the tissue or overlap; ``names`` of their files, "" without; ``extent`` of the tissue in m.
 
     Raises:
-        Refusal: of ``inclusion[k].surface``, or of ``tissue_extent`` where shortened tissue has no room for a body.
+        Refusal: of ``inclusion[k].surface``, or of ``tissue_extent`` where shortened tissue is too small for a body.
     """
     for index, (body, name) in enumerate(zip(layout.inclusions, names, strict=True)):
         left = _describe_excess(layout, body)

@@ -1,8 +1,8 @@
-"""Volume meshes kept by content: the same bodies and sizes, meshed by the same sources and versions, are read back instead.
+"""Cache volume meshes by content: a mesh of the same bodies and sizes, by the same sources and versions, is read back.
 
 The folder is the user's cache, or the one that the environment variable ``PROBE_DESIGN_CACHE`` names. A file is written
 whole or not at all and carries its checksum: one that does not match is made again. Of processes that mesh the same at the same
-time the first to write it wins, and all use what it wrote: pytetwild makes two meshes of one question, and results would differ
+time the first to write it wins, and all use its mesh: pytetwild makes different meshes of one scene, and results would differ
 (netgen makes one).
 """
 
@@ -83,7 +83,7 @@ def find_cache_folder() -> Path:
 
 
 def compute_key(layout: BodyLayout, fineness: TetraFineness) -> str:
-    """Return a name by content: every number that mesh follows from, a surface file's triangles, our sources and the versions."""
+    """Return a hash of all that determines the mesh: its numbers, a surface file's triangles, our sources and the versions."""
     digest = hashlib.sha256(
         f"{compute_source_digest()} {version('netgen-mesher')} {version('pytetwild')} {np.__version__} {fineness!r}".encode()
     )
@@ -117,7 +117,7 @@ def _update_digest(digest: hashlib._Hash, value: object) -> None:
 
 
 def _read_mesh(path: Path) -> TetMesh | None:
-    """Read the mesh in a file; None if there is none, or its checksum does not match: then it makes room for another."""
+    """Read the mesh in a file; None if there is none, or its checksum does not match: then the file is removed."""
     try:
         content = path.read_bytes()
     except OSError:

@@ -1,4 +1,4 @@
-"""Triangles of the tissue's top, sides and floor halved until they are close to these, seen by the tetrahedra beside them.
+"""Halve triangles of the tissue's top, sides and floor until they are close to these relative to adjacent tetrahedra.
 
 In the mesher's space far planes are bent, and round sides are polygons: pytetwild's nodes lie where the triangles are, and not
 where the surface is. Where the two are further apart than tetrahedra are large, as at a small inclusion near the floor, those
@@ -62,7 +62,7 @@ def halve_triangles(
 
 
 def cut_triangles(triangles: Triangles, edges: NDArray[np.int64], count: int) -> Triangles:
-    """Triangles cut through the middles of ``edges`` (k, 2), the first ones first; these are the points ``count`` and on.
+    """Cut triangles through the middles of ``edges`` (k, 2), in their order; the middles are the points from ``count`` on.
 
     The lower index of each edge comes first; of a triangle with three such edges four are made.
     """

@@ -1,4 +1,4 @@
-"""Which body tetrahedra lie in, by their centres."""
+"""Determine the body in which each tetrahedron lies, by its centre."""
 
 from __future__ import annotations
 

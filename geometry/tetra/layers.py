@@ -1,9 +1,9 @@
-"""Layers of tissue in a mesh that knows nothing of them: its tetrahedra cut by the planes between layers.
+"""Add layers of tissue to a mesh made without them: cut its tetrahedra by the planes between layers.
 
 Corners near a plane move onto it, along the surfaces that they lie on; edges that still cross it get a corner where they do.
-So a layer costs what its planes cut, and far from the probe, where fields change slowly, tetrahedra may be flat: ``sizing.py``
-makes them no longer than five thicknesses, or they would be needles. A cut edge is halved in all tetrahedra round it, in one
-order for all, so that faces stay common.
+So a layer costs only the tetrahedra that its planes cut. Far from the probe, where fields change slowly, they may be flat:
+``sizing.py`` makes them no longer than five thicknesses, or they would be needles. A cut edge is halved in all tetrahedra round
+it, in one order for all, so that faces stay common.
 """
 
 from __future__ import annotations

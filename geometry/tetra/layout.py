@@ -1,4 +1,4 @@
-"""A scene's bodies in the probe's axes, as numbers: what the surfaces, the labels and the checks of a volume mesh share."""
+"""Describe a scene's bodies by numbers in the probe's axes, for the surfaces, labels and checks of a volume mesh."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _SYMMETRY_TOLERANCE = 1e-9  # by how much of its size a scene may be off its mir
 
 
 def find_extent(scene: Scene, tissue_extent: float | None) -> float:
-    """Return radius and depth in m that tissue is shortened to: ``tissue_extent``, infinity, or what stands for a half-space's.
+    """Return radius and depth in m of the meshed tissue: ``tissue_extent``, infinity, or the extent that replaces a half-space.
 
     A half-space reaches to 25 outer radii and beyond all inclusions, five times as far from the probe as they are.
     """
@@ -75,7 +75,7 @@ def build_layout(scene: Scene, half: bool, tissue_extent: float, reference_radiu
 
 
 def _read_tissue(scene: Scene) -> tuple[tuple[float, float], float | None, tuple[float, float], float]:
-    """The tissue's axis in the scene's axes, its radius or none, half its sides, and its depth; infinite for a half-space."""
+    """Return the tissue's axis in the scene, its radius or None, half its sides, and its depth; infinite for a half-space."""
     tissue = scene.tissue
     if tissue.shape == "half-space":
         return (scene.placement.x, scene.placement.y), math.inf, (0.0, 0.0), math.inf
@@ -113,7 +113,7 @@ def _add_wall(layout: BodyLayout, radius: float | None) -> BodyLayout:
 
 
 def choose_wall(layout: BodyLayout, room: float) -> float:
-    """Return the largest radius of a reference cylinder that leaves a fifth of the tissue beside it and meets no inclusion."""
+    """Return the largest radius of a reference cylinder that leaves a fifth of the tissue outside and meets no inclusion."""
     free = [(layout.tube * 1.05, (layout.tube + room) / 2 if room < 1.2 * layout.tube else 0.8 * room)]
     for body in layout.inclusions:
         centre, reach = math.hypot(*body.centre[:2]), math.hypot(*body.reach[:2])

@@ -1,4 +1,4 @@
-"""Whether a volume mesh is the scene: bodies whole, as large as they are, apart where the gap is, and no element folded."""
+"""Check that a volume mesh represents the scene: connected bodies of the right volumes, an open gap, and no folded element."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ MIN_QUALITY = 0.01  # scaled Jacobian
 
 
 def check_mesh(mesh: TetMesh, layout: BodyLayout) -> None:
-    """Raise ``SolveError``, naming what is wrong, unless the mesh is the scene's."""
+    """Raise ``SolveError``, naming the defect, unless the mesh represents the scene."""
     quality = mesh.quality
     if not quality.min() > MIN_QUALITY:
         worst = int(quality.argmin())
@@ -53,7 +53,7 @@ def check_mesh(mesh: TetMesh, layout: BodyLayout) -> None:
 def find_max_error(mesh: TetMesh, layout: BodyLayout) -> float:
     """Return the largest absolute relative error of the volumes of blocks, groove, ellipsoids and tissue.
 
-    That of an ellipsoid further from the probe than its diameter counts less, as much as it is further.
+    The error of an ellipsoid further from the probe than its diameter is reduced in proportion to that distance.
     """
     weights = {
         f"inclusion[{k}]'s volume": 2 * layout.tube / float(np.linalg.norm(b.centre)) for k, b in enumerate(layout.inclusions)

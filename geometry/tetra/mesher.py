@@ -1,4 +1,4 @@
-"""From a scene to a mesh of quadratic tetrahedra labelled by body: by netgen, or surfaces, pytetwild, exact surfaces; checks.
+"""Mesh a scene by quadratic tetrahedra labelled by body: by netgen, or by pytetwild and projection on the exact surfaces.
 
 pytetwild is called once for all surfaces, in a space where the gap is wide and far tissue near
 (``geometry.tetra.stretched_space``). A mesh that fails the checks is made again, finer; one that fails still is refused,
@@ -94,7 +94,7 @@ def mesh_layout(layout: BodyLayout, fineness: TetraFineness) -> tuple[TetMesh, T
     """Mesh regular layouts by netgen; others, and those of which it makes no mesh that passes the checks, by pytetwild.
 
     Returns:
-        Of the meshes that passed the checks that with the least error of volume, and how long all trials took.
+        The mesh with the smallest volume error of those that passed the checks, and how long all trials took.
 
     Raises:
         SolveError: none passed, or pytetwild took longer than its limit twice; the text says why.
@@ -108,7 +108,7 @@ def mesh_layout(layout: BodyLayout, fineness: TetraFineness) -> tuple[TetMesh, T
 
 
 def _try_mesher(layout: BodyLayout, fineness: TetraFineness, mesher: Mesher) -> tuple[TetMesh, Timing]:
-    """Mesh a layout; again, finer, where a mesh fails the checks or a volume is off by more than 0.3 %; see ``mesh_layout``."""
+    """Mesh a layout; again, finer, if a mesh fails the checks or a volume error is above 0.3 %; see ``mesh_layout``."""
     fault, best, min_error = "", None, np.inf
     trials, start = 0, time.perf_counter()
     while trials < _MAX_TRIALS and min_error > _ACCEPTED_VOLUME_ERROR:
@@ -221,7 +221,7 @@ def choose_space(layout: BodyLayout, fineness: TetraFineness) -> MeshSpace:
 def _replace_fine_surfaces(layout: BodyLayout, space: MeshSpace) -> BodyLayout:
     """Return the layout with fewer triangles for surfaces of very many, where these stay well within the envelope.
 
-    pytetwild alone is given these: labels, nodes and checks go by the file's own triangles.
+    Only pytetwild uses these: labels, nodes and checks use the file's own triangles.
     """
     allowed = _MAX_DECIMATION_FRACTION * _ENVELOPE_FRACTION * _find_smallest_feature(layout, space)
     bodies = (body.fewer if isinstance(body, Sheet) and body.decimation_error <= allowed else None for body in layout.inclusions)
@@ -287,7 +287,7 @@ def _tetrahedralize(
 
 
 def _finish_mesh(layout: BodyLayout, space: MeshSpace, turns: Corners, nodes: Points, tetrahedra: NDArray[np.int64]) -> TetMesh:
-    """Label, move to the exact surfaces, mend, curve, and drop what is outside."""
+    """Label tetrahedra, move nodes to the exact surfaces, improve and curve elements, and drop those outside."""
     points = space.to_scene(nodes)
     body, is_beyond = label_points(layout, turns, space, space.to_scene(nodes[tetrahedra].mean(axis=1)))
     exact = build_exact_surfaces(layout)

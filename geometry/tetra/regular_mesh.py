@@ -1,6 +1,6 @@
-"""Volume meshes of regular scenes: blocks, groove, tissue, its layers and ellipsoids are shapes that netgen meshes as they are.
+"""Mesh regular scenes by netgen, which meshes blocks, groove, tissue, its layers and ellipsoids as exact shapes.
 
-It needs no stretched space: the gap is air, which is not meshed. Bodies from files, whose triangles are no such shapes, and
+No stretched space is needed: the gap is air, which is not meshed. Bodies from files, whose triangles are no such shapes, and
 hairline gaps are left to pytetwild.
 """
 

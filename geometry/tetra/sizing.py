@@ -1,4 +1,4 @@
-"""How large the tetrahedra may be where, as a field on a background mesh of the volume mesher's space."""
+"""Compute the wanted size of tetrahedra by position, as a field on a background mesh of the volume mesher's space."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ class TetraFineness:
         rim: at the gap's rims, over the solid cylinder's radius.
         block: in the blocks, over that radius.
         wall: in the tube's wall and along the blocks' heights, over these.
-        sphere: at inclusions, over their least radius.
-        layer: between inclusion and surface or interface, over what is left there, and in layers of tissue, over their thickness.
+        sphere: at inclusions, over their smallest radius.
+        layer: between inclusion and surface or interface, over their distance, and in layers of tissue, over their thickness.
         growth: with the distance from all these.
         corners: of the polygons that stand for circles, a multiple of 4.
     """

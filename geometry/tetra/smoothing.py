@@ -1,6 +1,6 @@
-"""Bad tetrahedra mended: their corners moved to where all tetrahedra round them are better, along the surfaces they lie on.
+"""Improve bad tetrahedra: move their corners to where all adjacent tetrahedra are better, along the surfaces they lie on.
 
-Flat ones at the bodies' outsides, which pytetwild leaves where a polygon is coarse, are given to what is outside.
+Flat ones at the bodies' outsides, which pytetwild leaves where a polygon is coarse, are assigned to the outside.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def _mean_worst_quality(quality: Points) -> float:
 
 
 def _minimise(points: Points, patch: Indices, rows: Indices, surfaces: list[Surface], member: NDArray[np.bool_]) -> Points:
-    """Points with those of ``rows`` moved along their surfaces' tangents to the least energy of the patch."""
+    """Move the points ``rows`` along their surfaces' tangents to the minimum energy of the patch."""
     tangent = _compute_tangents(points[rows], surfaces, member[rows])
     scale = float(np.median(np.linalg.norm(points[patch[:, 1]] - points[patch[:, 0]], axis=1)))
 
@@ -138,9 +138,9 @@ def _compute_energies(corners: Points) -> tuple[Points, Points]:
 def remove_slivers(
     surfaces: list[Surface], points: Points, tetrahedra: Indices, *, body: Indices, faces: Indices, chosen: Indices
 ) -> tuple[Indices, Indices, Indices]:
-    """Bodies (t,), interface faces (f, 3) and their surfaces (f,) once flat tetrahedra with two or three outer faces are outside.
+    """Remove flat tetrahedra with two or three outer faces; return bodies (t,), interface faces (f, 3), surfaces (f,).
 
-    Only such whose four corners are on one surface: that surface then goes along their other faces.
+    Only those whose four corners are on one surface are removed: that surface then follows their other faces.
     """
     for _ in range(_MAX_SLIVER_ROUNDS):
         member = find_memberships(len(points), faces, chosen, len(surfaces))

@@ -1,7 +1,7 @@
-"""Nodes of a mesh, corners and middles of edges, put on the exact surfaces that they stand for.
+"""Move the nodes of a mesh, corners and middles of edges, onto the exact surfaces that they represent.
 
 Every exact surface is a function that is zero on it; a node on an edge or in a corner is on several, and goes to where all
-of them are zero by Newton's method, along the shortest way.
+of them are zero by Newton's method, along the shortest path.
 """
 
 from __future__ import annotations
@@ -246,7 +246,7 @@ def _list_sides(layout: BodyLayout) -> list[Level]:
 
 
 def _build_closed(body: object) -> Level:
-    """Return the level function of an inclusion: an ellipsoid's (|u| - 1) / |grad |u||, or the distance to a file's surface."""
+    """Return a function that is zero on an inclusion's surface: (|u| - 1) / |grad |u|| of an ellipsoid, else the distance."""
     if isinstance(body, Ellipsoid):
         inverse = np.linalg.inv(body.axes)
         form = inverse.T @ inverse

@@ -1,4 +1,4 @@
-"""The space that the volume mesher works in: the probe's axes with a widened gap and far tissue drawn near.
+"""Map the scene to the volume mesher's space: the probe's axes with a widened gap and far tissue drawn near.
 
 Tetrahedra of about equal size there are graded in the scene; a hairline gap costs as many of them as a wide one.
 """
@@ -75,7 +75,7 @@ class MeshSpace:
 
 @dataclass(frozen=True)
 class Spacing:
-    """How long edges of triangles on the tissue's faces may be.
+    """The maximum length of triangle edges on the tissue's faces.
 
     Attributes:
         linear_radius: distance from the probe beyond which lengths shrink in the mesher's space.
@@ -113,7 +113,7 @@ def choose_mesh_space(
 ) -> MeshSpace:
     """Choose the space in which the gap between ``inner`` and ``hole`` is ``gap`` wide or wider, and ``rise`` more at ``height``.
 
-    It is less where there is no room: at most a quarter of the solid cylinder and of the tube's wall are taken from them.
+    It is less where space is short: at most a quarter of the solid cylinder and of the tube's wall is taken.
     """
     lower_shares = _share_growth(max(gap - (hole - inner), 0.0), inner, tube - hole)
     upper_shares = _share_growth(sum(lower_shares) + rise, inner, tube - hole)
@@ -126,6 +126,6 @@ def choose_mesh_space(
 
 
 def _share_growth(add: float, inner: float, wall: float) -> tuple[float, float]:
-    """Return how much the solid cylinder and the tube's wall each give to a gap that grows by ``add``."""
+    """Return by how much the solid cylinder and the tube's wall each shrink for a gap that grows by ``add``."""
     outwards = min(add - min(add / 2, inner / 4), wall / 4)
     return min(add - outwards, inner / 4), outwards

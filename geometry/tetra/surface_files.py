@@ -1,7 +1,7 @@
-"""Inclusions from STL and STEP files: read, checked, and asked how far points are from them.
+"""Read and check inclusions from STL and STEP files, and compute distances of points from them.
 
 A file's own coordinates are relative to the inclusion's centre (x, y, -depth) in the scene's axes. An STL file is in
-millimetres; a STEP file says its unit, and cadquery turns it into millimetres. Files are read in a process of their own.
+millimetres; a STEP file states its unit, and cadquery converts it to millimetres. Files are read in a separate process.
 """
 
 from __future__ import annotations
@@ -57,13 +57,13 @@ class Sheet:
 
     @property
     def reach(self) -> Points:
-        """How far it reaches from the centre along each axis, (3,)."""
+        """Extent of the surface from its centre along each axis, (3,)."""
         result: Points = np.abs(self.points - self.centre).max(axis=0)
         return result
 
     @property
     def min_semi_axis(self) -> float:
-        """Half the least side of the box around it."""
+        """Half the shortest side of its bounding box."""
         return float(np.ptp(self.points, axis=0).min()) / 2
 
     @cached_property
@@ -135,11 +135,11 @@ class Sheet:
 def read_surface(name: str, key: str, centre: Points) -> Sheet:
     """Read an inclusion's surface from an STL or STEP file; ``key`` names it in messages.
 
-    A surface that is open, crosses itself or is turned inside out is taken where its winding numbers still tell inside
+    A surface that is open, crosses itself or is turned inside out is accepted if its winding numbers still distinguish inside
     from outside.
 
     Raises:
-        InputError: the file cannot be read, holds no triangles, or does not say what is inside.
+        InputError: the file cannot be read, holds no triangles, or does not define an inside.
     """
     check_surface_name(name, key)
     content = read_bytes(name, key, "an STL or STEP file", LARGEST_FILE)
@@ -158,7 +158,7 @@ def read_surface(name: str, key: str, centre: Points) -> Sheet:
 
 @lru_cache(maxsize=8)
 def _read_triangles(suffix: str, content: bytes) -> Arrays:
-    """What ``geometry/cad/surface_program.py`` says of a file's content in a process of its own; files asked for last are kept.
+    """Return the result of ``geometry/cad/surface_program.py`` for a file; the latest results are cached.
 
     Raises:
         Failure: it cannot be read.

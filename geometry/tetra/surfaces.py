@@ -1,4 +1,4 @@
-"""The surfaces between a scene's bodies as triangles that fit together: what the volume mesher is given.
+"""Triangulate the surfaces between a scene's bodies, without gaps, as input of the volume mesher.
 
 Each surface appears once, however many bodies share it. All round ones are polygons with corners at the same directions
 from the probe's axis, so that the gap between two of them stays as wide as it is; the mesh's nodes are moved to the exact
@@ -60,7 +60,7 @@ def choose_corners(layout: BodyLayout, count: int) -> Corners:
 
 
 def build_surfaces(layout: BodyLayout, turns: Corners, linear_radius: float, rows: int, sphere: int) -> Soup:
-    """All surfaces but the plane of symmetry.
+    """Build all surfaces but the plane of symmetry.
 
     Args:
         layout: the bodies.
@@ -76,7 +76,7 @@ def build_surfaces(layout: BodyLayout, turns: Corners, linear_radius: float, row
 
 
 def join_soups(soups: Sequence[Soup]) -> Soup:
-    """One set of points, those that coincide once, and all triangles that are left."""
+    """Join surfaces into one set of points, without duplicates, and the triangles that remain."""
     starts = np.cumsum([0, *(len(points) for points, _ in soups)])
     points = np.vstack([points for points, _ in soups])
     triangles = np.vstack([triangles + start for (_, triangles), start in zip(soups, starts, strict=False)])
@@ -88,12 +88,12 @@ def join_soups(soups: Sequence[Soup]) -> Soup:
 
 
 def build_ring(radius: float | Points, angles: Points, height: float) -> Points:
-    """Points at a radius, or one for each angle, and a height: (n, 3)."""
+    """Return points at a radius, or one for each angle, and a height: (n, 3)."""
     return np.column_stack([radius * np.cos(angles), radius * np.sin(angles), np.full(len(angles), height)])
 
 
 def build_band(*rows: Points) -> Soup:
-    """Triangles between rows of as many points each."""
+    """Build the triangles between rows of equally many points."""
     n = len(rows[0])
     quads = [(k * n + i, k * n + i + 1, (k + 1) * n + i + 1, (k + 1) * n + i) for k in range(len(rows) - 1) for i in range(n - 1)]
     parts = [part for a, b, c, d in quads for part in ((a, b, c), (a, c, d))]
@@ -101,7 +101,7 @@ def build_band(*rows: Points) -> Soup:
 
 
 def fill_polygon(row: Points) -> Soup:
-    """Triangles that fill a convex polygon, halving it again and again: none much longer than need be."""
+    """Fill a convex polygon with triangles by repeated halving, so that none is much longer than necessary."""
     parts: list[tuple[int, int, int]] = []
 
     def add_triangles(low: int, high: int) -> None:
@@ -150,13 +150,13 @@ def _build_tissue(layout: BodyLayout, turns: Corners, linear_radius: float, rows
 
 
 def _build_can(layout: BodyLayout, top: Points, side_heights: Points, rows: int) -> list[Soup]:
-    """The side below a ring, with rows at the heights ``inverted``, and the floor inside it."""
+    """Build the side below a ring, with rows at the heights ``inverted``, and the floor inside it."""
     floor = [top * share - [0, 0, layout.depth] for share in np.linspace(0, 1, rows + 1)[1:]]
     return [build_band(*(top + np.array([0, 0, z]) for z in side_heights)), fill_polygon(floor[0]), build_band(*floor)]
 
 
 def build_ellipsoid(body: Ellipsoid, parts: int, half: bool) -> Soup:
-    """An ellipsoid's triangles, ``parts`` to a right angle; with corners on the plane y = 0, and only y >= 0, if ``half``."""
+    """Build an ellipsoid's triangles, ``parts`` to a right angle; only y >= 0, with corners on y = 0, if ``half``."""
     points, triangles = _build_sphere(parts, half)
     pole = body.axes[1] / np.linalg.norm(body.axes[1])  # the unit sphere's points with y = 0 are normal to it
     normal = np.linalg.svd(pole[None, :])[2][1]
@@ -181,7 +181,7 @@ def _build_sphere(parts: int, half: bool) -> Soup:
 
 
 def _spread_evenly(points: Points) -> Points:
-    """Points of an octahedron's face on the sphere, more evenly than by their own directions."""
+    """Place points of an octahedron's face on the sphere, more evenly than by their own directions."""
     bent = np.sign(points) * np.sin(np.pi / 2 * np.abs(points))
     result: Points = bent / np.linalg.norm(bent, axis=1)[:, None]
     return result

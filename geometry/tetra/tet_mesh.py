@@ -40,7 +40,7 @@ class TetMesh:
 
     @property
     def quality(self) -> Points:
-        """The least scaled Jacobian of each element, (t,): 1 for a regular one, 0 or less for one that folds."""
+        """The minimum scaled Jacobian of each element, (t,): 1 for a regular one, 0 or less for one that folds."""
         return compute_scaled_jacobians(self.nodes, self.elements)
 
     def boundary(self, *labels: int) -> Indices:

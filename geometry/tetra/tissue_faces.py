@@ -1,7 +1,7 @@
 """The faces of tissue as triangles that grow with their distance from the probe.
 
-In the mesher's space far planes are bent: a triangle as long as a share of its distance lies by about the square of that share
-beside its image, and tetrahedra between the two would be taken for air, or for tissue. Thin triangles do as much harm as large
+In the mesher's space far planes are bent: a triangle as long as a fraction of its distance lies about the square of that fraction
+off its image, and tetrahedra between the two would be taken for air, or for tissue. Thin triangles do as much harm as large
 ones, as tetrahedra on them become as small as these are thin.
 """
 
@@ -49,7 +49,7 @@ class Face:
     hole: Points
 
     def triangulate(self, spacing: Spacing) -> Soup:
-        """Its points in the scene, (n, 3), and triangles."""
+        """Return the face's points in the scene, (n, 3), and its triangles."""
         flat = np.vstack([self.bound, self.hole])
         flat = np.vstack([flat, self._place_inner_points(flat, spacing)])
         triangles = Delaunay(flat).simplices.astype(np.int64)
@@ -60,7 +60,7 @@ class Face:
         return self.lift(flat), triangles[is_kept]
 
     def _place_inner_points(self, bound: Points, spacing: Spacing) -> Points:
-        """Points inside on rings about the feet of inclusions and probe, clear of the boundary and of those before them."""
+        """Place points on rings about the feet of inclusions and probe, away from the boundary and from earlier points."""
         points = np.vstack([ring for foot in self.feet for ring in self._place_rings(foot, spacing)])
         sizes = spacing.compute_lengths(self.lift(points))
         is_kept = np.minimum(self.clear(points), cKDTree(bound).query(points)[0]) > _MIN_BOUNDARY_DISTANCE * sizes
@@ -75,7 +75,7 @@ class Face:
         return np.asarray(points[free])
 
     def _place_rings(self, foot: Points, spacing: Spacing) -> list[Points]:
-        """Rings of points (n, 2) about a foot."""
+        """Place rings of points (n, 2) about a foot."""
         radius, reach, rings = 0.0, float(np.linalg.norm(np.ptp(self.bound, axis=0))), []
         while radius < reach:
             spacing_here = float(spacing.compute_lengths(self.lift((foot + np.array([radius, 0.0]))[None, :]))[0])
@@ -86,7 +86,7 @@ class Face:
 
 
 def triangulate_faces(layout: BodyLayout, linear_radius: float, ring: Points) -> list[Soup]:
-    """Sides, and top and floor outside the reference cylinder, whose corners (n, 2) are ``ring``; y >= 0 of a half."""
+    """Triangulate sides, top and floor outside the reference cylinder, whose corners (n, 2) are ``ring``; of a half, y >= 0."""
     bodies, radius = np.array([_find_middle(body) for body in layout.inclusions]).reshape(-1, 3), layout.tissue_radius
     spacing = Spacing(linear_radius, bodies, math.inf if radius is None else _MAX_EDGE_PER_RADIUS * radius)
     faces = _build_block_faces(layout, spacing, ring) if radius is None else Can(layout, radius, spacing, ring).build_faces()
@@ -94,7 +94,7 @@ def triangulate_faces(layout: BodyLayout, linear_radius: float, ring: Points) ->
 
 
 def _find_middle(body: Ellipsoid | Sheet) -> Points:
-    """A point inside the tissue: what a file's coordinates are relative to may lie on its faces, or anywhere."""
+    """Return a point inside the tissue; the origin of a file's coordinates may lie on its faces, or anywhere."""
     return np.asarray((body.points.min(axis=0) + body.points.max(axis=0)) / 2) if isinstance(body, Sheet) else body.centre
 
 
@@ -115,7 +115,7 @@ class Box:
     ring: Points
 
     def build_face(self, axis: int, end: int) -> Face:
-        """The face where a coordinate is at one of its ends."""
+        """Build the face on which a coordinate is at one of its ends."""
         position, other_axes = self.ends[axis, end], [k for k in range(3) if k != axis]
         (p, q), ends = other_axes, self.ends[other_axes]
         bound = [_build_row(self.divide_edge(p, {axis: position, q: value}), value) for value in self.ends[q]]
@@ -133,7 +133,7 @@ class Box:
         return Face(lift, np.vstack(bound), clear, feet, self.ring if axis == 2 else np.zeros((0, 2)))
 
     def divide_edge(self, axis: int, fixed: dict[int, float]) -> Points:
-        """Points of an edge, the same for both its faces: none in the ring, beside it those opposite its corners."""
+        """Return points of an edge, the same for both its faces: none in the ring, next to it those opposite its corners."""
         low, high = (np.array([{axis: end, **fixed}[k] for k in range(3)]) for end in self.ends[axis])
         points: Points = self.ends[axis, 0] + np.ptp(self.ends[axis]) * self.spacing.divide_line(low, high)
         points[-1] = self.ends[axis, 1]
@@ -162,18 +162,18 @@ class Can:
         return first, first + (math.pi if self.layout.half else 2 * math.pi)
 
     def build_faces(self) -> list[Face]:
-        """Top, floor and side."""
+        """Build top, floor and side."""
         heights = 0.0, -self.layout.depth
         rims = [self.divide_rim(height) for height in heights]
         return [*(self.build_flat_face(rim, height) for rim, height in zip(rims, heights, strict=True)), self.build_side(*rims)]
 
     def place_on_side(self, angles: Points, height: float | Points) -> Points:
-        """Points (n, 3) of the side."""
+        """Map points of the rolled-out side to the scene, (n, 3)."""
         (x, y), level = self.layout.centre, np.broadcast_to(height, angles.shape)
         return np.column_stack([x + self.radius * np.cos(angles), y + self.radius * np.sin(angles), level])
 
     def divide_rim(self, height: float) -> Points:
-        """Angles of an edge's points, both ends among them: beside the ring those opposite its corners."""
+        """Return the angles of an edge's points, both ends included: next to the ring those opposite its corners."""
         low, high = self.ends
         fractions = self.spacing.divide_path(self.place_on_side(np.linspace(low, high, 20000), height))
         offset, chord = self.ring - self.layout.centre, _max_chord(self.ring)
@@ -182,7 +182,7 @@ class Can:
         return _replace_close_points(low + (high - low) * fractions, angles, chord / self.radius)
 
     def build_flat_face(self, rim: Points, height: float) -> Face:
-        """Top or floor."""
+        """Build top or floor."""
         centre, half, bound = np.array(self.layout.centre), self.layout.half, self.place_on_side(rim, height)[:, :2]
         if half:
             ends = self.place_on_side(np.array([np.pi, 0.0]), height)
@@ -201,7 +201,7 @@ class Can:
         return Face(lift, bound if half else bound[:-1], clear, feet, self.ring)
 
     def build_side(self, top: Points, floor: Points) -> Face:
-        """The side rolled out: depths, and angles from one end to the other times the radius."""
+        """Build the side rolled out: depths, and angles from one end to the other times the radius."""
         depth, turn = self.layout.depth, self.radius * 2 * np.pi
         edges = np.array(self.ends) * self.radius
         bound = [_build_row(rim * self.radius, value)[:, ::-1] for rim, value in ((top, 0.0), (floor, depth))]
@@ -230,14 +230,14 @@ def _max_chord(ring: Points) -> float:
 
 
 def _remove_points_in_ring(points: Points, ring: Points) -> Points:
-    """Points (n,) of a line through the ring's middle, those in it or close to it left out, but the ends."""
+    """Return points (n,) of a line through the ring's middle, without those in or close to the ring, but with the ends."""
     clear = np.abs(points) > float(np.linalg.norm(ring, axis=1).max()) + _max_chord(ring) / 2
     clear[[0, -1]] = True
     return points[clear]
 
 
 def _replace_close_points(points: Points, replacements: Points, chord: float) -> Points:
-    """Points (n,) of an edge with ``replacements`` in place of those close to them; the ends stay."""
+    """Return points (n,) of an edge with ``replacements`` in place of those close to them; the ends stay."""
     inside = (replacements > points[0] + chord / 2) & (replacements < points[-1] - chord / 2)
     is_clear = np.abs(points[:, None] - replacements[inside]).min(axis=1, initial=np.inf) > chord / 2
     is_clear[[0, -1]] = True
@@ -245,7 +245,7 @@ def _replace_close_points(points: Points, replacements: Points, chord: float) ->
 
 
 def _is_in_ring(points: Points, ring: Points) -> NDArray[np.bool_]:
-    """Which points (n, 2) lie within the polygon of a ring about the origin, or within its half of y >= 0."""
+    """Return which points (n, 2) lie within the polygon of a ring about the origin, or within its half of y >= 0."""
     angles = np.arctan2(ring[:, 1], ring[:, 0])
     order = np.argsort(angles)
     low = np.searchsorted(angles[order], np.arctan2(points[:, 1], points[:, 0])) - 1
