@@ -1,1 +1,1 @@
-"""Programs that make tetrahedra, in processes of their own: netgen of shapes, pytetwild of triangles; and what netgen is told."""
+"""Generate tetrahedra in child processes, with netgen from shapes and with pytetwild from triangles; define netgen's input."""

@@ -1,6 +1,6 @@
-"""Regular shapes as numbers, and their mesh: netgen (Schoeberl, 1997) meshes the pieces that OpenCASCADE makes of them exactly.
+"""Mesh regular shapes given by numbers: OpenCASCADE divides them exactly into pieces, and netgen (Schoeberl, 1997) meshes these.
 
-netgen draws no lots: the same shapes and sizes have the same mesh.
+netgen is deterministic: the same shapes and sizes give the same mesh.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ Indices = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Pieces:
-    """Straight tetrahedra of shapes glued together.
+    """Straight-sided tetrahedra of shapes that are glued together.
 
     Attributes:
         points: (n, 3) in m.
         tetrahedra: (t, 4) in VTK's order.
-        piece: which piece each lies in, (t,), from 0 on.
+        piece: number of the piece that each tetrahedron lies in, (t,), from 0.
     """
 
     points: Points
@@ -36,19 +36,19 @@ class Pieces:
 
 @dataclass(frozen=True)
 class GluedShapes:
-    """Shapes that may overlap, in m; each part of space that lies in the same ones, and hangs together, is a piece.
+    """Shapes that may overlap, in m; each connected region that lies in the same shapes is a piece.
 
     Attributes:
-        cylinders: about vertical axes: x, y, lower and upper z, radius; (k, 5).
-        tubes: likewise with two radii, the hole's first, (k, 6).
+        cylinders: vertical cylinders: x, y, lower and upper z, radius; (k, 5).
+        tubes: vertical tubes: x, y, lower and upper z, radius of the hole, outer radius; (k, 6).
         boxes: lower and upper corners, (k, 6).
         grooves: boxes that cut the first tube in two, (k, 6).
-        ellipsoids: middle and semi-axes, the columns of a matrix by rows, (k, 12).
+        ellipsoids: centre, and the matrix whose columns are the semi-axes, row by row, (k, 12).
         cuts: depths of planes that cut the last box, or the last cylinder if there is none, (k,).
         half: whether only y >= 0 is meshed.
-        sizes: points and the lengths that edges may have there, (k, 4).
-        grading: how fast these may grow, 0 to 1.
-        smoothing: rounds of netgen's improvement of the mesh.
+        sizes: points and the maximum edge lengths there, (k, 4).
+        grading: netgen's grading, from 0 to 1: how fast edge lengths may grow.
+        smoothing: number of netgen's optimisation steps.
     """
 
     cylinders: Points
@@ -63,7 +63,7 @@ class GluedShapes:
     smoothing: int
 
     def mesh(self, patience: float) -> Pieces:
-        """Mesh all pieces in a process that takes one core; ``patience`` in s.
+        """Mesh all pieces in a child process that uses one core and ends after ``patience`` s.
 
         Raises:
             TooLong, Failure, KeyboardInterrupt: see ``geometry.processes.programs.run_program``.

@@ -1,4 +1,4 @@
-"""netgen as a program of ``geometry/processes/child.py``: it brings an OpenCASCADE of its own, apart from cadquery's."""
+"""Run netgen as a program of ``geometry/processes/child.py``: it contains its own OpenCASCADE, separate from cadquery's."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ if TYPE_CHECKING:
     from geometry.common.arrays import Arrays, Points
 
 
-MM_PER_M = 1e3  # OpenCASCADE's margins are absolute, for lengths in mm; ours are in m
-_CUTTING_BOX_FACTOR = 4.0  # times the largest length: boxes that cut shapes
-_SPHERE_TOLERANCE = 1e-9  # of its largest: an ellipsoid whose semi-axes differ by less is a sphere
-_CURVATURE_SAFETY = 2.0  # radii of curvature over edges: with 1.3 some cannot be curved, and volumes are off by percents
-_SEGMENTS_PER_EDGE = 0.1  # segments of the shortest edges: sizes say how many there are
+MM_PER_M = 1e3  # OpenCASCADE's tolerances are absolute and made for lengths in mm; lengths here are in m
+_CUTTING_BOX_FACTOR = 4.0  # edge of the boxes that cut shapes, over the largest length
+_SPHERE_TOLERANCE = 1e-9  # relative: an ellipsoid whose semi-axes differ by less is a sphere
+_CURVATURE_SAFETY = 2.0  # radius of curvature over edge length: with 1.3 some elements stay straight, and volumes err by percents
+_SEGMENTS_PER_EDGE = 0.1  # netgen's segments per edge: so few that the requested sizes decide
 
 
 def run(arguments: dict[str, Any]) -> Arrays:
-    """Mesh what ``geometry.mesh_programs.glued_shapes.GluedShapes`` describes, its fields by name."""
+    """Mesh the shapes given by the fields of ``geometry.mesh_programs.glued_shapes.GluedShapes``, by name."""
     given = {name: value if value.ndim else value.item() for name, value in arguments.items()}
     parameters = MeshingParameters(
         maxh=float(MM_PER_M * given["sizes"][:, 3].max()),
@@ -37,13 +37,13 @@ def run(arguments: dict[str, Any]) -> Arrays:
     corners = elements["nodes"][:, :4].astype(np.int64) - 1
     return {
         "points": np.array(mesh.Coordinates()) / MM_PER_M,
-        "tetrahedra": corners[:, [0, 2, 1, 3]],  # turned as VTK turns them
+        "tetrahedra": corners[:, [0, 2, 1, 3]],  # VTK's orientation
         "piece": elements["index"].astype(np.int64) - 1,
     }
 
 
 def _build_shapes(given: dict[str, Any]) -> list[occ.TopoDS_Shape]:
-    """All shapes, or their halves: what overlaps becomes pieces when they are glued."""
+    """Build all shapes, or their halves; overlaps become pieces when the shapes are glued."""
     tubes = [
         _build_cylinder(x, y, low, high, tube) - _build_cylinder(x, y, low, high, hole)
         for x, y, low, high, hole, tube in _rows_in_mm(given["tubes"])
@@ -73,7 +73,7 @@ def _build_box(*corners: float) -> occ.TopoDS_Shape:
 
 
 def _build_ellipsoid(centre: Points, axes: Points) -> occ.TopoDS_Shape:
-    """A sphere, or an ellipsoid of three semi-axes along the columns of ``axes``."""
+    """Build a sphere, or an ellipsoid whose three semi-axes are the columns of ``axes``."""
     lengths = np.linalg.norm(axes, axis=0)
     middle = occ.Pnt(*centre.tolist())
     if np.ptp(lengths) <= _SPHERE_TOLERANCE * lengths.max():

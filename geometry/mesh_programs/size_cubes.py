@@ -1,4 +1,4 @@
-"""A field of sizes as cubes, halved until each is as small as what is wanted at its middle."""
+"""Represent a field of mesh sizes by cubes, subdivided until each is as small as the size requested at its centre."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from numpy.typing import NDArray
 
 from geometry.common.arrays import Points
 
-_CUBE_EDGE_FRACTION = 0.8  # of the sizes wanted: edges of cubes that tell them closely
-_MAX_CUBES = 200_000  # cubes of one edge: a mesh of more than a million tetrahedra need not be told more closely
+_CUBE_EDGE_FRACTION = 0.8  # edge of a cube over the requested size at its centre
+_MAX_CUBES = 200_000  # cubes of one edge length: enough for meshes of more than a million tetrahedra
 _CHILD_OFFSETS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) / 4
 
 
 @dataclass(frozen=True)
 class SizeCubes:
-    """Cubes that cover what is meshed, in m.
+    """Cubes that cover the meshed region, in m.
 
     Attributes:
-        middles: (n, 3).
-        edges: of the cubes, (n,).
-        sizes: wanted of tetrahedra at the middles, (n,).
+        middles: centres of the cubes, (n, 3).
+        edges: edge lengths of the cubes, (n,).
+        sizes: sizes of tetrahedra requested at the centres, (n,).
     """
 
     middles: Points
@@ -33,13 +33,14 @@ class SizeCubes:
 def build_size_cubes(
     sizes: Callable[[Points], Points], is_near: Callable[[Points, float], NDArray[np.bool_]], *, centre: Points, edge: float
 ) -> SizeCubes:
-    """Halve a cube until its parts are not larger than a share of the sizes at their middles.
+    """Subdivide a cube until its parts are no larger than a fraction of the sizes requested at their centres.
 
     Args:
-        sizes: lengths at points (n, 3).
-        is_near: which points (n, 3) lie in what is meshed or within a distance of it; the others' cubes are left out.
-        centre: of the cube that begins, (3,).
-        edge: of that cube.
+        sizes: function that returns the requested lengths at points (n, 3).
+        is_near: function that returns which points (n, 3) lie in the meshed region or within a distance of it; other cubes
+            are left out.
+        centre: centre of the first cube, (3,).
+        edge: edge length of the first cube.
     """
     cubes, accepted = centre[None, :], []
     while len(cubes):

@@ -1,4 +1,4 @@
-"""pytetwild (Hu et al., 2020) fills surfaces that need not fit together; no two runs are alike."""
+"""Mesh surfaces that need not be watertight with pytetwild (Hu et al., 2020); its meshes differ from run to run."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ _PROGRAM = Path(__file__).with_name("tetwild_program.py")
 
 
 def tetrahedralize(arrays: Mapping[str, object], patience: float) -> tuple[Points, NDArray[np.int64]]:
-    """Call ``pytetwild.tetrahedralize`` in a process of its own that takes one core; safe in several threads at a time.
+    """Call ``pytetwild.tetrahedralize`` in a child process that uses one core; several threads may call it at once.
 
     Args:
-        arrays: its arguments by name, arrays or numbers.
-        patience: seconds after which it is ended, if not sooner by the limits of the answer.
+        arrays: arguments of ``tetrahedralize`` by name, arrays or numbers.
+        patience: seconds after which the process is ended, unless the limits of the evaluation end it sooner.
 
     Returns:
-        Points (n, 3) in the unit of the given ones, and tetrahedra (t, 4) in VTK's order.
+        Points (n, 3) in the unit of the given points, and tetrahedra (t, 4) in VTK's order.
 
     Raises:
         TooLong, Failure, KeyboardInterrupt: see ``geometry.processes.programs.run_program``.

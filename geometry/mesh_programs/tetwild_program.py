@@ -1,4 +1,4 @@
-"""pytetwild as a program of ``geometry/processes/child.py``: it is slow at times without an end, and may crash."""
+"""Run pytetwild as a program of ``geometry/processes/child.py``, since it sometimes does not end, and may crash."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ if TYPE_CHECKING:
 
 
 def run(arguments: Arrays) -> Arrays:
-    """Call ``pytetwild.tetrahedralize`` with arguments by name, arrays of any dimension; points (n, 3), tetrahedra (t, 4)."""
+    """Return points (n, 3) and tetrahedra (t, 4) from ``pytetwild.tetrahedralize``, called with arguments by name."""
     options = {name: value if value.ndim else value.item() for name, value in arguments.items()}
     points, tetrahedra = _load_pytetwild()(**options, num_threads=1, quiet=True, vtk_ordering=True)
     return {"points": points, "tetrahedra": tetrahedra}
 
 
 def _load_pytetwild() -> Callable[..., tuple[Points, NDArray[np.int32]]]:
-    """``pytetwild.tetrahedralize``, without the half second for pyvista if it can do without."""
+    """Return ``pytetwild.tetrahedralize``, if possible without the half second that importing pyvista takes."""
     sys.modules["pyvista"] = ModuleType("pyvista")
     try:
         from pytetwild.pytetwild import tetrahedralize

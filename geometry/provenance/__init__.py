@@ -1,1 +1,1 @@
-"""Where numbers come from: one block of versions, digests and the command, in every file and object that the toolkit makes."""
+"""Record the origin of numbers: versions, digests and the command, in every file and JSON object that the toolkit writes."""

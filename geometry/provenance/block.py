@@ -1,9 +1,9 @@
-"""The block that says where numbers come from, and the one place that makes it.
+"""Build the provenance block, which records the origin of numbers.
 
-It is a plain dictionary: ``format`` and ``version`` of the block itself, ``program`` and ``dependencies`` (versions), ``scene``
-(digest of ``geometry.provenance.digest``), ``evaluator``, ``accuracy``, ``seed``, ``command`` (the words behind the program's
-name, None in Python) and ``inputs`` (SHA-256 of the files that these words name). No path of a machine is in it: of a word that
-is one from the root the last name stays.
+The block is a plain dictionary: ``format`` and ``version`` of the block itself, ``program`` and ``dependencies`` (versions),
+``scene`` (digest of ``geometry.provenance.digest``), ``evaluator``, ``accuracy``, ``seed``, ``command`` (the words after the
+program's name, None in Python) and ``inputs`` (SHA-256 of the files that these words name). It contains no absolute path: such a
+path in the command is replaced by its last name.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ DEPENDENCIES = (
     "cadquery",
 )  # for numbers, shapes
 Provenance = dict[str, Any]
-# a path from the root, as a word or behind "-o", "=", "," or a blank: what stands before its last name, if it has one
+# an absolute path, as a word or after "-o", "=", "," or a space: the part before its last name, if it has one
 _FROM_ROOT = re.compile(r"(^-[a-zA-Z]|^|(?<=[=,\s]))(?:[A-Za-z]:)?[\\/](?:[^\\/,=]*[\\/])*(?=[^\\/,=\s])")
 
 
@@ -58,9 +58,9 @@ def record_command(words: Sequence[str], scene: Path | None = None, **settings: 
     """Record a command line in the provenance of everything made inside the block.
 
     Args:
-        words: behind the program's name; the files that they name are read for their digests, at once.
-        scene: the file that holds the scene, where there is one.
-        settings: ``evaluator``, ``accuracy`` and ``seed``, where they are asked for.
+        words: the words after the program's name; the files that they name are read at once, for their digests.
+        scene: the scene's file, if there is one.
+        settings: ``evaluator``, ``accuracy`` and ``seed``, if they are requested.
     """
     digests = {
         file_name: compute_file_digest(Path(file_name)) for word in words for file_name in (word, *re.split("[=,]", word)[:2])
@@ -87,13 +87,13 @@ def record_scene(scene: Scene) -> Iterator[None]:
 def build_provenance(
     scene: Scene | None = None, *, evaluator: str | None = None, accuracy: float | None = None, seed: int | None = None
 ) -> Provenance:
-    """Return the block.
+    """Return the provenance block.
 
     Args:
-        scene: that was asked about, where it is one; left out: that of the command line.
-        evaluator: that was asked for, or answered; the command line's own goes before.
-        accuracy: that was asked for; likewise.
-        seed: of what was drawn at random; likewise.
+        scene: the evaluated scene, if it is a single one; default: the scene of the command line.
+        evaluator: the evaluator requested or used; an evaluator on the command line takes precedence.
+        accuracy: the accuracy requested; the command line takes precedence.
+        seed: the seed of the random numbers; the command line takes precedence.
     """
     request = _request.get() or NO_REQUEST
     settings = {"evaluator": evaluator, "accuracy": accuracy, "seed": seed} | request.settings
@@ -110,7 +110,7 @@ def build_provenance(
 
 
 def _compute_digest(scene: Scene | Path | None) -> str | None:
-    """Return the digest of a scene, or of a file's; None where there is none."""
+    """Return the digest of a scene, or of a scene file; None without a scene."""
     from geometry.scenes.scene_file import read_scene
 
     try:

@@ -1,4 +1,4 @@
-"""Digests of what numbers were computed from."""
+"""Compute digests of the inputs from which numbers were computed."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from pathlib import Path
 
 from geometry.scenes.scene import Scene
 
-DIGEST_DIGITS = 9  # of a number; what differs less is the same
-LARGEST_FILE = 4_000_000_000  # bytes: what takes some seconds; of larger ones no answer is made
+DIGEST_DIGITS = 9  # significant digits of a number: smaller differences leave the digest unchanged
+LARGEST_FILE = 4_000_000_000  # bytes: read in some seconds; larger files get no digest
 
 
 def compute_digest(content: Mapping[str, object]) -> str:
@@ -19,7 +19,7 @@ def compute_digest(content: Mapping[str, object]) -> str:
 
 
 def compute_scene_digest(scene: Scene) -> str:
-    """Return the digest of a scene, whatever units and defaults its file wrote; of surface files what they hold counts."""
+    """Return the digest of a scene: it depends neither on units and defaults in its file, nor on the names of surface files."""
     tables = scene.model_dump()
     for body in tables["inclusion"]:
         if body["surface"] is not None:
@@ -28,7 +28,7 @@ def compute_scene_digest(scene: Scene) -> str:
 
 
 def compute_file_digest(path: Path) -> str | None:
-    """Return the SHA-256 of a file's content; None of what is none, such as a pipe or a folder, too large or cannot be read."""
+    """Return the SHA-256 of a file's content; None for a pipe or a folder, and for a file that is too large or unreadable."""
     try:
         if not path.is_file() or path.stat().st_size > LARGEST_FILE:
             return None

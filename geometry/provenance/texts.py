@@ -1,4 +1,4 @@
-"""The block in texts: a comment line of TOML, a script of HTML, which other readers pass over; and out of them again."""
+"""Write the provenance block into text files as a TOML comment or an HTML script, which other programs ignore, and read it."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ TOML_LEAD = "# provenance = "
 MARKDOWN_LEAD = "<!-- provenance = "
 MAX_PIECE_CHARACTERS = 200  # characters: a string of a STEP file's header holds 256
 HTML_SCRIPT = '<script type="application/json" id="{}">'
-RECORD_FILES = ("provenance.json", "optimize.json", "tradeoff.json", "parts.json")  # of a folder: the first that is there tells
+RECORD_FILES = ("provenance.json", "optimize.json", "tradeoff.json", "parts.json")  # of a folder: the first that exists is read
 MAX_PAGE_BYTES = 200 * LARGEST_FILE  # bytes of a page with its pictures
 _ALLOWED = "a JSON object, TOML file or page that probe-design made, or a folder of its files (of a drawing or solid its folder)"
 
 
 def format_toml_comment(block: Provenance) -> str:
-    """Return the comment line that a TOML file begins with."""
+    """Return the comment line at the beginning of a TOML file."""
     return f"{TOML_LEAD}{json.dumps(block)}\n"
 
 
 def format_html_script(name: str, content: object) -> str:
-    """Return a script of an HTML page that holds JSON and does nothing; no ``<`` in it can end it."""
+    """Return an HTML script that holds JSON and does nothing; no ``<`` in the JSON can end the script."""
     text = json.dumps(content, allow_nan=False).replace("<", "\\u003c")
     return f"{HTML_SCRIPT.format(name)}{text}</script>"
 
 
 def format_markdown_comment(block: Provenance) -> str:
-    """Return the comment line that a page of Markdown ends with; no ``>`` in it can end it."""
+    """Return the comment line at the end of a Markdown page; no ``>`` in the block can end the comment."""
     text = json.dumps(block).replace(">", "\\u003e")
     return f"{MARKDOWN_LEAD}{text} -->\n"
 
@@ -43,15 +43,15 @@ def split_block(block: Provenance, max_characters: int = MAX_PIECE_CHARACTERS) -
 
 
 def build_picture_metadata(kind: str, block: Provenance | None = None) -> dict[str, str]:
-    """Return what a picture of a kind, "png", "svg" or "pdf", says of itself: its block of provenance as JSON."""
+    """Return the metadata of a picture of kind "png", "svg" or "pdf": its provenance block as JSON."""
     return {"Subject" if kind == "pdf" else "Description": json.dumps(build_provenance() if block is None else block)}
 
 
 def read_block(path: Path) -> tuple[Provenance, dict[str, object]]:
-    """Return the block of a file or folder, and the numbers that stand beside it.
+    """Return the provenance block of a file or folder, and the numbers that it documents.
 
     Raises:
-        InputError: it cannot be read, or holds no block.
+        InputError: the file or folder cannot be read, or holds no block.
     """
     if path.is_dir():
         path = next((path / name for name in RECORD_FILES if (path / name).is_file()), path / RECORD_FILES[0])
@@ -70,7 +70,7 @@ def read_block(path: Path) -> tuple[Provenance, dict[str, object]]:
 
 
 def _holds_texts(values_or_none: object, kind: type) -> bool:
-    """Whether it is nothing, or a list of texts, or a table of them, of which a version may be missing."""
+    """Return whether a value is None, a list of texts, or a table of texts in which a version may be missing."""
     if values_or_none is None:
         return True
     if not isinstance(values_or_none, kind) or not isinstance(values_or_none, list | dict):
@@ -80,7 +80,7 @@ def _holds_texts(values_or_none: object, kind: type) -> bool:
 
 
 def _parse_content(text: str) -> dict[str, object]:
-    """What JSON, a page or TOML holds, the block under ``provenance``; empty where it is none of them."""
+    """Return the content of JSON, an HTML page or TOML, with the block under ``provenance``; empty for any other text."""
     script = re.search(re.escape(HTML_SCRIPT.format("answer")) + "(.*?)</script>", text, re.S)
     try:
         if text.lstrip().startswith("{") or script:

@@ -1,1 +1,1 @@
-"""What a workshop gets beside the solids: drawings as DXF and PDF, film patterns, moulds, lists and the order of assembly."""
+"""Write a workshop's files besides the solids: drawings as DXF and PDF, film patterns, moulds, lists and assembly order."""

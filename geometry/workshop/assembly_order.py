@@ -1,4 +1,4 @@
-"""The order in which the parts are cast, bonded and checked, as Markdown."""
+"""Write the order in which the parts are cast, bonded and checked, as Markdown."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from geometry.workshop.mould_sizes import DEFAULT_DRAFT_RAD, MouldSizes, compute
 from geometry.workshop.sheet import format_number
 from geometry.workshop.tolerance import Budget, find_tolerance, format_deviation
 
-MAX_LISTED_PARTS = 4  # parts of the ratio's scatter that are named
-GAP_RISK_FRACTION = 0.5  # of the gap: deviations from there on are told
-SMALL_HOLE_MM = 0.3  # mm: diameter of the smallest hole that is drilled as a matter of course
+MAX_LISTED_PARTS = 4  # contributions to the ratio's scatter that are listed
+GAP_RISK_FRACTION = 0.5  # of the gap: larger deviations are reported
+SMALL_HOLE_MM = 0.3  # mm: diameter of the smallest hole that is drilled routinely
 
 
 def write_assembly_order(
     probe: Probe, stamp: Stamp, patterns: Sequence[FilmPattern], moulds: Sequence[MouldSizes],
     *, budget: Budget, scatter: Mapping[str, float],
 ) -> str:  # fmt: skip
-    """Return the page.
+    """Return the Markdown page with the order of assembly.
 
     Args:
-        probe: what is built.
-        stamp: the design's.
-        patterns: of the films.
-        moulds: of the blocks that are cast.
+        probe: the probe to be built.
+        stamp: stamp of the design.
+        patterns: patterns of the films.
+        moulds: moulds of the cast blocks.
         budget: see ``geometry.workshop.tolerance.Budget``.
-        scatter: what scatters the ratio, see ``geometry.workshop.csv_lists.compute_scatter_of_ratio``.
+        scatter: contributions to the ratio's scatter, see ``geometry.workshop.csv_lists.compute_scatter_of_ratio``.
     """
     steps = [
         *_list_casting_steps(probe, moulds),
@@ -133,7 +133,7 @@ def _list_measuring_steps(moulds: Sequence[MouldSizes]) -> list[str]:
 
 
 def describe_scatter(scatter: Mapping[str, float], budget: Budget) -> str:
-    """Say how far probes built to the drawings scatter, and what dominates; nothing where that is not known."""
+    """Describe the scatter of probes built to the drawings, and its largest sources; empty where the scatter is unknown."""
     if not budget.sensitivities:
         return ""
     parts = ", ".join(f"{name} {100 * mould:.2g} %" for name, mould in list(scatter.items())[:MAX_LISTED_PARTS])

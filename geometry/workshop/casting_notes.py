@@ -1,4 +1,4 @@
-"""What the drawing of a cast block says of measuring it: the mould is measured, the soft block is not; its modulus is tested."""
+"""Write the notes on inspection of a cast block: its mould is measured in place of the soft block, and its modulus is tested."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from geometry.workshop.tolerance import CASTING_PROCESS, MACHINING_PROCESS, Budg
 
 
 def list_casting_notes(mould: MouldSizes, budget: Budget) -> tuple[str, ...]:
-    """Return the lines of notes on a cast block's drawing.
+    """Return the notes on a cast block's drawing, one line each.
 
     Args:
-        mould: in which it is cast.
-        budget: how well its modulus is known.
+        mould: the block's mould.
+        budget: the ratio's budget, with the standard deviation of the block's modulus.
     """
     sizes = [
         f"{name} {format_number(size)} \N{PLUS-MINUS SIGN}{format_deviation(_find_mould_deviation(size))}"
@@ -33,14 +33,14 @@ def list_casting_notes(mould: MouldSizes, budget: Budget) -> tuple[str, ...]:
 
 
 def list_mould_lengths(mould: MouldSizes) -> dict[str, float]:
-    """Return what is measured of a mould's cavity, mm: diameters at half its height, and the height."""
+    """Return the dimensions of a mould's cavity that are measured, mm: diameters at half its height, and the height."""
     inner, outer = mould.compute_radii(mould.height / 2)
     diameters = {DIAMETER_SIGN: 2 * outer, **({f"pin {DIAMETER_SIGN}": 2 * inner} if inner else {})}
     return {**diameters, "height": mould.height}
 
 
 def _find_mould_deviation(size: float) -> float:
-    """The deviation of a mould, mm: the lowest that machining reaches, far below the casting's own."""
+    """Return the deviation of a mould's dimension, mm: the smallest that machining reaches, far below that of the casting."""
     finest = find_process(MACHINING_PROCESS).find_tightest(size)
     assert finest is not None  # machining has a table of them
     return finest
@@ -52,7 +52,7 @@ def _describe_modulus(block: str, budget: Budget) -> str:
 
 
 def compute_gap_deviation(probe: Probe, moulds: Sequence[MouldSizes]) -> float:
-    """Return the deviation of the gap, mm, that follows from the walls' on both of its sides: the root of the sum of squares."""
+    """Return the deviation of the gap, mm: the root of the sum of squares of the deviations of both walls."""
     cast = {mould.name for mould in moulds}
     sizes = {"inner": 2e3 * probe.inner_radius, "outer": 2e3 * probe.hole_radius}
     walls = (
@@ -63,6 +63,6 @@ def compute_gap_deviation(probe: Probe, moulds: Sequence[MouldSizes]) -> float:
 
 
 def describe_gap(probe: Probe, moulds: Sequence[MouldSizes]) -> str:
-    """Return the line on the assembly's drawing that says why the gap has no deviation of its own."""
+    """Return the line on the assembly's drawing that explains why the gap has no deviation of its own."""
     gap = f"{format_number(1e3 * probe.gap)} \N{PLUS-MINUS SIGN}{format_deviation(compute_gap_deviation(probe, moulds))} mm"
     return f"The gap follows from the blocks on its sides, {gap}: centre them with shims."

@@ -1,4 +1,4 @@
-"""Lists as CSV: what is needed (bill of materials), and how tightly each dimension is held."""
+"""Write lists as CSV: the bill of materials, and the tolerance of each dimension."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ TOLERANCE_COLUMNS = ("quantity", "kind", "drawing", "nominal", "deviation", "fro
 
 
 def write_bill_of_materials(probe: Probe, stamp: Stamp, moulds: Sequence[MouldSizes], edge_radius: float = 0.0) -> str:
-    """Return the bill as CSV; there is a mass where a density is known: a scene names no products."""
+    """Return the bill of materials as CSV, with masses where the density is known, since a scene names no products."""
     rows: list[tuple[object, ...]] = []
     for name, body in compute_expected_bodies(probe, edge_radius).items():
         rows.append((name, 1, *_describe_material(stamp.materials[name], body.volume), f"{name}.step"))
@@ -50,7 +50,7 @@ def _describe_material(material: PartMaterial, volume: float) -> tuple[str, str,
 
 
 def _describe_casting(material: PartMaterial, mould: MouldSizes) -> tuple[str, str, str, str]:
-    """What is mixed for a block: it fills cavity and holes, and shrinks to the block and its sprues."""
+    """Return the line for the elastomer of a block: it fills cavity and holes, and shrinks to the block and its sprues."""
     said = f"fills cavity ({compute_cavity_volume(mould):.6g} mm3), pour hole and vents; what stays in the cup comes on top"
     mixed = PartMaterial(f"mixed {material.name}", said, material.density)
     return _describe_material(mixed, compute_cavity_volume(mould) + compute_holes_volume(mould))
@@ -71,14 +71,14 @@ def _describe_adhesive(probe: Probe) -> tuple[str, str, str, str]:
 
 @dataclass(frozen=True)
 class HeldDimension:
-    """A dimension as a drawing holds it.
+    """A dimension with the tolerance that its drawing states.
 
     Attributes:
-        measure: what is drawn.
-        part: on whose drawing.
-        held: its deviation.
-        log_sensitivity: d ln ratio / d ln size; None where the ratio does not depend on it, or that is not known.
-        wanted: deviation in mm that the ratio wants; None likewise.
+        measure: the dimension as drawn.
+        part: the part on whose drawing it stands.
+        held: its tolerance.
+        log_sensitivity: d ln ratio / d ln size; None where the ratio does not depend on the size, or this is unknown.
+        wanted: deviation in mm that the ratio's budget allows; None in the same cases.
     """
 
     measure: Measure
@@ -98,7 +98,7 @@ class HeldDimension:
 
 
 def list_held_dimensions(views: Iterable[PartView], materials: Mapping[str, PartMaterial], budget: Budget) -> list[HeldDimension]:
-    """Return the dimensions of all drawings; those that others give are not held for themselves."""
+    """Return the dimensions of all drawings, without auxiliary dimensions, which follow from others."""
     dimensions = []
     for view in views:
         process = materials[view.name].process if view.name in materials else MACHINING_PROCESS
@@ -114,9 +114,9 @@ def list_held_dimensions(views: Iterable[PartView], materials: Mapping[str, Part
 
 
 def write_tolerances(dimensions: Iterable[HeldDimension], budget: Budget) -> str:
-    """Return the table as CSV: dimensions in mm, with deviations either way; what no drawing holds, with standard deviations.
+    """Return the table of tolerances as CSV: dimensions in mm with ± deviations, other numbers with standard deviations.
 
-    ``ratio_percent`` is the standard deviation that each gives the ratio.
+    ``ratio_percent`` is the standard deviation of the ratio that each of them causes.
     """
     rows = [_build_row(dimension) for dimension in dimensions]
     rows += [
@@ -157,9 +157,9 @@ def _build_row(dimension: HeldDimension) -> tuple[str, ...]:
 
 
 def compute_scatter_of_ratio(dimensions: Iterable[HeldDimension], budget: Budget) -> dict[str, float]:
-    """Return the standard deviation that each dimension, modulus and gain gives the ratio, relative, the largest first.
+    """Return the relative standard deviation of the ratio due to each dimension, modulus and gain, the largest first.
 
-    Independent of each other: together they make the root of the sum of squares. The gap is not counted beside both radii.
+    All are independent, so that their squares add up. The gap is not counted, since both of its radii are.
     """
     parts = {
         _describe_dimension(part): part.ratio_sd
@@ -176,7 +176,7 @@ def _describe_dimension(dimension: HeldDimension) -> str:
 
 
 def combine_scatter(scatter: Mapping[str, float]) -> float:
-    """Return what all parts of a scatter make together, in percent of the ratio."""
+    """Return the combined scatter of the ratio, in percent: the root of the sum of squares."""
     return 100 * math.hypot(*scatter.values())
 
 

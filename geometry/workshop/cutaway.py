@@ -1,4 +1,4 @@
-"""The assembly seen from above, without a quarter, drawn by matplotlib."""
+"""Draw the assembly from above, with a quarter cut away, by matplotlib."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from geometry.common.arrays import Floats, Ints
 
 
-VIEW_ELEVATION_DEG, VIEW_AZIMUTH_DEG = 22.0, -50.0  # of the eye, in degrees; it looks into the missing quarter
+VIEW_ELEVATION_DEG, VIEW_AZIMUTH_DEG = 22.0, -50.0  # degrees; direction of the viewer, who looks into the missing quarter
 
 
 def draw_cutaway(axes: Axes3D, shapes: dict[str, cadquery.Solid], hole: float) -> None:
-    """Draw the assembly without its quarter x > 0, y < 0, from whose side the eye looks; ``hole`` is the tube's hole radius."""
+    """Draw the assembly without its quarter x > 0, y < 0, seen from that side; ``hole`` is the radius of the tube's hole."""
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     elevation, azimuth = math.radians(VIEW_ELEVATION_DEG), math.radians(VIEW_AZIMUTH_DEG)
@@ -41,17 +41,17 @@ def draw_cutaway(axes: Axes3D, shapes: dict[str, cadquery.Solid], hole: float) -
 
 
 def _order_layers(name: str, triangles: Floats, normals: Floats, hole: float) -> Ints:
-    """Return the order of painting of each triangle, since sorting by depth fails where parts are a thin gap apart.
+    """Return the order in which the triangles are painted, since sorting by depth fails where a thin gap separates parts.
 
-    Seen from outside and above, through the missing quarter: walls that face the axis are hidden by everything, then
-    come the inner parts and the boss, the outer parts, the base, and on top the cut faces, which nothing can hide.
+    Seen from outside and above, through the missing quarter, walls that face the axis are behind everything else. The inner
+    parts and the boss follow, then the outer parts, the base, and last the cut faces, which nothing can hide.
     """
     centres = triangles.mean(axis=1)
     x, y, radius = centres[:, 0], centres[:, 1], np.hypot(centres[:, 0], centres[:, 1])
     outward = (x * normals[:, 0] + y * normals[:, 1]) / np.maximum(radius, 1e-300)
     layers = np.full(len(triangles), {"inner": 1, "film-inner": 1, "outer": 2, "film-outer": 2, "base": 3}[name])
     layers[(outward > 0.9) & (radius < hole)] = 1
-    layers[(outward < -0.9) | ((outward < 0) & (normals[:, 2] < -1e-6))] = 0  # a hole's round edge looks down, too
+    layers[(outward < -0.9) | ((outward < 0) & (normals[:, 2] < -1e-6))] = 0  # a hole's round edge faces down, too
     tolerance = 1e-9 * hole
     layers[((np.abs(y) < tolerance) & (x > 0)) | ((np.abs(x) < tolerance) & (y < 0))] = 4
     return layers

@@ -1,4 +1,4 @@
-"""Dimensioned drawings: a section above, the view from above below it (first angle), a title block, at a standard scale."""
+"""Draw dimensioned drawings at a standard scale: a section, below it the view from above (first angle), and a title block."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from geometry.workshop.sheet import (
 from geometry.workshop.title_block import BLOCK_HEIGHT_MM, NOTE_SPACING_MM, Title, draw_frame, draw_notes, draw_title_block
 from geometry.workshop.tolerance import MACHINING_PROCESS, Budget, find_tolerance, format_deviation
 
-FIRST_LINE_OFFSET_MM = 11.0  # mm of paper from a view to its first dimension line: symbols of roughness stand there
+FIRST_LINE_OFFSET_MM = 11.0  # mm of paper from a view to its first dimension line: space for roughness symbols
 ITEM_SPACING_MM = 7.0  # between the numbers of two items
-RADIUS_MARGIN_MM = 26.0  # beside the section, for the radius of its edge
+RADIUS_MARGIN_MM = 26.0  # next to the section, for the radius of its edge
 VIEW_SPACING_MM = 10.0  # from the last dimension line to the next view
 STANDARD_SCALES = [
     mantissa * 10.0**exponent for exponent in range(6, -7, -1) for mantissa in (5, 2, 1)
@@ -31,13 +31,13 @@ STANDARD_SCALES = [
 
 
 def draw_part(part: PartView, stamp: Stamp, budget: Budget, extra: tuple[str, ...] = ()) -> DrawingSheet:
-    """Draw a part on the sheet and at the scale that suit it.
+    """Draw a part on a sheet of suitable size at a suitable scale.
 
     Args:
-        part: what is shown.
-        stamp: the design's.
+        part: the part to be drawn.
+        stamp: stamp of the design.
         budget: see ``geometry.workshop.tolerance.Budget``.
-        extra: notes beside those on assumed sizes.
+        extra: notes in addition to those on assumed sizes.
     """
     note_lines = [*extra, *_list_assumptions(part)]
     material = stamp.materials.get(part.name)
@@ -54,9 +54,9 @@ def draw_part(part: PartView, stamp: Stamp, budget: Budget, extra: tuple[str, ..
 
 
 def format_dimension(measure: Measure, part: str, process: str, budget: Budget) -> str:
-    """Write a dimension: its number, its deviation where the drawing has to tell it, a star where it is assumed.
+    """Format a dimension: its number, its deviation where the drawing must state it, and a star where it is assumed.
 
-    One that others give stands in parentheses.
+    An auxiliary dimension, which follows from others, stands in parentheses.
     """
     if measure.auxiliary:
         return f"({measure.prefix}{format_number(measure.size)})"
@@ -73,7 +73,7 @@ def _list_assumptions(part: PartView) -> Iterator[str]:
 
 
 def _choose_sheet(part: PartView, texts: list[str], count: int) -> DrawingSheet:
-    """Choose the largest scale that leaves room for views and dimensions; a larger sheet where an A4 would have to reduce."""
+    """Choose the largest scale at which views and dimensions fit; a larger sheet if the scale on A4 would be below 1:1."""
     best = []
     for size in PAPER_SIZES_MM:
         left, bottom, right, top = DrawingSheet(size, 1.0).frame
@@ -109,7 +109,7 @@ def _height_below(part: PartView) -> float:
 
 
 def _height_above(texts: list[str]) -> float:
-    """Room above the section, where the text of a short upright dimension stands."""
+    """Return the height above the section, mm of paper, for the text of a short vertical dimension."""
     return max(find_text_width(text) for text in texts) + 3 * ARROW_LENGTH_MM + 2
 
 
@@ -138,7 +138,7 @@ def _draw_front(view: View, part: PartView, process: str) -> None:
     view.draw_line((0, low - 3 * unit), (0, high + 3 * unit), "AXIS")
     for x, z, is_upward in (
         part.seats if process == MACHINING_PROCESS else ()
-    ):  # of others the title block says how their faces are made
+    ):  # the title block states the process of the other faces
         view.draw_roughness((x, z), SEAT_ROUGHNESS, is_upward)
     for item, (tip, z) in enumerate(
         zip(part.items, _spread_heights(part.items, low, ITEM_SPACING_MM * unit), strict=True), start=1
@@ -147,7 +147,7 @@ def _draw_front(view: View, part: PartView, process: str) -> None:
 
 
 def _spread_heights(tips: Sequence[Point], low: float, spacing: float) -> list[float]:
-    """Return the heights for the numbers of items: beside their tips as far as they stay apart, and none below ``low``."""
+    """Return the heights of item numbers: level with their tips where the spacing allows it, and none below ``low``."""
     heights: list[float] = []
     for _, z in tips:
         heights.append(min(z, heights[-1] - spacing) if heights else z)

@@ -1,4 +1,4 @@
-"""Properties of a DXF file, as CAD programs list them: whose design it is, and what made it."""
+"""Add properties to a DXF file, which CAD programs list: the design, and the program that wrote the file."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MAX_PIECE_CHARACTERS = 2000  # characters: a string of a DXF file holds 2049
 
 
 def add_properties(document: Drawing, stamp: Stamp) -> Drawing:
-    """Return a DXF document with its custom properties: design, program, and the block as JSON, in one where it fits."""
+    """Return a DXF document with custom properties: design, program, and the provenance block as JSON, split if too long."""
     entries = {"design": stamp.design, "program": stamp.program}
     parts = split_block(stamp.provenance, MAX_PIECE_CHARACTERS)
     names = ["provenance"] if len(parts) == 1 else [f"provenance {number}" for number in range(1, len(parts) + 1)]

@@ -1,7 +1,7 @@
-"""Film patterns: outline, electrodes on both faces, leads and tabs, as DXF in true millimetres, seen from above.
+"""Draw film patterns: outline, electrodes on both faces, leads and tabs, as DXF in true millimetres, seen from above.
 
-The electrodes keep away from the cut edge, where they would short; the leads of the two faces lie beside each other, so that no
-film between them gives charge; the inner film's leave through the groove, the outer one's on the other side.
+The electrodes keep a distance from the cut edge, where they would short. The leads of the two faces do not overlap, so that the
+film under them yields no charge. The inner film's leads leave through the groove, the outer film's on the other side.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from ezdxf.document import Drawing
 
 
-MAX_INSET_MM, MAX_INSET_FRACTION = 0.5, 0.1  # mm between an electrode and the edge, at most this part of the film's width
-TAB_LENGTH_MM = 5.0  # mm: length of the tabs, on which a connector or a conductive adhesive finds hold
+MAX_INSET_MM, MAX_INSET_FRACTION = 0.5, 0.1  # mm between an electrode and the edge, at most this fraction of the film's width
+TAB_LENGTH_MM = 5.0  # mm: length of the tabs, for a connector or a conductive adhesive
 MAX_STRIP_HALF_WIDTH_MM = 2.0  # mm: half the widest strip of leads
 LAYER_COLOURS = {  # colour index
     "FILM_OUTLINE": 7,
@@ -46,11 +46,11 @@ class FilmPattern:
     """The pattern of a film.
 
     Attributes:
-        name: of the film.
-        layers: what is drawn.
-        inset: between the electrodes and the edge, mm.
+        name: name of the film.
+        layers: outlines by layer.
+        inset: distance between the electrodes and the edge, mm.
         active: area where both electrodes face each other, over the area of the block's end that the film covers.
-        exit: where its leads leave: "groove", "gap", "outside" or "" where there is no way.
+        exit: where its leads leave: "groove", "gap", "outside", or "" where they cannot.
     """
 
     name: str
@@ -61,13 +61,13 @@ class FilmPattern:
 
 
 def build_film_patterns(probe: Probe) -> tuple[FilmPattern, ...]:
-    """Return the patterns of the films, the inner one first; none where the probe has none."""
+    """Return the patterns of the films, the inner one first; empty for a probe without films."""
     sizes = convert_to_mm(probe)
     return () if probe.film is None else (_build_inner(sizes), _build_outer(sizes))
 
 
 def find_exit(sizes: Millimetres) -> str:
-    """Return by where the inner film's leads can leave: the groove, or the gap where the folded film fits into it."""
+    """Return where the inner film's leads can leave: through the groove, or through the gap if the folded film fits."""
     return "groove" if sizes.depth > sizes.t else "gap" if sizes.ri - sizes.r2 > sizes.t else ""
 
 
@@ -108,7 +108,7 @@ def _net_area(loops: tuple[Loop, ...]) -> float:
 
 
 def _add_strip(radius: float, half: float, end: float, side: float = 1.0) -> Loop:
-    """Return a disc with a strip of that half width to x = ``end``, or to -x where ``side`` is -1."""
+    """Return a disc with a strip of half width ``half`` to x = ``end``, or to x = -``end`` if ``side`` is -1."""
     x = math.sqrt((radius - half) * (radius + half))
     bulge_outer = math.tan((math.pi - math.asin(half / radius)) / 2)
     corners = [(x, half, bulge_outer), (x, -half, 0.0), (end, -half, 0.0), (end, half, 0.0)]
@@ -125,7 +125,7 @@ def _add_strip_to_open_ring(sizes: Millimetres, half: float) -> Loop:
 
 
 def _build_leads(radius: float, half: float, reach: float, side: float) -> Pattern:
-    """Return leads, from inside an electrode of that radius to ``reach``, and tabs beyond it; those of the bottom below y = 0."""
+    """Return leads from inside an electrode of a radius to ``reach``, and tabs beyond; the bottom ones lie below y = 0."""
     start = math.sqrt(radius**2 - (0.8 * min(half, radius)) ** 2)
     pattern: Pattern = {}
     for face, sign in (("TOP", 1.0), ("BOTTOM", -1.0)):
@@ -137,7 +137,7 @@ def _build_leads(radius: float, half: float, reach: float, side: float) -> Patte
 
 
 def build_document(pattern: FilmPattern, stamp: Stamp, thickness: float) -> Drawing:
-    """Return the DXF document of a pattern; ``thickness`` of the film in mm."""
+    """Return the DXF document of a pattern; ``thickness`` is the film's, mm."""
     from ezdxf.filemanagement import new
 
     drawing = new("R2010", units=4)
@@ -171,5 +171,5 @@ def _list_texts(pattern: FilmPattern, stamp: Stamp, thickness: float) -> list[st
 
 
 def write_pattern(pattern: FilmPattern, stamp: Stamp, thickness: float, path: Path) -> None:
-    """Write a pattern as DXF; ``thickness`` of the film in mm. Raises ``OSError``."""
+    """Write a pattern as DXF; ``thickness`` is the film's, mm. Raises ``OSError``."""
     add_properties(build_document(pattern, stamp, thickness), stamp).saveas(path)

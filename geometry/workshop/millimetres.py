@@ -1,4 +1,4 @@
-"""A probe's dimensions in mm, by the letters of its section: what every drawing, pattern and mould is made from."""
+"""Convert a probe's dimensions to mm, named by the letters of its section; drawings, patterns and moulds use them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from geometry.scenes.probe import Probe
 
 @dataclass(frozen=True)
 class Millimetres:
-    """A probe's dimensions in mm; 0 for a groove, films or round edges that it has not.
+    """A probe's dimensions in mm; 0 for a groove, films or round edges that it does not have.
 
     Attributes:
         r2, ri, ro: radii of the inner block, the hole and the tube.
@@ -21,7 +21,7 @@ class Millimetres:
         half_width, depth: half the groove's width, and its depth.
         edge: radius of the blocks' lower edges.
         low, side: heights of the base's lower faces over the inner and the outer block.
-        rf: radius of the flange; the tube's where there is none.
+        rf: radius of the flange; that of the tube without a flange.
         flange_bottom, top: heights of the flange's lower and upper face.
     """
 
@@ -53,7 +53,7 @@ class Millimetres:
 
 
 def convert_to_mm(probe: Probe, edge_radius: float = 0.0) -> Millimetres:
-    """Return a probe's dimensions; ``edge_radius`` of the blocks' lower edges in m.
+    """Return a probe's dimensions in mm; ``edge_radius`` is that of the blocks' lower edges, m.
 
     Raises:
         InputError: see ``geometry.scenes.base_sizes.base_sizes``.

@@ -1,9 +1,9 @@
-"""What the moulds of the two blocks measure, from the probe's numbers alone: formulas that know nothing of the CAD model.
+"""Compute the sizes of both blocks' moulds from the probe's numbers alone, by formulas that are independent of the CAD model.
 
-A block stands in the lower half on its tissue end; the lower half holds its walls, and the pin that leaves the tube's hole. The
-parting plane is the film end: the upper half is a lid, with the rib that leaves the groove, a hole to pour through, two vents.
-The walls lean outwards by the draft angle, so that the block comes out upwards, and have their nominal radius at half the height;
-every length is larger than the block's by the shrinkage s:
+A block stands in the lower half on its tissue end. The lower half contains its walls, and the pin that forms the tube's hole. The
+parting plane is the film end: the upper half is a lid with the rib that forms the groove, a pouring hole and two vents. The walls
+lean outwards by the draft angle, so that the block comes out upwards, and have their nominal radius at half the height. With the
+linear shrinkage s, a length L_mould of the mould is larger than the block's length L:
 
     L_mould = L / (1 - s).   (WS.1)
 """
@@ -21,30 +21,30 @@ from geometry.scenes.probe import Probe
 from geometry.workshop.millimetres import Millimetres, convert_to_mm
 
 DEFAULT_SHRINKAGE = 0.001
-"""Linear; an assumption: platinum-cure silicones cast at room temperature are sold as not shrinking notably."""
+"""Linear shrinkage; assumed: makers state negligible shrinkage for platinum-cure silicones cast at room temperature."""
 MAX_SHRINKAGE = 0.2
 DEFAULT_DRAFT_RAD, MAX_DRAFT_RAD = math.radians(0.5), math.radians(10)
-MAX_RELATIVE_GAP_CHANGE = 0.05  # of the gap, at either end: two leaning walls may take no more of it, or the contact limit moves
+MAX_RELATIVE_GAP_CHANGE = 0.05  # of the gap, at either end: more draft of both walls would shift the contact limit
 WALL_THICKNESS_MM, FLOOR_THICKNESS_MM, LID_THICKNESS_MM = 8.0, 4.0, 6.0  # mm: around the cavity, below it, above it
-PIN_RADII_MM = (1.5, 1.0)  # mm: radii; they differ, so that the halves fit in one way only
+PIN_RADII_MM = (1.5, 1.0)  # mm; they differ, so that the halves fit in one orientation only
 PIN_HEIGHT_MM, PIN_PLAY_MM = 3.0, 0.05  # mm
 MOULD_MATERIAL = PartMaterial("mould material", "aluminium or printed resin that does not inhibit the cure")
-MAX_POUR_RADIUS_MM, MAX_VENT_RADIUS_MM = 1.5, 0.5  # mm: radii of the holes, less where the block is narrow
+MAX_POUR_RADIUS_MM, MAX_VENT_RADIUS_MM = 1.5, 0.5  # mm: radii of the holes, smaller where the block is narrow
 
 
 @dataclass(frozen=True)
 class MouldSizes:
-    """A mould, mm: radii at the cavity's floor and at the parting plane.
+    """The sizes of a mould, mm.
 
     Attributes:
-        name: of the block.
+        name: name of the block.
         inner, outer: radii of the cavity at its floor and at the parting plane; ``inner`` is 0 for the solid block.
-        height: of the cavity.
+        height: height of the cavity.
         edge: radius of the round edges at the floor.
-        half_width, depth: of the rib that leaves the groove.
+        half_width, depth: half width and depth of the rib that forms the groove.
         pour, vent: radii of the holes in the lid.
-        draft: of the walls, rad.
-        shrinkage: linear.
+        draft: draft angle of the walls, rad.
+        shrinkage: linear shrinkage.
     """
 
     name: str
@@ -70,15 +70,15 @@ class MouldSizes:
         return (self.inner[1] + self.outer[1]) / 2 if self.inner[1] else 0.0
 
     def compute_radii(self, z: float) -> tuple[float, float]:
-        """Return the inner and outer radius of the cavity above its round edges, at a height."""
+        """Return the inner and outer radius of the cavity at height ``z``, above its round edges."""
         share = z / self.height
         return tuple(low + (high - low) * share for low, high in (self.inner, self.outer))  # type: ignore[return-value]
 
 
 def choose_draft(probe: Probe, max_draft: float = DEFAULT_DRAFT_RAD) -> float:
-    """Return the draft angle, rad: as requested, less where walls would change the gap by more than ``MAX_RELATIVE_GAP_CHANGE``.
+    """Return the draft angle, rad: the requested one, or the largest that changes the gap by ``MAX_RELATIVE_GAP_CHANGE``.
 
-    Half the height h above its middle both walls together have taken h tan(draft) from the gap:
+    With h the height of the blocks, both leaning walls together narrow the gap by h tan(draft) at one end:
 
         tan(draft) <= 0.05 gap / h.   (WS.2)
     """
@@ -91,13 +91,13 @@ def compute_mould_sizes(
     """Return the moulds of the inner and the outer block.
 
     Args:
-        probe: whose.
-        edge_radius: of the blocks' lower edges, m.
-        shrinkage: linear, of the elastomer while it cures.
-        draft: of the walls in rad, at most; see ``choose_draft``.
+        probe: the probe.
+        edge_radius: radius of the blocks' lower edges, m.
+        shrinkage: linear shrinkage of the elastomer while it cures.
+        draft: largest draft angle of the walls, rad; see ``choose_draft``.
 
     Raises:
-        InputError: no such shrinkage or draft.
+        InputError: shrinkage or draft is outside its range.
     """
     if not 0 <= shrinkage <= MAX_SHRINKAGE:
         raise InputError("shrinkage", Words(f"{shrinkage:g}"), f"a number from 0 to {MAX_SHRINKAGE:g}: of every length")
@@ -134,9 +134,9 @@ def _compute_sizes(
 
 
 def compute_cavity_volume(mould: MouldSizes) -> float:
-    """Return the volume of the closed mould's cavity in mm^3: frusta, less what round edges and rib take.
+    """Return the volume of the closed mould's cavity, mm^3: frusta, less the round edges and the rib.
 
-    The round edges stand below a frustum of radii a, b and height h, on a cylinder of the radius that the wall has there:
+    A frustum of radii a, b and height h has the volume V. Below it, the round edges are cut from a cylinder of the wall's radius.
 
         V = pi h (a^2 + a b + b^2) / 3.   (WS.3)
     """
@@ -153,7 +153,7 @@ def _frustum_volume(low: float, high: float, height: float) -> float:
 
 
 def compute_rib_volume(mould: MouldSizes) -> float:
-    """Return volume of the rib in mm^3: its footprint, eq. SC.1, between the leaning walls, over its depth, by Gauss's rule."""
+    """Return the rib's volume, mm^3: its footprint, eq. SC.1, between the leaning walls, integrated over its depth."""
     if not mould.depth:
         return 0.0
     nodes, weights = np.polynomial.legendre.leggauss(8)
@@ -170,12 +170,12 @@ def _groove_footprint(inner: float, outer: float, a: float) -> float:
 
 
 def compute_holes_volume(mould: MouldSizes) -> float:
-    """Return the volume in mm^3 of the lid's pour hole and vents, which become sprues."""
+    """Return the volume of the lid's pouring hole and vents, mm^3, which become sprues."""
     return math.pi * (mould.pour**2 + 2 * mould.vent**2) * LID_THICKNESS_MM
 
 
 def compute_half_volumes(mould: MouldSizes) -> dict[str, float]:
-    """Return the volumes of both halves in mm^3: what they are turned from, less the cavity and the holes, with pins and rib."""
+    """Return the volumes of both halves, mm^3: the blanks, less the cavity and the holes, with pins and rib."""
     cylinder = math.pi * mould.outside**2
     pins = sum(math.pi * radius**2 for radius in PIN_RADII_MM) * PIN_HEIGHT_MM
     holes = sum(math.pi * (radius + PIN_PLAY_MM) ** 2 for radius in PIN_RADII_MM) * (PIN_HEIGHT_MM + 0.5)
@@ -185,7 +185,7 @@ def compute_half_volumes(mould: MouldSizes) -> dict[str, float]:
 
 
 def compute_block_volume(probe: Probe, name: str, edge_radius: float = 0.0) -> float:
-    """Return the volume of a block of the scene in mm^3."""
+    """Return the volume of a block of the scene, mm^3."""
     from geometry.cad.parts_check import compute_expected_bodies
 
     return compute_expected_bodies(probe, edge_radius)[name].volume

@@ -1,4 +1,4 @@
-"""The two halves of the mould of each block as solids and STEP files, each read back and its volume compared with formulas."""
+"""Build both halves of each block's mould as solids and STEP files; read each file back and compare its volume with formulas."""
 
 from __future__ import annotations
 
@@ -35,15 +35,15 @@ MOULD_HALVES = ("lower", "upper")
 
 
 def format_file_name(mould: MouldSizes, half: str) -> str:
-    """Return the name of a half's file."""
+    """Return the file name of a mould's half."""
     return f"mould-{mould.name}-{half}.step"
 
 
 def write_half(mould: MouldSizes, half: str, stamp: Stamp, path: Path) -> None:
-    """Build a half, write it and read it back.
+    """Build a half, write it as STEP and check the file.
 
     Raises:
-        ExportError: the modeller fails, or the file does not hold what the formulas say.
+        ExportError: the modeller fails, or the file's volume differs from the formulas.
         MissingLibrary: see ``geometry.cad.solids.load_cadquery``.
         OSError: the file cannot be written.
     """
@@ -56,7 +56,7 @@ def write_half(mould: MouldSizes, half: str, stamp: Stamp, path: Path) -> None:
 
 
 def check_half(path: Path, name: str, volume: float) -> None:
-    """Raise ``ExportError`` unless a file holds one valid closed solid of that name and volume in mm^3."""
+    """Raise ``ExportError`` unless a file holds one valid closed solid with this name and volume, mm^3."""
     (solid_name, shape, _), *other_parts = read_step(path)
     if other_parts or solid_name != name or shape.ShapeType() != "Solid" or not shape.isValid():
         raise ExportError(f"{path.name}: shape = {solid_name} {shape.ShapeType()}, expected one valid Solid {name}")
@@ -67,7 +67,7 @@ def check_half(path: Path, name: str, volume: float) -> None:
 
 
 def build_lower(mould: MouldSizes) -> cadquery.Solid:
-    """Build the half with the cavity; the parting plane is its upper face, z = 0 the cavity's floor."""
+    """Build the half with the cavity; its upper face is the parting plane, and the cavity's floor is z = 0."""
     top, outside = mould.height, mould.outside
     corners = [(0.0, -FLOOR_THICKNESS_MM), (outside, -FLOOR_THICKNESS_MM), (outside, top), (mould.outer[1], top)]
     body: cadquery.Shape = _revolve(
@@ -84,7 +84,7 @@ def build_lower(mould: MouldSizes) -> cadquery.Solid:
 
 
 def build_upper(mould: MouldSizes) -> cadquery.Solid:
-    """Build the lid, as it lies on the lower half."""
+    """Build the lid, in place on the lower half."""
     body: cadquery.Shape = _build_cylinder(mould.outside, LID_THICKNESS_MM, (0.0, 0.0), mould.height)
     for radius, place in zip(PIN_RADII_MM, _list_pin_places(mould), strict=True):
         body = body.cut(_build_cylinder(radius + PIN_PLAY_MM, PIN_HEIGHT_MM + 0.5, place, mould.height))
@@ -94,7 +94,7 @@ def build_upper(mould: MouldSizes) -> cadquery.Solid:
 
 
 def list_holes(mould: MouldSizes) -> list[tuple[float, Point]]:
-    """Return the radius and place of the hole to pour through and of two vents; none of them above the rib, which lies at +x."""
+    """Return radius and centre of the pouring hole and of two vents; none of them is above the rib, which lies at +x."""
     if not mould.hole_circle_radius:
         offset = 0.8 * mould.outer[1]
         return [(mould.pour, (0.0, 0.0)), (mould.vent, (0.0, offset)), (mould.vent, (0.0, -offset))]
@@ -119,7 +119,7 @@ def _list_lines(corners: list[Point]) -> list[tuple[Point, ...]]:
 
 
 def _cavity_profile(mould: MouldSizes, floor: float) -> list[tuple[Point, ...]]:
-    """Return the cavity's wall and floor as lines of two and arcs of three points (r, z), from the rim inwards."""
+    """Return the cavity's wall and floor from the rim inwards: lines of two points (r, z), arcs of three."""
     e, (inner, outer) = mould.edge, mould.compute_radii(mould.edge)
     cut = e * (1 - math.sqrt(0.5))
     sides: list[tuple[Point, ...]] = [((mould.outer[1], mould.height), (outer, floor + e))]
@@ -133,7 +133,7 @@ def _cavity_profile(mould: MouldSizes, floor: float) -> list[tuple[Point, ...]]:
 
 
 def _pin_profile(mould: MouldSizes) -> list[tuple[Point, ...]]:
-    """Return the pin that leaves the tube's hole."""
+    """Return the profile of the pin that forms the tube's hole."""
     inner, _ = mould.compute_radii(mould.edge)
     if not inner:
         return []
@@ -145,7 +145,7 @@ def _axis_height(mould: MouldSizes) -> float:
 
 
 def _build_rib(mould: MouldSizes) -> cadquery.Solid:
-    """What of the cavity's ring lies in |y| < half the groove's width, x > 0, within its depth below the parting plane."""
+    """Build the rib: the part of the cavity's ring within the groove's width and depth, on the side x > 0."""
     cq, low = solids.load_cadquery(), mould.height - mould.depth
     (inner, outer), a = mould.compute_radii(low), mould.half_width
     ring = _revolve(
@@ -159,7 +159,7 @@ def _revolve(sides: list[tuple[Point, ...]]) -> cadquery.Solid:
     cq = solids.load_cadquery()
     edges = []
     for side in sides:
-        points = [cq.Vector(-radius, 0.0, z) for radius, z in side]  # the seam on the side of -x, away from the rib
+        points = [cq.Vector(-radius, 0.0, z) for radius, z in side]  # puts the seam at -x, away from the rib
         edges.append(cq.Edge.makeLine(*points) if len(points) == 2 else cq.Edge.makeThreePointArc(*points))
     face = cq.Face.makeFromWires(cq.Wire.assembleEdges(edges))
     return cq.Solid.revolve(face, 360.0, cq.Vector(0, 0, 0), cq.Vector(0, 0, 1))

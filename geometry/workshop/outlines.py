@@ -1,4 +1,4 @@
-"""Closed outlines of the parts, in mm: what a section cuts and what is seen from above, with arcs as arcs."""
+"""Build closed outlines of the parts, in mm, for sections and views from above; arcs are kept as arcs."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 from geometry.workshop.millimetres import Millimetres
 from geometry.workshop.sheet import Loop, Point
 
-CHORDS_PER_QUARTER = 32  # that are drawn for a quarter of a circle where arcs have to be polygons
+CHORDS_PER_QUARTER = 32  # chords for a quarter of a circle where arcs have to be polygons
 QUARTER_BULGE = math.tan(math.pi / 8)  # bulge of a quarter of a circle, to the left
 
 
@@ -17,7 +17,7 @@ def build_box(left: float, right: float, bottom: float, top: float) -> Loop:
 
 
 def build_block(left: float, right: float, top: float, edge: float) -> Loop:
-    """Return a rectangle on z = 0 whose lower corners are quarters of circles of radius ``edge``."""
+    """Return a rectangle on z = 0 whose lower corners are rounded with radius ``edge``."""
     if edge == 0:
         return build_box(left, right, 0.0, top)
     low = [(left, edge, QUARTER_BULGE), (left + edge, 0.0, 0.0), (right - edge, 0.0, QUARTER_BULGE), (right, edge, 0.0)]
@@ -47,7 +47,7 @@ def build_open_ring(inner: float, outer: float, half_width: float) -> Loop:
 
 
 def compute_area(loop: Loop) -> float:
-    """Return the area that an outline encloses, in mm^2: its polygon's and its arcs' segments."""
+    """Return the area that an outline encloses, mm^2: that of its polygon plus the segments of its arcs."""
     total = 0.0
     for (x, y, bulge), (next_x, next_y, _) in zip(loop, [*loop[1:], loop[0]], strict=True):
         total += (x * next_y - next_x * y) / 2
@@ -65,7 +65,7 @@ def convert_to_polygon(loop: Loop) -> list[Point]:
         corners.append((x, y))
         angle = 4 * math.atan(bulge)
         count = round(CHORDS_PER_QUARTER * abs(angle) / (math.pi / 2))
-        for k in range(1, count):  # on the arc of that angle: the chord from the start, at half of what is left to turn
+        for k in range(1, count):  # points on the arc, by the chord from its start
             turn = angle * k / count / 2
             length, lean = math.sin(turn) / math.sin(angle / 2), turn - angle / 2
             dx, dy = length * (next_x - x), length * (next_y - y)

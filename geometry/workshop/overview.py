@@ -1,4 +1,4 @@
-"""One page for a first look: a dimensioned axial section, a magnified detail, and a cutaway view of the assembly."""
+"""Draw an overview page: a dimensioned axial section, a magnified detail, and a cutaway view of the assembly."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-ASSUMED_MARK = "*"  # behind dimensions that the scene does not give
+ASSUMED_MARK = "*"  # follows dimensions that the scene does not give
 SHEET_SIZE_INCH = (16.0, 9.0)  # inches
-SECTION_PANEL = (0.025, 0.05, 0.56, 0.86)  # the section's place on the sheet: left, bottom, width, height
+SECTION_PANEL = (0.025, 0.05, 0.56, 0.86)  # position of the section on the sheet: left, bottom, width, height
 DIMENSION_SPACING_INCH = 0.34  # inches between two dimension lines
 HATCH_OF_PART = {"inner": "//", "outer": "\\\\", "film-inner": "xxxx", "film-outer": "xxxx", "base": "/"}
 
 
 def draw_probe(probe: Probe, path: Path, edge_radius: float = 0.0) -> Path:
-    """Write the drawing of the probe as a PNG of 2400 x 1350 pixels, dimensions in mm; returns ``path``.
+    """Write the overview of a probe as a PNG of 2400 x 1350 pixels, dimensions in mm; return ``path``.
 
     Args:
-        probe: what is drawn.
-        path: of the PNG.
-        edge_radius: of the blocks' lower edges in m; 0: sharp.
+        probe: the probe to be drawn.
+        path: path of the PNG.
+        edge_radius: radius of the blocks' lower edges, m; 0: sharp.
 
     Raises:
         ExportError, InputError, MissingLibrary: see ``solids.build_parts``.
@@ -68,7 +68,7 @@ def build_section_outlines(probe: Probe, edge_radius: float = 0.0) -> dict[str, 
 
 
 def _fill_section(axes: Axes, probe: Probe, edge_radius: float) -> None:
-    if probe.groove is not None:  # what is seen behind the cut: the groove's side, and the film's edge above it
+    if probe.groove is not None:  # visible behind the cut: the groove's side, and the film's edge above it
         lengths = convert_to_mm(probe)
         side = build_box(lengths.ri, lengths.ro, lengths.h1 - lengths.depth, lengths.h1)
         film = build_box(lengths.ri, lengths.ro, lengths.h1, lengths.h1 + lengths.t)
@@ -113,8 +113,8 @@ def _draw_section(axes: Axes, probe: Probe, edge_radius: float) -> None:
     _draw_dimension(axes, (rf, flange_bottom), (rf, top), line_position=rf + step, text=text, inch=inch, upright=True)
     _draw_leader(axes, (-lengths.middle, edge), (-rf - step, -2.2 * step), f"gap {format_number(ri - r2)}")
     if edge > 0:
-        cut = edge * (1 - 0.5**0.5)  # from the corner that is not there to the middle of the arc
-        low = min(-0.35 * step, h1 - 0.25 * inch - 0.5 * step)  # below the arrows of what is measured to the right
+        cut = edge * (1 - 0.5**0.5)  # from the corner of the sharp block to the middle of the arc
+        low = min(-0.35 * step, h1 - 0.25 * inch - 0.5 * step)  # below the arrows of the dimensions on the right
         _draw_leader(axes, (ro - cut, cut), (rf + 2.2 * step, low), f"R {format_number(edge)}")
     if probe.groove is not None:
         depth = lengths.depth
@@ -126,7 +126,7 @@ def _draw_section(axes: Axes, probe: Probe, edge_radius: float) -> None:
 
 
 def _set_frame(axes: Axes, radius: float, height: float) -> float:
-    """Scale the axes so that the probe and its dimension lines fill them; returns mm of the probe per inch."""
+    """Scale the axes so that the probe and its dimension lines fill them; return mm of the probe per inch."""
     width, tall = SECTION_PANEL[2] * SHEET_SIZE_INCH[0], SECTION_PANEL[3] * SHEET_SIZE_INCH[1]
     inch = max(2 * radius / (width - 8 * DIMENSION_SPACING_INCH - 0.4), height / (tall - 7 * DIMENSION_SPACING_INCH))
     axes.set_xlim(-width / 2 * inch, width / 2 * inch)
@@ -162,7 +162,7 @@ def _draw_dimension(
         for tip, tail in ((low, low - 0.25 * inch), (high, high + 0.25 * inch)):
             axes.annotate("", place(tip), place(tail), arrowprops={"arrowstyle": "-|>,head_width=0.12,head_length=0.35", **style})
     text_position, room = (low + high) / 2, (0.1 + 0.085 * len(text)) * inch
-    if high - low < room:  # no room for the number between the arrows: it goes beyond them
+    if high - low < room:  # the number does not fit between the arrows and is placed beyond them
         text_position = high + 0.3 * inch + room / 2
         axes.plot(*zip(place(high), place(text_position), strict=True), color="black", lw=0.7)
     white = {"facecolor": "white", "edgecolor": "none", "pad": 0.8}
@@ -191,12 +191,12 @@ def _draw_detail(axes: Axes, probe: Probe, edge_radius: float) -> None:
     tip, text = (x - gap / 4, f"clearance {format_number(gap / 2)}") if boss else (x, f"gap {format_number(gap)}")
     _draw_leader(axes, (tip, height), (x - 0.5 * reach, z - 0.85 * reach), text)
     if probe.film is not None:
-        film = -ri - min(reach - gap / 2, ro - ri) / 2  # the middle of what is seen of it
+        film = -ri - min(reach - gap / 2, ro - ri) / 2  # the middle of its visible part
         _draw_leader(axes, (film, z), (film, z + 0.7 * reach), f"film {_format_length(probe, 'film.thickness', t)}")
 
 
 def _build_notes(probe: Probe, edge_radius: float) -> list[tuple[str, tuple[float, float, float] | None]]:
-    """Return lines of text, those of the parts with their colour."""
+    """Return the lines of the legend, each with its colour."""
     thick = f"{_format_length(probe, 'film.thickness', solids.film_thickness(probe) * solids.MM_PER_M)} thick"
     cut, step = probe.groove_footprint, DIAMETER_SIGN + format_number(2 * probe.tube_radius * solids.MM_PER_M)
     materials = find_part_materials(probe)
@@ -224,5 +224,5 @@ def _build_notes(probe: Probe, edge_radius: float) -> list[tuple[str, tuple[floa
 
 
 def _format_length(probe: Probe, key: str, length: float) -> str:
-    """Return a length in mm as text, with a mark if it is assumed because the scene leaves ``key`` of the probe open."""
+    """Return a length in mm as text, with a mark if it is assumed because the scene does not give ``key`` of the probe."""
     return format_number(length) + (ASSUMED_MARK if f"probe.{key}" in assumed_sizes(probe) else "")

@@ -1,4 +1,4 @@
-"""All that a workshop gets beside the solids: by file name, what writes it."""
+"""List the workshop's files besides the solids, each by name with the function that writes it."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from geometry.workshop.tolerance import CASTING_PROCESS, NO_BUDGET, Budget
 
 @dataclass(frozen=True)
 class Casting:
-    """How the blocks are cast.
+    """Settings for casting the blocks.
 
     Attributes:
-        shrinkage: linear, of the elastomer while it cures.
-        draft: of the moulds' walls in rad, at most; see ``geometry.workshop.mould_sizes.choose_draft``.
+        shrinkage: linear shrinkage of the elastomer while it cures.
+        draft: largest draft angle of the moulds' walls, rad; see ``geometry.workshop.mould_sizes.choose_draft``.
     """
 
     shrinkage: float = mould_sizes.DEFAULT_SHRINKAGE
@@ -38,18 +38,18 @@ DEFAULT_CASTING = Casting()
 def build_writers(
     probe: Probe, edge_radius: float = 0.0, budget: Budget = NO_BUDGET, casting: Casting = DEFAULT_CASTING
 ) -> dict[str, Writer]:
-    """Return drawings (DXF and PDF), film patterns, moulds, bill of materials, tolerances and the order of assembly.
+    """Return functions that write drawings, film patterns, moulds, bill of materials, tolerances and assembly order.
 
-    They are what ``geometry.cad.export.export_parts`` takes as ``other_files``.
+    They are the argument ``other_files`` of ``geometry.cad.export.export_parts``.
 
     Args:
-        probe: what is built.
-        edge_radius: of the blocks' lower edges, m.
-        budget: what the ratio leaves the dimensions.
-        casting: how the blocks are cast.
+        probe: the probe to be built.
+        edge_radius: radius of the blocks' lower edges, m.
+        budget: the deviations that the ratio allows the dimensions.
+        casting: settings for casting the blocks.
 
     Raises:
-        InputError: no such casting; see also ``geometry.scenes.base_sizes.base_sizes``.
+        InputError: a setting for casting is outside its range; see also ``geometry.scenes.base_sizes.base_sizes``.
     """
     stamp = build_stamp(probe, edge_radius)
     views = {**build_part_views(probe, edge_radius), "assembly": build_assembly_view(probe, edge_radius)}
@@ -76,7 +76,7 @@ def build_writers(
 def _build_drawing_writers(
     probe: Probe, views: dict[str, PartView], stamp: Stamp, budget: Budget, *, cast: Mapping[str, mould_sizes.MouldSizes]
 ) -> dict[str, Writer]:
-    """Return what writes both forms of each drawing; the sheet is made once, when the first of them is written."""
+    """Return functions that write each drawing as DXF and PDF; its sheet is drawn once, when the first is written."""
     drawing_writers: dict[str, Writer] = {}
     for name, view in views.items():
         extra = list_parts(probe, stamp.materials) if name == "assembly" else ()

@@ -1,4 +1,4 @@
-"""What the drawing of each part shows: section, view from above and dimensions, all from the probe's numbers in mm."""
+"""Define the content of each part's drawing, in mm: section, view from above and dimensions."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from geometry.workshop.sheet import DIAMETER_SIGN, Loop, Point
 from geometry.workshop.tolerance import MACHINING_PROCESS, Budget, Tolerance, find_tolerance
 
 Place = Literal["below", "left", "right", "plan"]
-RATIO_DRAWINGS = ("inner", "outer", "assembly")  # drawings whose dimensions move the ratio
-CLOSURE_DIMENSIONS = ("inner_height", "outer_height")  # of a casting: from the cavity's floor to the lid
-SEAT_ROUGHNESS = "Ra 0.8"  # of faces that a film is bonded to: peaks far below the film and its adhesive
+RATIO_DRAWINGS = ("inner", "outer", "assembly")  # drawings whose dimensions affect the ratio
+CLOSURE_DIMENSIONS = ("inner_height", "outer_height")  # of a casting: measured from the cavity's floor to the lid
+SEAT_ROUGHNESS = "Ra 0.8"  # of faces to which a film is bonded: peaks far below the thickness of film and adhesive
 DRAWING_TITLES = {
     "inner": "Inner block",
     "outer": "Outer block",
@@ -34,12 +34,14 @@ class Measure:
     """A dimension.
 
     Attributes:
-        name: of the probe's dimension that it shows, such as "inner_radius".
-        start, end: two points of the part whose horizontal or, to the left or right or in the plan, upright distance it is, mm.
+        name: name of the probe's dimension, such as "inner_radius".
+        start, end: two points of the part, mm; the dimension is their horizontal distance, or, to the left or right of the
+            section or in the plan, their vertical one.
         place: below the section, left or right of it, or right of the view from above.
-        prefix: before the number: a diameter's sign, or nothing.
-        assumed: whether the scene leaves it open.
-        auxiliary: whether others give it, here or in a part's drawing; it stands in parentheses, without deviation (ISO 129-1).
+        prefix: text before the number: a diameter sign, or empty.
+        assumed: whether the scene does not give it.
+        auxiliary: whether it follows from others, on this or a part's drawing; it stands in parentheses, without deviation
+            (ISO 129-1).
     """
 
     name: str
@@ -57,7 +59,7 @@ class Measure:
         return abs(self.end[axis] - self.start[axis])
 
     def find_tolerance(self, part: str, process: str, budget: Budget) -> Tolerance:
-        """Return how the dimension is held on the drawing of a part, mm; the ratio binds the blocks and their gap alone."""
+        """Return the dimension's tolerance on a part's drawing; the ratio limits only the blocks and their gap."""
         bound = budget.find_bound(self.name) if part in RATIO_DRAWINGS else None
         factor = 2 if self.prefix else 1
         closure = self.name in CLOSURE_DIMENSIONS
@@ -66,18 +68,18 @@ class Measure:
 
 @dataclass(frozen=True)
 class PartView:
-    """What is drawn of a part, in its own coordinates: z upwards in the section, y in the view from above.
+    """The drawn lines and dimensions of a part, in its own coordinates: z upwards in the section, y in the view from above.
 
     Attributes:
-        name: of the part.
-        cut: outlines that the section y = 0 cuts, each with the angle of its hatching in degrees.
-        seen: lines behind the section.
+        name: name of the part.
+        cut: outlines in the section y = 0, each with the angle of its hatching in degrees.
+        seen: visible lines behind the section.
         plan: outlines seen from above.
-        hidden: radii of circles that are hidden there.
+        hidden: radii of circles that are hidden in the view from above.
         plan_lines: lines seen from above.
         measures: the dimensions.
-        seats: points of faces that are bonded, and whether they look up.
-        edge: radius of round lower edges, and the right one's centre; None where they are sharp.
+        seats: points of faces that are bonded, and whether the faces point up.
+        edge: radius of round lower edges, and the right one's centre; None for sharp edges.
         items: points of the parts of an assembly, from above, in the order of its list.
     """
 
@@ -99,7 +101,7 @@ class PartView:
 
 
 def build_part_views(probe: Probe, edge_radius: float = 0.0) -> dict[str, PartView]:
-    """Return what is drawn of each part, by its name; ``edge_radius`` in m."""
+    """Return the views of all parts by name; ``edge_radius`` is that of the blocks' lower edges, m."""
     lengths = convert_to_mm(probe, edge_radius)
     open_sizes = {key.removeprefix("probe.") for key in assumed_sizes(probe)}
     films = {}
@@ -115,7 +117,7 @@ def build_part_views(probe: Probe, edge_radius: float = 0.0) -> dict[str, PartVi
 
 
 def build_diameter(name: str, radius: float, z: float, assumed: bool = False, auxiliary: bool = False) -> Measure:
-    """Return a diameter, dimensioned below the section."""
+    """Return the dimension of a diameter, placed below the section."""
     return Measure(name, (-radius, z), (radius, z), "below", DIAMETER_SIGN, assumed, auxiliary)
 
 
@@ -215,7 +217,7 @@ def _build_base(lengths: Millimetres, open_sizes: set[str]) -> PartView:
     measures.append(thickness)
     if flange_bottom > max(low, side):
         assumed = "base.step_height" in open_sizes
-        # from the higher film end, which is the boss's where that is a recess
+        # from the higher film end, that of the boss if the boss is a recess
         start = (lengths.ro, side) if side >= low else (middle, low)
         measures.append(Measure("step_height", start, (lengths.ro, flange_bottom), "right", assumed=assumed))
     if low != side:
@@ -238,7 +240,7 @@ HATCH_ANGLES_DEG = {"inner": 0.0, "outer": 90.0, "film-inner": 0.0, "film-outer"
 
 
 def build_assembly_view(probe: Probe, edge_radius: float = 0.0) -> PartView:
-    """Return what is drawn of the whole probe."""
+    """Return the view of the whole probe."""
     lengths, alone = convert_to_mm(probe, edge_radius), build_part_views(probe, edge_radius)
     top, rf = lengths.top, lengths.rf
     tips = {
@@ -254,7 +256,7 @@ def build_assembly_view(probe: Probe, edge_radius: float = 0.0) -> PartView:
     heights.append(Measure("total_height", (-lengths.ro, 0), (-rf, top), "left", auxiliary=True))
     widths = [build_diameter("outer_radius", lengths.ro, lengths.edge, auxiliary=True)]
     widths += [build_diameter("flange_radius", rf, top, auxiliary=True)] if rf > lengths.ro else []
-    # the gap of blocks of which one is cast follows from both castings, and is no dimension of its own
+    # if a block is cast the gap follows from both radii, and is an auxiliary dimension
     cast = any(find_part_materials(probe)[block].process != MACHINING_PROCESS for block in ("inner", "outer"))
     gap = Measure("gap", (lengths.r2, lengths.edge), (lengths.ri, lengths.edge), "below", auxiliary=cast)
     return PartView(

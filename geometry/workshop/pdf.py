@@ -1,4 +1,4 @@
-"""Sheets printed as PDF at their true scale, with text that can be searched."""
+"""Print sheets as PDF at their true scale, with searchable text."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 
 
 MM_PER_INCH = 25.4
-CAPITAL_HEIGHT_FRACTION = 0.72  # of the font's size: height of Helvetica's capitals and figures, and of DejaVu Sans'
+CAPITAL_HEIGHT_FRACTION = 0.72  # of the font size: height of capitals and figures in Helvetica and DejaVu Sans
 
 
 def write_pdf(sheet: DrawingSheet, path: Path, title: str, origin: Provenance | None = None) -> None:
-    """Print a sheet, made by ``origin``; a millimetre of the file's page is one of paper. Raises ``OSError``."""
-    import matplotlib  # the fonts that every reader has: making subsets of others takes longer than the drawing
+    """Print a sheet as PDF at its true scale, with the provenance ``origin``. Raises ``OSError``."""
+    import matplotlib  # standard PDF fonts: embedding subsets of others takes longer than the drawing
 
     with matplotlib.rc_context({"pdf.use14corefonts": True}):
         figure = draw_figure(sheet)
@@ -65,7 +65,7 @@ def draw_figure(sheet: DrawingSheet) -> Figure:
 
 
 def list_texts(sheet: DrawingSheet) -> list[MText | Text]:
-    """Return every line of text on the sheet, those of dimensions among them."""
+    """Return all lines of text on the sheet, including those of dimensions."""
     from ezdxf.entities.dimension import Dimension
     from ezdxf.entities.mtext import MText
     from ezdxf.entities.text import Text

@@ -1,4 +1,4 @@
-"""How exactly parts are made: machining, casting and printing, each with its deviations and their source."""
+"""Define the deviations of manufacturing processes (machining, casting, printing), with their sources."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ Table = tuple[tuple[float, float], ...]
 
 @dataclass(frozen=True)
 class Process:
-    """A way to make a part; deviations either way, mm.
+    """A manufacturing process; deviations are ±, mm.
 
     Attributes:
-        name: in ``processes.toml``, such as "casting".
-        about: what it is.
-        general: what a title block says of sizes without a deviation.
-        source: of the deviations.
-        roughness, bonded: of the faces, and of those that are bonded.
-        fixed: sizes up to, and their deviations.
-        closure: likewise of sizes across the parting plane of a mould; empty: as ``fixed``.
-        relative, minimum: deviation over size, and the lowest deviation, beyond the tables; 0 and 0: none there.
-        smallest: size below which the tables have none.
-        finest, finest_source: the lowest deviations that can be asked for; empty: no tighter ones than the usual.
+        name: name in ``processes.toml``, such as "casting".
+        about: description.
+        general: text of the title block on sizes without a deviation.
+        source: source of the deviations.
+        roughness, bonded: roughness of the faces, and of faces that are bonded.
+        fixed: upper limits of size, each with its deviation.
+        closure: the same for sizes across the parting plane of a mould; empty: as ``fixed``.
+        relative, minimum: deviation over size, and smallest deviation, beyond the tables; 0 and 0: no deviation there.
+        smallest: size below which the tables have no deviation.
+        finest, finest_source: the smallest deviations that can be ordered, and their source; empty: none below the usual.
     """
 
     name: str
@@ -51,7 +51,7 @@ class Process:
         return proportional or None if deviation_found is None else deviation_found
 
     def find_tightest(self, size: float) -> float | None:
-        """Return the lowest deviation of a size that can be asked for, mm; None where no tighter one than the usual can."""
+        """Return the smallest deviation that can be ordered for a size, mm; None if it is the usual one."""
         deviation_found = _look_up(self.finest, size)
         return self.finest[-1][1] * size / self.finest[-1][0] if self.finest and deviation_found is None else deviation_found
 

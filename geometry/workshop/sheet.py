@@ -1,6 +1,6 @@
-"""A drawing sheet: one DXF document in true millimetres, whose frame, text and arrows are as large as its scale wants.
+"""Define a drawing sheet: one DXF document in true millimetres, with frame, text and arrows enlarged or reduced by its scale.
 
-What is drawn measures 1:1 in model space, so that a reader's distances are the part's; printed at the scale it gives the sheet.
+The part is drawn 1:1 in model space, so that distances measured there are the part's; printed at the scale it fills the sheet.
 ``geometry.workshop.pdf`` prints the same document.
 """
 
@@ -28,9 +28,7 @@ TEXT_HEIGHT_MM, DIMENSION_SPACING_MM, ARROW_LENGTH_MM = (
     8.0,
     2.5,
 )  # mm of paper: height of figures, between two dimension lines, an arrow's length
-WIDTH_PER_LETTER = (
-    0.9  # width of a letter over the height of figures; DejaVu Sans has 0.87 for figures, a drawing's narrow font less
-)
+WIDTH_PER_LETTER = 0.9  # width of a letter over the height of figures; 0.87 for figures of DejaVu Sans, less for a narrow font
 LINE_STYLES = {  # layer: colour index, line width in 1/100 mm, line type; ISO 128-2
     "OUTLINE": (7, 50, "CONTINUOUS"),
     "HIDDEN": (8, 25, "DASHED"),
@@ -50,7 +48,7 @@ class DrawingSheet:
 
     Attributes:
         size: "A4" or "A3", upright.
-        scale: millimetres of paper for one of the part.
+        scale: millimetres of paper per millimetre of the part.
     """
 
     size: str
@@ -58,7 +56,7 @@ class DrawingSheet:
 
     @property
     def mm_per_paper_mm(self) -> float:
-        """Millimetres of the part in one of paper."""
+        """Millimetres of the part per millimetre of paper."""
         return 1 / self.scale
 
     @property
@@ -69,7 +67,7 @@ class DrawingSheet:
 
     @cached_property
     def document(self) -> Drawing:
-        """The DXF document, millimetres."""
+        """The DXF document, in millimetres."""
         from ezdxf.filemanagement import new
 
         document = new("R2010", setup=["linetypes"], units=4)
@@ -90,7 +88,7 @@ class DrawingSheet:
 
     @cached_property
     def model(self) -> Modelspace:
-        """Its model space."""
+        """The model space of the document."""
         return self.document.modelspace()
 
     def create_view(self, x: float, y: float) -> View:
@@ -98,7 +96,7 @@ class DrawingSheet:
         return View(self, x * self.mm_per_paper_mm, y * self.mm_per_paper_mm)
 
     def write_text(self, x: float, y: float, text: str, height: float = TEXT_HEIGHT_MM, align: str = "LEFT") -> None:
-        """Write a line at (x, y) in mm of paper, its letters ``height`` mm high."""
+        """Write a line of text at (x, y) in mm of paper, in letters ``height`` mm high."""
         from ezdxf.enums import TextEntityAlignment
 
         line = self.model.add_text(text, height=height * self.mm_per_paper_mm, dxfattribs={"layer": "TEXT"})
@@ -113,14 +111,14 @@ class DrawingSheet:
 
 @dataclass(frozen=True)
 class View:
-    """A view of a part: its coordinates are the part's in mm, its origin lies at (x, y) in mm of the sheet's model space."""
+    """A view of a part, in the part's coordinates, mm; its origin lies at (x, y) of the sheet's model space, mm."""
 
     sheet: DrawingSheet
     x: float
     y: float
 
     def to_model(self, point: Point) -> Point:
-        """Return where a point of the part lies in model space."""
+        """Convert a point of the part to model space."""
         return self.x + point[0], self.y + point[1]
 
     def draw_loop(self, loop: Loop, layer: str = "OUTLINE") -> None:
@@ -129,7 +127,7 @@ class View:
         self.sheet.model.add_lwpolyline(points, format="xyb", close=True, dxfattribs={"layer": layer})
 
     def draw_section(self, loop: Loop, angle: float = 0.0) -> None:
-        """Draw a closed outline that is cut, hatched at 45 degrees + ``angle``; what is thin on paper is filled."""
+        """Draw a section's closed outline, hatched at 45 degrees + ``angle``; a section that is thin on paper is filled."""
         self.draw_loop(loop)
         points = [(*self.to_model((x, y)), bulge) for x, y, bulge in loop]
         hatch = self.sheet.model.add_hatch(dxfattribs={"layer": "SECTION", "color": 256})
@@ -155,10 +153,10 @@ class View:
     def draw_dimension(
         self, start: Point, end: Point, text: str, *, line_position: float, upright: bool = False, clear: float = -math.inf
     ) -> None:
-        """Dimension horizontal or upright distance of two points; line lies ``line_position`` that y, or x, of the part, in mm.
+        """Dimension the horizontal or vertical distance of two points, with the line at y or x = ``line_position``, mm.
 
-        The text stands on the line where it fits between the arrows, else on its continuation beyond its upper or right end
-        and beyond ``clear``, where nothing else is.
+        The text stands on the line if it fits between the arrows, else on the extended line beyond its upper or right end
+        and beyond ``clear``.
         """
         axis = 1 if upright else 0
         place = (lambda value: (line_position, value)) if upright else (lambda value: (value, line_position))
@@ -181,7 +179,7 @@ class View:
         made.dimension.dxf.actual_measurement = high - low
 
     def draw_radius(self, centre: Point, radius: float, angle: float, text: str, place: Point) -> None:
-        """Dimension an arc's radius from outside, at an angle in degrees; ``place`` is where the text's middle lies."""
+        """Dimension an arc's radius from outside, at an angle in degrees; ``place`` is the centre of the text."""
         made = self.sheet.model.add_radius_dim(
             center=self.to_model(centre), radius=radius, angle=angle, text=text, dimstyle=DIMENSION_STYLE,
             dxfattribs={"layer": "DIMENSION"},
@@ -192,7 +190,7 @@ class View:
         made.dimension.dxf.actual_measurement = radius
 
     def draw_item(self, tip: Point, place: Point, text: str) -> None:
-        """Point from the right of ``place`` at ``tip`` and write there which item of a list it is."""
+        """Write the number of a list's item at ``place``, with a line to the right that points at ``tip``."""
         unit = self.sheet.mm_per_paper_mm
         x, y = self.to_model(place)
         self.sheet.model.add_lwpolyline([self.to_model(tip), (x, y), (x + 4 * unit, y)], dxfattribs={"layer": "DIMENSION"})
@@ -200,7 +198,7 @@ class View:
         self.sheet.write_text(x / unit + 5, y / unit - 1.5, text, 3.0)
 
     def draw_roughness(self, point: Point, text: str, is_upward: bool = True) -> None:
-        """Set the symbol of a surface that is machined (ISO 21920-1) on a face that looks up, or down, with its value."""
+        """Draw the symbol of surface roughness (ISO 21920-1) with its value on a face that points up, or down."""
         unit, sign = self.sheet.mm_per_paper_mm, 1 if is_upward else -1
         x, y = (coordinate / unit for coordinate in self.to_model(point))
         high, wide = 5.0 * sign, 2.5
@@ -229,5 +227,5 @@ def find_bounds(loops: Iterable[Loop]) -> tuple[float, float, float, float]:
 
 
 def format_number(length: float) -> str:
-    """Write a length in mm to 0.1 um, finer only where nothing would be left."""
+    """Format a length in mm to 0.1 um; finer only where it would be rounded to zero."""
     return f"{length:.4f}".rstrip("0").rstrip(".") if length >= 5e-4 else f"{length:.3g}"

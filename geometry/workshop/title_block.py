@@ -1,4 +1,4 @@
-"""The title block of a sheet: what the part is, of what, at which scale, how exact, of which design; ISO 7200, without a date."""
+"""Draw the title block of a sheet: part, material, scale, general tolerance and design; ISO 7200, without a date."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ NOTE_SPACING_MM = 4.0  # between two lines of notes
 
 @dataclass(frozen=True)
 class Title:
-    """What a title block says.
+    """The entries of a title block.
 
     Attributes:
-        name: of the part.
-        file: name of the drawing's files without their ending.
-        material: of the part.
-        stamp: the design's.
-        process: by which it is made; None of an assembly, whose parts have one each.
+        name: name of the part.
+        file: name of the drawing's files without suffix.
+        material: material of the part.
+        stamp: stamp of the design.
+        process: manufacturing process; None for an assembly, whose parts have one each.
     """
 
     name: str
@@ -35,7 +35,7 @@ class Title:
 
 
 def format_scale(scale: float) -> str:
-    """Write a scale as drawings do: ``5:1`` or ``1:2``."""
+    """Format a scale as drawings state it: ``5:1`` or ``1:2``."""
     return f"{scale:g}:1" if scale >= 1 else f"1:{1 / scale:g}"
 
 
@@ -81,19 +81,19 @@ def _draw_cells(sheet: DrawingSheet, left: float, high: float, row: list[tuple[s
 
 
 def fit_letter_height(text: str, width: float, height: float = MAX_LETTER_HEIGHT_MM) -> float:
-    """Return the height of letters at which a text is no wider than ``width``, at most ``height``; mm of paper."""
+    """Return the largest height of letters, up to ``height``, at which a text is no wider than ``width``; mm of paper."""
     return min(height, width / (WIDTH_PER_LETTER * max(1, len(text))))
 
 
 def draw_notes(sheet: DrawingSheet, lines: list[str], bottom: float) -> None:
-    """Write lines above each other, the last one at ``bottom``, in mm of paper."""
+    """Write lines of notes one below the other, the last one at ``bottom``, mm of paper."""
     left, _, right, _ = sheet.frame
     for number, line in enumerate(reversed(lines)):
         sheet.write_text(left + 4, bottom + NOTE_SPACING_MM * number, line, fit_letter_height(line, right - left - 8))
 
 
 def _draw_first_angle_symbol(sheet: DrawingSheet, x: float, y: float) -> None:
-    """Draw the symbol of first-angle projection, ISO 5456-2: the cone, and to its right what is seen from its left."""
+    """Draw the symbol of first-angle projection, ISO 5456-2: a cone, and to its right its view from the left."""
     sheet.draw_line((x - 9, y - 1), (x - 3, y - 2), (x - 3, y + 2), (x - 9, y + 1), (x - 9, y - 1), layer="TEXT")
     view: View = sheet.create_view(x + 4, y)
     for radius in (1.0, 2.0):

@@ -1,4 +1,4 @@
-"""How tightly a dimension is held: as its process holds it, or tighter where the ratio wants it and the process can."""
+"""Choose the tolerance of a dimension: its process's usual one, or a tighter one that the ratio needs and the process allows."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from geometry.workshop.processes import Process, find_process
 MACHINING_PROCESS, CASTING_PROCESS = "machining", "casting"
 # ISO 2768-1:1989, table 2, class m, for radii and chamfers that are machined: sizes up to, and the deviation, in mm
 RADIUS_DEVIATIONS_MM = ((3.0, 0.2), (6.0, 0.5), (math.inf, 1.0))
-SMALL_SIZE_FRACTION = 0.1  # of a machined size that is too small for the standard, or for its deviation: what it is given here
-MAX_SIZE_FRACTION = 0.5  # of a size of any other process: no deviation takes more
+SMALL_SIZE_FRACTION = 0.1  # deviation over size for machined sizes that are too small for the standard, or for its deviation
+MAX_SIZE_FRACTION = 0.5  # of a size, for any other process: the largest deviation
 DEVIATION_PER_SD = math.sqrt(3)
-"""Deviation either way over standard deviation, anything within it being as likely (JCGM 100:2008, 4.3.7)."""
+"""± deviation over standard deviation of a uniform distribution (JCGM 100:2008, 4.3.7)."""
 
 
 @dataclass(frozen=True)
 class Tolerance:
-    """Deviation allowed either way from a size.
+    """The ± deviation allowed for a size.
 
     Attributes:
-        size: in mm.
-        deviation: in mm.
-        source: what it follows from.
-        is_stated: whether the drawing writes it beside the size.
+        size: the size, mm.
+        deviation: the deviation, mm.
+        source: standard or requirement from which it follows.
+        is_stated: whether the drawing states it next to the size.
     """
 
     size: float
@@ -36,15 +36,15 @@ class Tolerance:
 
 @dataclass(frozen=True)
 class Scatter:
-    """What scatters the ratio beside dimensions: a modulus, a Poisson's ratio or a film's gain.
+    """A number other than a dimension that scatters the ratio: a modulus, a Poisson's ratio or a film's gain.
 
     Attributes:
         name: key of the scene file, or of a film's gain.
-        words: the same in words.
-        nominal: with its unit.
+        words: description of the number.
+        nominal: nominal value with its unit.
         sd: its standard deviation relative to the nominal value.
-        ratio: standard deviation that it gives the ratio, relative.
-        source: of ``sd``.
+        ratio: relative standard deviation of the ratio due to it.
+        source: source of ``sd``.
     """
 
     name: str
@@ -57,15 +57,14 @@ class Scatter:
 
 @dataclass(frozen=True)
 class Budget:
-    """What the ratio of the two stresses leaves the dimensions, and what else scatters it.
+    """The deviations that the ratio of the two stresses allows the dimensions, and the other sources of its scatter.
 
     Attributes:
-        percent: that dimensions, moduli and gains together may change of the ratio, a standard deviation.
-        deviations: by the name of a block's dimension the deviation in mm that would do, of a radius where that is drawn as a
-            diameter.
-        sensitivities: likewise d ln ratio / d ln size.
-        scatter: of all that no drawing holds.
-        remark: why there are none.
+        percent: standard deviation allowed for the ratio, in percent, by dimensions, moduli and gains together.
+        deviations: deviation allowed for a block's dimension, mm, by its name; of the radius for a diameter.
+        sensitivities: d ln ratio / d ln size, by the same names.
+        scatter: the numbers that no drawing limits.
+        remark: reason why there is no budget.
     """
 
     percent: float = 0.0
@@ -75,11 +74,11 @@ class Budget:
     remark: str = ""
 
     def find_bound(self, name: str) -> float | None:
-        """Return the deviation of a dimension in mm, None where the ratio binds it not."""
+        """Return the deviation that the ratio allows a dimension, mm; None where the ratio does not limit it."""
         return self.deviations.get(name)
 
     def find_modulus(self, block: str) -> Scatter | None:
-        """Return how well the modulus of a block is known; None where that is not known."""
+        """Return the scatter of a block's modulus; None where it is unknown."""
         return next((scatter for scatter in self.scatter if scatter.name == f"probe.{block}.youngs_modulus"), None)
 
 
@@ -89,17 +88,17 @@ NO_BUDGET = Budget()
 def find_tolerance(
     size: float, bound: float | None = None, radius: bool = False, *, process: str = MACHINING_PROCESS, closure: bool = False
 ) -> Tolerance:
-    """Return the deviation of a size, all in mm: the process's, or ``bound`` where that is tighter and the process can.
+    """Return the tolerance of a size, in mm: the process's deviation, or a tighter ``bound`` that the process can hold.
 
-    A machined size for which the standard has no deviation, or one of more than a tenth of it, gets a tenth. Castings and prints
-    have their process's deviation beside each size: no bound makes them more exact.
+    A machined size for which the standard has no deviation, or one above a tenth of the size, gets a tenth. Castings and prints
+    state their process's deviation next to each size, since no bound makes them more accurate.
 
     Args:
-        size: of the dimension.
-        bound: what the ratio leaves it.
-        radius: whether it is the radius of an edge.
-        process: by which the part is made.
-        closure: whether the size lies across the parting plane of a mould.
+        size: the size.
+        bound: the deviation that the ratio allows.
+        radius: whether the size is the radius of an edge.
+        process: the manufacturing process of the part.
+        closure: whether the size crosses the parting plane of a mould.
     """
     made = find_process(process)
     if process != MACHINING_PROCESS:
@@ -124,7 +123,7 @@ def _find_machined(made: Process, size: float, radius: bool) -> tuple[float, str
 
 
 def format_deviation(deviation: float) -> str:
-    """Write a deviation in mm to two figures, rounded down: what is allowed is never more than was found."""
+    """Format a deviation in mm to two digits, rounded down, so that the drawing never allows more than computed."""
     exponent = math.floor(math.log10(deviation)) - 1
     step = 10.0**exponent
     figures = math.floor(deviation / step * (1 + 1e-9))
