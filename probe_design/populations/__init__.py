@@ -1,1 +1,1 @@
-"""Design files: for which tumours, read how and with which noise a probe is designed, and how many of them it would find."""
+"""Read design files, which state tumours, readings and noise, and compute which fraction of the tumours a probe detects."""

@@ -1,7 +1,7 @@
-"""Readings over a population by formulas, for many probes: what a search asks.
+"""Compute readings over a population with the closed form, for the many probes of a search.
 
-What does not depend on the probe is found once: which tumour, seen from which position, is a column of
-``closed_form.designs.compute_forces``. Each probe then takes one evaluation on arrays, complex where derivatives are wanted.
+Everything that does not depend on the probe is prepared once: each pair of a tumour and a position of the probe is a column of
+``closed_form.designs.compute_forces``. Each probe then takes one evaluation on arrays, complex where derivatives are requested.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from solver.closed_form.designs import (
 from solver.closed_form.evaluator import ClosedForm
 
 NODE_ROUNDING = 8  # nodes by which groups differ: fewer groups, each a little more exact
-MIN_OFFSET_PER_DIAMETER = 1e-6  # of the diameter: an offset that counts as the least one beside the axis
+MIN_OFFSET_PER_DIAMETER = 1e-6  # of the diameter: smallest lateral offset that counts as off the axis
 COMPLEX_STEP_RELATIVE = 1e-30  # of complex steps, relative
 FIRST_BALL = len(PROBE_PARAMETERS) + len(TISSUE_PARAMETERS)
 
@@ -50,25 +50,25 @@ class Columns:
     tumour: Ints
 
     def compute_totals(self, probe: Any, changed: Any = None) -> Any:
-        """Force on each film per unit of indentation for probes of shape (PROBE, d), or for other values; shape (d, k, 2)."""
+        """Return the film forces per unit indentation for probes of shape (PROBE, d), or other values; shape (d, k, 2)."""
         values = self.values if changed is None else changed
         d, k = probe.shape[1], values.shape[1]
         all_values = np.tile(values, (1, d)).astype(np.result_type(values, probe))
         all_values[: len(PROBE_PARAMETERS)] = np.repeat(probe, k, axis=1)
-        with np.errstate(all="ignore"):  # what is not finite is for those to refuse who ask
+        with np.errstate(all="ignore"):  # the caller refuses values that are not finite
             return compute_forces(self.shape, all_values)[0].sum(axis=2).reshape(d, k, 2)
 
 
 @dataclass(frozen=True)
 class ClosedFormScan:
-    """A population under a protocol, for any probe.
+    """The scans of a population under a protocol, prepared for any probe.
 
     Attributes:
         draw: the tumours.
         protocol: the readings.
-        groups: all tumours at all distinct distances from the probe.
-        blanks: the tissues without tumours.
-        place: of each tumour's positions among all columns of all groups, shape (n, p).
+        groups: columns of all tumours at all distinct distances from the probe.
+        blanks: columns of the tissues without tumours.
+        place: column of each tumour at each position, counted over all groups, shape (n, p).
     """
 
     draw: TumourDraw
@@ -84,10 +84,10 @@ class ClosedFormScan:
         Args:
             draw: the tumours.
             protocol: the readings.
-            radius: the largest outer radius that probes will have, m; left out: that of the draw's scene.
+            radius: largest outer radius of the probes, m; default: that of the draw's scene.
 
         Raises:
-            Refusal: the formulas cannot take the scene.
+            Refusal: the closed form cannot model the scene.
         """
         scenes = [_widen_probe(scene, radius) for scene in draw.tissues]
         for scene in draw.tissues:
@@ -107,13 +107,14 @@ class ClosedFormScan:
         return cls(draw, protocol, tuple(groups), tuple(_build_baseline_columns(scenes)), place)
 
     def compute_totals(self, probe: Any) -> tuple[Any, Any]:
-        """Return forces on the films per unit of indentation, N/m, of d probes.
+        """Return the film forces of d probes per unit indentation, N/m.
 
         Args:
-            probe: the parameters ``PROBE_PARAMETERS`` of each, SI, real or complex, shape (9, d).
+            probe: the parameters ``PROBE_PARAMETERS`` of each probe, SI, real or complex, shape (9, d).
 
         Returns:
-            over the tumours, shape (d, n, p, 2), and without them, shape (d, t, 2); not finite where the formulas break down.
+            Forces over the tumours, shape (d, n, p, 2), and without them, shape (d, t, 2); not finite where the closed form
+            fails.
         """
         all_totals = np.concatenate([group.compute_totals(probe) for group in self.groups], axis=1)
         return all_totals[:, self.place], self._compute_baseline_totals(probe)
@@ -132,7 +133,7 @@ class ClosedFormScan:
         """Return readings with one scene's probe, and their derivatives by the names of ``ScenePopulation.ranges``.
 
         Raises:
-            Refusal: the formulas break down for this probe.
+            Refusal: the closed form fails for this probe.
         """
         probe = build_parameters(scene.model_copy(update={"inclusion": ()}))[1][: len(PROBE_PARAMETERS), None]
         totals, blanks = self.compute_totals(probe)
@@ -148,7 +149,7 @@ class ClosedFormScan:
         return ScanReadings(signal, {}, self.draw.tissue, blank, mean_forces, np.zeros((len(blank), c)), derivatives, blank_by)
 
     def _compute_derivatives(self, probe: Floats, name: str) -> tuple[Floats, Floats]:
-        """Derivatives of the signals (n, m) and, by the tissue's numbers, of what is read without tumours (t, c)."""
+        """Return derivatives of the signals (n, m) and, for a number of the tissue, of the readings without tumours (t, c)."""
         group_totals, slopes = [], np.zeros((len(self.draw.tissues), self.protocol.channels))
         for group in self.groups:
             group_totals.append(group.compute_totals(probe, _add_complex_step(group, name))[0])
@@ -167,7 +168,7 @@ class ClosedFormScan:
 
     @property
     def _offset_derivative(self) -> Floats:
-        """The magnitude of the derivative of the offset with respect to x, shape (n, p)."""
+        """Return the magnitude of the derivative of the offset with respect to x, shape (n, p)."""
         dx = self.draw.x[:, None] - self.protocol.places
         return np.asarray(np.abs(dx) / np.maximum(np.hypot(dx, self.draw.lateral_offset), 1e-300))
 
@@ -189,7 +190,7 @@ def _check_closed_form(scene: Scene) -> None:
 
 
 def _widen_probe(scene: Scene, radius: float | None) -> Scene:
-    """The scene with a probe of that outer radius: nodes enough for it."""
+    """Return the scene with a probe of outer radius ``radius``, so that the nodes suffice for it."""
     if radius is None or radius <= scene.probe.tube_radius:
         return scene
     probe = scene.probe.model_copy(update={"outer_radius": radius, "area_ratio": None})
@@ -197,7 +198,7 @@ def _widen_probe(scene: Scene, radius: float | None) -> Scene:
 
 
 def _add_tumour(scene: Scene, draw: TumourDraw, number: int, offset: float) -> Scene:
-    """The scene with one tumour as far from the probe as it is read; not checked, as the draw is."""
+    """Return the scene with one tumour at a distance from the probe; not validated, as the draw is."""
     body = Inclusion.model_construct(
         diameter=float(draw.diameter[number]), depth=float(draw.depth[number]), x=offset, y=0.0, target=True,
         youngs_modulus=float(draw.youngs_modulus[number]), poisson_ratio=draw.poisson_ratio,
@@ -208,7 +209,7 @@ def _add_tumour(scene: Scene, draw: TumourDraw, number: int, offset: float) -> S
 def _build_columns(
     shape: Shape, members: list[tuple[int, Floats]], offset: Floats, diameter: Floats, *, place: Ints, start: int
 ) -> Columns:
-    """The columns of tumours of one structure, each distance once; ``place`` is filled with where they are."""
+    """Return the columns of tumours of one structure, each distance once; fill ``place`` with their numbers."""
     values: list[Floats] = []
     numbers: list[int] = []
     for number, parameter_values in members:
@@ -234,7 +235,7 @@ def _build_baseline_columns(scenes: list[Scene]) -> list[Columns]:
 
 
 def _add_complex_step(group: Columns, name: str) -> Any:
-    """The columns' values with a complex step of the logarithm, of x of the value itself."""
+    """Return the columns' values with a complex step of the logarithm; for x, of the value itself."""
     values, bodies = group.values.astype(complex), len(group.shape.on_axis)
     rows = {"diameter": "radius", "object": "modulus", "depth": "depth", "x": "offset"}
     if name in rows:

@@ -1,16 +1,17 @@
-"""The sample's error made smaller: the formulas, asked of many more tumours, tell how far the judged ones are from all.
+"""Reduce the sampling error of a verification with the closed form as control variate, evaluated for many more tumours.
 
-The verifying evaluator takes seconds for some tens of tumours, the formulas one for hundreds. Their probabilities c_i of the same
-tumours under the same draws differ little from the judge's P_i, so that with C_k those of N others of the population
+The verifying evaluator takes seconds for some tens of tumours, the closed form one second for hundreds. P_i are the probabilities
+of detection of n verified tumours, c_i those of the closed form for the same tumours under the same draws, and C_k those of the
+closed form for N other tumours of the population. The estimate
 
     P = 1/n sum_i (P_i - c_i) + 1/N sum_k C_k                                                      (PO.10)
 
-has the same mean, whatever the formulas are worth, and as its standard errors those of both parts, which are independent: the
-first is small where the formulas are good, the second where N is large. The coefficient of the control is 1 and not fitted to
-the n tumours, which would bias it.
+has the mean of P_i, however accurate the closed form is. The standard errors of both parts are independent: the first is small
+where the closed form is accurate, the second where N is large. The coefficient of the control is 1: fitting it to the n tumours
+would bias it.
 
-Few tumours that happen to be alike (two of two detected) have a plain standard error of nearly 0, which says nothing of the
-population. The plain mean's error is therefore at least what n tumours leave by the scatter of the many C_k.
+Few tumours that happen to be alike (two of two detected) have a plain standard error of nearly 0, which does not describe the
+population. The error of the plain mean is therefore at least that of n tumours with the scatter of the many C_k.
 """
 
 from __future__ import annotations
@@ -30,19 +31,19 @@ from probe_design.populations.tables import Objective, Protocol
 MIN_CONTROL_TUMOURS, MAX_CONTROL_TUMOURS = (
     256,
     4096,
-)  # tumours of which the formulas are asked beside a judge, at least and at most
-CONTROL_TUMOURS_PER_TUMOUR = 6  # as many as the judged ones, so that more of these make both parts' errors smaller
-CONTROL_TISSUES, SCANS_PER_CONTROL_TUMOUR = 32, 64  # their tissues, scans over each
+)  # tumours evaluated by the closed form in a verification, minimum and maximum
+CONTROL_TUMOURS_PER_TUMOUR = 6  # over the verified tumours, so that more of these reduce the errors of both parts
+CONTROL_TISSUES, SCANS_PER_CONTROL_TUMOUR = 32, 64  # their tissues, and scans over each tumour
 
 
 @dataclass(frozen=True)
 class ControlVariate:
-    """What the formulas say.
+    """Probabilities of detection by the closed form.
 
     Attributes:
-        same_tumours: of the n judged tumours, c_i, shape (n,).
-        other_tumours: of N others, C_k, shape (N,).
-        tissue: numbers of the tissues of these, shape (N,).
+        same_tumours: c_i of the n verified tumours, shape (n,).
+        other_tumours: C_k of N others, shape (N,).
+        tissue: number of the tissue of each of these others, shape (N,).
     """
 
     same_tumours: Floats
@@ -50,7 +51,7 @@ class ControlVariate:
     tissue: Ints
 
     def subtract(self, reference: ControlVariate) -> ControlVariate:
-        """Return what the formulas say of the difference of two probes for the same tumours."""
+        """Return the difference of the probabilities of two probes for the same tumours."""
         return ControlVariate(
             self.same_tumours - reference.same_tumours, self.other_tumours - reference.other_tumours, self.tissue
         )
@@ -58,13 +59,13 @@ class ControlVariate:
 
 @dataclass(frozen=True)
 class ControlSignals:
-    """Signals by the formulas.
+    """Signals by the closed form.
 
     Attributes:
-        same_tumours: of the n judged tumours, shape (n, m).
-        other_tumours: of ``MIN_CONTROL_TUMOURS`` others or more, not the judge's, the detector's or a search's,
-            shape (N, m).
-        tissue: numbers of the tissues of these, shape (N,).
+        same_tumours: signals of the n verified tumours, shape (n, m).
+        other_tumours: signals of at least ``MIN_CONTROL_TUMOURS`` others, used neither in the verification nor by the
+            detector or a search, shape (N, m).
+        tissue: number of the tissue of each of these others, shape (N,).
     """
 
     same_tumours: Floats
@@ -73,7 +74,7 @@ class ControlSignals:
 
     @classmethod
     def from_draw(cls, scene: Scene, protocol: Protocol, population: ScenePopulation, draw: TumourDraw) -> ControlSignals:
-        """Ask the formulas; raises ``Refusal`` where they break down for the scene's probe."""
+        """Compute the signals with the closed form. Raises ``Refusal`` where it fails for the scene's probe."""
         count = min(max(MIN_CONTROL_TUMOURS, CONTROL_TUMOURS_PER_TUMOUR * len(draw)), MAX_CONTROL_TUMOURS)
         control_draw = replace(population, seed=population.seed + 2).draw_tumours(count, unseen=True, tissues=CONTROL_TISSUES)
         same_tumours, other_tumours = (
@@ -86,7 +87,7 @@ class ControlSignals:
         return ControlSignals(self.same_tumours[:, columns], self.other_tumours[:, columns], self.tissue)
 
     def compute_probabilities(self, detector: Detector, seed: int) -> ControlVariate:
-        """Return how often a detector finds them, under the draws that the judged tumours are found under."""
+        """Return the probabilities of detection, under the same draws as those of the verified tumours."""
         same_tumours = detector.compute_probabilities(self.same_tumours, seed=seed)
         return ControlVariate(
             same_tumours,
@@ -96,13 +97,13 @@ class ControlSignals:
 
 
 def estimate_statistic(values: Floats, tissue: Ints, objective: Objective, control: ControlVariate | None) -> tuple[float, float]:
-    """Return the statistic of n tumours and its standard error by the sample: eq. PO.10 of means, where that knows more.
+    """Return the statistic of n tumours and its standard error; for a mean, by eq. PO.10 where its error is smaller.
 
     Args:
-        values: of the tumours, shape (n,).
-        tissue: number of each one's tissue, shape (n,).
-        objective: its statistic.
-        control: by the formulas; None where there is none.
+        values: values of the tumours, shape (n,).
+        tissue: number of each tumour's tissue, shape (n,).
+        objective: objective that defines the statistic.
+        control: probabilities by the closed form, or None.
     """
     plain = objective.compute_statistic(values), objective.compute_error(values, tissue)
     if control is None or objective.statistic != "mean":

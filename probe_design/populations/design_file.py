@@ -1,4 +1,4 @@
-"""A design file: the scene to start from and, in tables of their own, for whom, how and within which limits to design."""
+"""Read a design file: the scene to start from, and tables of population, protocol, noise, limits, variables and objective."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ DESIGN_SECTIONS = ("population", "protocol", "noise", "limits", "variables", "ob
 
 
 class Design(Frozen):
-    """What a probe is designed for; frozen, in SI units.
+    """The specification of a design; frozen, in SI units.
 
     Attributes:
-        scene: whose probe is the start, and whose tissue and one inclusion hold for what ``population`` leaves out.
+        scene: the start: its probe, and its tissue and inclusion for values that ``population`` does not give.
         population, protocol, noise, limits, variables, objective: the tables of the file.
     """
 
@@ -40,7 +40,7 @@ class Design(Frozen):
 
 
 def is_design(tables: Mapping[str, object]) -> bool:
-    """Whether the tables of a file are those of a design file: a scene has the tables probe and tissue itself."""
+    """Return whether the tables of a file are those of a design file; a scene has the tables probe and tissue itself."""
     return "scene" in tables or (bool(set(DESIGN_SECTIONS) - {"noise"} & set(tables)) and "probe" not in tables)
 
 
@@ -48,13 +48,13 @@ def read_design(path: Path | str) -> Design:
     """Read a design file; names of files in it are relative to its folder.
 
     Raises:
-        InputError: the file is missing, no TOML, or says something that is not allowed.
+        InputError: the file is missing, is not TOML, or contains a value that is not allowed.
     """
     return design_from_tables(read_tables(path, "design file"), Path(path))
 
 
 def design_from_tables(tables: Mapping[str, object], path: Path) -> Design:
-    """Check the tables of a design file. Raises ``InputError``, of a file that another command reads with its name."""
+    """Check the tables of a design file. Raises ``InputError``, which for another command's file names that command."""
     check_kind(tables, str(path), "design file", "a design file, with [population], or a scene file, with [probe]")
     return design_from_dict(tables, path.parent, units_required=True)
 
@@ -63,12 +63,12 @@ def design_from_dict(tables: Mapping[str, object], folder: Path | str = ".", uni
     """Check a design given as the tables of a design file.
 
     Args:
-        tables: as in the file; ``scene`` may be a ``Scene``, numbers are in SI units.
-        folder: that file names are relative to.
-        units_required: whether a bare number is refused where a unit belongs.
+        tables: tables as in the file; ``scene`` may be a ``Scene``, numbers are in SI units.
+        folder: folder to which file names are relative.
+        units_required: whether a bare number is refused for a quantity with a unit.
 
     Raises:
-        InputError: something is not allowed.
+        InputError: a value is not allowed.
     """
     sections = {name: table for name, table in tables.items() if name != "scene"}
     if unknown := [name for name in sections if name not in DESIGN_SECTIONS]:
@@ -82,7 +82,7 @@ def design_from_dict(tables: Mapping[str, object], folder: Path | str = ".", uni
 
 
 def _check_against_scene(design: Design) -> Design:
-    """Refuse what does not fit the scene."""
+    """Refuse tables that do not fit the scene."""
     ranges, scene = design.population, design.scene
     if len(ranges.layer) > len(scene.tissue.layer):
         raise InputError(
@@ -105,7 +105,7 @@ def _check_against_scene(design: Design) -> Design:
 
 
 def _resolve_calibration_path(design: Design, folder: Path) -> Design:
-    """The design with its calibration's file by its whole path."""
+    """Return the design with the absolute path of its calibration file."""
     name = design.noise.calibration
     if name is None:
         return design
@@ -113,7 +113,7 @@ def _resolve_calibration_path(design: Design, folder: Path) -> Design:
 
 
 def _convert_first_fault(refused: ValidationError) -> InputError:
-    """One of pydantic's errors as one line: an unknown key before other faults."""
+    """Return one of pydantic's errors as one line: an unknown key before other errors."""
     error = min(refused.errors(include_url=False), key=lambda fault: fault["type"] != "extra_forbidden")
     path = [part for part in error["loc"] if isinstance(part, int) or not part.startswith(("literal", "float", "constrained"))]
     key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path).lstrip(".")

@@ -1,22 +1,25 @@
-"""Whether a tumour of the population is found: the detector that knows the population, not the tumour.
+"""Compute the probability of detection of each tumour, for a detector that knows the population but not the tumour.
 
 With C the readings' covariance, L its Cholesky factor, u_k = L^-1 (signal of tumour k of a reference sample) and z = L^-1
 (readings), the likelihood ratio averaged over K tumours is
 
     Lambda(z) = 1/K sum_k exp(u_k . z - |u_k|^2 / 2)                                               (PO.4)
 
-It finds a tumour where ln Lambda exceeds the threshold that a share ``false_alarm`` of tumour-free scans exceed. Where all
-u_k are alike it does where u . z does, and the probability to find a tumour v_i is
+The detector reports a tumour where ln Lambda exceeds a threshold, which a fraction ``false_alarm`` of the scans without tumours
+exceeds. If all u_k are equal to u, this is a threshold of u . z. With v_i = L^-1 (signal of tumour i), the tumour is detected
+with the probability
 
     P_i = Phi(d' - z_a) with d' = u . v_i / |u|, and z_a the normal quantile of 1 - false_alarm                (PO.5)
 
-which for v_i = u is d' = |u|, the deflection: no detector finds a known tumour more often, so it bounds P_i of all others.
-Where signals s_j may be off by e_j, what finds most or fewest are, to first order,
+Here Phi is the normal distribution function. For v_i = u, d' = |u| is the deflection: no detector has a higher probability for a
+known tumour, so that it bounds P_i of all detectors. Where the signals s_j have error bounds e_j, the signals within these bounds
+that are detected most and least often are, to first order,
 
     s_j +- e_j sign(d ln Lambda / d y_j),   d ln Lambda / d y = L^-T sum_k w_k u_k,   w_k ~ exp(u_k . z - |u_k|^2 / 2)   (PO.11)
 
-at the readings y = s without noise, sum_k w_k = 1.
-Otherwise threshold and P_i are found by drawing z, always the same numbers, so that two designs differ by less than the draws do.
+with y the readings, here y = s without noise, and weights w_k normalised to sum_k w_k = 1.
+If the u_k differ, threshold and P_i are computed from random draws of z. The random numbers are always the same, so that the
+difference of two designs has a smaller error than each.
 """
 
 from __future__ import annotations
@@ -30,11 +33,11 @@ from scipy.special import ndtr, ndtri, softmax
 from geometry.common.arrays import Floats
 from probe_design.inference.linear_gaussian import Array
 
-TUMOUR_FREE_SCANS = 32_768  # scans without tumours from which the threshold is found
+TUMOUR_FREE_SCANS = 32_768  # scans without tumours that determine the threshold
 SCANS_PER_TUMOUR = 256  # over each tumour
-MAX_SCANS_AT_ONCE = 8192  # scans at once: what they need stays small
-SMALL_EXPONENT = 0.1  # exponents below which their mean is told by its difference from 1
-SAME_TEMPLATE_TOLERANCE_RELATIVE = 1e-12  # relative: templates that differ less are one
+MAX_SCANS_AT_ONCE = 8192  # scans at once, which limits memory
+SMALL_EXPONENT = 0.1  # exponents below which expm1 computes the mean, as its difference from 1
+SAME_TEMPLATE_TOLERANCE_RELATIVE = 1e-12  # templates that differ less count as equal
 
 
 @dataclass(frozen=True)
@@ -44,10 +47,11 @@ class Detector:
     Attributes:
         factor: L, shape (m, m).
         templates: u_k, shape (K, m).
-        false_alarm: share of scans without tumours above the threshold.
-        threshold: of ln Lambda; of u . z / |u| where there is one template.
-        tie: share of scans that are just on the threshold which count as above it: all, if no tumour can be told from none.
-        uncertain: thresholds one standard error of the false alarms lower and higher.
+        false_alarm: fraction of scans without tumours above the threshold.
+        threshold: threshold of ln Lambda; of u . z / |u| with a single template.
+        tie: fraction of the scans exactly at the threshold that count as above it; all scans are at it if no tumour has a
+            signal.
+        uncertain: thresholds lower and higher by one standard error of the false alarms.
     """
 
     factor: Floats
@@ -64,11 +68,11 @@ class Detector:
         """Return the detector for a reference sample of tumours.
 
         Args:
-            signals: of the tumours, shape (K, m).
-            covariance: of the readings, shape (m, m).
-            false_alarm: over the whole scan.
-            seed: of the draws.
-            blanks: how many scans without tumours are drawn.
+            signals: signals of the tumours, shape (K, m).
+            covariance: covariance of the readings, shape (m, m).
+            false_alarm: probability of a false alarm in a whole scan.
+            seed: seed of the draws.
+            blanks: number of scans without tumours that are drawn.
         """
         factor = np.asarray(np.linalg.cholesky(covariance), dtype=float)
         templates = whiten(factor, signals)
@@ -86,13 +90,13 @@ class Detector:
         return cls(factor, templates, false_alarm, threshold, (false_alarm - fraction_above) / fraction_tied, (lower, higher))
 
     def compute_probabilities(self, signals: Floats, *, seed: int = 0, scans: int = SCANS_PER_TUMOUR, shift: int = 0) -> Floats:
-        """Return the probability to find each of n tumours.
+        """Return the probability of detection of each of n tumours.
 
         Args:
-            signals: shape (n, m).
-            seed: of the draws, which are the same for each call.
-            scans: how many are drawn over each tumour.
-            shift: -1 or 1: with the threshold one standard error lower or higher.
+            signals: signals of the tumours, shape (n, m).
+            seed: seed of the draws, which are the same in each call.
+            scans: number of scans drawn over each tumour.
+            shift: -1 or 1: the threshold is one standard error lower or higher; 0: the threshold itself.
 
         Returns:
             P_i, shape (n,), each with a standard error of sqrt(P_i (1 - P_i) / scans), or exact by eq. PO.5.
@@ -131,7 +135,7 @@ def whiten(factor: Floats, signals: Floats) -> Floats:
 
 
 def compute_log_likelihood_ratio(templates: Floats, z: Floats) -> Floats:
-    """Return ln of eq. PO.4 for scans z of shape (s, m), shape (s,); neither large nor tiny exponents lose anything."""
+    """Return ln of eq. PO.4 for scans z of shape (s, m), shape (s,), accurately for large and tiny exponents alike."""
     result = np.empty(len(z))
     for low in range(0, len(z), MAX_SCANS_AT_ONCE):
         exponents = z[low : low + MAX_SCANS_AT_ONCE] @ templates.T - (templates**2).sum(axis=1) / 2
@@ -145,5 +149,5 @@ def compute_log_likelihood_ratio(templates: Floats, z: Floats) -> Floats:
 
 
 def compute_known_probabilities(deflection: Array, false_alarm: float) -> Array:
-    """Return eq. PO.5 for deflections of any shape, real or complex: the most that any detector finds."""
+    """Return the highest probability of detection of any detector, eq. PO.5; deflections of any shape, real or complex."""
     return np.asarray(ndtr(deflection - ndtri(1 - false_alarm)))

@@ -1,12 +1,12 @@
-"""What a scan with one probe reads over a population, and what of it is detected and resolved under noise.
+"""Compute the readings of one probe over a population, and which tumours are detected and resolved under noise.
 
-Of n tumours r have reflections, the others the first order alone. With v_i the values of the best that is known of each tumour
-and w_i those of the first order, a mean over all is
+Of n tumours, r are computed with reflections, the others only to first order. With v_i the value of tumour i with reflections and
+w_i its value to first order, the mean over all tumours is
 
     1/n sum_i (w_i) + 1/r sum_reflected (v_i - w_i)                                                 (PO.13)
 
-so that tumours without reflections count with what reflections change of the others in the mean: that has the standard error
-sd(v - w) (1/r - 1/n)^(1/2) on top of the sample's, and the model's error is that of tumours with reflections, whatever n is.
+Tumours without reflections are thus corrected by the mean change that reflections cause in the others. This adds the standard
+error sd(v - w) (1/r - 1/n)^(1/2) to that of the sample. The model's error is that of tumours with reflections, whatever n is.
 """
 
 from __future__ import annotations
@@ -40,18 +40,18 @@ from probe_design.populations.tables import CHANNEL_INDICES, Observable
 
 @dataclass(frozen=True)
 class Examination:
-    """What it takes time to find, and no noise changes; both channels at all positions.
+    """The computed readings, which do not depend on noise; both channels at all positions.
 
     Attributes:
         population: the ranges.
         draw: the tumours.
-        readings: over them, the best that is computed of each.
-        first: the same to first order; None where all have reflections, or none.
-        reflected: numbers of those that have, or of all, shape (r,).
-        reference: signals of the tumours that the detector knows, by the formulas, shape (K, m).
-        control: signals by the formulas beside another evaluator's, of the draw's tumours and of more.
-        evaluator: of the readings.
-        seconds: what it took.
+        readings: readings over the tumours, with reflections where they are computed.
+        first: the same to first order; None if all tumours have reflections, or none.
+        reflected: numbers of the tumours with reflections, or of all, shape (r,).
+        reference: signals of the detector's reference tumours by the closed form, shape (K, m).
+        control: signals by the closed form, of the draw's tumours and of more; None if the closed form is the evaluator.
+        evaluator: evaluator of the readings.
+        seconds: computing time, s.
     """
 
     population: ScenePopulation
@@ -65,7 +65,7 @@ class Examination:
     control: ControlSignals | None = None
 
     def select(self, positions: Ints, observable: Observable) -> Examination:
-        """Return what of it is read at some positions, by number, of some channels."""
+        """Return the examination restricted to some positions, by number, and to the channels of an observable."""
         channels = CHANNEL_INDICES[observable]
         columns = self.readings.list_columns(positions, channels)
         return replace(
@@ -77,28 +77,28 @@ class Examination:
         )
 
     def evaluate(self, design: Design, seed: int = 0, observable: Observable | None = None) -> Judgement:
-        """Judge it under a design file's noise, false alarms and statistic.
+        """Compute probabilities of detection and resolution under a design file's noise, false alarms and statistic.
 
         Args:
-            design: whose positions are those of the readings.
-            seed: of the noise's draws.
-            observable: what is read; left out: what the protocol says.
+            design: the design; its positions are those of the readings.
+            seed: seed of the draws of noise.
+            observable: the channels that are read; default: those of the protocol.
 
         Raises:
-            InputError: a reading has less noise than any reader.
+            InputError: the noise of a reading is below ``MIN_NOISE``.
         """
         start, read = perf_counter(), observable or design.protocol.observable
         scan = self.select(np.arange(len(design.protocol.positions)), read)
         return scan._evaluate_observable(design, seed, read, start)
 
     def evaluate_all_channels(self, design: Design, seed: int = 0) -> Judgement:
-        """Judge it likewise, with what the ratio alone, the stiffness alone and both tell beside it."""
+        """Evaluate as ``evaluate`` does, and also for the ratio alone, the stiffness alone and both."""
         start, protocol_observable = perf_counter(), design.protocol.observable
         lines: dict[Observable, Judgement | None] = {}
         for observable in CHANNEL_INDICES:
             try:
                 lines[observable] = self.evaluate(design, seed, observable)
-            except InputError:  # noise of a channel that the protocol does not read need not be said
+            except InputError:  # the noise of a channel that the protocol does not read may be missing
                 if observable == protocol_observable:
                     raise
                 lines[observable] = None
@@ -107,7 +107,7 @@ class Examination:
         return replace(judged, by_observable=lines, seconds=self.seconds + perf_counter() - start)
 
     def _evaluate_observable(self, design: Design, seed: int, observable: Observable, start: float) -> Judgement:
-        """Judge readings of the observable alone."""
+        """Evaluate the readings of one observable."""
         draw, objective, protocol, readings = self.draw, design.objective, design.protocol, self.readings
         unknowns, blank = Unknowns.from_draw(self.population, draw), np.exp(np.log(readings.blank).mean(axis=0))
         known = design.noise, protocol, draw.scene, blank
@@ -157,7 +157,7 @@ class Examination:
     def _correct_first_order(
         self, values: dict[Kind, Floats], first_order: dict[Kind, Floats]
     ) -> tuple[dict[Kind, Floats], dict[Kind, float]]:
-        """Eq. PO.13: values with the others' mean correction, and the standard error of that."""
+        """Return the values with the mean correction of eq. PO.13, and the standard error of the correction."""
         n, r = len(self.draw), len(self.reflected)
         unreflected, standard_errors = np.setdiff1d(np.arange(n), self.reflected), {}
         for kind, best_values in values.items():
@@ -172,7 +172,7 @@ class Examination:
     def _compute_model_error(
         self, detector: Detector, probabilities: Floats, blank: bool, seed: int
     ) -> tuple[float, float, dict[str, float]]:
-        """What the threshold and, of one tumour alone, the draws leave open of the mean P; what the evaluator does; by what."""
+        """Return the errors of the mean P by threshold and draws, and by the evaluator, and the latter's fractions by cause."""
         readings, reflected = self.readings, self.reflected
         slopes, errors = detector.compute_derivatives(readings.signal), _bound_signal_errors(readings, blank)
         signal_errors = errors * np.sign(slopes)  # eq. PO.11
@@ -181,7 +181,9 @@ class Examination:
             for item in (-signal_errors, signal_errors)
         )
         threshold = float(np.mean(detector.compute_probabilities(readings.signal, seed=seed, shift=-1) - probabilities))
-        known = len(probabilities) > 1 or len(detector.templates) == 1  # whose draws scatter with the tumours, or which need none
+        known = (
+            len(probabilities) > 1 or len(detector.templates) == 1
+        )  # the tumours' scatter contains the draws', or none are needed
         draws = 0.0 if known else math.sqrt(float(probabilities[0] * (1 - probabilities[0])) / SCANS_PER_TUMOUR)
         parts = {cause: float(np.sum(np.abs(slopes * item)[reflected])) for cause, item in readings.errors.items()}
         whole = sum(parts.values())
@@ -192,7 +194,7 @@ class Examination:
 def _evaluate_tumours(
     detector: Detector, unknowns: Unknowns, readings: ScanReadings, *, noise: LinearGaussian, blank: bool, seed: int
 ) -> tuple[dict[Kind, Floats], Floats, Floats]:
-    """Each tumour's probability of detection, whether it is resolved, its information; standard deviations of both logarithms."""
+    """Return each tumour's probability of detection, resolution, information, and the standard deviations of both logarithms."""
     J = unknowns.build_derivatives(readings, blank)
     contrast, modulus = compute_log_sds(unknowns, J, noise)
     values: dict[Kind, Floats] = {
@@ -204,7 +206,7 @@ def _evaluate_tumours(
 
 
 def _average_tissue_derivatives(unknowns: Unknowns, readings: ScanReadings) -> Floats | None:
-    """s_j t_j of eq. PO.3 in the mean over the tissues, shape (m, q)."""
+    """Return s_j t_j of eq. PO.3, averaged over the tissues, shape (m, q)."""
     columns = [
         deviation * readings.repeat_over_positions(readings.blank_derivatives[name].mean(axis=0))
         for name, deviation in zip(unknowns.names, unknowns.deviations, strict=True)
@@ -214,15 +216,15 @@ def _average_tissue_derivatives(unknowns: Unknowns, readings: ScanReadings) -> F
 
 
 def _compute_error_fractions(readings: ScanReadings, blank: bool) -> Floats:
-    """By what fraction each tumour's signals may be off as the evaluator says, at most 1, shape (n,)."""
+    """Return the relative error bound of each tumour's signals, at most 1, shape (n,)."""
     largest = np.maximum(np.abs(readings.signal).max(axis=1), 1e-300)
     return np.asarray(_bound_signal_errors(readings, blank).max(axis=1) / largest)
 
 
 def _bound_signal_errors(readings: ScanReadings, blank: bool) -> Floats:
-    """By how much each signal may be off as the evaluator says, at most the tumour's largest, shape (n, m).
+    """Return the error bound of each signal, at most the tumour's largest signal, shape (n, m).
 
-    Without a baseline reading readings are counted from what the evaluator predicts, whose own error counts too.
+    Without a baseline reading, readings are compared with the evaluator's prediction, whose error bound is added.
     """
     error = readings.error if blank else readings.error + readings.repeat_over_positions(readings.blank_error)[readings.tissue]
     return np.asarray(np.minimum(error, np.abs(readings.signal).max(axis=1, keepdims=True)))

@@ -1,10 +1,11 @@
-"""Readings over a population by equivalent-inclusion, with what surface, blocks and floor send back, to verify designs by.
+"""Compute a population's readings with equivalent-inclusion, including reflections from surface, blocks and floor.
 
-The probe is solved once on each tissue. All tumours are computed to first order at once, and as many of them as there is time
-for once more with reflections: the first of each tissue, so that they are as good a sample as all of them, and the same ones
-where more are drawn. Derivatives by the tissue's numbers are differences of the first order on one mesh that moves with them.
-Signals s do not change where all moduli grow alike, in either result, so that what reflections add to all slopes by them is 0
-together; blocks and other layers, which meet in the first order already, have hardly any of it:
+The probe is solved once on each tissue. All tumours are computed to first order at once. As many as time allows are computed
+again with reflections: the first of each tissue, which are as good a sample as all, and the same ones if more are drawn.
+Derivatives with respect to the tissue's numbers are differences of first-order results on one mesh that moves with them.
+A signal s does not change if all moduli change by the same factor, neither to first order nor with reflections. The changes by
+reflections in the derivatives with respect to all moduli therefore sum to 0. Those of blocks and other layers, already part of
+the first order, are neglected. With E_host the modulus of the tissue around the tumour and E_object that of the tumour,
 
     ds/d ln E_host = first order - (ds/d ln E_object - first order of that)                           (PO.9)
 """
@@ -36,17 +37,17 @@ from solver.planning.load_check import LoadChanges, check_load
 from solver.planning.load_limits import build_load_rule
 
 Progress = Callable[[int, int], None]
-BASE_ACCURACY = 0.01  # of the probe without tumours: it cancels in what tumours change, but for its share of that
+BASE_ACCURACY = 0.01  # relative, of the probe without tumours: in a signal only this fraction of the signal remains
 NEGLECTED_CHANGE_PER_NOISE = (
-    0.03  # of a reading's noise: bounds on what reflections change that are left out, and counted in the errors
+    0.03  # of a reading's noise: reflections with smaller bounds are neglected, and counted in the errors
 )
 MAX_REFLECTED_READINGS, MAX_LAYERED_REFLECTED_READINGS = (
     400,
     160,
-)  # with reflections, of one material and of layers: some 10 and 50 ms each
-MIN_REFLECTED = 16  # tumours with reflections at least, however many positions: their mean is a sample's
-LOG_DIFFERENCE_STEP = 0.002  # of logarithms of the tissue's numbers
-LARGEST_CHANGE = 0.5  # of the ratio by the load: what is far beyond it is refused anyway
+)  # tumours with reflections, on one material and on layers: about 10 and 50 ms each
+MIN_REFLECTED = 16  # minimum of tumours with reflections for any number of positions, as they are a sample
+LOG_DIFFERENCE_STEP = 0.002  # step of the logarithms of the tissue's numbers
+LARGEST_CHANGE = 0.5  # relative change of the ratio by the load; loads far beyond it are refused anyway
 TARGET_KEYS = {"depth": "depth", "diameter": "diameter", "object": "youngs_modulus", "x": "offset"}
 
 
@@ -56,8 +57,8 @@ class InclusionScan:
 
     Attributes:
         draw, protocol: the tumours and the readings.
-        number: of the tissue.
-        base: the probe on it.
+        number: number of the tissue.
+        base: the probe on the tissue without tumours.
     """
 
     draw: TumourDraw
@@ -70,7 +71,7 @@ class InclusionScan:
         """Solve the probe on one tissue; its bounds are those of the position farthest from the middle.
 
         Raises:
-            Refusal: the evaluator cannot take the scene.
+            Refusal: the evaluator cannot model the scene.
         """
         scene = draw.tissues[number]
         far = Placement(x=float(np.abs(protocol.places).max()), y=abs(scene.placement.y), tilt=scene.placement.tilt)
@@ -84,7 +85,7 @@ class InclusionScan:
         return self.draw.find_members(self.number)
 
     def list_distinct(self) -> tuple[Ints, Floats, Ints]:
-        """Return tumours and distances of what differs, shape (u,), and where each position is among it, shape (k, p)."""
+        """Return the distinct pairs of tumour and distance, shape (u,) each, and the pair of each position, shape (k, p)."""
         x_distances, across = self._x_distances, self.draw.lateral_offset
         offset = np.round(np.hypot(x_distances, across), 12)
         pairs = np.stack([np.repeat(self.members, x_distances.shape[1]), offset.ravel()], axis=1)
@@ -102,9 +103,9 @@ class InclusionScan:
         return np.asarray(self.draw.x[self.members, None] - self.protocol.places)
 
     def compute_readings(self, tumours: Tumours, tolerance: Floats, allowed: Bools) -> tuple[Readings, Readings]:
-        """Return readings to first order, and those of some tumours in which no reflection is left out that matters.
+        """Return readings to first order, and those of the allowed tumours with reflections where these matter.
 
-        That is one that may change a signal by more than ``tolerance``, shape (2,); ``allowed``: which may be reflected, (u,).
+        Reflections matter if they may change a signal by more than ``tolerance``, shape (2,); ``allowed`` has shape (u,).
         """
         first = compute_readings(self.base, tumours, 0, True, reflect=False)
         answers = deepcopy(first)
@@ -124,7 +125,7 @@ class InclusionScan:
         return first, answers
 
     def compute_tumour_derivatives(self, answers: Readings, indices: Ints, name: str) -> Floats:
-        """Derivatives of the signals by a number of the tumours, shape (k, m)."""
+        """Return the derivatives of the signals with respect to a number of the tumours, shape (k, m)."""
         film_derivatives = answers.derivatives[TARGET_KEYS[name]].sum(axis=2)
         parts = [
             film_derivatives[:, 0] / answers.totals[:, 0] - film_derivatives[:, 1] / answers.totals[:, 1],
@@ -136,12 +137,12 @@ class InclusionScan:
         return np.concatenate([part[indices] for part in parts[: self.protocol.channels]], axis=1)
 
     def select_reflected(self, count: int) -> Ints:
-        """Return the numbers of the tumours in this tissue that get reflections, ``count`` of all tissues' being allowed."""
+        """Return the numbers of the tumours in this tissue that get reflections; ``count`` is the total over all tissues."""
         t, k = len(self.draw.tissues), len(self.members)
         return self.members[: max(min(k, -(-MIN_REFLECTED // t)), count // t)]
 
     def compute_tissue_derivatives(self, tumours: Tumours, indices: Ints, name: str) -> tuple[Floats, Floats]:
-        """Derivatives by a number of the tissue, of the signals (k, m) and of what is read without tumours (c,)."""
+        """Return derivatives with respect to a number of the tissue: of signals (k, m), and of readings without tumours (c,)."""
         scene, key = self.base.scene, get_scene_key(name)
         size, sides = list_values(scene)[key], []
         for step in (LOG_DIFFERENCE_STEP, -LOG_DIFFERENCE_STEP):
@@ -160,9 +161,9 @@ class InclusionReadings:
     """Readings over n tumours, of which r have reflections.
 
     Attributes:
-        best: of each tumour the best that is computed.
-        first: to first order, of all.
-        reflected: numbers of those with reflections, shape (r,), each tissue's in its order.
+        best: readings of all tumours, with reflections where they are computed.
+        first: readings of all tumours to first order.
+        reflected: numbers of the tumours with reflections, shape (r,), tissue by tissue.
     """
 
     best: ScanReadings
@@ -183,13 +184,13 @@ def compute_inclusion_readings(
     Args:
         draw: the tumours.
         protocol: the readings; the probe has to stay on the tissue.
-        names: of ``ScenePopulation.ranges``, by which derivatives are wanted.
-        noise: of a reading, of which reflections that may change it by less than ``NEGLECTED_CHANGE_PER_NOISE`` are left out.
-        progress: called with tissues done and all.
+        names: names of ``ScenePopulation.ranges`` with respect to which derivatives are computed.
+        noise: noise of a reading; reflections that change it by less than ``NEGLECTED_CHANGE_PER_NOISE`` are neglected.
+        progress: called with the number of tissues done and the number of all.
 
     Raises:
         InputError: the probe would leave the tissue.
-        Refusal: the evaluator cannot take the scene, or nothing is known of its load in linear elasticity.
+        Refusal: the evaluator cannot model the scene, or linear elasticity has no error bound at its load.
     """
     ScanLine(draw.scene, "x", draw.scene.placement.y, BASE_ACCURACY).check_positions(protocol.places)
     best, first = (_create_empty_readings(draw, protocol, names) for _ in range(2))
@@ -216,7 +217,7 @@ def _create_empty_readings(draw: TumourDraw, protocol: Protocol, names: tuple[st
 
 
 def _fill_tissue(best: ScanReadings, first: ScanReadings, scan: InclusionScan, noise: NoiseModel, reflected: Ints) -> None:
-    """Put the readings of one tissue where they belong."""
+    """Write the readings of one tissue into the arrays of all tumours."""
     which, offset, indices = scan.list_distinct()
     tumours, number = scan.build_tumours(which, offset), scan.number
     films, scene = scan.base.films, scan.draw.tissues[number]
@@ -239,7 +240,7 @@ def _fill_tissue(best: ScanReadings, first: ScanReadings, scan: InclusionScan, n
 
 
 def _write_signals(target: ScanReadings, scan: InclusionScan, answers: Readings, indices: Ints, scene: Scene) -> None:
-    """Put the signals of one tissue, their errors and their derivatives by the tumours' numbers where they belong."""
+    """Write the signals of one tissue, their errors and their derivatives by the tumours' numbers into the common arrays."""
     films, rows, number, channels = scan.base.films, scan.members, scan.number, range(target.channels)
     blank = scan._take_logarithms(films.totals[None])
     target.mean_forces[:] += np.log(answers.totals[indices]).sum(
@@ -259,10 +260,10 @@ def _write_signals(target: ScanReadings, scan: InclusionScan, answers: Readings,
 
 
 def check_films_compressed(totals: Floats, scene: Scene) -> None:
-    """Refuse forces on films, shape (..., 2), of which one is pulled on: their ratio is negative and has no logarithm.
+    """Refuse film forces, shape (..., 2), of which one is tension: their ratio is negative and has no logarithm.
 
     Raises:
-        Refusal: there is one, as under a stiff skin that bends beside the block which carries most.
+        Refusal: a film is in tension, for instance under a stiff skin that bends next to the block with the larger load.
     """
     if np.all(totals > 0):
         return
@@ -273,10 +274,10 @@ def check_films_compressed(totals: Floats, scene: Scene) -> None:
 
 
 def _bound_load_change(scene: Scene, answers: Readings) -> Floats:
-    """Bound on what the load changes of each signal, relative, shape (u,): as of the log-sensitivity, both being a tumour's.
+    """Return a bound on the relative change of each signal by the load, shape (u,): that of the log-sensitivity.
 
     Raises:
-        Refusal: nothing is known of it.
+        Refusal: no bound is available.
     """
     rule = build_load_rule(scene)
     changes = LoadChanges.from_stiffness(scene, rule, answers.stiffness)
