@@ -1,7 +1,8 @@
 """Differentiate discrete energies exactly by every length, modulus and Poisson's ratio of a section.
 
-Nodes are smooth functions of the lengths and polynomial coefficients stay constant, so that with the nodes' velocity V,
-L = grad V and tau = div V + V_r / r an energy a(u, v) = int w (2 mu eps:eps + lambda P_u P_v), w = 2 pi r dA, changes by
+Nodes are smooth functions of the lengths, and polynomial coefficients stay constant. With the nodes' velocity V, L = grad V, tau
+= div V + V_r / r, w = 2 pi r dA and Lame's moduli, the energy a(u, v) = int w (2 mu eps:eps + lambda P_u P_v) of two states
+changes by
 
     grad u:  -grad u L,      u_r / r:  -(u_r / r) V_r / r,      w:  w tau                                            (AX.5)
     d int w P_u P_v = int w [dD_u P_v + P_u dD_v + tau (D_u P_v + P_u D_v - P_u P_v)],  D = div u, P its projection  (AX.6)

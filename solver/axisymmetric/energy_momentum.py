@@ -1,11 +1,12 @@
-"""The energy-momentum tensor at the Gauss points: how the energy of a state changes as points move.
+"""Compute the energy-momentum tensor at the Gauss points: the change of a state's energy as points move.
 
 By eqs. AX.5, AX.6 the energy u^T K u of one state changes linearly with the velocity V,
 
     d(u^T K u) = int w [tau (s : grad u + s_t u_r / r + lambda P (D - P)) - 2 s : (grad u L) - 2 s_t u_r V_r / r^2]   (AX.13)
 
-with stresses s = 2 mu eps + lambda P, and s_t round the axis. Where moduli change instead, two integrals
-suffice: int w s : eps is the energy itself, int w P^2 its factor of lambda.
+with stresses s = 2 mu eps + lambda P in the meridian plane and s_t round the axis, the dilation D = div u and its projection P,
+and w, tau and L of eq. AX.5. Where moduli change instead, two integrals suffice: int w s : eps is the energy itself, int w P^2
+its factor of lambda.
 """
 
 from __future__ import annotations

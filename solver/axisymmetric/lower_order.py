@@ -1,31 +1,33 @@
-"""Bound errors from one mesh, by comparison with lower orders of the functions on its corners and edges.
+"""Bound errors from one mesh, by comparison with solutions of lower polynomial order on the same mesh.
 
 Without the functions of degree p on edges, the same element matrices are those of a smaller space: nothing is integrated or
 condensed again, and a factorisation of at most two thirds of the unknowns gives the change by the last degree. The change by the
-degree before is at most the energy of the smaller state's own part of degree p - 1: the best state without that part is nearer.
-With w the change of a state and W = w_1 + w_2, F_ij changes by the energy a(w_i, w_j) exactly
-(Galerkin's orthogonality), element by element, so that changes cannot cancel unnoticed:
+degree before is at most the energy of the smaller state's own part of degree p - 1: the best state without that part is closer.
+With w_i the change of state i and W = w_1 + w_2, the film force F_ij changes by exactly the energy a(w_i, w_j) (Galerkin's
+orthogonality). With a_e the energy in element e, the sum of magnitudes over the elements excludes that changes cancel unnoticed:
 
     e_i = sum over elements c_e d_e,   d_e = |a_e(w_i, W)| + 1/10 sqrt(a_e(w_i, w_i) a_e(W, W))        (AX.10)
     c_e = min(c, max(6/5, k q / (1 - q))),   q = d_e over that of the smaller state's part of degree p - 1        (AX.11)
 
-bounds film i's total. Were all errors those of corners, where p^-2 is left at degree p, 16/9, 25/11 and 36/13 of the change
-would be left at degrees 4 to 6, twice q / (1 - q); where changes fall by q with each degree, q / (1 - q) is, and never less than
-the change once a corner's own error is all there is. c = 5/2, 5/2, 4 and k = 12 at degree 4; above it c_e = c, for changes in
-elements that are much longer than wide fall less there than they did before (``benchmarks/extremes/one_mesh.py``).
-Cells at an interface's end at the tissue's side, where a soft film squeezed under a stiff skin lets go, are long and change
+Here e_i bounds the error of film i's total, d_e is the size of the change in element e, and c_e is a safety factor. Errors at
+corners fall as p^-2 with the degree p: 16/9, 25/11 and 36/13 of the last change then remain at degrees 4 to 6, twice q / (1 - q).
+Where changes fall by the factor q with each degree, q / (1 - q) of the last change remains, and at least the change itself once
+only a corner's error is left. c = 5/2, 5/2 and 4 at degrees 4 to 6, and k = 12 at degree 4; above that degree c_e = c, as changes
+in elements that are much longer than wide then fall more slowly than before (``benchmarks/extremes/one_mesh.py``).
+Cells at an interface's end at the tissue's side, where a soft film is squeezed out under a stiff skin, are long and change
 little from degree to degree: c_e = 16 there.
 
 From degree 5 on the state's own part of degree p gives nearly as good a bound without a factorisation: its energy is at least
-that of w, for the smaller state is the best of all without that part. c_e = 11/5 and 12/5 then. One step of descent from it
+that of w, as the smaller state is the best of all without that part. c_e = 11/5 and 12/5 then. One step of descent from it
 (``base_states.approximate_lower_order``) comes close to the best state; the energy it has in excess widens the bounds.
 
 A curve's states at every modulus are sums of a few vectors (eq. AX.9), and so are those of the smaller space, the best of these
-vectors' projections on it. There may be better ones, so that their energies are, if anything, too large:
+vectors' projections on it. Better states may exist, so that these energies are never too small:
 
     e_i(t) = max over t' of [e_i / sqrt(a(w_i, w_i) a(W, W))](t') times sqrt(a(w_i, w_i) a(W, W))(t)        (AX.12)
 
-with t' the next of five moduli on either side of t.
+with t the target's modulus relative to that of the solved states, e_i the bound of eq. AX.10 and a(w_i, w_j) the energy of the
+changes, both at that modulus; t' are the two nearest of five moduli, one on either side of t, at which eq. AX.10 is evaluated.
 """
 
 from __future__ import annotations

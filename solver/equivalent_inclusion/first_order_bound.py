@@ -1,4 +1,4 @@
-"""Bounds on the error of the first order, which leaves out reflections by surface, blocks, floor and other tumours."""
+"""Bound the error of the first order, which leaves out reflections by surface, blocks, floor and other tumours."""
 
 from __future__ import annotations
 
@@ -19,7 +19,11 @@ MAX_REFLECTION = 0.9  # of rho
 
 
 def bound_first_order_share(base: Undisturbed, tumours: Tumours) -> Floats:
-    """Bound the relative error of each tumour's effect, shape (n, t): rho / (1 - rho) for what it reflects (EI.3)."""
+    """Bound the relative error of each tumour's first-order effect, shape (n, t), by rho / (1 - rho) (EI.3).
+
+    rho is the fraction of the tumour's scattered field that is reflected back to it. The first order leaves out all reflections,
+    whose geometric series has this sum.
+    """
     rho = np.minimum(estimate_reflection(base, tumours), MAX_REFLECTION)
     return np.asarray(rho / (1 - rho) + base.bound_field_error(tumours) + MIN_SHARE)
 
@@ -27,8 +31,8 @@ def bound_first_order_share(base: Undisturbed, tumours: Tumours) -> Floats:
 def bound_first_order_error(share: Floats, changes: Floats) -> Floats:
     """Bound the errors of tumours' changes of each film's total, (n, 2), from shares (n, t) and changes (n, t, 2, 2), N/m.
 
-    By Cauchy and Schwarz what comes back changes film i's total by at most the share of sqrt(dF_ii dF_UU), with U the sum of both
-    states. The bounds of all tumours add up.
+    By the Cauchy-Schwarz inequality the reflected fields change film i's total by at most that fraction of sqrt(dF_ii dF_UU),
+    where dF are a tumour's changes of the film forces and U is the sum of both base states. The bounds of all tumours add up.
     """
     single = np.abs(np.diagonal(changes, axis1=2, axis2=3))
     whole = np.abs(changes.sum(axis=(2, 3)))[..., None]

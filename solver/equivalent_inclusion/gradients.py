@@ -1,13 +1,13 @@
-"""Exact derivatives of first-order forces, ratio and log-sensitivity by every number of a scene, with tumours anywhere.
+"""Differentiate first-order forces, ratio and log-sensitivity exactly by every number of a scene, with tumours anywhere.
 
-With u the base states, K their matrix and G the form of eq. EI.1, F = u^T K u + u^T G u. The states minimise the first term but
-not the second, so that one more solve with their polarisation as load, K l = G u, takes their change into account,
+With u the base states, K the stiffness matrix and G the matrix of eq. EI.1, F = u^T K u + u^T G u. The states minimise the first
+term but not the second, so that one more solve with their polarisation as load, K l = G u, takes their change into account,
 
     dF = u^T dK u + u^T dG u - l^T dK u - u^T dK l                                                 (EI.4)
 
-and another one does it for the log-sensitivity, whose form G' = dG / d ln E belongs to the target alone. The mesh moves with the
+and another one for the log-sensitivity, whose matrix G' = dG / d ln E belongs to the target alone. The mesh moves with the
 design under tumours that stay: dG is a complex step (``gradient_points.py``). Where a point passes from one element to the
-next, strains, and with them the outputs, jump by the mesh's error, 1e-6 or so.
+next, strains, and with them the outputs, jump by the mesh's error, about 1e-6.
 """
 
 from __future__ import annotations

@@ -1,14 +1,19 @@
-"""Strength of an inclusion: its polarisation per strain that the tissue would have at its place.
+"""Compute the strength of an inclusion: its polarisation per strain that the tissue would have at its place.
 
 An ellipsoid of another material in a uniform strain is itself strained uniformly (Eshelby, Proc. R. Soc. A 241 (1957) 376).
-With dC = C_object - C_tissue and Hill's tensor P of its shape the work that it adds per volume to two strains is
+With dC = C_object - C_tissue the difference of the stiffnesses, Hill's tensor P of the shape and 1 the identity, the work per
+volume that the inclusion adds to two strains eps_i and eps_j is
 
     eps_i : k : eps_j,   k = dC (1 + P dC)^-1                                                      (IN.1)
 
-and for a sphere, with e the deviator (PHYSICS sections 3 and 4),
+and for a sphere (PHYSICS sections 3 and 4)
 
     k = k_v 1 x 1 + k_d I_dev,   k_v = dK / (1 + alpha dK / K),   k_d = 2 dmu / (1 + beta dmu / mu)
     alpha = (1 + nu) / (3 (1 - nu)),   beta = 2 (4 - 5 nu) / (15 (1 - nu))                      (IN.2)
+
+with K, mu and nu the tissue's bulk modulus, shear modulus and Poisson's ratio, dK and dmu the sphere's moduli less the tissue's,
+1 x 1 the product of traces and I_dev the projection on deviators: eps_i : k : eps_j = k_v tr eps_i tr eps_j + k_d e_i:e_j with
+the deviators e.
 """
 
 from __future__ import annotations

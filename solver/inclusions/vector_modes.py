@@ -1,8 +1,9 @@
 """Elastic fields about a sphere's centre: modes that are regular there, and modes that decay outwards.
 
-In an unbounded isotropic body every displacement that balances is a sum of vector harmonics of degree l: two spheroidal
+In an unbounded isotropic body every displacement in equilibrium is a sum of vector harmonics of degree l: two spheroidal
 ones, u = rho^p (a Y e_r + b grad_s Y), and a toroidal one. Lengths are in units of the sphere's radius R, axes are the
-sphere's own. In terms of solid harmonics f = rho^l Y (regular) or rho^(-l-1) Y (outgoing), with v = nu:
+sphere's own; Y are the surface harmonics, x is the place, rho = |x|, and v is Poisson's ratio nu of the body. In terms of solid
+harmonics f = rho^l Y (regular) or rho^(-l-1) Y (outgoing):
 
     kind  regular                                            outgoing
     0     grad f, p = l - 1                                  (4-4v-l) rho^2 grad f + (2l+2 + (4l+2)(1-2v)) x f, p = -l  (IN.6)
@@ -53,7 +54,7 @@ DISPLACEMENT_COMPONENTS = ALL_COMPONENTS[:3]
 
 @dataclass(frozen=True)
 class Modes:
-    """Which modes, in which matrix. Sorted by (m, sine, l, kind), see ``labels``.
+    """A set of modes in a matrix, sorted by (m, sine, l, kind), see ``labels``.
 
     Attributes:
         degree: largest l.
@@ -171,12 +172,14 @@ def build_stack(modes: Modes, side: Side, components: tuple[int, ...]) -> Stack:
 def _build_sums(modes: Modes, side: Side) -> list[list[Any]]:
     """Build sparse (harmonics, modes) matrices h_aj of eq. IN.11: for each component a, a list over j.
 
-    From scalar sums P, V, W, Z and H = nu / (1-2nu) div u, indices being derivatives, and G = V + W / 2:
+    By eqs. IN.6 to IN.8 the displacement u is given by sums of solid harmonics: P of those with grad f, V with rho^2 grad f, W
+    with x f and Z with x cross grad f. Here x is the place and rho its distance from the centre; indices i, j of P, V, G, Z are
+    derivatives. With Poisson's ratio nu, H = nu / (1-2nu) div u, G = V + W / 2 and Kronecker's delta_ij:
 
         u_i = P_i + rho^2 V_i + x_i W + (x cross grad Z)_i
         strain_ij + delta_ij H = P_ij + rho^2 V_ij + x_i G_j + x_j G_i + delta_ij (W + H) + (T_ij + T_ji) / 2    (IN.9)
 
-    with T_ij = (x cross grad Z_j)_i.
+    with T_ij = (x cross grad Z_j)_i; the left-hand side is the stress / (2 mu).
     """
     P, V, W, twist, H = (_spread_modes(modes, row) for row in _compute_potentials(modes, side))
     D = build_derivatives(modes.harmonics, side)

@@ -1,4 +1,4 @@
-"""The layers of a scene that matter: neighbours of one material are one layer."""
+"""List the layers of a scene, with neighbours of one material merged."""
 
 from __future__ import annotations
 

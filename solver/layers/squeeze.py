@@ -1,4 +1,4 @@
-"""A measure of how much blocks squeeze a soft layer, which formulas with few pressures cannot resolve."""
+"""Measure how much blocks squeeze a soft layer, which formulas with few pressures cannot resolve."""
 
 from __future__ import annotations
 

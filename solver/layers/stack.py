@@ -1,18 +1,19 @@
-"""Layers bonded to each other, wave by wave: reflections, the surface's compliance, and waves that arrive in a layer.
+"""Compute waves in bonded layers, one wave number at a time: reflections, the surface's compliance, waves that reach a layer.
 
-In one layer, tractions (p, q) on a plane across a wave k, of what runs down (a) and of what runs up (b), go with displacements
-(w, u) = (H a - H' b) / (2 mu k), with H = [2 (1-nu), 2 nu - 1; 2 nu - 1, 2 (1-nu)] and, as in a mirror, the mixed
-term of H' of the other sign.
-Over a way x = k h both fade,
+A field of wave number k along the surface consists in each layer of a downward part, with tractions a = (p, q) on a horizontal
+plane, normal and tangential, and an upward part with tractions b. The displacements are (w, u) = (H a - H' b) / (2 mu k), with
+the shear modulus mu, Poisson's ratio nu, H = [2 (1-nu), 2 nu - 1; 2 nu - 1, 2 (1-nu)], and H' the same with mixed terms of the
+other sign. Over a thickness h, with x = k h, both parts decay,
 
     a -> e^-x F a,     b -> e^-x F' b,     F = [1+x, -x; x, 1-x],     F' = F^T                      (LY.1)
 
-whatever Poisson's ratio is. A body below, of compliance C / (2 mu k), turns a into b = r a; seen from the layer's top they are
+for any Poisson's ratio. A body below, of compliance C / (2 mu k), reflects a as b = r a. N is the same reflection at the layer's
+top, and C on the right the compliance there:
 
     r = 4 (1-nu) (C + H')^-1 - 1,     N = e^-2x F^T r F,     C = H - 4 (1-nu) N (1+N)^-1            (LY.2)
 
-from which, with the other mu, the next layer's r follows: upwards from the floor (C = 0) or from a half-space (N = 0). Nothing
-grows with x, and C and H' are both positive: neither thick layers nor contrasts lose digits. The loads t at the surface become
+From that C, with the other mu, the next layer's r follows: upwards from the floor (C = 0) or from a half-space (N = 0). No term
+grows with x, and C and H' are both positive: neither thick layers nor contrasts lose digits. Loads t at the surface become
 
     a = (1+N)^-1 t,     and at the next interface     t' = (1+r) e^-x F a                            (LY.3)
 
@@ -61,7 +62,7 @@ class TissueLayer:
 class Echo:
     """Echo in a layer from what is beyond its far face: r at that face and N at the near face (eq. LY.2), None without echo.
 
-    ``path`` is x, shape (n, q); it says nothing in a half-space.
+    ``path`` is x, shape (n, q); it has no meaning in a half-space.
     """
 
     far_echo: Symmetric | None
@@ -85,7 +86,7 @@ def compute_echoes(k: Array, layers: Sequence[TissueLayer], rigid: bool) -> list
 
 
 def compute_echo(k: Array, layer: TissueLayer, far: Symmetric) -> Echo:
-    """Compute the echo in a layer whose other face reflects r = ``far``."""
+    """Compute the echo in a layer whose far face reflects r = ``far``."""
     x = k * layer.thickness[:, None]
     return Echo(far, _compute_returned(far, x), x)
 

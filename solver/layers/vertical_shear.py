@@ -1,4 +1,4 @@
-"""Waves of shear about the vertical in layers: reflections of each face, numbers where ``stack`` has matrices."""
+"""Compute waves of shear about the vertical in layers: reflections of each face, numbers where ``stack`` has matrices."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sum all reflections from the first few, by Galerkin's method, and estimate the remainder."""
+"""Estimate the sum of all reflections from the first few by Galerkin's method, with its remainder."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class Reflections:
 
     @cached_property
     def rho(self) -> float:
-        """Share rho of a field that is reflected back, of eq. MS.9, at most 0.9."""
+        """Fraction rho of a field that is reflected back, eq. MS.9, estimated by ratios of successive moments; at most 0.9."""
         size = [max(float(np.linalg.norm(moment)), 1e-300) for moment in self.moments]
         return min(0.9, max(size[1] / size[0], sqrt(size[-1] / size[-3]), size[-1] / size[-2]))
 

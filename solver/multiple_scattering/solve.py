@@ -1,6 +1,6 @@
 """Solve multiple scattering between tumours and boundary: the second tier of the equivalent-inclusion evaluator.
 
-With c0 the regular modes of the base states at the spheres, S and T their scattering and work
+With c0 the coefficients of the base states' regular modes at the spheres, S and T the spheres' scattering and work matrices
 (``solver/inclusions/sphere_scattering.py``) and R the reflection by the boundary, the whole incident field at the spheres is
 c = c0 + R S c, and the change of the film forces is
 
@@ -10,8 +10,10 @@ Reflections c_k+1 = R S c_k span a small space; as T and T R S are symmetric, c 
 
     mu_i+j = c_i^T T c_j,   A_ij = mu_i+j - mu_i+j+1,   B_i = mu_i,   a = A^-1 B,   c = sum_i c_i a_i   (MS.8)
 
-The remainder after the last reflection, r = c0 - (1 - R S) c, is added once more: dF = B^T a + r^T T r + ..., and the next
-term is smaller by rho, the share of a field that comes back (MS.9). The derivative by ln E of a sphere is c^T (dT / d ln E) c.
+The c_k are the fields after k reflections, mu their moments, A and B blocks of these, and a the weights of the fields. The
+remainder after the last reflection, r = c0 - (1 - R S) c, is added once more: dF = B^T a + r^T T r + ..., and the next term is
+smaller by the factor rho, the fraction of a field that is reflected back (MS.9). rho is estimated by ratios of successive moments
+mu. The derivative of dF with respect to ln E of a sphere is c^T (dT / d ln E) c.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
 """Check that a sinusoidal load is so slow that inertia, which the model leaves out, is small.
 
-Relative to stiffness, inertia is, with density rho and frequency f,
+The ratio of inertia to stiffness is, with density rho and frequency f,
 
     N = rho (2 pi f r)^2 / mu,   r the tube's radius, mu the softest tissue's shear modulus                (PH.4)
 
-Motion far from the probe lifts or lowers the surface under both blocks equally, which their ratio does not show, as long as the
-tissue as a whole does not swing. A wide layer of depth H begins to swing where H is a quarter of the shear wave's length,
+Motion far from the probe lifts or lowers the surface under both blocks equally, which does not change their ratio, unless the
+tissue as a whole resonates. A wide layer of depth H resonates where H is a quarter of the shear wave's length, 2 pi / k,
 
     k H = pi / 2,   k = 2 pi f sqrt(rho / mu)                                                             (PH.5)
 """
@@ -33,7 +33,7 @@ def compute_inertia_number(scene: Scene, frequency: float) -> float:
 
 
 def find_swing_refusal(scene: Scene, frequency: float) -> str | None:
-    """Return why no phase is computed if the tissue as a whole may swing at a frequency, Hz; None where it cannot."""
+    """Return the reason for no phase if the tissue as a whole may resonate at a frequency, Hz; None if it cannot."""
     if scene.tissue.shape == "half-space":
         return None
     share = _compute_wave_number(scene, frequency) * scene.tissue.depth / (math.pi / 2)

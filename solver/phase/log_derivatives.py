@@ -1,4 +1,4 @@
-"""Derivatives of ln(ratio) on one mesh: by the numbers of a scene, and along directions in the logarithms of all moduli."""
+"""Differentiate ln(ratio) on one mesh: by the numbers of a scene, and along directions in the logarithms of all moduli."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ Differentiate = Callable[[Scene, Sequence[ValueOfMaterial]], LogDerivatives]
 
 
 def choose_derivatives(scene: Scene, accuracy: float) -> tuple[str | None, Differentiate]:
-    """Return why this kind of scene has no derivatives, or None, and a function that differentiates such scenes on one mesh."""
+    """Return the reason why this kind of scene has no derivatives, or None, and a function that differentiates it on one mesh."""
     if Axisymmetric().refusal(scene) is None:
         fineness = MESH_LEVELS[3 if accuracy >= COARSE_ACCURACY else 4 if accuracy >= MEDIUM_ACCURACY else 5]
         return None, lambda variant, directions: differentiate_on_axis(variant, directions, fineness)

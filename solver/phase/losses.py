@@ -1,9 +1,11 @@
-"""Complex moduli of lossy materials, as changes of the logarithms of their storage moduli.
+"""Compute complex moduli of lossy materials, as changes of the logarithms of their storage moduli.
 
 Under a sinusoidal load a storage modulus E' with the loss factor t = tan delta becomes a complex modulus E (the correspondence
 principle: elastic solutions hold with complex moduli, Poisson's ratios being real),
 
     ln E = ln E' + v + j delta,     v = ln(1 + t^2) / 2,   delta = atan t                            (PH.1)
+
+where j is the imaginary unit, delta the loss angle and v the growth of ln |E| by losses.
 """
 
 from __future__ import annotations
@@ -29,7 +31,7 @@ def compute_log_growths(scene: Scene) -> ValueOfMaterial:
 
 
 def compute_angle_spread(scene: Scene) -> float:
-    """Return the largest less the smallest loss angle, rad; where it is 0, so is the ratio's phase.
+    """Return the difference of the largest and the smallest loss angle, rad; if it is 0, so is the ratio's phase.
 
     An elastic base and films are lossless: their loss angle is 0.
     """

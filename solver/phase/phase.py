@@ -1,17 +1,19 @@
 """Compute the phase of the ratio to first order in the loss angles, with a bound on the error.
 
-f is ln(ratio) as a function of the logarithms x of all moduli, real where x is real. With v and delta of eq. PH.1 the phase is
+f is ln(ratio) as a function of the logarithms x of all moduli, real where x is real. The vectors v and delta hold the changes of
+ln E by losses and the loss angles of all materials, eq. PH.1. With j the imaginary unit and Df, D2f and D3f the first three
+derivatives of f at x along the directions in brackets, the phase is
 
     arg ratio = Im f(x + v + j delta) = Df[delta] + D2f[delta, v] - D3f[delta, delta, delta] / 6 + ...    (PH.2)
 
-Each term is odd in all loss factors together: v is even, delta odd, and Im keeps the odd powers of j delta. So the error of
-the first term is of third order, and falls to an eighth as all loss factors are halved. As f is known with its gradient, those
-terms, and the derivative of the first by a number p of the scene, are differences of gradients along delta,
+Each term is odd in all loss factors together: v is even, delta odd, and Im keeps the odd powers of j delta. So the error of the
+first term is of third order, and falls to an eighth if all loss factors are halved. The gradient of f is computed exactly. The
+higher terms, and the derivative of the first by a number p of the scene, are differences of gradients along delta,
 
     d Df[delta] / dp = (f_p(x + h delta) - f_p(x - h delta)) / 2h + O(h^2)                                (PH.3)
 
-with f_p the derivative of f by p and h a small number. f does not change where all moduli grow by the same factor: only
-differences between loss angles count. The same holds for the error e of ln(ratio) by the mesh and by what the model leaves out.
+with f_p the derivative of f with respect to p and h a small number. f does not change if all moduli grow by the same factor: only
+differences between loss angles count. The same holds for the error e of ln(ratio) due to the mesh and to omitted features.
 It adds De[delta] to the phase, which is bounded by RATIO_ERROR_FACTOR |e| times the spread of the loss angles. Inertia relative
 to stiffness, eq. PH.4, is bounded likewise with INERTIA_ERROR_FACTOR.
 """
@@ -42,7 +44,7 @@ LOSSLESS_NOTE = Note("null", "all loss factors are 0, and with them ratio_phase"
 
 
 class PhaseUnknown(ProbeError):  # noqa: N818 - says why
-    """Raised where no phase can be computed; the text is the reason."""
+    """No phase can be computed; the text is the reason."""
 
 
 @dataclass(frozen=True)

@@ -5,14 +5,15 @@ C the compliance by which the whole probe on the whole tissue, films, base and f
 
     F = ((A + D)^-1 + C)^-1,    C = F_whole^-1 - A^-1                                              (SO.5)
 
-both A and F_whole by ``solver/axisymmetric/converged_forces.py``. Where the tissue's edges are meshed, the reference is a narrow
-cylinder, what tissue beyond it does is as large as A, and what the mesh gets wrong at the blocks' rims does not cancel in it: it
-grows with the forces. Under given forces it is the same in both, so that compliances cancel it. With R the mesh's forces of the
-reference, and B those of the same blocks on the whole tissue, edges and all but no inclusions, A is replaced by
+with F_whole the film forces of the whole probe on the whole tissue; ``solver/axisymmetric/converged_forces.py`` computes both A
+and F_whole. Where the tissue's edges are meshed, the reference is a narrow cylinder. The effect of tissue beyond it is as large
+as A, and the mesh's error at the blocks' rims, which grows with the forces, does not cancel in D. For given forces the error is
+the same in both, so that it cancels in a difference of compliances. With R the mesh's forces of the reference, and B those of the
+same blocks on the whole tissue with its edges but without inclusions, A is replaced by
 
     (A^-1 + B^-1 - R^-1)^-1                                                                        (SO.10)
 
-and D by what inclusions change of B. A groove changes a rim itself, and with it what the mesh gets wrong there: eq. SO.5 alone.
+and D by the change of B by inclusions. A groove changes a rim and so the mesh's error there: then eq. SO.5 is used alone.
 """
 
 from __future__ import annotations
