@@ -14,7 +14,7 @@ from solver.families import Family
 from solver.planning.load_limits import compute_rule_numbers
 from solver.planning.loads import LoadRule
 from solver.results.evaluator import FilmEvaluator, FilmSolution
-from solver.results.film_forces import Bound, FilmForces, find_shortfalls
+from solver.results.film_forces import Bound, FilmForces, compute_sensitivity_tolerance, find_shortfalls
 
 MAX_INTERPOLATION_SHARE = 0.01  # of the accuracy: the largest error that interpolation may add
 MAX_RULE_ERROR_RELATIVE = 1e-3  # on the forces without tumours; the coarsest mesh, from which they come, is accurate to 5 % only
@@ -73,7 +73,7 @@ def _interpolate_films(family: Family, solved_films: Sequence[FilmForces], accur
     values, errors = family.interpolate(np.hstack(columns))
     forces, slopes, totals, size = (part.T for part in np.split(values.T, [4, 8, 10]))
     total_errors = errors[:, 8:10] / np.abs(totals)
-    max_sensitivity_error = MAX_INTERPOLATION_SHARE * np.maximum(5 * accuracy * np.abs(size), 1e-5)
+    max_sensitivity_error = MAX_INTERPOLATION_SHARE * compute_sensitivity_tolerance(accuracy, size)
     accurate = np.all(total_errors <= MAX_INTERPOLATION_SHARE * accuracy, axis=1) & np.all(
         errors[:, 10:] <= max_sensitivity_error, axis=1
     )

@@ -21,7 +21,7 @@ from solver.evaluators import check_accuracy
 from solver.planning.load_check import LoadChanges, build_load_notes, check_load, compute_budget
 from solver.planning.load_limits import build_limits, build_load_rule
 from solver.planning.loads import LoadRule
-from solver.results.film_forces import compute_ratio_fields
+from solver.results.film_forces import compute_ratio_fields, compute_sensitivity_tolerance
 from solver.results.load_limits import LoadedRecord, LoadLimits
 from solver.results.result import Decision
 
@@ -193,10 +193,8 @@ def _iterate_warnings(
             where = f"at {exceeding} of {n} positions, more than {limit}"
             yield f"the error of {quantity} is up to {bound} {where}"
     if film_readings.derivatives and scene.target is not None:
-        sensitivity = np.abs(film_readings.log_sensitivity)
-        is_worse = film_readings.resolved & (
-            film_readings.sensitivity_error > np.maximum(5 * farthest.accuracy * sensitivity, 1e-5)
-        )
+        tolerance = compute_sensitivity_tolerance(farthest.accuracy, film_readings.log_sensitivity)
+        is_worse = film_readings.resolved & (film_readings.sensitivity_error > tolerance)
         if is_worse.any():
             max_error = f"{film_readings.sensitivity_error[is_worse].max():.1g} (absolute)"
             positions_text = f"{int(is_worse.sum())} of {n} positions"

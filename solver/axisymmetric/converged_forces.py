@@ -68,7 +68,7 @@ def compute_converged_forces(scene: Scene, accuracy: float, moduli: Floats | Non
         if missing:
             reached = max(film.compute_max_error(scene) for film in _build_films(scene, mesh_sample, errors, missing))
         small = reached <= accuracy or (reached - numerical_error > accuracy and numerical_error <= accuracy / 2)
-        return small and all(_is_sensitive_enough(film, accuracy) for film in numerical)
+        return small and all(film.meets_sensitivity(accuracy) for film in numerical)
 
     mesh_sample, errors, reason = refine(
         lambda level: rough() if level == MESH_LEVELS[0] and chosen is plain else solve(level),
@@ -97,10 +97,6 @@ def _build_films(
             FilmForces(forces, bound, sample.modulus_derivative[k] if scene.target is not None else None, sensitivity_bound)
         )
     return tuple(films)
-
-
-def _is_sensitive_enough(films: FilmForces, accuracy: float) -> bool:
-    return films.sensitivity_error <= max(5 * accuracy * abs(films.log_sensitivity or 0.0), 1e-5)
 
 
 def _write_notes(

@@ -125,8 +125,7 @@ def _find_load_key(scene: Scene) -> tuple[str, object]:
 
 def _is_accurate(films: FilmForces, scene: Scene, accuracy: float) -> bool:
     """Return whether stresses, ratio and log-sensitivity are within their tolerances."""
-    sensitive = films.sensitivity_error <= max(5 * accuracy * abs(films.log_sensitivity or 0.0), 1e-5)
-    return films.compute_max_error(scene) <= accuracy and sensitive
+    return films.compute_max_error(scene) <= accuracy and films.meets_sensitivity(accuracy)
 
 
 def _compute_log_ratio(films: FilmForces) -> float:

@@ -23,11 +23,11 @@ from solver.contact.loaded_scene import LoadedScene, press_with_enough_points
 from solver.contact.path import Path
 from solver.contact.path_points import LoadedForces, PathPoint, StoppedError
 from solver.results.evaluator import ProgressCallback, ignore_progress
+from solver.results.film_forces import compute_sensitivity_tolerance
 from solver.results.load_curve import LoadCurve, LoadRange
 from solver.results.load_limits import LargestLoad
 from solver.results.warnings import Note, explain_null_sensitivity
 
-SENSITIVITY_TOLERANCE = 1e-5  # absolute tolerance of every log-sensitivity
 FINER_PATH_FACTOR = (
     1.2  # the finer mesh is pressed this much further than the limit on the coarser one, so that its own limit lies within
 )
@@ -125,9 +125,8 @@ def _list_changes(loaded: LoadedScene, scene: Scene, accuracy: float) -> Iterato
     fine = loaded.paths[1]
     rest_sensitivity = abs(loaded.compute_sensitivity(fine, fine.points[0])) if scene.target is not None else 0.0
     if rest_sensitivity:
-        yield _LimitChange(
-            "log_sensitivity", loaded.compute_sensitivity, max(5 * accuracy, SENSITIVITY_TOLERANCE / rest_sensitivity)
-        )
+        tolerance = float(compute_sensitivity_tolerance(accuracy, rest_sensitivity))
+        yield _LimitChange("log_sensitivity", loaded.compute_sensitivity, tolerance / rest_sensitivity)
 
 
 def _refine_limit(loaded: LoadedScene, change: _LimitChange, coarse: LargestLoad | None) -> LargestLoad | None:

@@ -17,6 +17,7 @@ from solver.inclusions.tumours import Tumours
 from solver.linalg.threads import limit_to_one_thread
 from solver.multiple_scattering.lockstep import run_in_lockstep, run_steps
 from solver.multiple_scattering.solve import Scattered, iterate_scattering
+from solver.results.film_forces import compute_sensitivity_tolerance
 
 REFLECTION_TOLERANCE_RELATIVE = 0.1  # of the accuracy: truncation error of reflections, relative to a tumour's effect
 SERIES_SAFETY_FACTOR = 3.0  # on the estimate of the truncation error
@@ -152,8 +153,8 @@ def compute_readings(
         first = _compute_first_order(base, inside, left_out, target, places)
         insufficient = (first.max_error > base.accuracy) | bool(reflect)
         if sensitive and tumours.shape[1]:
-            allowed = np.maximum(5 * base.accuracy * np.abs(first.log_sensitivity), 1e-5)
-            insufficient |= first.add_baseline_bounds(base).sensitivity_error > allowed
+            tolerance = compute_sensitivity_tolerance(base.accuracy, first.log_sensitivity)
+            insufficient |= first.add_baseline_bounds(base).sensitivity_error > tolerance
         insufficient &= np.any(~left_out, axis=1) & (reflect is not False)
         chosen = np.flatnonzero(insufficient)
         often = len(chosen) > MAX_SETS_WITHOUT_MATRIX and not base.strata.interfaces

@@ -30,6 +30,7 @@ from solver.planning.strains import (
     compute_cover_factor,
     compute_slimness,
 )
+from solver.results.film_forces import compute_sensitivity_tolerance
 from solver.results.load_limits import LargestLoad
 
 SENSITIVITY_GROWTH = 0.8  # of ln(log-sensitivity) per x
@@ -37,7 +38,6 @@ MAX_X = 0.3
 CLOSURE_FORCE_SHARE = 1 / 20  # fraction of the linear closing force up to which the gap is known to stay open
 CANCELLING_WALL_SHARE = 1 / 12  # of eq. PL.9
 CANCELLING_FILM_SHARE = 0.2  # of eq. PL.8: the worst of 240 scenes needs 0.065
-MIN_SENSITIVITY_PROMISE = 1e-5  # absolute, that a log-sensitivity is promised to
 
 Cause = Literal["ratio", "log_sensitivity", "strain limit", "gap closure"]
 
@@ -191,7 +191,7 @@ class LoadRule:
         if self.films is None or not any(self.films):
             return 5 * accuracy
         sensitivity = abs(self.films[0] - self.films[1])
-        return max(5 * accuracy * sensitivity, MIN_SENSITIVITY_PROMISE) / compute_sensitivity_size(self.films)
+        return float(compute_sensitivity_tolerance(accuracy, sensitivity)) / compute_sensitivity_size(self.films)
 
     def compute_promise_share(self, force: float, accuracy: float) -> float:
         """Return the fraction of the log-sensitivity's tolerance that a force, N, may use up; infinite where it is unknown."""

@@ -17,6 +17,14 @@ from geometry.scenes.scene import Scene
 from solver.results.result import ErrorKind
 from solver.results.warnings import Note, explain_null_sensitivity
 
+SENSITIVITY_ACCURACY_FACTOR = 5  # an accuracy promises a log-sensitivity within so many times itself, relative, ...
+MIN_SENSITIVITY_TOLERANCE = 1e-5  # ... or within this, absolute, where that is more
+
+
+def compute_sensitivity_tolerance(accuracy: float, log_sensitivity: float | Floats) -> Floats:
+    """Return the absolute tolerance that an accuracy promises on log-sensitivities, of their shape."""
+    return np.maximum(SENSITIVITY_ACCURACY_FACTOR * accuracy * np.abs(log_sensitivity), MIN_SENSITIVITY_TOLERANCE)
+
 
 @dataclass(frozen=True)
 class Bound:
@@ -91,6 +99,10 @@ class FilmForces:
             return None
         inner, outer = self.film_log_sensitivities or (0.0, 0.0)
         return inner - outer
+
+    def meets_sensitivity(self, accuracy: float) -> bool:
+        """Return whether the error of the log-sensitivity is within what an accuracy promises."""
+        return bool(self.sensitivity_error <= compute_sensitivity_tolerance(accuracy, self.log_sensitivity or 0.0))
 
     @cached_property
     def film_log_sensitivities(self) -> tuple[float, float] | None:
@@ -212,7 +224,7 @@ def find_shortfalls(
     if reached > accuracy:
         notes.append(Note("accuracy", f"{describe_shortfall(reached, accuracy, kind)}: the best of this evaluator"))
     size = abs(films.log_sensitivity or 0.0)
-    if films.modulus_derivative is not None and films.sensitivity_error > max(5 * accuracy * size, 1e-5):
+    if films.modulus_derivative is not None and not films.meets_sensitivity(accuracy):
         share = films.sensitivity_error / size if size > 0 else np.inf
         good = f"good to about {share:.1g} of itself only" if share < 10 else "smaller than its own error"
         notes.append(Note("sensitivity", f"log_sensitivity is {good}"))

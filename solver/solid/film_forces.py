@@ -18,7 +18,7 @@ from geometry.scenes.scene import Scene
 from geometry.tetra.sizing import COARSE_FINENESS, FINE_FINENESS, ROUGH_FINENESS, ROUGHEST_FINENESS, TetraFineness
 from geometry.tetra.tet_mesh import TetMesh
 from solver.linalg.workspace import get_workspace
-from solver.results.film_forces import FilmForces
+from solver.results.film_forces import FilmForces, compute_sensitivity_tolerance
 from solver.results.result import Decision
 from solver.results.warnings import Note
 from solver.solid.base_states import SolidStates
@@ -182,7 +182,7 @@ def _may_improve(films: FilmForces, scene: Scene, accuracy: float, max_excess: f
 
     A finer mesh divides the bound by two to four. Where that would not suffice, the present bound is reported.
     """
-    allowed = max(5 * accuracy * abs(films.log_sensitivity or 0.0), 1e-5)
+    allowed = float(compute_sensitivity_tolerance(accuracy, films.log_sensitivity or 0.0))
     return allowed < films.sensitivity_error <= max_excess * allowed or films.compute_max_error(scene) > accuracy
 
 
