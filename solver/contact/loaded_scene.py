@@ -231,16 +231,19 @@ def press_with_enough_points(
     """Press a scene, with more contact points where no step converges; return the result and the scene that was pressed.
 
     Raises:
-        StoppedError: no step converges with more points either.
+        StoppedError: no step converges with more points either; it is of the path that got further.
         LimitReached: the time limit is reached.
     """
     try:
         return press(loaded), loaded
-    except StoppedError:
+    except StoppedError as fault:
         denser = loaded.add_contact_points()
         if denser is None:
             raise
-        return press(denser), denser
+        try:
+            return press(denser), denser
+        except StoppedError as second:
+            raise max(fault, second, key=lambda stop: stop.last.indentation) from None
 
 
 def compute_modulus_curve(loaded: LoadedScene, moduli: Floats) -> list[LoadedForces]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterator
 from typing import Literal
 
 import numpy as np
@@ -15,9 +16,10 @@ from geometry.scenes.scene import Contact, HalfSpaceTissue, Load
 from solver.axisymmetric.evaluator import Axisymmetric
 from solver.contact import path
 from solver.contact.evaluator import ContactEvaluator
-from solver.contact.loaded_scene import LoadedScene
+from solver.contact.loaded_scene import LoadedScene, press_with_enough_points
 from solver.contact.model import ContactModel
 from solver.contact.newton import Equilibrium, solve
+from solver.contact.path_points import LoadedForces, StoppedError
 from solver.contact.states import State
 from solver.evaluation import curve, evaluate, plan
 from tests.support.paths import REFERENCE
@@ -250,3 +252,19 @@ def test_tissue_that_folds_onto_a_corner_is_pressed_with_more_contact_points() -
     assert films.ratio_error < 0.01
     coarse = ContactEvaluator().prepare_scene(scene).paths[0].press_to_force(0.3)
     assert films.totals[0] / films.totals[1] == pytest.approx(coarse.films[0] / coarse.films[1], rel=films.ratio_error)
+
+
+def test_the_refusal_names_the_path_that_got_further(monkeypatch: pytest.MonkeyPatch) -> None:
+    """More contact points stop earlier on some scenes; what fewer reached is the limit then."""
+    loaded = ContactEvaluator().prepare_scene(EXAMPLE)
+    far, near = loaded.press_to_indentation(2e-4).point, loaded.press_to_indentation(1e-4).point
+    monkeypatch.setattr(LoadedScene, "add_contact_points", lambda scene: scene)
+    for first, second in ((far, near), (near, far)):
+        stops = iter((StoppedError(first, "first"), StoppedError(second, "second")))
+
+        def press(_: LoadedScene, stops: Iterator[StoppedError] = stops) -> LoadedForces:
+            raise next(stops)
+
+        with pytest.raises(StoppedError) as stop:
+            press_with_enough_points(loaded, press)
+        assert stop.value.last is far
