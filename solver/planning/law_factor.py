@@ -8,7 +8,7 @@ from geometry.scenes.probe import Material
 from geometry.scenes.scene import Scene
 from solver.materials.strain_energies import StrainEnergy, build_strain_energy
 
-STIFFENING_COEFFICIENT, DISTORTION_COEFFICIENT = 0.24, 17.0  # of eq. PL.12: 12 scenes, c2 1 and 10, c3 1 and 30, need 0.7 of it
+STIFFENING_COEFFICIENT, DISTORTION_COEFFICIENT = 0.24, 17.0  # of eq. PL.12: 11 scenes, c2 1 and 10, c3 1 and 30, need 0.7 of it
 INNER_SHARE = 1 / 8  # likewise of blocks and inclusions: a soft tumour needs half of it
 TESTED_COUNT, MIN_TESTED_X = 400, 1e-6
 
