@@ -1,1 +1,1 @@
-"""Evaluator `axisymmetric`, and the systems of the meridian plane that `equivalent-inclusion` stands on."""
+"""Evaluator `axisymmetric`, and the linear systems of the meridian plane that `equivalent-inclusion` uses."""

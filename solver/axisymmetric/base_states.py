@@ -1,8 +1,8 @@
-"""Solve the two base states of a scene: the base of one block displaced by one unit, that of the other held.
+"""Solve the two base states of a scene: the base of one block displaced by one unit, the base of the other fixed.
 
 Film forces are energies of pairs of states,
 F_ij = u_i^T K u_j: consistent reactions, which converge at twice the rate of the displacements. K is affine in every
-Young's modulus, so the derivative of F_ij by ln of a body's modulus is the part of that energy inside the body (the
+Young's modulus, so that the derivative of F_ij by ln of a body's modulus is the part of that energy inside the body (the
 states are their own adjoints).
 """
 
@@ -104,7 +104,7 @@ class BaseStates:
         edge: the elements' values on corners and edges in both states, without rigid shifts, shape (n, 8 p, 2).
         shift: these shifts along z, shape (n, 2).
         forces: F_ij, force on block i (0 inner, 1 outer) per unit displacement of base j, N/m, shape (2, 2).
-        rounding: bound on what rounding changes in ``forces``, shape (2, 2).
+        rounding: bound on the rounding error of ``forces``, shape (2, 2).
         residual: the larger of both solutions, relative to |K| |u|.
     """
 

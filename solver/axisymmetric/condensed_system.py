@@ -20,7 +20,7 @@ MAX_LOOSE_RESIDUAL = 1e-12  # relative to the diagonal's part of |K| |u|: below 
 class System:
     """The stiffness of all elements, condensed to corners and edges, and its factors.
 
-    A rigid shift strains nothing, but a stiff element computes large forces from its rounding errors.
+    A rigid shift causes no strain, but a stiff element computes large forces from its rounding errors.
     So each element's displacements are taken relative to those of its first corner.
 
     Attributes:

@@ -31,9 +31,9 @@ class Converged:
     Attributes:
         films: with their errors.
         sample: where they come from; its states are those of one of the moduli, or of one between them.
-        plan: what is modelled or left out, beyond blocks and tissue.
+        plan: features that are modelled or left out, beyond blocks and tissue.
         notes: warnings that explain what limits the accuracy, one line each.
-        stopped: why no finer mesh was used where one was needed; None where none was needed.
+        stopped: the reason why no finer mesh was used where one was needed; None where none was needed.
     """
 
     films: tuple[FilmForces, ...]

@@ -79,7 +79,7 @@ class Numbering:
 
 @keep_result
 def number_unknowns(mesh: Topology, order: int, interface: Interface, m: int = 0) -> Numbering:
-    """Number the unknowns of a mesh at one polynomial order, for fields of azimuthal order m."""
+    """Return the numbering of a mesh's unknowns at one polynomial order, for fields of azimuthal order m."""
     probe = ~np.isin(mesh.body, (*TISSUES, Body.INCLUSION))
     functions, signs, ends = _number_functions(compute_labels(mesh), probe, order)
     owner, fixed, unit_shift = _find_ties(mesh, ends, interface, FIXED_ON_AXIS.get(m, (True, True, True)))
@@ -141,7 +141,7 @@ def select_subspace(numbering: Numbering, degree: int) -> Subspace:
 
 
 def _number_functions(corners: Floats, probe: Bools, order: int) -> tuple[Ints, Floats, Floats]:
-    """Number the functions on corners and edges, separately for probe and tissue.
+    """Assign numbers to the functions on corners and edges, separately for probe and tissue.
 
     Returns the elements' functions and signs, shape (n, 4 p) both, and for each function its edge's two ends, or its
     corner twice, with 0 (tissue) or 1 (probe) and its degree: (r, z, r, z, probe, degree).

@@ -28,7 +28,7 @@ class Axisymmetric(FilmEvaluator):
     summary: str = "2D finite elements; tumour on the probe's axis; 1e-4 to 1e-2 in 0.1 to 3 s"
 
     def refusal(self, scene: Scene) -> str | None:
-        """Return why the scene is not rotationally symmetric, with the evaluator that takes it; None where it is."""
+        """Return the reason why the scene is not rotationally symmetric, with the evaluator that takes it; None where it is."""
         placement = scene.placement
         reason = find_refusal(scene, GEOMETRY_KINDS)
         if reason is not None:
@@ -45,7 +45,7 @@ class Axisymmetric(FilmEvaluator):
     def solve(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> FilmSolution:
         """Refine until ratio, stresses and stiffness are within ``accuracy`` and log_sensitivity within 5 times that.
 
-        A curve takes one factorisation per mesh.
+        A curve of moduli needs one factorisation per mesh.
 
         Raises:
             Refusal: the scene is not rotationally symmetric, or its equations cannot be solved in double precision.

@@ -84,11 +84,12 @@ def bound_omitted_changes(
 
 
 def _bound_sides(scene: Scene, plain: Sections, rough: MeshSample, moduli: Floats | None) -> Change:
-    """Correct for sides of the tissue that are not round about the probe's axis, by the mean over cylinders, with a bound.
+    """Correct for tissue that is not round about the probe's axis, by the mean over cylinders, with an error bound.
 
     F = (1 / 2 pi) Int F_cylinder(R(theta)) d theta (AX.4) is right to first order in the deviation of the sides from a circle,
-    R(theta) their distance. With b the relative change of a total for the inscribed or circumscribed cylinder, the rest is
-    bounded by a third of the shift and b^2; 3D references with b = 0.03 and 0.06 leave 0.0001 and 0.002 (their own uncertainty).
+    R(theta) their distance in the direction theta. With b the relative change of a total for the inscribed or circumscribed
+    cylinder, the remaining error is bounded by a third of the shift and b^2. In 3D references with b = 0.03 and 0.06 it was
+    0.0001 and 0.002 (their own uncertainty).
     """
     kind = kind_of(plain.section)
     from scipy.interpolate import pchip_interpolate  # slow to import, and used for such scenes only

@@ -154,7 +154,7 @@ def compute_total_change(change: Floats) -> Floats:
 def _extrapolate_error(changes: Sequence[Floats]) -> Floats:
     """Bound the error that remains after the last of several changes.
 
-    If errors fall by q from level to level, 1 / (q - 1) of the last change is left (AX.3). q is taken as ASSUMED_DECAY until a
+    If errors fall by the factor q from mesh to mesh, 1 / (q - 1) of the last change is left (AX.3). q is ASSUMED_DECAY until a
     second change gives it. The bound is at least MIN_CHANGE_SHARE of the last change and MIN_PREVIOUS_CHANGE_SHARE of the one
     before.
     """

@@ -36,7 +36,7 @@ class MeshSample:
 
     @property
     def rounding(self) -> Floats:
-        """Bound on what rounding changes in each film's total, shape (2,)."""
+        """Bound on the rounding error of each film's total, shape (2,)."""
         return np.asarray(self.states.rounding.sum(axis=1))
 
     @property

@@ -1,4 +1,4 @@
-"""Solve many scenes, of which some differ only in the inclusion's Young's modulus and the load.
+"""Solve many scenes together if they differ only in the inclusion's Young's modulus and the load.
 
 The film forces of such scenes per unit indentation are one curve: a load scales them, and all moduli come from one
 factorisation (``modulus_response.py``), each with its own error bound. Where a curve is not accurate enough, each modulus is
@@ -31,7 +31,7 @@ SolutionOrError = FilmSolution | InputError
 
 
 def get_design(scene: Scene) -> Scene:
-    """Return the scene with a standard modulus of the inclusion and a zero load of its kind: the key of scenes on one curve."""
+    """Return the scene with a standard modulus of the inclusion and zero load: it is equal for all scenes on one curve."""
     load = Load(indentation=0.0) if scene.load.indentation is not None else Load(force=0.0)
     bodies = tuple(body.model_copy(update={"youngs_modulus": 1.0}) for body in scene.inclusion)
     return scene.model_copy(update={"load": load, "inclusion": bodies})

@@ -28,8 +28,8 @@ class StateForms:
 
     Attributes:
         states: coefficients of s pairs on the basis, shape (m, 2, s).
-        values: by which g_i of these give g_i of all, shape (k, s).
-        changes: by which they give g_i' of all, shape (k, s).
+        values: weights that give g_i of all pairs from g_i of these, shape (k, s).
+        changes: weights that give g_i' of all pairs likewise, shape (k, s).
     """
 
     states: Floats

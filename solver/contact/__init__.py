@@ -1,1 +1,1 @@
-"""Level 4: finite strain and contact in the meridian plane: loads that a hand makes, gaps that close."""
+"""Evaluator `contact`: finite strain and contact in the meridian plane, for loads of a hand and gaps that close."""

@@ -3,14 +3,14 @@ r"""Compute the forces between two lines that touch, by augmented Lagrangians: p
 The constraint g >= 0 is that of the normal distance; its multiplier, per undeformed area, works along dg, which is normal to the
 line. With the multiplier l of the last round and a penalty e the energy of a point is (max(0, l - e g)^2 - l^2) / (2 e) (CT.3).
 
-Friction holds a point where it stood on the master when the last load was reached, by a spring that gives way to what exceeds
-Coulomb's law: with the shear m of that load and the slip d since then
+Friction holds a point at its position on the master at the last load, by a spring that slips where the shear exceeds Coulomb's
+law: with the shear m of that load and the slip d since then
 
     shear = m + f d,  within +- friction x pressure                                                     (CT.6)
 
 both per undeformed area, along and normal to the deformed line (J. C. Simo & T. A. Laursen, Computers & Structures 42, 1992, 97).
-Here friction is Coulomb's coefficient. The spring f, a share of the full penalty, is no multiplier: there are more contact points
-than the lines have degrees of freedom, so that multipliers that hold all points would not be unique.
+Here friction is Coulomb's coefficient. The spring f, a fraction of the full penalty, is no multiplier: there are more contact
+points than the lines have degrees of freedom, so that multipliers that hold all points would not be unique.
 """
 
 from __future__ import annotations

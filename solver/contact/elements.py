@@ -1,8 +1,8 @@
 """Compute forces and tangents of all elements at finite strain, with pressures and interior values eliminated.
 
-The pair is that of ``solver/elements/quadrilateral.py``, Qp displacements and P(p-1) pressures, the pressure an unknown of
-Newton's method: eliminated from the linear system element by element, never from the equations (mean dilatation, which does that,
-takes three times the iterations at nu = 0.499 and fails at 0.4999).
+The elements are those of ``solver/elements/quadrilateral.py``: Qp displacements and P(p-1) pressures. The pressure is an unknown
+of Newton's method, eliminated from the linear system element by element but not from the equations. (Mean dilatation, which
+eliminates it there, takes three times the iterations at nu = 0.499 and fails at 0.4999.)
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The contact evaluator: press the probe to the scene's load at finite strain and with contact, on two meshes."""
+"""Evaluator ``contact``: press the probe to the scene's load at finite strain and with contact, on two meshes."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class ContactEvaluator(FilmEvaluator):
     summary: str = "2D, finite strain, walls in contact; tumour on the probe's axis; 5e-3 to 2e-2 in 2 to 20 s"
 
     def refusal(self, scene: Scene) -> str | None:
-        """Return the feature of the scene that this evaluator does not model, or None."""
+        """Return the reason for a refusal, a feature of the scene that this evaluator does not model, or None."""
         if scene.contact.interface != "bonded" and scene.tissue.shape == "half-space":
             return f"tissue of finite size for contact.interface = '{scene.contact.interface}' at finite strain"
         return Axisymmetric().refusal(scene.model_copy(update={"contact": Contact()}))
@@ -50,7 +50,7 @@ class ContactEvaluator(FilmEvaluator):
         return self.press_and_answer(scene, accuracy, moduli)[0]
 
     def press_and_answer(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> tuple[FilmSolution, LoadedScene]:
-        """Return the result and the pressed scene, which holds all states on the load path; see ``solve``."""
+        """Press the scene; return the result and the pressed scene, which holds all states on the load path; see ``solve``."""
         with threadpool_limits(1, user_api="blas"), self._convert_errors(scene):
             result, loaded, notes = press_refined(
                 self.prepare_scene(scene, accuracy), lambda films: _is_accurate(films, scene, accuracy)
@@ -64,7 +64,7 @@ class ContactEvaluator(FilmEvaluator):
             return press_refined(self.prepare_scene(scene, accuracy), lambda films: films.compute_max_error(scene) <= accuracy)[1]
 
     def build_answer(self, scene: Scene, accuracy: float, loaded: LoadedScene, result: LoadedForces) -> FilmSolution:
-        """Build the answer of one result of a pressed scene, with its warnings."""
+        """Build the film solution of one result of a pressed scene, with its warnings."""
         return self._build_answer(scene, accuracy, loaded, [result], ())
 
     @contextmanager

@@ -48,7 +48,7 @@ def find_change_load(path: Path, value: Callable[[PathPoint], float], allowed: f
     """Find the load at which a value has changed from its value at rest by the allowed relative amount.
 
     Args:
-        path: a path, pressed as far as is wanted.
+        path: a load path, pressed as far as is wanted.
         value: function that gives the value at a point; a value of 0 at rest sets no limit.
         allowed: relative change, above 0.
         quantity: name of the value, for the result.

@@ -74,7 +74,7 @@ def _press(loaded: LoadedScene, load: float, by_force: bool) -> LoadedForces:
 
 @dataclass(frozen=True)
 class LoadEnds:
-    """Limits of the load, see ``LoadLimits``, with notes on those that are not known."""
+    """Limits of the load, see ``LoadLimits``, with notes on the unknown ones."""
 
     ratio: LargestLoad | None
     log_sensitivity: LargestLoad | None

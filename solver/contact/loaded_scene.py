@@ -89,8 +89,9 @@ class LoadedScene:
     def add_contact_points(self) -> LoadedScene | None:
         """Return the scene at rest with twice the contact points; None if it has them, or has faces that slide or open.
 
-        With few points a wall whose corner the tissue folds onto kinks between two elements, and no step over the kink converges.
-        More points take longer, and would hold faces that slide, which touch everywhere, more than these can follow.
+        With few points a wall kinks between two elements where the tissue folds onto its corner, and no step over the kink
+        converges. More points take longer. On faces that slide, which touch everywhere, they would be more constraints than the
+        elements can follow.
         """
         if self.dense or self.scene.contact.interface != "bonded":
             return None

@@ -242,7 +242,7 @@ class ContactModel:
         return [StableRange.from_law(law) for _, law in self.elements.material.laws]
 
     def compute_film_forces(self, equations: Linearised) -> Floats:
-        """Return the forces on the films, N, (2,): what the energy rises by per indentation of each block's base (CT.4)."""
+        """Return the film forces, N, (2,): derivatives of the energy with respect to the indentation of each base (CT.4)."""
         return np.asarray(self.lift.reshape(-1, 2).T @ (equations.balance.forces.ravel() + equations.contact))
 
     def compute_responses(self, state: State, equations: Linearised, target: Floats | None = None) -> tuple[Floats, Floats]:

@@ -1,6 +1,6 @@
 r"""Describe pairs of lines that may touch: points of the softer line against the harder line.
 
-Both lines are graphs over one coordinate t, and the gap at a point of the softer is the distance along the other coordinate s to
+Both lines are graphs over one coordinate t. The gap at a point of the softer line is the distance along the other coordinate s to
 the harder line at the same t. Between the walls of the gap t is z. Where a wall stands on the tissue both lines start at the
 block's corner, one upwards and one outwards; over the diagonal t they are graphs, however far the one has folded onto the other:
 

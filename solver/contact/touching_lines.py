@@ -1,9 +1,9 @@
 r"""Find the pairs of lines of a section that may touch.
 
-Bonded faces leave the walls: each with the tissue beside it, from the block's corner, or from where the face ends at a round
-edge. Faces that may open or slide are one line with their walls, which is a graph over the diagonal like the wall alone: points
-pass the corner without leaving their line. The tube's face belongs to both its walls: its points are shared out at its middle,
-each half against the whole face.
+With bonded faces, only walls may touch: each with the tissue next to it, from the block's corner, or from where the face ends at
+a round edge. Faces that may open or slide are one line with their walls, which is a graph over the diagonal like the wall alone:
+points pass the corner without leaving their line. The tube's face belongs to both its walls: its points are shared out at its
+middle, each half against the whole face.
 
                  |          |              |
     inner block  |          |     tube     |

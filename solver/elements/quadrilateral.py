@@ -1,4 +1,4 @@
-"""Axisymmetric elasticity on quadrilaterals of any order: element matrices, all at once.
+"""Integrate axisymmetric elasticity on quadrilaterals of any order: all element matrices at once.
 
 Displacements are polynomials of order p in each direction; the volumetric strain is projected onto
 polynomials of total degree p - 1 of each element (the Qp-P(p-1) pair with its pressure eliminated),

@@ -1,7 +1,8 @@
-"""Element matrices of rectangles r_0 < r < r_0 + h of height l, from products of one-dimensional integrals that all share.
+"""Compute element matrices of rectangles r_0 < r < r_0 + h of height l, from products of shared one-dimensional integrals.
 
-With M, M_1 the integrals of N_i N_j and x N_i N_j over the unit interval, S and S_1 those of slopes, C and C_1 of N_i with the
-slope of N_j, x along r before y along z, per unit 2 mu and 2 pi:
+M and M_1 are the integrals of N_i N_j and x N_i N_j of the functions N over the unit interval, S and S_1 those of their
+derivatives, C and C_1 those of N_i with the derivative of N_j. Points x_a with weights w_a have the radii r_a. In products,
+factors along r come before those along z. Per unit 2 mu and 2 pi, the blocks of u_r and u_z are:
 
     K_rr = l / h (r_0 S + h S_1) M + h / l (r_0 M + h M_1) S / 2 + h l sum_a w_a / r_a N_i(x_a) N_j(x_a) M
     K_zz = h / l (r_0 M + h M_1) S + l / h (r_0 S + h S_1) M / 2                                              (EL.2)

@@ -1,4 +1,4 @@
-"""Hierarchical shape functions on the unit square, tabulated at Gauss points.
+"""Tabulate hierarchical shape functions on the unit square at Gauss points.
 
 Along each axis: 1 - x, x and, for degrees 2 to p, integrated Legendre polynomials, which vanish at both
 ends (Szabo & Babuska, Finite Element Analysis, 1991, section 6.1). An element of order p - 1 uses a subset of the functions.

@@ -1,6 +1,7 @@
-"""Integrals of products of two functions over the unit square, all elements at once, one direction after the other.
+"""Integrate products of two functions over the unit square, for all elements at once, one direction after the other.
 
-Functions are products of one-dimensional ones, N(x) M(y), and so are products of two of them. So a sum over points (x_a, y_b)
+Functions f_i, g_j are products of one-dimensional ones, N(x) M(y), and so are products of two of them, F_x(x) F_y(y) with indices
+i_1 j_1 along x and i_2 j_2 along y. So a sum over the points (x_a, y_b) with a coefficient c
 
     int c f_i g_j = sum_a F_x(a; i_1 j_1) sum_b F_y(b; i_2 j_2) c(a, b)        (EL.1)
 

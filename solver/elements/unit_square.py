@@ -1,4 +1,4 @@
-"""Sums over Gauss points in the coordinates x, y of the unit square, where all elements share their functions.
+"""Sum over Gauss points in the coordinates x, y of the unit square, where all elements share their functions.
 
 Stresses, which work on derivatives by r and z and on u / r, are first transformed point by point to work on X, Y and N, the
 derivatives by x and y and the value. What remains is one large matrix product with tables of the functions, or of their products,

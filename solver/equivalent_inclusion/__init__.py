@@ -1,1 +1,1 @@
-"""Level 2: many tumours under one solved probe; first order, bounds, ellipsoids, readings, gradients."""
+"""Evaluator `equivalent-inclusion`: many tumours under one solved probe; first order, bounds, ellipsoids, readings, gradients."""

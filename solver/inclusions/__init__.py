@@ -1,1 +1,1 @@
-"""Elasticity of one sphere or ellipsoid in an unbounded body; arrays of tumours. Knows no mesh and no probe."""
+"""Elasticity of one sphere or ellipsoid in an unbounded body, and arrays of tumours; independent of meshes and probes."""

@@ -3,8 +3,8 @@
 The factor is that of the matrix itself or of a similar one.
 
 rslab (MIT, wheels for Linux, macOS and Windows) factorises as fast as PARDISO on one thread; where it is missing, or panics,
-``cholesky.py`` does it. A factor in single precision takes half the memory: conjugate gradients give the digits back, unless
-slivers, near incompressibility and contrast come together.
+``cholesky.py`` is used. A factor in single precision takes half the memory: conjugate gradients restore the digits, unless
+slivers, near incompressibility and a high contrast of moduli combine.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ class MatrixAnalysis:
 
     @property
     def foreign_bytes(self) -> int:
-        """What the library holds."""
+        """Bytes that the library holds."""
         return int(self.symbolic.heap_bytes)
 
     def fits(self, lower: sp.csc_array) -> bool:
@@ -142,7 +142,7 @@ class _Ldlt:
 
     @property
     def foreign_bytes(self) -> int:
-        """What the library holds."""
+        """Bytes that the library holds."""
         return int(self.handle.heap_bytes)
 
     @classmethod

@@ -1,4 +1,4 @@
-"""Control what the C library does with freed memory. An import changes nothing: the process may belong to others."""
+"""Control how the C library reuses freed memory. An import changes nothing: the process may belong to others."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ _FREED_MEMORY = _FreedMemory()
 
 
 def give_back(worth: float = 0.0) -> None:
-    """Give freed memory back to the operating system if it is at least ``worth`` bytes.
+    """Return freed memory to the operating system if it is at least ``worth`` bytes.
 
     glibc keeps memory that is freed between pieces in use. In programs that evaluate many different scenes that becomes far more
     than the pieces themselves. It takes some milliseconds; where the

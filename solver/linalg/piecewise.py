@@ -1,4 +1,4 @@
-"""Piecewise polynomial interpolation of array-valued functions of one number, on equal steps."""
+"""Interpolate array-valued functions of one number by piecewise polynomials on equal steps."""
 
 from __future__ import annotations
 

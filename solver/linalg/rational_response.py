@@ -22,7 +22,7 @@ class KrylovBasis:
         matrix: K (n, n), symmetric and positive definite: whatever multiplies arrays (n, k) by ``@``.
         solve: returns K^-1 loads, shape (n, k) both.
         unknowns: n.
-        negligible: share of its energy that a new vector has to have outside the basis; otherwise it is dropped.
+        negligible: fraction of its energy that a new vector must have outside the basis; otherwise it is dropped.
 
     Attributes:
         vectors: v_k, shape (n, m).

@@ -1,10 +1,10 @@
-"""Cache of meshes, patterns, factors and solved probes from one scene to the next, within a limit of bytes.
+"""Cache meshes, patterns, factors and solved probes from one scene to the next, within a limit of bytes.
 
 An evaluator owns a workspace and works in it, ``with use_workspace(workspace):``. Functions below it that are decorated with
 ``keep_result`` keep their results there. Outside any workspace, the process's own is used; an evaluator that is given none takes
-the one in which it is made. What was used longest ago is dropped first. What the current evaluation uses stays while it runs, as
-it is in use anyway, and another tumour under the same probe then costs little. So a workspace holds its limit, or what the last
-evaluation needed if that is more.
+the one in which it is made. Values used longest ago are dropped first. Values of the current evaluation stay while it runs, so
+that another tumour under the same probe costs little. So a workspace holds its limit, or the values of the last evaluation if
+these are more.
 """
 
 from __future__ import annotations
@@ -173,7 +173,7 @@ def use_own_workspace(method: Callable[Concatenate[Owning, P], T]) -> Callable[C
 
 @cache
 def get_process_workspace() -> Workspace:
-    """Return the workspace of all evaluators that are given none.
+    """Return the process's workspace, which evaluators without one of their own use.
 
     Raises:
         InputError: ``PROBE_DESIGN_MEMORY`` is not a number of GB.

@@ -1,1 +1,1 @@
-"""Multiple scattering between tumours and the tissue's boundary: modes out, finite elements back, a Galerkin series."""
+"""Multiple scattering between tumours, by modes, and the tissue's boundary, by finite elements."""

@@ -1,1 +1,1 @@
-"""Level 0: the paper's equations as printed, mended, and its Table 3."""
+"""Evaluator `published`: the paper's equations as printed and corrected, and its Table 3."""

@@ -1,1 +1,1 @@
-"""The solid evaluator: tetrahedra, and the difference between a scene and its rotationally symmetric reference."""
+"""Evaluator `solid`: tetrahedra, and the difference between a scene and its rotationally symmetric reference."""

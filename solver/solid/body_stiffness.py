@@ -1,4 +1,4 @@
-"""The stiffness of a mesh of tetrahedra, body by body: integrated once, then combined for any linear laws."""
+"""Compute the stiffness of a mesh of tetrahedra, body by body: integrated once, then combined for any linear laws."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LOWER_NODES, UPPER_NODES = np.tril_indices(10)  # pairs of an element's nodes
 
 @dataclass(frozen=True)
 class Coefficients:
-    """What a law multiplies the integrals of a body's ``Part`` by, eq. SO.2.
+    """Factors of a linear law for the integrals of a body's ``Part``, eq. SO.2.
 
     Attributes:
         gram_factors: from the numbers of a pair's G to those of its stiffness, Pa, shape (9, 9).

@@ -1,14 +1,14 @@
-"""Cache for one mesh what the next scene can use: the integrated mesh, one factor, and the last states.
+"""Cache the parts of one mesh's solution that the next scene can use: the integrated mesh, one factor, and the last states.
 
 The factor is that of all regions together, with tissue in place of inclusions. Scene and reference leave some of them out: the
 groove, tissue beyond the reference cylinder. With the stiffness K of all regions and the restriction R to the unknowns in use,
-R K^-1 R^T is the inverse of the stiffness in use plus that of the rest, condensed on the faces between both. The rest stores a
-bounded multiple of the energy next to it. Conjugate gradients with this preconditioner therefore take a bounded number of steps
-on any mesh.
+R K^-1 R^T is the inverse of the stiffness in use plus that of the other regions, condensed on the faces between both. The others
+store a bounded multiple of the energy next to them. Conjugate gradients with this preconditioner therefore take a bounded number
+of steps on any mesh.
 
-Meshes whose elements hang together in the same way, of one whose nodes were moved, may share the factor: an
-element's energy changes at most by the fourth power of how much it is stretched one way more than another. With that and the
-moduli's change bounding the condition k of the preconditioned matrix, conjugate gradients take
+Meshes with the same elements, made by moving the nodes of one mesh, may share the factor: an element's energy changes at most by
+the fourth power of the ratio of its principal stretches. That and the change of the moduli bound the condition number k of the
+preconditioned matrix, and n steps of conjugate gradients reach a relative error e,
 
     n <= ln(2 / e) / ln((sqrt k + 1) / (sqrt k - 1))  steps to a relative error e;                  (SO.8)
 

@@ -1,4 +1,4 @@
-"""Compute by how much inclusions, groove and edges change the film forces: scene minus symmetric reference, on one mesh.
+"""Compute the change of the film forces by inclusions, groove and edges: scene minus symmetric reference, on one mesh.
 
 Both are solved on the same mesh, so that most of the discretisation error (rims, gap) cancels in the difference. With
 film forces F,

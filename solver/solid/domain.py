@@ -1,4 +1,4 @@
-"""Choose what of a scene is meshed in three dimensions, and the symmetric reference whose exact solution is known.
+"""Choose the part of a scene that is meshed in three dimensions, and the symmetric reference whose exact solution is known.
 
 Meshes are made about the probe's axis. Where tissue is round about it, or its edges are far, any plane through the axis may be
 that of a mirror-symmetric scene's half: tumours are turned into it.

@@ -1,4 +1,4 @@
-"""The solid evaluator: three-dimensional finite elements for groove, edges, tilt and tumours of any shape and place."""
+"""Evaluator ``solid``: three-dimensional finite elements for groove, edges, tilt and tumours of any shape and place."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ class SolidEvaluator(FilmEvaluator):
     summary: str = "3D finite elements: groove, edges, tilt, tumours of any shape; 1e-2 in 10 to 60 s"
 
     def refusal(self, scene: Scene) -> str | None:
-        """Return the feature of the scene that this evaluator does not model, or None."""
+        """Return the reason for a refusal, a feature of the scene that this evaluator does not model, or None."""
         return find_refusal(scene, ("contact",))
 
     def may_help(self, scene: Scene, accuracy: float) -> bool:
-        """Return whether this evaluator may reach an accuracy that cheaper ones do not, because it models more of the scene."""
+        """Return whether this evaluator may be more accurate than cheaper ones, because it models more of the scene."""
         lone = len(scene.inclusion) <= 1 and all(body.diameter is not None for body in scene.inclusion)
         symmetric = scene.probe.groove is None and is_coaxial(scene) and lone and (not scene.tissue.layer or is_round(scene))
         return accuracy >= FINEST_BOUND_FACTOR * BEST_ACCURACY and self.refusal(scene) is None and not symmetric
@@ -70,7 +70,7 @@ class SolidEvaluator(FilmEvaluator):
         return self.build_answer(scene, self.solve_forces(scene, accuracy, moduli), accuracy)
 
     def build_answer(self, scene: Scene, solution: SolidForces, accuracy: float) -> FilmSolution:
-        """Build the answer of a solution at the scene's load; see ``add_tilt_forces`` for refusals."""
+        """Build the film solution at the scene's load; see ``add_tilt_forces`` for refusals."""
         tilted_films = [add_tilt_forces(scene, solution, k) for k in range(len(solution.films))]
         films = tuple(film for film, _ in tilted_films)
         worst = max(films, key=lambda film: film.compute_max_error(scene))
@@ -124,8 +124,8 @@ def compute_indentation(scene: Scene, solution: SolidForces, k: int) -> float:
 def add_tilt_forces(scene: Scene, solution: SolidForces, k: int) -> tuple[FilmForces, float]:
     """Return film forces per unit indentation including those of the tilt, and the stiffness without tilt, N/m.
 
-    With w the indentation of the base's centre, t the tilt, F the film forces per unit indentation and T those per unit tilt, the
-    forces on the films are F 1 w + T t, so that per unit of w T t / w is added (SO.6).
+    With w the indentation of the base's centre, t the tilt, rad, F the film forces per unit indentation and T those per unit
+    tilt, the forces on the films are F 1 w + T t, so that per unit of w T t / w is added (SO.6).
 
     Raises:
         Refusal: a tilted probe has no load, or the load does not press it down.

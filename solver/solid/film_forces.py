@@ -1,4 +1,4 @@
-"""Compute film forces in three dimensions with errors: an exact symmetric part, and the rest from meshes.
+"""Compute film forces in three dimensions with errors: an exact symmetric part, and the difference from it on meshes.
 
 Two meshes are made at once. If they do not agree to the accuracy, a third follows: a coarser one, in a tenth of the time of a
 finer one, if its agreement with the coarser of both would suffice; else a finer one.
@@ -51,8 +51,8 @@ class SolidForces:
         domain: the domain that was meshed.
         difference: scene minus reference on the finest mesh.
         states: states of the scene on that mesh, for pictures; for a curve, those it starts from.
-        plan: what is modelled or left out.
-        notes: what limits the accuracy.
+        plan: features that are modelled or left out.
+        notes: limits of the accuracy.
     """
 
     films: tuple[FilmForces, ...]
@@ -195,7 +195,7 @@ def _compute_tilt_forces(symmetric: SymmetricPart, difference: SceneDifference) 
 
 
 def _list_decisions(symmetric: SymmetricPart, difference: SceneDifference, accuracy: float) -> Iterator[Decision]:
-    """Yield what of the scene was meshed or left out."""
+    """Yield the decisions on features of the scene that were meshed or left out."""
     exact, whole = symmetric.exact, symmetric.exact + difference.forces[0]
     effect = abs(float(np.log(np.abs(whole.sum(axis=1) / exact.sum(axis=1))) @ [1.0, -1.0]))
     size = f"changes the ratio by about {effect:.2g}"

@@ -1,12 +1,13 @@
 """Integrate over tetrahedra of ten nodes: shape functions, quadrature and the matrices of their stiffness.
 
-With the gradient g_a of function a, the stiffness K of an element of any linear law C follows from one matrix G of nine numbers
-for each pair of nodes:
+With g_a the gradient of shape function a, the stiffness K of an element of any linear law C follows from one matrix G of nine
+numbers for each pair of nodes:
 
     G_(ai)(bj) = Int g_ai g_bj dV                                                            (SO.1)
     K_(ai)(bj) = lambda G_(ai)(bj) + sum_kl (C_ikjl - lambda delta_ik delta_jl) G_(ak)(bl)   (SO.2)
 
-where lambda is any number; with that of an isotropic law, elements may average the dilation in the first term.
+where i to l are axes, a and b nodes, and delta is Kronecker's; lambda is any number. With that of an isotropic law, elements may
+average the dilation in the first term.
 
 Nodes are in VTK's order: corners 0 1 2 3, then the middles of edges 01 12 02 03 13 23. An element whose middles lie
 elsewhere is curved; its mapping is quadratic, its Jacobian no longer constant.
