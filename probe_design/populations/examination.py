@@ -181,9 +181,8 @@ class Examination:
             for item in (-signal_errors, signal_errors)
         )
         threshold = float(np.mean(detector.compute_probabilities(readings.signal, seed=seed, shift=-1) - probabilities))
-        known = (
-            len(probabilities) > 1 or len(detector.templates) == 1
-        )  # the tumours' scatter contains the draws', or none are needed
+        # the scatter of several tumours contains that of the draws, and a single template needs no draws
+        known = len(probabilities) > 1 or len(detector.templates) == 1
         draws = 0.0 if known else math.sqrt(float(probabilities[0] * (1 - probabilities[0])) / SCANS_PER_TUMOUR)
         parts = {cause: float(np.sum(np.abs(slopes * item)[reflected])) for cause, item in readings.errors.items()}
         whole = sum(parts.values())

@@ -1,8 +1,8 @@
-"""Probes judged for a population: by formulas for a search, and verified by finite elements on tumours that no search has seen.
+"""Evaluate probes for a population: with the closed form in a search, and by finite elements for the verification.
 
-``score`` asks the formulas, for a search, of the tumours that it has drawn; ``verify`` asks equivalent-inclusion with
-reflections, of tumours that no search has seen. Both judge the same detector: it knows other tumours of the population by the
-formulas, so that the tumours it is tried on are none of those it knows.
+``score`` uses the closed form and the tumours of a search. ``verify`` uses equivalent-inclusion with reflections, and tumours
+that were not used in any search. Both evaluate the same detector. Its reference tumours, computed with the closed form, are
+others of the population, so that it is never tested on tumours that it knows.
 """
 
 from __future__ import annotations
@@ -23,27 +23,27 @@ from probe_design.populations.judgement import Judgement
 from probe_design.populations.population import ScenePopulation
 
 Progress = Callable[[int, int], None]
-DETECTOR_TUMOURS = 256  # tumours that the detector knows
+DETECTOR_TUMOURS = 256  # reference tumours of the detector
 EVALUATORS = ("closed-form", "equivalent-inclusion")
 
 
 def examine(
     scene: Scene, design: Design, *, samples: int | None = None, unseen: bool = False, progress: Progress | None = None
 ) -> Examination:
-    """Read a scan over a population: by the formulas over the design's own draw, or by finite elements over an unseen one.
+    """Compute the readings over a population: by the closed form over the design's draw, or by finite elements over another.
 
-    Ratio and stiffness are both read, whichever of them the protocol asks for.
+    Both ratio and stiffness are computed, whichever of them the protocol reads.
 
     Args:
         scene: the design's scene, perhaps with another probe and load.
-        design: population and protocol.
-        samples: tumours; left out: as many as the design says.
-        unseen: whether to take finite elements and tumours that no search has seen.
-        progress: called with tissues done and all, by finite elements.
+        design: design with population and protocol.
+        samples: number of tumours; default: that of the design.
+        unseen: whether to use finite elements, and tumours that were not used in a search.
+        progress: called by finite elements with the number of tissues done and the number of all.
 
     Raises:
         InputError: the population does not fit the tissue, or the probe would leave it.
-        Refusal: the evaluators cannot take the scene.
+        Refusal: the evaluators cannot model the scene.
     """
     start, population, protocol = (
         perf_counter(),
@@ -72,22 +72,22 @@ def examine(
 def verify(
     scene: Scene, design: Design, *, samples: int | None = None, seed: int = 0, progress: Progress | None = None
 ) -> Judgement:
-    """Judge a scene's probe under its load on tumours that no search has seen, by equivalent-inclusion with reflections.
+    """Verify a scene's probe under its load by equivalent-inclusion with reflections, on tumours not used in a search.
 
     Args:
         scene: the design's scene, perhaps with another probe and load.
-        design: population, protocol, noise and statistic.
-        samples: tumours; left out: as many as the design says.
-        seed: of the noise's draws; the tumours' is the design's.
-        progress: called with tissues done and all.
+        design: design with population, protocol, noise and statistic.
+        samples: number of tumours; default: that of the design.
+        seed: seed of the draws of noise; the design has the seed of the tumours.
+        progress: called with the number of tissues done and the number of all.
 
     Raises:
         InputError: the population does not fit the tissue, or the probe would leave it.
-        Refusal: the evaluators cannot take the scene.
+        Refusal: the evaluators cannot model the scene.
     """
     return examine(scene, design, samples=samples, unseen=True, progress=progress).evaluate_all_channels(design, seed)
 
 
 def score(scene: Scene, design: Design, *, samples: int | None = None, seed: int = 0) -> Judgement:
-    """Judge a scene's probe by the formulas on the design's own draw; arguments and refusals as of ``verify``."""
+    """Evaluate a scene's probe by the closed form on the design's draw; arguments and exceptions as in ``verify``."""
     return examine(scene, design, samples=samples).evaluate(design, seed)

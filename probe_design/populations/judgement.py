@@ -1,4 +1,4 @@
-"""How good a probe is for a population: tumours detected, contrasts resolved, information gained; with errors."""
+"""Define the performance of a probe for a population: tumours detected, contrasts resolved, information gained, with errors."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ OBJECTIVE_KINDS: tuple[Kind, ...] = ("detection", "resolved", "information")
 
 @dataclass(frozen=True)
 class MeanError:
-    """What a statistic over a population may be off.
+    """The error of a statistic over a population.
 
     Attributes:
-        sampling: one standard error, of the tumours drawn and of the draws of noise.
-        model: bound on what the evaluator's errors change.
-        corrected: one standard error, which ``sampling`` counts already, of what reflections change of tumours computed without.
+        sampling: standard error due to the draws of tumours and of noise.
+        model: bound on the error due to the evaluator.
+        corrected: standard error of the correction of tumours computed without reflections; ``sampling`` includes it.
     """
 
     sampling: float
@@ -31,34 +31,34 @@ class MeanError:
 
     @property
     def total(self) -> float:
-        """Both together."""
+        """Error by sampling and model together."""
         return self.sampling + self.model
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """What a probe does for n tumours.
+    """The performance of a probe over n tumours.
 
     Attributes:
-        observable: what is read: the ratio, the stiffness or both.
-        means, errors: by ``OBJECTIVE_KINDS``: the statistic of ``[objective]`` over the probabilities of detection, the
-            fraction of tumours
-            whose ln contrast is resolved to 0.5, ln(prior / posterior standard deviation) of ln contrast; and their errors.
-        values: of each tumour, by ``OBJECTIVE_KINDS``, shape (n,): those without reflections with what reflections change
-            of the others in
-            the mean, by which a probability may leave 0 to 1.
-        contrast_sd, modulus_sd, deflection: of each tumour: standard deviations of ln contrast and of ln E_object, d' if it were
-            known; shape (n,).
-        depth, diameter, x, youngs_modulus: of the tumours, m and Pa, shape (n,).
+        observable: the channels that are read: the ratio, the stiffness or both.
+        means, errors: by ``OBJECTIVE_KINDS``, with their errors: the statistic of ``[objective]`` over the probabilities of
+            detection, the fraction of tumours whose ln contrast is resolved to 0.5, and the statistic of the information,
+            ln(prior / posterior standard deviation) of ln contrast.
+        values: values of each tumour by ``OBJECTIVE_KINDS``, shape (n,). Tumours without reflections are corrected by the
+            mean change that reflections cause in the others, by which a probability may leave the range 0 to 1.
+        contrast_sd, modulus_sd, deflection: standard deviations of ln contrast and of ln E_object of each tumour, and d' if
+            the tumour were known; shape (n,).
+        depth, diameter, x, youngs_modulus: numbers of the tumours, m and Pa, shape (n,).
         tissue: number of each one's tissue, shape (n,).
-        causes: fraction of the model's error of the detection by cause, see ``scan_errors.ERROR_CAUSES``; empty if there is none.
-        statistic: as in the design file.
+        causes: fraction of the detection's model error by cause, see ``scan_errors.ERROR_CAUSES``; empty without an error.
+        statistic: statistic of the design file.
         false_alarm: fraction of tumour-free scans in which a tumour is detected.
-        evaluator: that computed the readings.
-        seconds: what it took.
-        control: probabilities by the formulas, of these tumours and of more, see ``control``; None by the formulas themselves.
-        warnings: what else is to be said.
-        by_observable: the same by the ratio alone, the stiffness alone and both; None where noise says nothing of one.
+        evaluator: evaluator of the readings.
+        seconds: computing time, s.
+        control: probabilities by the closed form for these tumours and more, see ``control_variate``; None if the evaluator is
+            the closed form.
+        warnings: warnings, one line each.
+        by_observable: the same for the ratio alone, the stiffness alone and both; None where the noise of one is not given.
     """
 
     observable: Observable
@@ -114,7 +114,7 @@ class Judgement:
 
     @property
     def probability(self) -> Floats:
-        """Of each tumour to be detected, shape (n,)."""
+        """Probability of detection of each tumour, shape (n,)."""
         return self.values["detection"]
 
     @property
@@ -123,9 +123,9 @@ class Judgement:
         return self.values["information"]
 
     def compute_gain(self, reference: Judgement, objective: Objective) -> tuple[float, float]:
-        """Return by how much this is better than another probe for the same tumours, and the error of that.
+        """Return the gain over another probe for the same tumours, and its error.
 
-        The tumours are the same, and so are the draws: of a mean what counts is how much the differences scatter.
+        Tumours and draws are the same, so that the error of a mean is given by the scatter of the differences.
         """
         kind: Kind = objective.maximise
         mine, reference_values = self.values[kind], reference.values[kind]
@@ -144,7 +144,7 @@ class Judgement:
 
     @property
     def error_note(self) -> str:
-        """What of the detection's error dominates and what would reduce it, in one sentence."""
+        """The dominant error of the detection and how to reduce it, in one sentence."""
         error = self.errors["detection"]
         sampling, model = (f"± {100 * item:.2g}" for item in (error.sampling, error.model))
         parts = f"sampling leaves {sampling} of 100 tumours open and the evaluator's model {model}"
@@ -155,7 +155,7 @@ class Judgement:
         return f"{parts}: the model dominates, {100 * self.causes[cause]:.0f} % of it {what}, which {remedy} would reduce"
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the numbers of the population, as JSON has them."""
+        """Return the performance as a JSON object."""
         numbers = self._list_numbers() | {
             "false_alarm": self.false_alarm,
             "tumours": len(self.depth),

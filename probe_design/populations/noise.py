@@ -1,22 +1,23 @@
-"""Noise of the readings of one scan.
+"""Compute the noise of the readings of one scan.
 
-With w_c the standard deviation of one reading of channel c by itself, readings at p positions, with one more over a tumour-free
-place of the same tissue (the blank) that is taken from each, have
+w_c is the standard deviation of a single reading of channel c. If a baseline reading over tumour-free tissue is subtracted from
+the readings at p positions, their covariance is
 
     C = w_c^2 (1 + u u^T) within a channel, u = (1, ..., 1)                                         (PO.2)
 
-where a gain common to the scan cancels and the blank's own noise is in all of them. Without a blank they are counted from a
-prediction, with the gains g_c and what is not known of the tissue, numbers of deviation s_j and derivatives t_j,
+with u of length p. A gain common to the scan cancels, and all differences contain the noise of the baseline reading. Without a
+baseline reading a prediction is subtracted. With g_c the standard deviation of the gain of channel c, s_j those of the unknown
+numbers of the tissue and t_j the derivatives of the readings with respect to these numbers,
 
     C = w_c^2 + g_c^2 u u^T within a channel, and sum s_j^2 t_j t_j^T over all                     (PO.3)
 
-That is how a detector counts, which need not know the tissue then. What is told of a tumour rests on all readings as they are,
-the blank's among them, with u over these too,
+A detector uses these covariances, so that with a baseline reading it need not know the tissue. The parameters of a tumour are
+estimated from all readings as they are, the baseline reading included, over which u extends as well,
 
     C = w_c^2 + g_c^2 u u^T within a channel                                                        (PO.8)
 
-The ratio's w^2 is white^2 + tilt^2 + sum (q0 / Q_j)^2 with Q_j = |d33| F_j the charge of channel j (PHYSICS section 2), its g^2
-that of two channels, 2 gain^2.
+For the ratio w^2 = white^2 + tilt^2 + sum_j (q0 / Q_j)^2, with white, tilt and q0 (charge noise) from the design file and
+Q_j = |d33| F_j the charge of channel j under the force F_j (PHYSICS section 2). g^2 is that of two channels, 2 gain^2.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from probe_design.data.noise import MIN_NOISE, find_charge_per_force
 from probe_design.inference.linear_gaussian import LinearGaussian
 from probe_design.populations.tables import CHANNEL_INDICES, NoiseModel, Observable, Protocol
 
-WHITE_NOISE_KEYS = ("white", "stiffness_white")  # keys of [noise] of both channels
+WHITE_NOISE_KEYS = ("white", "stiffness_white")  # keys of [noise] for ratio and stiffness
 
 
 def build_difference_noise(
@@ -46,19 +47,19 @@ def build_difference_noise(
     tumour_forces: Floats | None = None,
     observable: Observable | None = None,
 ) -> LinearGaussian:
-    """Return the noise of the readings counted from the baseline reading (eq. PO.2) or from a prediction (eq. PO.3).
+    """Return the noise of readings less the baseline reading (eq. PO.2), or less a prediction (eq. PO.3).
 
     Args:
-        noise: of the design file.
-        protocol: likewise.
-        scene: for its films and load.
-        blank: force on each film per unit of indentation without tumours, N/m, shape (2,).
-        tumour_forces: the same at each position over tumours, shape (p, 2), as charges depend on it; left out: that without.
-        tissue: s_j t_j of eq. PO.3, shape (m, q); left out where the tissue is no nuisance. With a blank it does not count.
-        observable: which channels are read; left out: the protocol's.
+        noise: noise of the design file.
+        protocol: protocol of the design file.
+        scene: scene with films and load.
+        blank: force on each film per unit indentation without tumours, N/m, shape (2,).
+        tumour_forces: the same at each position over tumours, shape (p, 2), since charges depend on it; default: ``blank``.
+        tissue: s_j t_j of eq. PO.3, shape (m, q); default: the tissue is known. Not used with a baseline reading.
+        observable: the channels that are read; default: those of the protocol.
 
     Returns:
-        of m readings, in the order of ``scan_readings.compute_logarithms``; its unknowns are the errors that they share.
+        Noise of m readings, in the order of ``scan_readings.compute_logarithms``; its unknowns are their common errors.
 
     Raises:
         InputError: a reading would have less noise than ``MIN_NOISE``, or charges are noisy and the scene has no load.
@@ -86,10 +87,12 @@ def build_full_noise(
     *,
     observable: Observable | None = None,
 ) -> LinearGaussian:
-    """Return the noise of all readings and the baseline's (eq. PO.8); arguments as of ``build_difference_noise``.
+    """Return the noise of all readings, the baseline reading included (eq. PO.8).
+
+    The arguments are those of ``build_difference_noise``.
 
     Returns:
-        of m readings in the order of ``scan_readings.compute_logarithms``, then of the c channels of the blank if there is one.
+        Noise of m readings in the order of ``scan_readings.compute_logarithms``, then of the c channels of a baseline reading.
     """
     channels = CHANNEL_INDICES[observable or protocol.observable]
     white_variances, common = (
@@ -104,13 +107,13 @@ def build_full_noise(
 
 
 def compute_reading_deviations(noise: NoiseModel, protocol: Protocol, scene: Scene, blank: Floats) -> Floats:
-    """Return the standard deviations of one reading of ratio and stiffness, with the blank's where there is one, shape (2,)."""
+    """Return the standard deviations of one reading of ratio and stiffness, less the baseline reading if any, shape (2,)."""
     variances = np.maximum(_compute_both_variances(noise, scene, blank[None])[:, 0], MIN_NOISE**2)
     return np.asarray(np.sqrt((1 + protocol.blank) * variances))
 
 
 def _compute_channel_variances(noise: NoiseModel, channels: tuple[int, ...], scene: Scene, places: Floats) -> Floats:
-    """w_c^2 of some channels where the films feel such forces, shape (k, 2): (c, k)."""
+    """Return w_c^2 of some channels, shape (c, k), at film forces of shape (k, 2)."""
     variances = _compute_both_variances(noise, scene, places)
     for channel in channels:
         variance = float(variances[channel].min())
@@ -121,7 +124,7 @@ def _compute_channel_variances(noise: NoiseModel, channels: tuple[int, ...], sce
 
 
 def _compute_both_variances(noise: NoiseModel, scene: Scene, places: Floats) -> Floats:
-    """w_c^2 of the ratio and of the stiffness, (2, k)."""
+    """Return w_c^2 of ratio and stiffness, shape (2, k)."""
     charges = compute_film_charges(scene, places) if noise.charge else np.ones(places.shape)
     ratio = noise.white**2 + noise.tilt**2 + ((noise.charge / charges) ** 2).sum(axis=1)
     return np.stack([ratio, np.full_like(ratio, noise.stiffness_white**2)])
@@ -144,7 +147,7 @@ def compute_film_charges(scene: Scene, places: Floats) -> Floats:
 
 
 def _compute_ratio_gain_variance(noise: NoiseModel, blank: Floats) -> float:
-    """The variance of ln ratio that the channels' gains have: y = M f, d ln(y1 / y2) by the entries of M."""
+    """Return the variance of ln ratio by the gain matrix M: of y = M f, d ln(y1 / y2) with respect to the entries of M."""
     if noise.calibration is None:
         return 2 * noise.gain**2
     matrix, entries = _read_calibration(noise.calibration)
@@ -156,7 +159,7 @@ def _compute_ratio_gain_variance(noise: NoiseModel, blank: Floats) -> float:
 
 @lru_cache(maxsize=4)
 def _read_calibration(path: str) -> tuple[Floats, Floats]:
-    """The gain matrix M, shape (2, 2), and the covariance of its entries row by row, (4, 4), of a calibration record."""
+    """Read the gain matrix M, shape (2, 2), and the covariance of its entries row by row, (4, 4), from a calibration record."""
     from probe_design.built_probe.calibration_record import read_record
 
     gains = read_record(path).build_gains()

@@ -1,8 +1,8 @@
-"""Tumours drawn from the ranges of a design file, each in its own tissue.
+"""Draw tumours and their tissues from the ranges of a design file.
 
-A draw is a scrambled Sobol sequence, so that n tumours fill the ranges more evenly than n random ones; those that do not fit are
-drawn again. Tissues differ from patient to patient: two or four are drawn, and the tumours shared out among them, as
-each takes a probe solved on it. All tumours count the same.
+A draw is a scrambled Sobol sequence, so that n tumours fill the ranges more evenly than n random ones. Tumours that do not fit
+are drawn again. Tissues differ from patient to patient: two or four are drawn, and the tumours divided among them, since the
+probe has to be solved on each. All tumours have the same weight.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from geometry.scenes.scene import Scene
 from probe_design.populations.ranges import Range
 from probe_design.populations.tables import PopulationRanges
 
-MAX_TISSUES, MAX_LAYERED_TISSUES = 4, 2  # of one material, and of layers, on which a probe takes three times as long to solve
+MAX_TISSUES, MAX_LAYERED_TISSUES = 4, 2  # on one material, and on layers, where solving a probe takes three times as long
 MIN_COVER_PER_DIAMETER = (
-    0.1  # of its diameter: least tissue between a tumour and surface or interface, see ``MIN_COVER_DIAMETERS`` of the closed form
+    0.1  # of its diameter: minimum distance of a tumour from surface or interface, see ``MIN_COVER_DIAMETERS`` of the closed form
 )
-SIDE_CLEARANCE_FACTOR = 1 - 1e-6  # of the room that a tumour may fill
-MAX_DRAWS_PER_TUMOUR = 64  # times the tumours asked for that are drawn before giving up
-UNSEEN_SEED_OFFSET = 104_729  # added to the seed for tumours that a search has not seen
+SIDE_CLEARANCE_FACTOR = 1 - 1e-6  # fraction of the space to the sides that a tumour may fill
+MAX_DRAWS_PER_TUMOUR = 64  # draws per requested tumour before an error
+UNSEEN_SEED_OFFSET = 104_729  # added to the seed for tumours that are not used in a search
 TUMOUR_PARAMETERS = ("depth", "diameter", "object", "x")
 
 
@@ -35,12 +35,12 @@ class TumourDraw:
     """n tumours in t tissues.
 
     Attributes:
-        scene: what the population leaves out.
-        depth, diameter, youngs_modulus, x: of the tumours, m and Pa, shape (n,).
-        poisson_ratio: of all.
+        scene: scene with the values that the population does not give.
+        depth, diameter, youngs_modulus, x: numbers of the tumours, m and Pa, shape (n,).
+        poisson_ratio: Poisson's ratio of all tumours.
         tissue: number of each tumour's tissue, shape (n,).
-        tissues: the scene without tumours in each tissue.
-        misfits: how many were drawn that did not fit.
+        tissues: the scene without tumours, with each tissue.
+        misfits: number of tumours drawn that did not fit.
     """
 
     scene: Scene
@@ -54,25 +54,25 @@ class TumourDraw:
     misfits: int = 0
 
     def __len__(self) -> int:
-        """How many tumours."""
+        """Return the number of tumours."""
         return len(self.depth)
 
     @property
     def lateral_offset(self) -> float:
-        """How far the tumours lie beside the line of readings, m."""
+        """Distance of the tumours from the line of readings, m."""
         body, line = self.scene.inclusion, self.scene.placement.y
         return (body[0].y if body else line) - line
 
     @property
     def note(self) -> str | None:
-        """What has to be said of it."""
+        """A note for the user about the draw, or None."""
         if not self.misfits:
             return None
         drawn = self.misfits + len(self)
         return f"{self.misfits} of {drawn} tumours drawn did not fit the tissue under the least cover and were drawn again"
 
     def replace_probe(self, scene: Scene) -> TumourDraw:
-        """Return the same tumours and tissues under another scene's probe, contact and load."""
+        """Return the same tumours and tissues with another scene's probe, contact and load."""
         replacements = {key: getattr(scene, key) for key in ("probe", "contact", "placement", "load")}
         with_it = tuple(changed_scene.model_copy(update=replacements) for changed_scene in (self.scene, *self.tissues))
         return replace(self, scene=with_it[0], tissues=with_it[1:])
@@ -84,13 +84,13 @@ class TumourDraw:
 
 @dataclass(frozen=True)
 class ScenePopulation:
-    """The ranges of a design file with what they leave out taken from a scene.
+    """The ranges of a design file, completed by values of a scene.
 
     Attributes:
-        scene: with one inclusion or none.
-        ranges: by name: depth, diameter, object, x; tissue; layer_0_thickness, layer_0_modulus and so on.
-        least_cover: m.
-        samples, seed: of draws.
+        scene: scene with one inclusion or none.
+        ranges: ranges by name: depth, diameter, object, x; tissue; layer_0_thickness, layer_0_modulus and so on.
+        least_cover: minimum cover of a tumour, m.
+        samples, seed: number of tumours and seed of a draw.
     """
 
     scene: Scene
@@ -101,7 +101,7 @@ class ScenePopulation:
 
     @classmethod
     def from_scene(cls, scene: Scene, given: PopulationRanges) -> ScenePopulation:
-        """Complete the ranges of a design file."""
+        """Complete the ranges of a design file by a scene's values."""
         inclusion, tissue = scene.inclusion[0] if scene.inclusion else None, scene.tissue
         usual: dict[str, Any] = {"tissue": tissue.youngs_modulus, "x": inclusion.x if inclusion else scene.placement.x}
         if inclusion is not None:
@@ -119,19 +119,19 @@ class ScenePopulation:
 
     @property
     def tissue_parameters(self) -> tuple[str, ...]:
-        """Names of what is the tissue's."""
+        """Names of the ranges of the tissue."""
         return tuple(key for key in self.ranges if key not in TUMOUR_PARAMETERS)
 
     def draw_tumours(self, samples: int | None = None, *, unseen: bool = False, tissues: int | None = None) -> TumourDraw:
-        """Draw tumours; the same ones each time.
+        """Draw tumours, the same ones each time.
 
         Args:
-            samples: how many; left out: as many as the design file says.
-            unseen: whether to draw others, that no search has seen.
-            tissues: how many, at most, where they differ; left out: so few as a probe is soon solved on.
+            samples: number of tumours; default: that of the design file.
+            unseen: whether to draw other tumours, which are not used in a search.
+            tissues: maximum number of tissues, if they differ; default: few, so that solving the probe on them is fast.
 
         Raises:
-            InputError: hardly any tumour of the ranges fits the tissue.
+            InputError: too few tumours of the ranges fit the tissue.
         """
         n, seed = samples or self.samples, self.seed + UNSEEN_SEED_OFFSET * unseen
         if all(value_range.is_single for value_range in self.ranges.values()):
@@ -146,9 +146,9 @@ class ScenePopulation:
         return TumourDraw(self.scene, depth, diameter, modulus, x, nu, numbers, tissue_scenes, misfits)
 
     def _draw_bodies(self, tissues: tuple[Scene, ...], shares: list[int], seed: int) -> tuple[Floats, int]:
-        """So many tumours as fit each tissue, as ``TUMOUR_PARAMETERS``, (n, 4), and how many before the last of them did not.
+        """Return tumours that fit their tissues, as ``TUMOUR_PARAMETERS``, (n, 4), and the number drawn that did not fit.
 
-        Each tissue has blocks of consecutive points: every fourth of a Sobol sequence lies in a part of the range alone.
+        Each tissue has blocks of consecutive points, as every fourth point of a Sobol sequence covers only part of the range.
         """
         sobol, block = qmc.Sobol(len(TUMOUR_PARAMETERS), seed=seed), _find_power_of_two(shares[0])
         chosen, misfits = [np.empty((0, len(TUMOUR_PARAMETERS))) for _ in tissues], 0
@@ -184,7 +184,7 @@ class ScenePopulation:
         return max(shares, key=lambda key: shares[key])
 
     def check_fit(self, tissue: Scene, bodies: Floats) -> Bools:
-        """Return which tumours, shape (n, 4), lie within one layer of a scene's tissue and under the least cover."""
+        """Return which tumours, shape (n, 4), lie within one layer of a scene's tissue and have the minimum cover."""
         body, (depth, diameter, _, x), y = tissue.tissue, bodies.T, self._y
         radius, cover = diameter / 2, np.maximum(self.least_cover, MIN_COVER_PER_DIAMETER * diameter)
         good = depth - radius >= cover
@@ -208,10 +208,10 @@ class ScenePopulation:
         return self.scene.inclusion[0].poisson_ratio if self.scene.inclusion else self.scene.tissue.poisson_ratio
 
     def _draw_tissues(self, n: int, seed: int, max_count: int) -> tuple[Scene, ...]:
-        """The scene without tumours in tissues of the population, one where nothing of it differs.
+        """Return the scene without tumours with tissues of the population; a single one if its tissue does not vary.
 
         Raises:
-            InputError: a tissue is none, such as one with layers thicker than it is deep.
+            InputError: a tissue is not valid, for instance with layers thicker than the whole.
         """
         keys = self.tissue_parameters
         count = 1 if all(self.ranges[key].is_single for key in keys) else min(n, max_count)
@@ -222,20 +222,20 @@ class ScenePopulation:
 
     @property
     def middle(self) -> Scene:
-        """The scene without tumours in the tissue in the middle of all ranges."""
+        """The scene without tumours, with the tissue in the middle of all ranges."""
         return self.build_tissue_scene({key: self.ranges[key].middle for key in self.tissue_parameters})
 
     def build_tissue_scene(self, numbers: Mapping[str, float]) -> Scene:
-        """Return the scene without tumours in a tissue with these numbers, by the names of ``ranges``.
+        """Return the scene without tumours, with these numbers of the tissue by the names of ``ranges``.
 
         Raises:
-            InputError: it is none.
+            InputError: the tissue is not valid.
         """
         return self.replace_tissue_numbers(self.scene.model_copy(update={"inclusion": ()}), numbers)
 
     @staticmethod
     def replace_tissue_numbers(scene: Scene, numbers: Mapping[str, float]) -> Scene:
-        """Return a scene with other numbers of its tissue. Raises ``InputError``: it is none."""
+        """Return a scene with other numbers of its tissue. Raises ``InputError`` if it is not valid."""
         try:
             return scene.replace({get_scene_key(name): value for name, value in numbers.items()})
         except InputError as fault:
@@ -243,7 +243,7 @@ class ScenePopulation:
 
 
 def is_of_tumour(name: str) -> bool:
-    """Whether a range is of the tumours themselves, or of their tissue."""
+    """Return whether a range is one of the tumours; otherwise it is one of the tissue."""
     return name in TUMOUR_PARAMETERS
 
 
@@ -256,12 +256,12 @@ def get_scene_key(name: str) -> str:
 
 
 def _draw_values(ranges: Sequence[Range], shares: Floats) -> Floats:
-    """Values of quantities that these shares of the population stay below, shape (n, quantities)."""
+    """Return the quantiles of quantities at fractions of the population, shape (n, quantities)."""
     return np.stack([value_range.compute_quantiles(column) for value_range, column in zip(ranges, shares.T, strict=True)], axis=1)
 
 
 def _find_power_of_two(n: int) -> int:
-    """The least power of two that is not below n: what a Sobol sequence is balanced for."""
+    """Return the smallest power of two that is at least n, for which a Sobol sequence is balanced."""
     return 1 << max(n - 1, 0).bit_length()
 
 
@@ -270,7 +270,7 @@ def _remove_layers(scene: Scene) -> Any:
 
 
 def name_host_modulus(draw: TumourDraw, number: int) -> str:
-    """Return the name, as of ``ScenePopulation.ranges``, of the modulus of the tissue or layer about a tumour."""
+    """Return the name in ``ScenePopulation.ranges`` of the modulus of the tissue or layer around a tumour."""
     faces = draw.tissues[draw.tissue[number]].tissue.interfaces
     layer_index = sum(face <= draw.depth[number] for face in faces)
     return "tissue" if layer_index == len(faces) else f"layer_{layer_index}_modulus"

@@ -1,4 +1,4 @@
-"""What a design file says of a quantity that differs from tumour to tumour: one value, a list, or a range."""
+"""Read the distribution of a quantity in a design file: one value, a list, or a range."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ class Range:
     """The values that a quantity takes in a population.
 
     Attributes:
-        values: of a list, all equally likely; of a range its two ends.
+        values: equally likely values of a list, or both ends of a range.
         continuous: whether it is a range.
-        log: whether its logarithm is what is spread evenly, and whose deviation counts; the value itself otherwise.
+        log: whether the logarithm is uniformly distributed, and has the standard deviation; otherwise the value itself.
     """
 
     values: tuple[float, ...]
@@ -37,18 +37,18 @@ class Range:
 
     @property
     def is_single(self) -> bool:
-        """Whether there is one value alone."""
+        """Whether there is a single value."""
         return min(self.values) == max(self.values)
 
     @property
     def deviation(self) -> float:
-        """Standard deviation, of the logarithm where that is what is spread."""
+        """Standard deviation; of the logarithm if ``log``."""
         scaled = np.log(self.values) if self.log else np.array(self.values)
         return float(np.ptp(scaled) / math.sqrt(12)) if self.continuous else float(np.std(scaled))
 
     @property
     def middle(self) -> float:
-        """Mean, geometric where the logarithm is what is spread."""
+        """Mean; geometric if ``log``."""
         return float(np.exp(np.mean(np.log(self.values)))) if self.log else float(np.mean(self.values))
 
     def compute_quantiles(self, share: Floats) -> Floats:
@@ -63,20 +63,20 @@ Entry = TypeVar("Entry")
 
 
 class FileEntry(ABC, Generic[Entry]):
-    """What an entry of a design file says, as a pydantic annotation: how it is read, written, and told where it is refused."""
+    """A type of entry of a design file, as a pydantic annotation: how it is read, written, and described in a refusal."""
 
     @property
     @abstractmethod
     def allowed(self) -> str:
-        """What is one, in words."""
+        """Description of the allowed entries, for messages."""
 
     @abstractmethod
     def read(self, entry: object, units_required: bool) -> Entry:
-        """Return what an entry of a file says; raises ``ValueError`` saying why it is none."""
+        """Return the value that an entry states; raise ``ValueError`` with the reason if it states none."""
 
     @abstractmethod
     def encode(self, value: Entry) -> Any:
-        """Return what a file says of it."""
+        """Return the entry of a design file that states a value."""
 
     def _validate(self, entry: object, info: ValidationInfo) -> Entry:
         try:
@@ -85,7 +85,7 @@ class FileEntry(ABC, Generic[Entry]):
             raise PydanticCustomError("quantity", "{allowed} ({why})", {"allowed": self.allowed, "why": str(fault)}) from None
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """Tell pydantic how to read and, as JSON, write the range."""
+        """Return the pydantic schema that reads an entry and writes it as JSON."""
         write = core_schema.plain_serializer_function_ser_schema(self.encode, when_used="json-unless-none")
         return core_schema.with_info_plain_validator_function(self._validate, serialization=write)
 
@@ -94,11 +94,11 @@ class FileEntry(ABC, Generic[Entry]):
 class Ranged(FileEntry[Range]):
     """A ``Range`` as a pydantic annotation.
 
-    One text is one value, two in a list are the ends of a range, one or three and more are a list; ``{values = [...]}`` is a list
-    of any length.
+    One text is one value. A list of two is a range from one to the other. A list of another length, or ``{values = [...]}`` of
+    any length, is a list of values.
 
     Args:
-        quantity: of each value.
+        quantity: quantity of each value.
         log: see ``Range``.
     """
 
@@ -107,14 +107,14 @@ class Ranged(FileEntry[Range]):
 
     @property
     def allowed(self) -> str:
-        """What is one, in words."""
+        """Description of the allowed entries, for messages."""
         return (
             f"{self.quantity.allowed}; a range of two, the lower first; a list of three or more, or {{ values = [...] }}, "
             f"of at most {MAX_VALUES}"
         )
 
     def read(self, entry: object, units_required: bool) -> Range:
-        """Return the range that an entry of a file says; raises ``ValueError`` saying why it is none."""
+        """Return the range that an entry states; raise ``ValueError`` with the reason if it states none."""
         if isinstance(entry, Range):
             return entry
         listed = isinstance(entry, Mapping)
@@ -133,6 +133,6 @@ class Ranged(FileEntry[Range]):
         return Range(values, continuous and values[0] < values[1], self.log)
 
     def encode(self, value: Range) -> Any:
-        """Return what a file says of it."""
+        """Return the entry of a design file that states a value."""
         texts = [self.quantity.format_value(number) for number in value.values]
         return {"values": texts} if len(texts) == 2 and not value.continuous else texts

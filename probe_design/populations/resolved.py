@@ -1,20 +1,21 @@
-"""How well the contrast of a found tumour is told: its posterior standard deviation, with all that is not known beside it.
+"""Compute the posterior standard deviation of the contrast of a detected tumour, with all other unknowns taken into account.
 
-About each tumour the readings are straight lines in what is not known: logarithms of depth, diameter and moduli, of the layers'
-thicknesses, and the place x. With J their derivatives, C their covariance, eq. PO.8, S the prior variances of all but the
-object's modulus, j its derivative, and ln contrast k = ln E_object - ln E_host put in its place, so that the host's derivative
-is t + j,
+The readings are linearised about each tumour in the unknowns: logarithms of depth, diameter, moduli and the layers' thicknesses,
+and the position x. J_i is the derivative of the readings with respect to unknown i, C the readings' covariance, eq. PO.8, S_i
+the prior variance of unknown i, where i runs over all unknowns but the object's modulus, and j the derivative with respect to
+ln E_object. With ln contrast k = ln E_object - ln E_host in place of ln E_object, the host's derivative becomes t + j, t being
+the one before:
 
     W = (C + sum S_i J_i J_i^T)^-1,   sd(k) = (j^T W j)^(-1/2)                                     (PO.6)
 
-with nothing taken as known of the contrast before: that is the posterior of k with an infinite prior of the object. The same
-with t in place of t + j is the standard deviation of ln E_object, which of one tumour of which all else is known is eq. DS.6.
-With the prior of the object too,
+The contrast has no prior here, as if the prior variance of the object were infinite. The same with t in place of t + j is the
+standard deviation of ln E_object; for a tumour of which all else is known it is that of eq. DS.6. With the prior of the object,
 
     sd(k)^2 = c^T (S^-1 + J^T C^-1 J)^-1 c,   c = e_object - e_host                                (PO.7)
 
-and the information is the logarithm by which that is below the prior's (S_object + S_host)^(1/2). Never negative, its mean over
-a population is no mean of 1/variance, which the few tumours that are told best would rule.
+with J and S now those of all unknowns, e_object and e_host the unit vectors of both moduli. The information is the logarithm of
+the prior's (S_object + S_host)^(1/2) over this sd(k). It is never negative, and its mean over a population is not dominated by
+the few tumours with the smallest variance, as a mean of 1/variance would be.
 """
 
 from __future__ import annotations
@@ -30,17 +31,17 @@ from probe_design.inference.linear_gaussian import LinearGaussian
 from probe_design.populations.population import ScenePopulation, TumourDraw, name_host_modulus
 from probe_design.populations.scan_readings import ScanReadings
 
-DEFAULT_PRIOR_LOG_SD = 1.0  # prior standard deviation of ln E_object where the population has one value of it
+DEFAULT_PRIOR_LOG_SD = 1.0  # prior standard deviation of ln E_object if the population has a single value of it
 
 
 @dataclass(frozen=True)
 class Unknowns:
-    """What is not known of each tumour and its tissue, with priors.
+    """The q unknown numbers of each tumour and its tissue, with priors.
 
     Attributes:
-        names: in the order of ``ScenePopulation.ranges``, the object first.
-        deviations: of the priors, shape (q,).
-        host: number of each tumour's host modulus among the names, -1 where that is known, shape (n,).
+        names: names in the order of ``ScenePopulation.ranges``, the object first.
+        deviations: standard deviations of the priors, shape (q,).
+        host: index among the names of the modulus around each tumour, -1 if it is known, shape (n,).
     """
 
     names: tuple[str, ...]
@@ -49,7 +50,7 @@ class Unknowns:
 
     @classmethod
     def from_draw(cls, population: ScenePopulation, draw: TumourDraw) -> Unknowns:
-        """Return what the ranges leave open."""
+        """Return the unknowns of a draw: the numbers that vary in the population."""
         open_ones = {
             key: value_range.deviation
             for key, value_range in population.ranges.items()
@@ -68,7 +69,7 @@ class Unknowns:
         return np.asarray(np.eye(len(self.names))[0] - hosts)
 
     def build_derivatives(self, readings: ScanReadings, blank: bool) -> Floats:
-        """Return J of all readings, the blank's after those of the scan where there is one, shape (n, m or m + c, q)."""
+        """Return J of all readings, those of the baseline reading (if any) last, shape (n, m or m + c, q)."""
         columns = []
         for name in self.names:
             baseline = readings.blank_derivatives.get(name, np.zeros_like(readings.blank_error))
@@ -81,9 +82,9 @@ def compute_log_sds(unknowns: Unknowns, J: Floats, noise: LinearGaussian) -> tup
     """Return the standard deviations of ln contrast and of ln E_object (eq. PO.6), shape (n,) each; inf without information.
 
     Args:
-        unknowns: q of them.
-        J: their derivatives, shape (n, m, q).
-        noise: of the m readings.
+        unknowns: the q unknowns.
+        J: derivatives of the readings with respect to them, shape (n, m, q).
+        noise: noise of the m readings.
     """
     model = noise.add_unknowns(J, np.array([np.inf, *unknowns.deviations[1:]]))
     return model.compute_posterior_sd(unknowns.contrast), model.compute_posterior_sd(np.array([1.0]))
@@ -108,10 +109,10 @@ def is_undecided(deviations: Floats, share: Floats) -> Floats:
 
 
 def compute_fraction_error(resolved_values: Floats) -> float:
-    """Return the standard error of a share from 0 or 1 of n tumours drawn at random, shape (n,).
+    """Return the standard error of a fraction, from 0 or 1 of n tumours drawn at random, shape (n,).
 
-    With one more told and one more not, as by Laplace's rule of succession, it is above 0 even where all or none are told. 0 of
-    one tumour, which is a population of its own.
+    One resolved and one unresolved tumour are added, as in Laplace's rule of succession, so that the error is above 0 even if
+    all or none are resolved. It is 0 for one tumour, which is the whole population.
     """
     n, p = len(resolved_values), (float(resolved_values.sum()) + 1) / (len(resolved_values) + 2)
     return math.sqrt(p * (1 - p) / n) if n > 1 else 0.0

@@ -1,14 +1,14 @@
-"""How far the evaluator of a population may be off in what a tumour changes of a reading, by cause.
+"""Bound the error of the evaluator in a tumour's change of the readings, by cause.
 
-With F_i the force on film i over the tumour and without it, dF_i their difference, b_i the bound on what reflections and meshes
-leave open of dF_i, e_i the relative bound on F_i without the tumour but for the groove's part, and r_i eq. PO.14 for the groove,
-which is left out,
+With F_i the force on film i over the tumour, dF_i its difference from the force without the tumour, b_i the error bound of dF_i
+by reflections and meshes, e_i the relative error bound of the force without the tumour except for the groove, and r_i eq. PO.14
+for the groove, which is not modelled,
 
     |error of ln(F_i / F_i without)| <= -ln(1 - b_i / F_i - 2 (e_i + r_i) |dF_i| / F_i)                (PO.12)
 
-as dF_i grows by at most twice, F_i by once, what the base states do. What the groove takes of a film's force it takes with and
-without the tumour: that cancels in a reading against a baseline reading but for where the tumour lies. Finite strain under the
-load changes a signal as it changes the log-sensitivity, eq. PL.2.
+since the relative error of dF_i is at most twice, and that of F_i once, that of the base states. The groove reduces a film's
+force with and without the tumour alike. This cancels in a reading less the baseline reading, except for an effect of the
+tumour's position. Finite strain under the load changes a signal as it changes the log-sensitivity, eq. PL.2.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from solver.equivalent_inclusion.readings import Readings
 from solver.results.detail_compliance import iterate_details
 
 TUMOURS_CAUSE, BASE_CAUSE, GROOVE_CAUSE, LOAD_CAUSE = "reflections and meshes", "base states", "groove", "load"
-ERROR_CAUSES = {  # of the model's error: what each is, and what would reduce it
+ERROR_CAUSES = {  # causes of the model's error: description, and how to reduce it
     TUMOURS_CAUSE: ("what the meshes and the reflections of equivalent-inclusion leave open", "deeper tumours"),
     BASE_CAUSE: (
         "what the meshes, the tissue's far edges and details other than the groove leave open",
@@ -32,24 +32,25 @@ ERROR_CAUSES = {  # of the model's error: what each is, and what would reduce it
     GROOVE_CAUSE: ("the groove, which equivalent-inclusion leaves out", "a smaller groove"),
     LOAD_CAUSE: ("finite strain under the load, which linear elasticity leaves out", "a smaller force"),
 }
-MAX_RELATIVE_ERROR = 0.999999  # of a total that may be open
+MAX_RELATIVE_ERROR = 0.999999  # error bound of a total at most
 GROOVE_FLOOR_FACTOR = 2.0  # of eq. PO.14
-GROOVE_SAFETY_FACTOR = 2.0  # times that without a tumour: ``python -m benchmarks.populations.groove`` needs 1.26 at most
+GROOVE_SAFETY_FACTOR = 2.0  # over the effect without a tumour: ``python -m benchmarks.populations.groove`` needs 1.26 at most
 
 
 def bound_groove_change(scene: Scene, forces: Floats) -> Floats:
-    """Return r_i of eq. PO.12: by what fraction the groove may change each film's force, shape (2,).
+    """Return r_i of eq. PO.12: a bound on the relative change of each film's force by the groove, shape (2,).
 
-    Beside the compliance that it adds, eq. RE.5, the outer film loses what the floor under the groove, as it bends, does not
-    carry: a fraction f of its area, a strip of width w, thickness t and modulus E on tissue of modulus E_t,
+    The groove adds compliance, eq. RE.5. In addition the outer film loses the load that the floor under the groove, a strip that
+    bends, does not carry. The strip has the fraction f of the film's area, width w, thickness t and modulus E, on tissue of
+    modulus E_t:
 
         2 f eta / (1 + eta),   eta = E_t / E (5 / 32 (w / t)^3 + 0.45 w / t)                            (PO.14)
 
-    by the deflections of a strip held at its ends by bending and by shear, times the pressure by which the tissue gives way; or
-    eq. RE.6 where that is less.
+    eta is the deflection, by bending and shear, of a strip clamped at its ends, over that of the tissue under the same pressure.
+    Eq. RE.6 replaces the result where it is smaller.
 
     Args:
-        scene: its probe may have a groove.
+        scene: scene whose probe may have a groove.
         forces: F_ij on film i per unit displacement of base j, N/m, shape (2, 2).
     """
     probe, totals = scene.probe, forces.sum(axis=1)
@@ -64,7 +65,7 @@ def bound_groove_change(scene: Scene, forces: Floats) -> Floats:
 
 
 def _bound_groove_total(scene: Scene, forces: Floats) -> Floats:
-    """What the bounds of the base states' totals hold of the groove, N/m, shape (2,)."""
+    """Return the groove's part of the error bounds of the base states' totals, N/m, shape (2,)."""
     return np.asarray(
         sum(
             (detail.compute_bound(forces).totals for detail in iterate_details(scene.probe) if detail.name == "groove"),
@@ -74,7 +75,7 @@ def _bound_groove_total(scene: Scene, forces: Floats) -> Floats:
 
 
 def bound_film_errors(base: Undisturbed, answers: Readings) -> dict[str, Floats]:
-    """Return eq. PO.12 of both films by cause, but for the load, shape (u, 2) each."""
+    """Return the bound of eq. PO.12 for both films, by cause except the load, shape (u, 2) each."""
     films, totals = base.films, np.abs(answers.totals)
     effect = np.abs(answers.totals - films.totals) / totals
     base_errors = np.maximum(films.bound.totals - _bound_groove_total(base.scene, films.forces), 0.0) / np.abs(films.totals)

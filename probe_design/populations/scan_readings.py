@@ -1,11 +1,11 @@
-"""What a scan reads over each tumour of a population, beside what it would read without the tumour.
+"""Define the readings of a scan over each tumour of a population, and their changes by the tumour.
 
-Readings are logarithms: of the ratio at all positions, then of the stiffness where it is read, m in all. With F_j the force on
-film j per unit of indentation, A_j its area,
+The m readings are logarithms: of the ratio at all positions, then of the stiffness if it is read. With F_j the force on film j
+per unit indentation, and a constant that contains the films' areas,
 
     ln ratio = ln F_inner - ln F_outer + const,   ln stiffness = ln (F_inner + F_outer)             (PO.1)
 
-and the signal of a tumour is by how much they are more than in its own tissue without it. A load and the areas cancel.
+The signal of a tumour is the difference of the readings from those in the same tissue without it. Load and areas cancel.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ class ScanReadings:
     """Readings over n tumours in t tissues, m readings of c channels each.
 
     Attributes:
-        signal: eq. PO.1 with the tumour minus without, shape (n, m).
-        errors: bounds on what the evaluator is off in it, by cause, see ``scan_errors.ERROR_CAUSES``, shape (n, m); or none.
+        signal: eq. PO.1 with the tumour less that without, shape (n, m).
+        errors: error bounds of the signal by cause, see ``scan_errors.ERROR_CAUSES``, shape (n, m); may be empty.
         tissue: number of each tumour's tissue, shape (n,).
-        blank: film forces per unit of indentation without tumours, N/m, shape (t, 2).
-        mean_forces: the same over the tumours at each position, in their geometric mean, shape (p, 2).
-        blank_error: bound on the error of eq. PO.1 there, shape (t, c).
+        blank: film forces per unit indentation without tumours, N/m, shape (t, 2).
+        mean_forces: geometric mean over the tumours of the film forces at each position, shape (p, 2).
+        blank_error: error bound of eq. PO.1 without tumours, shape (t, c).
         derivatives: of ``signal`` with respect to the parameters named in ``ScenePopulation.ranges``: to their
             logarithms, per m of x; shape (n, m).
         blank_derivatives: derivatives of eq. PO.1 without tumours by the tissue's numbers, shape (t, c).
@@ -46,25 +46,25 @@ class ScanReadings:
 
     @property
     def positions(self) -> int:
-        """How many positions were read."""
+        """Number of positions."""
         return int(self.signal.shape[1]) // self.channels
 
     @property
     def channels(self) -> int:
-        """How many readings at each."""
+        """Number of readings at each position."""
         return int(self.blank_error.shape[1])
 
     @property
     def error(self) -> Floats:
-        """Bound on what the evaluator is off in ``signal``, all causes together, shape (n, m)."""
+        """Error bound of ``signal``, all causes together, shape (n, m)."""
         return np.asarray(sum(self.errors.values(), np.zeros_like(self.signal)))
 
     def list_columns(self, positions: Ints, channels: Sequence[int]) -> Ints:
-        """Return where the readings at some positions, by number, of some channels stand among the m."""
+        """Return the indices among the m readings of some channels at some positions, by number."""
         return np.asarray((np.asarray(channels)[:, None] * self.positions + positions).ravel())
 
     def select(self, positions: Ints, channels: Sequence[int]) -> ScanReadings:
-        """Return those at some positions, by number, shape (p,), of some channels."""
+        """Return the readings of some channels at some positions, by number, shape (p,)."""
         columns, chosen = self.list_columns(positions, channels), list(channels)
         return replace(
             self,
@@ -77,7 +77,7 @@ class ScanReadings:
         )
 
     def repeat_over_positions(self, values: Floats) -> Floats:
-        """Return numbers of each channel, shape (..., c), for all readings, shape (..., m)."""
+        """Repeat numbers of each channel, shape (..., c), for all readings, shape (..., m)."""
         return np.repeat(values, self.positions, axis=-1)
 
 
@@ -86,10 +86,10 @@ def compute_logarithms(totals: Any, stiffness: bool) -> Any:
 
     Args:
         totals: F_inner and F_outer, shape (..., p, 2), real or complex.
-        stiffness: whether it is read.
+        stiffness: whether the stiffness is read.
 
     Returns:
-        shape (..., m): ln ratio at the p positions, then ln stiffness.
+        Logarithms, shape (..., m): ln ratio at the p positions, then ln stiffness.
     """
     ratio = np.log(totals[..., 0]) - np.log(totals[..., 1])
     return np.concatenate([ratio, np.log(totals.sum(axis=-1))], axis=-1) if stiffness else ratio

@@ -1,4 +1,4 @@
-"""The tables of a design file: frozen, in SI units, every key with its default and what it means."""
+"""Define the tables of a design file: frozen, in SI units, every key with its default and meaning."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Moduli = Annotated[Range, Ranged(MODULUS_QUANTITY)]
 Places = Annotated[Range, Ranged(POSITION_QUANTITY, log=False)]
 Charge = Annotated[float, CHARGE_QUANTITY]
 Observable = Literal["ratio", "stiffness", "both"]
-CHANNEL_INDICES: dict[Observable, tuple[int, ...]] = {"ratio": (0,), "stiffness": (1,), "both": (0, 1)}  # of what a scan can read
+CHANNEL_INDICES: dict[Observable, tuple[int, ...]] = {"ratio": (0,), "stiffness": (1,), "both": (0, 1)}  # of a scan's channels
 
 
 Relative = Annotated[float, PERCENTAGE, Field(ge=0.0, le=MAX_NOISE, allow_inf_nan=False)]
@@ -91,7 +91,7 @@ class PopulationRanges(Frozen):
 
 
 def _expand_positions(entry: object, units_required: bool) -> Any:
-    """Write ``[from, to, number]`` out."""
+    """Expand ``[from, to, number]`` to a list of positions."""
     if not isinstance(entry, Sequence) or isinstance(entry, str) or len(entry) != 3:
         return entry
     low, high, number = entry
@@ -138,12 +138,12 @@ class Protocol(Frozen):
 
     @property
     def observable(self) -> Observable:
-        """What the probe is designed for."""
+        """The channels for which the probe is designed."""
         return "both" if self.stiffness else "ratio"
 
     @property
     def with_both_channels(self) -> Protocol:
-        """The same with both channels read."""
+        """The protocol with both channels read."""
         return self.model_copy(update={"stiffness": True})
 
     @property
@@ -232,12 +232,12 @@ class Objective(Frozen):
         return float(np.mean(values) if self.statistic == "mean" else np.quantile(values, self.statistic))
 
     def compute_error(self, values: Floats, group: Ints | None = None) -> float:
-        """Return the standard error of ``compute_statistic``, of a quantile from its neighbours.
+        """Return the standard error of ``compute_statistic``; that of a quantile follows from neighbouring quantiles.
 
         Args:
-            values: of n tumours drawn at random, shape (n,).
-            group: number of each tumour's tissue, shape (n,): where these, which are few, differ by more than tumours drawn at
-                random would, that counts.
+            values: values of n tumours drawn at random, shape (n,).
+            group: number of each tumour's tissue, shape (n,); if the few tissues differ by more than random tumours would,
+                their scatter counts.
         """
         alone = self._compute_sampling_error(values)
         parts = [] if group is None else [values[group == number] for number in np.unique(group)]

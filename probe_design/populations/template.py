@@ -1,4 +1,4 @@
-"""The design file with all its keys, their defaults and what they mean."""
+"""Write a design file with all keys, their defaults and meanings."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ scene = "scene.toml"   # its probe is the start; its tissue and inclusion hold f
 
 
 def build_template() -> str:
-    """Return a commented design file that reads as the defaults, beside a ``scene.toml``."""
+    """Return a commented design file with the defaults, which refers to ``scene.toml`` in the same folder."""
     return "\n".join([FILE_HEADER, *(_format_section(name) for name in DESIGN_SECTIONS)])
 
 

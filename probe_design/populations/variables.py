@@ -1,4 +1,4 @@
-"""Which numbers of the probe a design file lets vary, and how."""
+"""Define the numbers of the probe that a design file allows to vary, and their bounds, steps or choices."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ NUMBER_QUANTITY = Quantity("number", "dimensionless", "", 1e-4, 1e4)
 
 @dataclass(frozen=True)
 class DesignVariable:
-    """How one number of the probe may vary, SI.
+    """The allowed variation of one number of the probe, SI.
 
     Attributes:
-        low, high: its bounds; None where they follow from the start and the workshop.
-        step: values lie on multiples of it; None: on those of the search.
-        choices: the only values, increasing; empty where there are bounds.
-        fixed: whether it stays as the scene has it.
+        low, high: bounds; None if they follow from the start and the workshop.
+        step: values are multiples of it; None: multiples of the search's step.
+        choices: the only values, increasing; empty if there are bounds.
+        fixed: whether the scene's value stays.
     """
 
     low: float | None = None
@@ -43,19 +43,19 @@ class Varied(FileEntry[DesignVariable]):
     """A ``DesignVariable`` as a pydantic annotation: ``"fixed"``, ``[low, high]``, or a table of bounds, step and choices.
 
     Args:
-        quantity: of its values; ``NUMBER_QUANTITY`` has no unit.
+        quantity: quantity of the values; ``NUMBER_QUANTITY`` has no unit.
     """
 
     quantity: Quantity
 
     @property
     def allowed(self) -> str:
-        """What is one, in words."""
+        """Description of the allowed entries, for messages."""
         number_text = "a number from 0.0001 to 10000" if self.quantity is NUMBER_QUANTITY else self.quantity.allowed
         return f"'fixed', [low, high], or a table of bounds = [low, high] and step, or of choices; each {number_text}"
 
     def read(self, entry: object, units_required: bool) -> DesignVariable:
-        """Return what an entry of a file says; raises ``ValueError`` saying why it is none."""
+        """Return the variable that an entry states; raise ``ValueError`` with the reason if it states none."""
         if isinstance(entry, DesignVariable):
             return entry
         if entry == FIXED_ENTRY:
@@ -75,7 +75,7 @@ class Varied(FileEntry[DesignVariable]):
         return DesignVariable(low, high, step)
 
     def encode(self, value: DesignVariable) -> Any:
-        """Return what a file says of it."""
+        """Return the entry of a file that states the value."""
 
         def format_number(number: float) -> Any:
             return number if self.quantity is NUMBER_QUANTITY else self.quantity.format_value(number)
