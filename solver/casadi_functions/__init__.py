@@ -1,1 +1,1 @@
-"""Evaluators as differentiable casadi functions for IPOPT; the only package that imports casadi."""
+"""Evaluators as differentiable casadi functions for IPOPT. Only this package imports casadi."""

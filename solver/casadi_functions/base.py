@@ -17,7 +17,7 @@ Option: TypeAlias = bool | int | float | str | casadi.Function | Sequence["Optio
 class DifferentiableFunction(casadi.Callback):
     """A casadi function from a vector x to a vector y with dy/dx; subclasses define ``compute`` and then call ``begin``.
 
-    Values at the last x are kept. Set IPOPT's option ``hessian_approximation = "limited-memory"``; keep a reference as long as
+    Values at the last x are cached. Set IPOPT's option ``hessian_approximation = "limited-memory"``; keep a reference as long as
     casadi uses it.
     """
 

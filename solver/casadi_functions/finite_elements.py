@@ -1,4 +1,4 @@
-"""The finite-element evaluators as casadi functions with exact Jacobians, for design optimisation by IPOPT."""
+"""Wrap the finite-element evaluators as casadi functions with exact Jacobians, for design optimisation by IPOPT."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ class FilmCallback(DifferentiableFunction):
 
 
 class TumourCallback(FilmCallback):
-    """As ``FilmCallback``, for scenes with spheres anywhere, by the evaluator ``equivalent-inclusion`` to first order.
+    """Outputs as of ``FilmCallback``, for scenes with spheres anywhere, by the evaluator ``equivalent-inclusion`` to first order.
 
     Reflections are left out, as they have no exact derivative: verify designs from IPOPT with reflections.
 

@@ -1,4 +1,4 @@
-"""Ellipsoids: first-order corrections from the spheres of equal volume that represent them in the rest of the evaluator."""
+"""Correct for ellipsoids to first order: elsewhere the evaluator represents them by spheres of equal volume."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ class ShapeCorrection:
     """Correction from the sphere of equal volume to an ellipsoid, N/m, shapes (2, 2).
 
     Attributes:
-        forces: the change of the film forces' change.
-        slope: its derivative by ln E of the body.
-        sphere_slope: that derivative of the sphere.
+        forces: change of the film forces by the ellipsoid less that by the sphere.
+        slope: derivative of that with respect to ln E of the body.
+        sphere_slope: derivative of the sphere's change with respect to ln E.
         share: relative size of ``forces``.
         ellipsoid_forces: first-order change of the film forces by the ellipsoid.
     """

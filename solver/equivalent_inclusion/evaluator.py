@@ -1,4 +1,4 @@
-"""The evaluator ``equivalent-inclusion``: base states without tumours, then tumours by scattering (PHYSICS section 4)."""
+"""Evaluator ``equivalent-inclusion``: base states without tumours, then tumours by scattering (PHYSICS section 4)."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class EquivalentInclusion(FilmEvaluator):
     summary: str = "spheres and ellipsoids anywhere; 1e-3 to 1e-2 in 0.5 s for the probe and 0.05 to 100 ms for each tumour"
 
     def refusal(self, scene: Scene) -> str | None:
-        """Return which evaluator to use instead, and why, for scenes that this one does not model; else None."""
+        """Return the reason for a refusal and the evaluator to use instead; None for scenes that this one models."""
         return find_refusal(scene, (*GEOMETRY_KINDS, "crossed sphere"))
 
     def solve(self, scene: Scene, accuracy: float, moduli: Floats | None = None) -> FilmSolution:

@@ -1,12 +1,12 @@
-"""First-order changes of the film forces by tumours: integrals of the undisturbed strains over their volume.
+"""Compute first-order changes of the film forces by tumours: integrals of the undisturbed strains over their volume.
 
 By reciprocity a sphere changes the film forces F_ij of the base states by
 
     dF_ij = Int [k_v tr(eps_i) tr(eps_j) + k_d e_i:e_j] dV                                        (EI.1)
 
-with the strains of the tissue without it at each point and its strength k, eq. IN.2 of ``solver/inclusions/eshelby.py``
-(PHYSICS section 4). Effects of several add. Moving the sphere, or letting it grow, adds what lies under its surface: the
-derivatives of eq. EI.1 by the place of its centre and by its radius are integrals of the same products over its surface
+with the strains eps_i of the tissue without the sphere, their deviators e_i, and the sphere's strengths k_v and k_d, eq. IN.2 of
+``solver/inclusions/eshelby.py`` (PHYSICS section 4). Effects of several spheres add. The derivatives of eq. EI.1 with respect to
+the position of the sphere's centre and to its radius are integrals of the same products over its surface
 (EI.2).
 """
 

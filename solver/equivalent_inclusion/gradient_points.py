@@ -1,7 +1,7 @@
-"""First-order effects of tumours as quadratic forms of the elements' own values, for exact derivatives.
+"""Write first-order effects of tumours as quadratic forms of the elements' own values, for exact derivatives.
 
-At the points of the tumours' quadratures strain and dilation are linear in the elements' own values; all of it is an analytic
-function of the elements' corners and of the points' places, so that complex steps differentiate it.
+At the points of the tumours' quadratures, strain and dilation are linear in the elements' own values; the matrices are an
+analytic function of the elements' corners and of the points' places, so that complex steps differentiate it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A probe on tissue without tumours: film forces with their errors and the strains everywhere, solved once for all tumours."""
+"""Solve a probe on tissue without tumours, once for all tumours: film forces with their errors, and the strains everywhere."""
 
 from __future__ import annotations
 
@@ -46,14 +46,14 @@ FILM_ACCURACY_SHARE = 0.2  # fraction of the requested accuracy for film forces 
 
 @dataclass(frozen=True)
 class ProbeAlone:
-    """Film forces of a scene's probe on its tissue without tumours: a few numbers, for bounds at many places.
+    """Film forces of a scene's probe on its tissue without tumours, without the mesh: enough for bounds at many places.
 
     Attributes:
         scene: without inclusions, at no load.
         accuracy: requested with tumours.
         films: film forces without tumours.
-        plan: what is left out or modelled beyond blocks and tissue.
-        notes: what is left out and matters.
+        plan: features that are left out or modelled beyond blocks and tissue.
+        notes: features that are left out and matter.
         stopped: notes on limits of memory and time that stopped refinement.
         section, materials: what is modelled.
         residual: the largest relative residual of the linear solutions.
@@ -172,7 +172,7 @@ class Undisturbed(ProbeAlone):
         """Move tumours that stick out of the modelled cylinder of tissue to its side or floor; return them and which these are.
 
         Tissue in a block, or not centred under the probe, is a cylinder of the same area, and a half-space ends somewhere: a
-        tumour may lie beyond it. Where it is moved it changes more than where it lies, as strains fall off with the distance.
+        tumour may lie beyond it. At the new position its effect is larger, as strains decay with distance.
 
         Raises:
             Refusal: a sphere larger than the modelled tissue.
@@ -218,8 +218,8 @@ def _remove_tumours(scene: Scene) -> Scene:
 def solve_other_tissue(base: Undisturbed, scene: Scene) -> Undisturbed:
     """Solve the probe on tissue with other moduli and thicknesses of layers on the mesh of the strains, which moves with them.
 
-    Film forces are of that mesh too, so that two such answers differ by what the tissue does, and not by their meshes; the bounds
-    are those of ``base``.
+    Film forces are of that mesh too, so that two such results differ by the effect of the tissue and not by their meshes; the
+    bounds are those of ``base``.
 
     Args:
         base: of the same probe on the tissue before.

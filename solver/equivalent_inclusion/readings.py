@@ -1,4 +1,4 @@
-"""Readings of a probe over many sets of tumours at once: forces, ratio, stiffness, their derivatives and error bounds."""
+"""Compute readings of a probe over many sets of tumours at once: forces, ratio, stiffness, their derivatives and error bounds."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Readings:
         log_ratio_bound: on the error of ln(ratio), shape (n,); inf where a total is below its own error.
         slope_bound: on the error of each total of ``derivatives["youngs_modulus"]``, N/m, shape (n, 2).
         reflected: whether reflections were computed, shape (n,).
-        first_share: bound on what leaving them out changes of ln(ratio), shape (n,).
+        first_share: bound on the error of ln(ratio) without reflections, shape (n,).
         first_totals: of the forces to first order, N/m, shape (n, 2).
         derivatives: of ``forces`` by quantities of the target, shapes (n, 2, 2): by the logarithm of youngs_modulus, diameter
             and depth, by poisson_ratio, per m by offset from the probe's axis; all but the first only where asked for.

@@ -1,4 +1,4 @@
-"""Products of the base states' strains as functions of position, from the elements or from a table.
+"""Evaluate products of the base states' strains at any position, from the elements or from a table.
 
 A sphere's effect on the film forces needs two scalars of each pair of states, tr(eps_i) tr(eps_j) and e_i:e_j with e the
 deviator. Both are the same all round the probe's axis, so that they are functions of r and z alone wherever the sphere lies.

@@ -1,6 +1,7 @@
-"""Sums of modes at many points, and the transpose: what many points give to each mode.
+"""Evaluate sums of modes at many points, and the transpose: weighted sums over many points for each mode.
 
-Displacements and stresses of modes are polynomials of the place times solid harmonics, eqs. IN.6 to IN.9 of ``vector_modes.py``:
+A component a of displacement or stress of modes is a sum of polynomials p_j of the place x times solid harmonics, eqs. IN.6 to
+IN.9:
 
     field_a (x) = sum_j p_j (x) h_aj (x),   p = 1, x, y, rho^2, z,   h_aj a sum of solid harmonics         (IN.11)
 

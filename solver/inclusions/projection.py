@@ -1,4 +1,4 @@
-"""Coefficients of regular modes from a displacement on a sphere's surface."""
+"""Compute coefficients of regular modes from a displacement on a sphere's surface."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ class Projection:
 def build_projection(modes: Modes, oversample: int = OVERSAMPLING_DEGREES) -> Projection:
     """Build the projection that is exact for fields of degree up to ``modes.degree + oversample``.
 
-    What a field has beyond that comes back as lower modes, in latitude and in azimuth alike: oversample more where fields
-    vary strongly over the sphere. The displacement alone is needed, not the traction.
+    Higher degrees of a field are aliased to lower modes, in latitude and in azimuth: oversample more where fields vary strongly
+    over the sphere. Only the displacement is needed, not the traction.
     """
     points, weights = build_quadrature(modes, oversample)
     matrix = np.empty((len(modes), len(points), 3), np.result_type(modes.nu, float))

@@ -1,4 +1,4 @@
-"""Real solid harmonics, regular and irregular, at many points, and their derivatives as sparse matrices.
+"""Evaluate real solid harmonics, regular and irregular, at many points, with their derivatives as sparse matrices.
 
 With orthonormal real spherical harmonics Y (cos m phi and sin m phi families, no Condon-Shortley sign) the regular ones are
 rho^l Y and the irregular ones rho^(-l-1) Y. A sum of them is given by coefficients of shape (2 count, ...), the cosines

@@ -1,9 +1,9 @@
-"""Scattering of elastic fields by a sphere of another material, bonded into an unbounded matrix.
+"""Compute the scattering of elastic fields by a sphere of another material, bonded into an unbounded matrix.
 
-Incident field: regular modes with coefficients c. Outside the sphere the outgoing modes S c come on top; inside there
-are the regular modes of the sphere's own material with coefficients ``inside`` c. T is the work: two loadings whose incident
-fields have coefficients c_i and c_j exchange the energy F_ij, and the sphere changes it by dF_ij = c_i^T T c_j.
-For uniform strain this is Eshelby's sphere.
+The incident field consists of regular modes with coefficients c. Outside the sphere, outgoing modes S c are added. Inside, the
+field consists of regular modes of the sphere's own material with coefficients ``inside`` c. T is the work matrix: the sphere
+changes the energy F_ij of two incident fields, with coefficients c_i and c_j, by dF_ij = c_i^T T c_j. For uniform strain this is
+Eshelby's sphere.
 """
 
 from __future__ import annotations

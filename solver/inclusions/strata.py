@@ -1,4 +1,4 @@
-"""The tissue's layers around spheres: each sphere lies wholly inside one layer, whose material is its matrix."""
+"""Find the layers of tissue around spheres: each sphere lies wholly inside one layer, whose material is its matrix."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ class Strata:
     def contrasts(self) -> Floats:
         """Contrast of the materials on both sides of each interface: 0 for the same, up to 1, shape (k,).
 
-        The larger of |a - b| / (a + b) for shear moduli and for moduli of compression across, lambda + 2 mu: how much of a plane
-        wave that hits the interface at right angles would come back if both had one density.
+        The larger of |a - b| / (a + b) for the moduli a, b of both sides: the shear moduli mu, and the moduli of compression
+        lambda + 2 mu.
         """
         return np.array([compute_contrast(*pair) for pair in pairwise(self.materials)])
 

@@ -1,4 +1,4 @@
-"""Many tumours as arrays."""
+"""Hold many tumours as arrays."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from geometry.scenes.scene import Inclusion, Scene
 
 @dataclass(frozen=True)
 class Tumours:
-    """Spheres under and beside a probe: floats or arrays that broadcast to one shape, by custom (sets, tumours of a set).
+    """Spheres under a probe, on or off its axis: floats or arrays that broadcast to one shape, usually (sets, tumours of a set).
 
     Attributes:
         x, y: of the centres from the probe's axis, m.
@@ -77,7 +77,7 @@ class Tumours:
 
     @property
     def cover(self) -> Floats:
-        """Tissue above the spheres, m."""
+        """Overburden, the tissue above the spheres, m."""
         return np.asarray(self.depth - self.diameter / 2)
 
     def with_moduli(self, moduli: Floats, target: int) -> Self:

@@ -1,1 +1,1 @@
-"""Constitutive laws: from a scene's material to stiffness matrices at small strain and to energies at finite strain."""
+"""Constitutive laws of a scene's materials: stiffness matrices at small strain and energies at finite strain."""

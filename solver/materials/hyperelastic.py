@@ -8,8 +8,8 @@ with the deformation gradient F, J = det F, the moduli mu and K of shear and of 
 ``strain_energies.py``, by default the neo-Hookean f(x) = x / 2 of ``tests/reference/contact``. The tangent at rest is Hooke's
 law.
 
-The share lam/K of the part in J, lam the first Lame constant, is carried by a pressure p that is an unknown of its own: with
-U = lam/4 (J^2 - 1 - 2 ln J) and its conjugate U*, U = max over p of p (J - 1) - U*(p), where
+The fraction lam/K of the part in J, with lam the first Lame constant, is carried by a pressure p, which is a separate unknown:
+with U = lam/4 (J^2 - 1 - 2 ln J) and its conjugate U*, U = max over p of p (J - 1) - U*(p), where
 
     dU*/dp = J*(p) - 1,   J*(p) = p/lam + sqrt(1 + (p/lam)^2)                                            (LW.3)
 

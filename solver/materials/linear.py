@@ -1,7 +1,7 @@
-"""Linear elastic laws: stiffness matrices between stresses and small strains.
+"""Compute linear elastic laws: stiffness matrices between stresses and small strains.
 
-Strains and stresses are vectors in the order of ``VOIGT_PAIRS``, shear strains being engineering ones, 2 eps_ij. The stiffness of
-an isotropic material is
+Strains and stresses are vectors in the order of ``VOIGT_PAIRS``, with engineering shear strains 2 eps_ij. The stiffness of an
+isotropic material of Young's modulus E and Poisson's ratio nu is
 
     C = lambda 1 x 1 + 2 mu I,   2 mu = E / (1 + nu),   lambda = 2 mu nu / (1 - 2 nu),   K = E / (3 (1 - 2 nu))             (LW.1)
 """
@@ -22,7 +22,7 @@ VOIGT_WEIGHTS = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])  # of the products s_ij
 
 
 class Elastic(Protocol):
-    """A scene's material or its law: what states Young's modulus, Pa, and Poisson's ratio."""
+    """A scene's material or its law, with Young's modulus, Pa, and Poisson's ratio."""
 
     @property
     def youngs_modulus(self) -> float: ...  # noqa: D102
@@ -43,7 +43,7 @@ class LinearLaw(Protocol):
 
 @dataclass(frozen=True)
 class Isotropic:
-    """Isotropic materials; numbers or arrays of one shape, on the way to a derivative also complex.
+    """Isotropic materials; numbers or arrays of one shape, complex for derivatives by complex steps.
 
     Attributes:
         youngs_modulus: E of eq. LW.1, Pa.

@@ -1,11 +1,11 @@
-"""Strain energies of rubber-like materials as functions f of x = I - 3, in shear moduli; see ``hyperelastic.py``.
+"""Compute strain energies of rubber-like materials as functions f of x = I - 3, in shear moduli; see ``hyperelastic.py``.
 
-A law is stable up to where the stress of a stretched incompressible body no longer rises. With the stretch s in one mode of
-deformation and I(s) in it, the nominal stress f' I' rises while
+A law is stable as long as the stress of a stretched incompressible body rises. With the stretch s and the invariant I(s) in one
+mode of deformation, the nominal stress f' I' rises while
 
     f' > 0,   f' I'' + f'' I'^2 > 0                                                              (LW.4)
 
-for pulling one way, two ways alike, and in one plane, as is usual for such laws (D. C. Drucker's condition in these modes).
+in uniaxial, equibiaxial and planar tension (D. C. Drucker's condition in these modes).
 """
 
 from __future__ import annotations
@@ -63,11 +63,11 @@ def build_strain_energy(material: Material) -> StrainEnergy | None:
 
 @dataclass(frozen=True)
 class StableRange:
-    """How far a law is stable, eq. LW.4.
+    """The range in which a law is stable, eq. LW.4.
 
     Attributes:
         x: the largest I - 3; infinite if nothing was found up to ``MAX_TESTED_STRETCH``.
-        stretch: one body pulled one way has there.
+        stretch: of a body in uniaxial tension there.
     """
 
     x: float
@@ -88,7 +88,7 @@ class StableRange:
 
 
 def _list_modes(s: Floats) -> tuple[tuple[Floats, Floats, Floats], ...]:
-    """Return I and its first two derivatives by the stretch s, pulled one way, two ways alike, and in one plane."""
+    """Return I and its first two derivatives by the stretch s, in uniaxial, equibiaxial and planar tension."""
     return (
         (s**2 + 2 / s, 2 * s - 2 / s**2, 2 + 4 / s**3),
         (2 * s**2 + s**-4, 4 * s - 4 * s**-5, 4 + 20 * s**-6),

@@ -1,4 +1,4 @@
-"""Solve elasticity in the meridian plane for fields that vary as cos m theta about the axis: one system for each order m.
+"""Solve elasticity in the meridian plane for fields that vary as cos m theta about the axis, with one system for each order m.
 
     u_r = U cos m theta,  u_theta = V sin m theta,  u_z = W cos m theta                            (MS.1)
 

@@ -1,8 +1,8 @@
-"""Compute the fields reflected to spheres that are too close to the boundary for eq. MS.6, at points of the spheres.
+"""Compute the fields reflected to spheres that are too close to the boundary for eq. MS.6, at points on the spheres.
 
-Data that vary too fast for the elements would cause a large error in an energy on the boundary (``boundary_compliance.py``);
-inside the tissue their errors decay. Fields are sampled at all points of the elements' edges, and w of eq. MS.5 is projected on
-the spheres.
+Data that vary too fast for the elements would cause a large error of an energy on the boundary (``boundary_compliance.py``).
+Inside the tissue this error decays. So fields are sampled at all points of the elements' edges, and the reflected field w of eq.
+MS.5 is projected on the spheres' modes.
 """
 
 from __future__ import annotations

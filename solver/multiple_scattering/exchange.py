@@ -1,4 +1,4 @@
-"""Compute how surface, blocks, side, floor and interfaces reflect the fields that spheres scatter.
+"""Compute the fields that surface, blocks, side, floor and interfaces reflect to spheres.
 
 Scattered fields are known in closed form anywhere (``solver/inclusions/vector_modes.py``), so that the finite elements need no
 sphere: their loads are the tractions and displacements of the field on the tissue's boundary, one azimuthal order at a time. The

@@ -1,7 +1,7 @@
-"""Advance many sets of spheres at one boundary together: each azimuthal order responds to all of them at once.
+"""Advance many sets of spheres at one boundary together, so that each azimuthal order is solved for all sets at once.
 
-The reflections of a set are a generator. It yields an order's ``BoundaryResponse`` with data (6 n, k), and receives the response
-of the same shape. A factorised system takes hardly longer for the data of eight sets than for those of one.
+The reflections of a set are a generator, which yields an order's ``BoundaryResponse`` with data (6 n, k) and receives the
+response of the same shape. A factorised system takes hardly longer for the data of eight sets than for those of one.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def run_in_lockstep(all_steps: Sequence[Steps[T]]) -> list[T]:
     waiting: dict[int, Question] = {}
 
     def advance(k: int, answer: Floats | None) -> None:
-        """Send a set its response; store its next question, or its result at the end."""
+        """Send a set its response; store its next request, or its result at the end."""
         try:
             waiting[k] = next(all_steps[k]) if answer is None else all_steps[k].send(answer)
         except StopIteration as end:

@@ -39,7 +39,7 @@ def compute_gap(section: Section, tumours: Tumours) -> Floats:
 
 
 def estimate_unresolved(section: Section, strata: Strata, tumours: Tumours, spheres: Sequence[ScatteringSphere]) -> float:
-    """Estimate the error of omitted degrees as a share of the effect; for blocks much smaller than the sphere it is unknown.
+    """Estimate the relative error of the effect by omitted degrees; for blocks much smaller than the sphere it is unknown.
 
     The inner block's field at the sphere, of radius R, is as wide as the block plus its distance. The work of degree l also
     decays at least as (R / depth)^2l.
@@ -54,14 +54,15 @@ def estimate_unresolved(section: Section, strata: Strata, tumours: Tumours, sphe
 
 
 def _estimate_images(section: Section, strata: Strata, tumours: Tumours, spheres: Sequence[ScatteringSphere]) -> Floats:
-    """Estimate the share of degrees above l in a sphere's images in surface, floor and interfaces, shape (t,).
+    """Estimate the fraction of degrees above l in a sphere's images in surface, floor and interfaces, shape (t,).
 
     For a sphere of radius R at a distance d it is at most (1 + 2 d / R)^(-2 l). If they almost touch, the k-th reflection, a
     share q^k of the first field, has (k / (k + 1))^l in the degree l: the larger of both factors squared,
 
         max_k q^(2 k) (k / (k + 1))^(2 l),    q^2 = unlikeness of sphere and host times that of wall and host          (MS.11)
 
-    A hard sphere at the floor needs high degrees; one five times as hard as its layer at an interface does not.
+    where q is the fraction of the field that is left after each reflection. A stiff sphere at the floor needs high degrees; one
+    five times as stiff as its layer at an interface does not.
     """
     radius, degree = tumours.diameter / 2, np.array([sphere.modes.degree for sphere in spheres])
     moduli = zip(tumours.youngs_modulus.tolist(), tumours.poisson_ratio.tolist(), strict=True)

@@ -4,9 +4,10 @@ If an interface moves by V_n along its normal n, energies of states that stay in
 
     dF_ij = Int V_n [ s_i:e_j (in) - s_i:e_j (out) - s_i(out):(e_j(in) - e_j(out)) - s_j(out):(e_i(in) - e_i(out)) ] dS    (MS.10)
 
-with stresses s and strains e on both sides (Eshelby, J. Elasticity 5 (1975) 321: the jump of the energy-momentum tensor; the
-jump of the displacement gradient is a x n, so that traction times it is stress times the jump of strain). All fields on the
-surface are known as modes: incident and scattered ones outside, those of the sphere's own material inside.
+with stresses s and strains e of both states i, j, inside and outside (Eshelby, J. Elasticity 5 (1975) 321: the jump of the
+energy-momentum tensor; the displacement gradient jumps by a vector times n, so that its product with the traction is the stress
+times the jump of strain). All fields on the surface are given by modes: incident and scattered ones outside, those of the
+sphere's own material inside.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""The phase of the ratio under a sinusoidal load, by the losses of the materials."""
+"""The phase of the ratio under a sinusoidal load, from the materials' loss factors."""

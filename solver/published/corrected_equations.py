@@ -1,10 +1,10 @@
-"""The paper's eqs. (4) and (6) to (8) with their defects corrected (PHYSICS section 1), to measure their effect.
+"""Compute the paper's eqs. (4) and (6) to (8) with their defects corrected (PHYSICS section 1), to measure the defects' effect.
 
     1 / E_eq = 1 / E_matrix + k (1 / E_object - 1 / E_matrix),  k = 3 a D / (4 d^2)                                (PU.1)
 
-The object's shortening carries (1-nu^2) as the tissue's does, and the shortening of the tissue that it replaces is subtracted. So
-an object of matrix modulus vanishes and a stiffer one stiffens. The stress at depth is still the far field of eq. (1): a formula
-for ``d`` well above ``a`` and ``D``, not one to measure with. Symbols, units and checks as in ``equations``.
+The object's shortening has the factor (1-nu^2) like the tissue's, and the shortening of the tissue that it replaces is
+subtracted. So an object of the matrix's modulus has no effect, and a stiffer one increases E_eq. The stress at depth is still the
+far field of eq. (1), valid only for ``d`` well above ``a`` and ``D``. Symbols, units and checks are those of ``equations``.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def diameter(a: float, d: float, E_matrix: float, E_object: float, E_eq: float) 
 
 
 def _compute_share(a: float, d: float, D: float) -> float:
-    """Return k of eq. PU.1, the object's share of the shortening."""
+    """Return k of eq. PU.1, the object's fraction of the shortening."""
     if 3 * a * D >= 4 * d**2:
         raise InputError("3 a D / (4 d^2)", Words(f"{3 * a * D / (4 * d**2):.4g}"), "below 1: a smaller or deeper object")
     return 3 * a * D / (4 * d**2)

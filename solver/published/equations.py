@@ -1,11 +1,11 @@
-"""The paper's equations (1) to (12) exactly as printed, defects included, and their inverses that the paper uses.
+"""Compute the paper's equations (1) to (12) exactly as printed, defects included, and their inverses that the paper uses.
 
 "Detecting Embedded Objects Using Haptics with Applications in Artificial Palpation of Tumors", sections 2.3 and 2.4. Symbols are
 the paper's, SI units: ``sigma`` the applied stress on a circle of radius ``a``, ``d`` depth and ``D`` diameter of the object,
-``nu`` Poisson's ratio, ``E_...`` Young's moduli. What is wrong with them is listed in ``solver.published.evaluator``.
+``nu`` Poisson's ratio, ``E_...`` Young's moduli. Their defects are listed in ``solver.published.evaluator``.
 
-Every function refuses with ``InputError`` what is not a positive finite number (``nu``: 0 to 0.5; eq. (12): any finite number),
-and results beyond double precision.
+Every function refuses with ``InputError`` arguments that are not positive and finite (``nu``: 0 to 0.5; eq. (12): any finite
+number), and results beyond double precision.
 """
 
 from __future__ import annotations

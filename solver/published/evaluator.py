@@ -39,7 +39,7 @@ class Published:
     summary: str = "the paper's eqs. (1)-(12) as printed; an equivalent modulus, no stresses; for reproducing the paper"
 
     def refusal(self, scene: Scene) -> str | None:
-        """Return why the paper's equations cannot describe the scene, with the evaluator that can; None where they can."""
+        """Return why the paper's equations cannot describe the scene, with the evaluator that can; None if they can."""
         if scene.tissue.layer:
             return find_refusal(scene, (*GEOMETRY_KINDS, "crossed sphere", "layers"))
         if len(scene.inclusion) != 1 or scene.inclusion[0].diameter is None:

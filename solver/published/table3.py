@@ -1,4 +1,4 @@
-"""The paper's Table 3 (section 3) as printed, and checks of it that need no model."""
+"""Hold the paper's Table 3 (section 3) as printed, and check it without a model."""
 
 from __future__ import annotations
 

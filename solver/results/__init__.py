@@ -1,1 +1,1 @@
-"""Results of evaluators, and the step from film forces to stresses with error bounds."""
+"""Results of evaluators, and their computation from film forces: stresses and ratio with error bounds."""

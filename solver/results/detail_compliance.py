@@ -1,8 +1,8 @@
-"""Details of the probe that a rotationally symmetric model leaves out, each as a compliance between block and base.
+"""Bound the effect of details that a rotationally symmetric model leaves out, each as a compliance between block and base.
 
-Films, an elastic base and the groove all make the blocks' ends give way. With F the film forces
-per unit displacement, T = F 1 their totals and C the compliance that a detail adds, the forces
-become (F^-1 + C)^-1 and the totals change by F C T to first order (RE.4).
+Films, an elastic base and the groove all make the support of the blocks more compliant. With F the film forces per unit
+displacement, T = F 1 their totals and C the compliance that a detail adds, the forces become (F^-1 + C)^-1 and the totals change
+by F C T to first order (RE.4).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Detail:
     lost_share: float = 0.0
 
     def compute_bound(self, forces: Floats) -> Bound:
-        """Return a bound on what the detail changes of the film forces, N/m, shape (2, 2), by eq. RE.4."""
+        """Return a bound on the change of the film forces by the detail, N/m, shape (2, 2), by eq. RE.4."""
         totals = forces.sum(axis=1)
         change = forces @ self.compliance @ totals
         with np.errstate(divide="ignore"):
@@ -55,7 +55,7 @@ def iterate_details(probe: Probe) -> Iterator[Detail]:
 def _compute_groove_compliance(probe: Probe) -> Floats:
     """Return the compliance that a groove adds to the outer block, m/N.
 
-    The block is a column of area A_1 and modulus E_1 that lacks a share f of its section over the groove's depth g.
+    The block is a column of area A_1 and modulus E_1 that lacks a fraction f of its section over the groove's depth g.
 
     To first order it is more compliant by f g / (A_1 E_1) (RE.5); times 6, as stress concentrates round a
     notch. The converged 3D reference tests/reference/solid/groove-on-axis.toml asks for a factor of 3.
@@ -67,7 +67,7 @@ def _compute_groove_compliance(probe: Probe) -> Floats:
 
 
 def _compute_groove_loss(probe: Probe) -> float:
-    """Return the share of force that the floor under the groove, which bends, may fail to carry: -1.5 ln(1 - f) g / h (RE.6).
+    """Return the fraction of force lost because the floor under the groove bends: -1.5 ln(1 - f) g / h (RE.6).
 
     f is the share of the block's section that the groove removes, g the groove's depth and h the block's height. It is what stiff
     blocks lose. A groove of 6 mm x 2.9 mm in blocks of 3 mm (f = 0.21) changes the

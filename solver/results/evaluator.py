@@ -1,4 +1,4 @@
-"""The interface of evaluators, and the base class that turns film forces into results and curves."""
+"""Define the interface of evaluators, and the base class that computes results and curves from film forces."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def ignore_progress(text: str) -> None:
 
 
 class Evaluator(Protocol):
-    """A model of one fidelity; the module ``evaluator`` of its package makes it by ``create_evaluator(tell)``.
+    """A model of one fidelity, made by ``create_evaluator(tell)`` of the module ``evaluator`` of its package.
 
     Attributes:
         name: as on the command line.
@@ -39,7 +39,7 @@ class Evaluator(Protocol):
     def summary(self) -> str: ...  # noqa: D102
 
     def refusal(self, scene: Scene) -> str | None:
-        """Return why this evaluator cannot take the scene, with the name of one that can; None where it can."""
+        """Return the reason why this evaluator cannot take the scene, with the name of one that can; None if it can."""
         ...
 
     def evaluate(self, scene: Scene, accuracy: float = 0.01) -> Result:
@@ -76,7 +76,7 @@ class FilmSolution:
     Attributes:
         films: film forces with their errors, one for each modulus.
         residual: relative, the largest of the linear systems solved; None where none is solved.
-        plan: what was modelled and what was left out.
+        plan: features that were modelled or left out.
         notes: the evaluator's own warnings.
         stiffness: N/m, where it is not the sum of the film forces.
         error_kind: of the errors of ``films``.
@@ -145,7 +145,7 @@ class FilmEvaluator:
 
     @use_own_workspace
     def evaluate_many(self, scenes: Sequence[Scene], accuracy: float | Sequence[float] = 0.01) -> list[Result | InputError]:
-        """Return for each scene what ``evaluate`` returns, or the refusal it raises; ``seconds`` are divided evenly.
+        """Evaluate each scene as ``evaluate`` does; return its result or its refusal. ``seconds`` are divided evenly.
 
         Args:
             scenes: scenes of any kind.

@@ -1,4 +1,4 @@
-"""Compute stresses, ratio, sensitivity and their errors from film forces per unit displacement."""
+"""Compute stresses, ratio, log-sensitivity and their errors from film forces per unit displacement."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ class FilmForces:
     def compute_stress_errors(self, scene: Scene) -> tuple[float, float]:
         """Return the relative errors of the inner and the outer stress, for the scene's kind of load.
 
-        Where the force is given, the stresses are shares of it, so that the ratio's error bounds theirs.
+        Where the force is given, the stresses are fractions of it, so that the ratio's error bounds theirs.
         """
         inner, outer = (self.ratio_error,) * 2 if scene.load.force is not None else self.relative_errors.tolist()
         return inner, outer

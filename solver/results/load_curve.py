@@ -1,4 +1,4 @@
-"""Results of a scene under rising loads."""
+"""Hold the results of a scene under rising loads."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class LoadCurve(LoadedRecord):
     """A scene under rising loads; tuples of one length.
 
     Attributes:
-        evaluator, seconds: what computed the curve, and how long it took.
+        evaluator, seconds: the evaluator that computed the curve, and its time.
         force: N.
         indentation: m.
         ratio: of the film stresses.
@@ -31,7 +31,7 @@ class LoadCurve(LoadedRecord):
         stiffness: force over indentation, N/m.
         tangent_stiffness: derivative of force by indentation, N/m.
         stress_inner, stress_outer: Pa.
-        closest_walls: smallest distance between the gap's walls, m.
+        closest_walls: minimum distance between the gap's walls, m.
         contact_radius: outer radius of the contact between probe and tissue, m.
         largest_strain: |stretch - 1| of the line element that changes most.
         error_estimate: bound on the relative error of each ratio.

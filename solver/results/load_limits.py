@@ -1,4 +1,4 @@
-"""Loads up to which linear elasticity holds, one for each output, and how each of these loads was determined."""
+"""Hold the loads up to which linear elasticity holds, one for each output, with the method by which each was determined."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ class LargestLoad:
     Attributes:
         force: N.
         indentation: m, at that force.
-        by: what sets it: "ratio" or "log_sensitivity", which finite strain changes by more than the accuracy above it; "strain
+        by: its cause: "ratio" or "log_sensitivity", which finite strain changes by more than the accuracy above it; "strain
             limit" or "gap closure", above which nothing is known.
         question: the statement, in words.
-        known: "bound", by a cautious rule that is never above the truth; "formulas", by that rule without a mesh; or
+        known: "bound", by a conservative rule that is never above the true limit; "formulas", by that rule without a mesh; or
             "contact", computed with finite strain and contact.
     """
 
@@ -37,11 +37,11 @@ class LargestLoad:
 
     @property
     def basis_text(self) -> str:
-        """How the load was determined, in words."""
+        """The method by which the load was determined, in words."""
         return BASIS_TEXTS[self.known]
 
     def __str__(self) -> str:
-        """Return the load, rounded down so that it is itself allowed, with what sets it and how it was determined."""
+        """Return the load, rounded down so that it is itself allowed, with its cause and the method that determined it."""
         return (
             f"{format_maximum(self.force, 3)} N, an indentation of {format_maximum(1e3 * self.indentation, 3)} mm "
             f"(limited by {self.by}, {self.basis_text})"

@@ -1,4 +1,4 @@
-"""The base of results: their JSON objects, and their arrays as an xarray dataset; xarray is imported when it is used."""
+"""Convert results to JSON objects, and their arrays to an xarray dataset; xarray is imported when it is used."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kinds of scenes that only some evaluators take; each text names the evaluator that takes the kind."""
+"""Refuse kinds of scenes that only some evaluators take; each text names the evaluator that takes the kind."""
 
 from __future__ import annotations
 

@@ -75,7 +75,7 @@ class Result(LoadedRecord):
         stiffness: force on the base per indentation, N/m.
         charge_inner, charge_outer: film charges by the paper's eq. (12), C.
         error_estimate: of ``ratio``, relative; if the evaluator was named, against linear elasticity.
-        error_kind: what all errors here are: bounds, or of ``closed-form`` 95 % quantiles.
+        error_kind: kind of all errors here: bounds, or of ``closed-form`` 95 % quantiles.
         stress_inner_error, stress_outer_error, stiffness_error: like ``error_estimate``; inertia is not counted in them.
         evaluator: name of the evaluator that computed it.
         seconds: how long it took.
@@ -87,7 +87,7 @@ class Result(LoadedRecord):
         ratio_phase: phase by which ``stress_inner`` leads ``stress_outer``, rad, from the materials' loss factors.
         ratio_phase_error: bound on its absolute error, rad.
         ratio_phase_derivatives: derivatives of ``ratio_phase`` by the scene's numbers and loss factors, rad per SI unit.
-        plan: what was modelled and what was left out.
+        plan: features that were modelled or left out.
         warnings: one line each.
         provenance: see ``geometry.provenance.block``; None where an evaluator was called directly.
     """

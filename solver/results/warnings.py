@@ -1,4 +1,4 @@
-"""Warnings: strings for people that carry a kind for programs."""
+"""Define warnings: texts for people that carry a kind for programs."""
 
 from __future__ import annotations
 
