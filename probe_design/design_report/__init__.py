@@ -1,1 +1,1 @@
-"""What ``optimize`` shows and leaves: table, maps over depth and diameter, levers, fronts, report and parts."""
+"""Build the output of ``optimize``: table, maps over depth and diameter, sensitivity analysis, fronts, report and parts."""

@@ -1,4 +1,4 @@
-"""The report of either kind of optimisation."""
+"""Build the report of either kind of optimisation."""
 
 from __future__ import annotations
 

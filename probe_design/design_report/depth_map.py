@@ -1,4 +1,4 @@
-"""Start beside optimum over depth and diameter: what is found and what is told, by the closed form."""
+"""Map detection and resolution of start and optimum over depth and diameter, by the closed form."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from probe_design.populations.ranges import Range
 from probe_design.populations.tables import Objective
 
 GRID_LINES = 20  # depths, and diameters
-DETECTION_THRESHOLD = 0.9  # probability at which a tumour counts as surely found
+DETECTION_THRESHOLD = 0.9  # probability at which a tumour counts as detected on the map
 RANGE_WIDENING_FACTOR = 1.3  # times the ranges that the map shows
 
 
 @dataclass(frozen=True)
 class DepthMap:
-    """One probe over tumours of many depths (rows) and diameters (columns), all else in the middle of the population.
+    """Results of a probe for many depths (rows) and diameters (columns), with the population's means for all else.
 
     Attributes:
-        depth, diameter: m, shapes (k,) and (l,).
-        probability: that a known tumour is found, an upper bound, shape (k, l); NaN where it does not fit.
-        contrast_sd: standard deviation of ln contrast, likewise.
+        depth, diameter: depths and diameters, m, shapes (k,) and (l,).
+        probability: upper bound on the probability of detection, shape (k, l): that of a known tumour; NaN where none fits.
+        contrast_sd: standard deviation of ln contrast, shape (k, l); NaN where none fits.
     """
 
     depth: Floats

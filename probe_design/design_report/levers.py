@@ -1,4 +1,4 @@
-"""What would help most: a lesser noise, another channel or more positions, each alone, for the same probe and tumours."""
+"""Compute the gain of each single improvement (less noise, another channel, more positions) for the same probe and tumours."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ NOISE_KEYS = ("white", "gain", "stiffness_white", "stiffness_gain", "charge", "t
 
 @dataclass(frozen=True)
 class Lever:
-    """One thing that is done better.
+    """A single improvement of the readings.
 
     Attributes:
-        name: what, such as ``white halved``.
-        value: of the objective then.
-        gain, error: how much more than without it, and the standard error of that.
+        name: name of the improvement, such as ``white halved``.
+        value: value of the objective with it.
+        gain, error: gain in the objective, and its standard error.
     """
 
     name: str
@@ -35,15 +35,14 @@ class Lever:
 
 
 def compute_levers(scene: Scene, design: Design) -> tuple[Lever, ...]:
-    """Compute by formulas the gain of each single improvement of the readings for a scene's probe; the first changes nothing.
+    """Compute by the closed form the gain of each single improvement of a probe's readings; the first changes nothing.
 
     Args:
         scene: the design's scene, perhaps with another probe and load.
-        design: what it is judged by.
+        design: design with population, protocol, noise and objective.
 
     Raises:
-        InputError: see ``judge.examine``.
-        Refusal: likewise.
+        InputError, Refusal: see ``judge.examine``.
     """
     changes = list(_iterate_changes(design))
     whole = _merge_positions(design, [changed for _, changed in changes])
@@ -57,7 +56,7 @@ def compute_levers(scene: Scene, design: Design) -> tuple[Lever, ...]:
 
 
 def _merge_positions(design: Design, designs: list[Design]) -> Design:
-    """The design file with every position that is asked for: the formulas compute all changes at once."""
+    """Return the design with the positions of all designs, so that the closed form computes all of them at once."""
     return _replace_table(
         design, "protocol", positions=max((candidate.protocol.positions for candidate in (design, *designs)), key=len)
     )
@@ -74,7 +73,7 @@ def _get_objective(judgement: Judgement, design: Design) -> float:
 
 
 def _iterate_changes(design: Design) -> Iterator[tuple[str, Design]]:
-    """Name each lever and yield the design with it."""
+    """Yield the name of each improvement and the design with it."""
     noise, protocol = design.noise, design.protocol
     for key in NOISE_KEYS:
         counts = not (protocol.blank and key.endswith("gain")) and (protocol.stiffness or not key.startswith("stiffness"))

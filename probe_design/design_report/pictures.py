@@ -1,4 +1,4 @@
-"""The pictures of a report: start beside optimum over depth and diameter, levers, Pareto fronts."""
+"""Draw the pictures of a report: start and optimum over depth and diameter, gains of improvements, Pareto fronts."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 
 MM_PER_M = 1e3
 VERIFIED_COLOUR, CLOSED_FORM_COLOUR = "#2a6f97", "#9aa5b1"
-MIN_SHOWN_SD, MAX_SHOWN_SD = 0.05, 5.0  # of ln contrast: what the colours tell apart
+MIN_SHOWN_SD, MAX_SHOWN_SD = 0.05, 5.0  # of ln contrast: range of the colours
 
 
 def draw_maps(maps: dict[str, DepthMap], judged: dict[str, PopulationVerification], path: Path) -> Path:
-    """Draw P and the standard deviation of ln contrast over diameter and depth, a column for each design; returns ``path``.
+    """Draw P and the standard deviation of ln contrast over diameter and depth, one column per design; return ``path``.
 
-    Judged tumours are points: filled where they are found more often than not.
+    Tumours of the verification are points, filled if their probability of detection is above 0.5.
     """
     figure, axes = _create_figure((5.4 * len(maps), 9.0), (2, len(maps)))
     for column, (name, item) in enumerate(maps.items()):
@@ -51,7 +51,7 @@ def draw_maps(maps: dict[str, DepthMap], judged: dict[str, PopulationVerificatio
 
 
 def draw_front(fronts: tuple[Front, ...], name: str, path: Path) -> Path:
-    """Draw Pareto fronts side by side; returns ``path``."""
+    """Draw Pareto fronts side by side; return ``path``."""
     figure, axes = _create_figure((5.0 * len(fronts), 4.0), (1, len(fronts)))
     for plain, front in zip(axes[0], fronts, strict=True):
         plain.plot(
@@ -70,12 +70,12 @@ def draw_front(fronts: tuple[Front, ...], name: str, path: Path) -> Path:
 
 
 def draw_levers(levers: Sequence[Lever], label: str, path: Path) -> Path:
-    """Draw what each lever brings as bars, with two standard errors of the gain; returns ``path``.
+    """Draw the gain of each improvement as a bar with two standard errors; return ``path``.
 
     Args:
-        levers: see ``levers``, the first being none at all.
-        label: of the objective.
-        path: of the picture.
+        levers: improvements from ``compute_levers``, the first of which changes nothing.
+        label: label of the objective.
+        path: path of the picture.
 
     Raises:
         InputError: the format is not known.

@@ -1,4 +1,4 @@
-"""The report of an optimisation for a population: comparison, maps over depth and diameter, levers, fronts."""
+"""Build the report of an optimisation for a population: comparison, maps, gains of improvements, fronts."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ class PopulationReport(Report[PopulationOptimum]):
     """The report of an optimisation for a design file's population.
 
     Args:
-        optimum: what was found.
-        fronts: what more would cost.
+        optimum: the result of the optimisation.
+        fronts: the Pareto fronts.
     """
 
     def __init__(self, optimum: PopulationOptimum, fronts: tuple[Front, ...] = ()) -> None:
@@ -135,7 +135,7 @@ class PopulationReport(Report[PopulationOptimum]):
 
 
 def write_design_file(design: Design) -> str:
-    """Return the design file that was asked, written out with all defaults; it reads back as the same question."""
+    """Return the design file with all defaults written out; reading it yields the same design."""
     import tomli_w
 
     tables = design.model_dump(mode="json", exclude_none=True, exclude={"scene"})

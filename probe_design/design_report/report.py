@@ -1,4 +1,4 @@
-"""What an optimisation leaves behind: design, STEP files, drawing, pictures, table and report, of either kind of question."""
+"""Write the files of an optimisation of either kind: design, STEP files, drawing, pictures, table and report."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Report(ABC, Generic[Found]):
     """The report of an optimisation; subclasses state what only one kind of question has.
 
     Args:
-        optimum: what was found.
+        optimum: the result of the optimisation.
     """
 
     def __init__(self, optimum: Found) -> None:
@@ -38,16 +38,16 @@ class Report(ABC, Generic[Found]):
 
     @abstractmethod
     def build_table(self) -> Table:
-        """Return start and optimum beside each other."""
+        """Return the table that compares start and optimum."""
 
     @abstractmethod
     def list_notes(self) -> Iterable[str]:
-        """Return what the numbers of the comparison mean."""
+        """Return notes that explain the numbers of the comparison."""
 
     @property
     @abstractmethod
     def pictures(self) -> Mapping[str, tuple[str, Writer]]:
-        """Pictures beside the drawing by file name: what each shows, and a function that draws it."""
+        """Pictures other than the drawing by file name: a caption, and a function that draws each."""
 
     @property
     @abstractmethod
@@ -57,7 +57,7 @@ class Report(ABC, Generic[Found]):
     @property
     @abstractmethod
     def provenance(self) -> Provenance:
-        """Where the results come from."""
+        """The provenance of the results."""
 
     @property
     def linear_scene(self) -> tuple[Scene, float | None]:
@@ -80,12 +80,12 @@ class Report(ABC, Generic[Found]):
 
     @property
     def limit_notes(self) -> tuple[Text, ...]:
-        """What the limits mean, below their table."""
+        """Notes that explain the limits, below their table."""
         return ()
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """What to keep in mind."""
+        """Cautions for the reader."""
         return self.optimum.warnings
 
     def build_last_chapters(self) -> tuple[Chapter, ...]:
@@ -102,7 +102,7 @@ class Report(ABC, Generic[Found]):
         ``force`` and ``question_digest`` are those of ``geometry.cad.export.export_parts``.
 
         Raises:
-            ExportError: a part is not what the parameters say.
+            ExportError: a part differs from the parameters.
             InputError: the folder holds another design.
             MissingLibrary: CAD cannot be loaded.
             OSError: the folder cannot be written.
@@ -137,9 +137,9 @@ class Report(ABC, Generic[Found]):
         """Return the report as an HTML page.
 
         Args:
-            files: beside it, that it links to; pictures among them go into the page.
-            summary: the JSON object, which the page holds.
-            folder: of the pictures.
+            files: files in its folder to which the page links; pictures among them are embedded.
+            summary: the JSON object, which the page contains.
+            folder: folder of the pictures.
         """
         captions = {DRAWING_FILE: DRAWING_CAPTION} | {name: caption for name, (caption, _) in self.pictures.items()}
         pictures = {

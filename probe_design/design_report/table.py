@@ -1,4 +1,4 @@
-"""What an optimisation for a population found, as rows of text that a person can use."""
+"""Build the table of an optimisation for a population: quantities of each design, as text."""
 
 from __future__ import annotations
 
@@ -56,13 +56,13 @@ def list_rows(optimum: PopulationOptimum, maps: dict[str, DepthMap]) -> Iterator
 
 
 def build_table(optimum: PopulationOptimum, maps: dict[str, DepthMap]) -> Table:
-    """Return the verified designs beside each other."""
+    """Return the table that compares the verified designs."""
     rows = [*list_rows(optimum, maps)]
     return Table(("quantity", *optimum.list_columns()), rows, optimum.title, describe_conditions(optimum))
 
 
 def describe_conditions(optimum: PopulationOptimum) -> str:
-    """Say what the numbers hold for."""
+    """Describe the conditions for which the numbers hold."""
     protocol, judgement = optimum.design.protocol, optimum.start.judgement
     active = [limit.name for limit in optimum.limits if limit.active]
     against = "a baseline reading" if protocol.blank else "a prediction"
@@ -101,7 +101,7 @@ def _format_moduli(verified: PopulationVerification) -> str:
 
 
 def _format_materials(verified: PopulationVerification) -> str:
-    """The names of the blocks' materials, nothing where neither has one."""
+    """Return the names of the blocks' materials; empty if neither has one."""
     names = verified.scene.probe.inner.material, verified.scene.probe.outer.material
     return " / ".join(name or "-" for name in names) if any(names) else ""
 

@@ -1,4 +1,4 @@
-"""The report of an optimisation for one tumour read once."""
+"""Build the report of an optimisation for one tumour read once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The result of an optimisation for one tumour as rows of text: designs side by side with their limits, all verified designs."""
+"""Build the tables of an optimisation for one tumour: designs side by side with their limits, and all verified designs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LIMITED_QUANTITIES = {
 
 
 def build_comparison_table(optimum: TumourOptimum) -> Table:
-    """Return start and other designs beside each other, the recommended one last, with the limits of the quantities."""
+    """Return the table that compares start and other designs, the recommended one last, with the limits of the quantities."""
     designs, limits = list(optimum.list_columns().values()), optimum.search_space.space.list_limits(optimum.best.scene)
     linear, others = optimum.linear_evaluator, [name for name in optimum.evaluators if name != optimum.linear_evaluator]
 

@@ -1,1 +1,1 @@
-"""``optimize``: variables and limits, objectives by formulas, one search, verification by finer evaluators, what is best."""
+"""Command ``optimize``: variables and limits, objectives by the closed form, the search, and verification by finer evaluators."""

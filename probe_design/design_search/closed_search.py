@@ -1,7 +1,7 @@
-"""The closed-form search: quasi-random designs on arrays, then IPOPT with exact gradients from the best of every size.
+"""Search designs with the closed form: quasi-random designs on arrays, then IPOPT with exact gradients from the best per size.
 
-What is screened does not depend on a limit but by what the limit takes away, and IPOPT starts from the best design of each
-shell of outer radii before it starts from the second best of any: a wider limit adds designs and starts.
+A limit only removes designs from those screened. IPOPT starts from the best design of each shell of outer radii before it starts
+from the second best of any. A wider limit therefore only adds designs and starts.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from solver.casadi_functions.base import DifferentiableFunction
 SOBOL_SEED = 21
 SHELLS_PER_OCTAVE = 2  # of outer radii in each octave
 IPOPT_TOLERANCE = 1e-5  # of the objective
-CONSTRAINT_TOLERANCE_RELATIVE = 1e-6  # IPOPT meets constraints to about 1e-8, and rounding removes the rest
+CONSTRAINT_TOLERANCE_RELATIVE = 1e-6  # IPOPT satisfies constraints to about 1e-8, and rounding removes the rest
 IPOPT_OPTIONS: dict[str, Any] = {
     "ipopt.print_level": 0,
     "print_time": 0,
@@ -42,13 +42,13 @@ class FoundDesigns:
 
 
 class ObjectiveFunction(DifferentiableFunction):
-    """ln of some variables -> the objective, and the margin of the weaker channel's charge, with exact derivatives.
+    """The objective, and the margin of the weaker channel's charge, as functions of ln of some variables, with derivatives.
 
     Args:
         objective: the objective.
-        start: all variables.
-        which: those that vary.
-        poisson: ratios of both blocks.
+        start: values of all variables.
+        which: indices of the variables that vary.
+        poisson: Poisson's ratios of both blocks.
     """
 
     def __init__(self, objective: ExactGradients, start: Floats, which: list[int], poisson: tuple[float, float]) -> None:
@@ -58,7 +58,7 @@ class ObjectiveFunction(DifferentiableFunction):
         self.begin("population", len(which), 2)
 
     def compute(self, x: Floats) -> tuple[Floats, Floats]:
-        """Return both values and their derivatives; NaN where the formulas break down, from which IPOPT steps back."""
+        """Return both values and their derivatives; NaN where the closed form fails, from which IPOPT steps back."""
         design = self.start.copy()
         design[self.which] = np.exp(x)
         self.evaluations += 1
@@ -71,10 +71,10 @@ def search(
     """Search designs within bounds and return local optima and screened designs together, best first.
 
     Args:
-        objective: to climb.
-        space: bounds and constraints; a variable whose bounds are one value stays there.
-        poisson: of both blocks.
-        effort: left out: the objective's own.
+        objective: the objective to be maximised.
+        space: bounds and constraints; a variable whose bounds are equal is fixed.
+        poisson: Poisson's ratios of both blocks.
+        effort: effort of the search; default: that of the objective.
     """
     effort = effort or objective.effort
     designs = screen(space, effort.screened)
@@ -92,9 +92,9 @@ def search(
 
 
 def screen(space: VariableSpace, count: int) -> Floats:
-    """Return the admissible designs of Sobol sequences, even in the logarithms, shell by shell of outer radii.
+    """Return the admissible designs of Sobol sequences, uniform in the logarithms, for each shell of outer radii.
 
-    With them is the design at the lower bounds, and that in the middle of all bounds where no other is admissible.
+    The design at the lower bounds is added, and the one in the middle of all bounds if no other is admissible.
     """
     low, high = np.maximum(space.low, 1e-12), np.maximum(space.high, 1e-12)
     if not space.free:
@@ -114,7 +114,7 @@ def screen(space: VariableSpace, count: int) -> Floats:
 
 
 def _thin_wall(space: VariableSpace, design: Floats) -> Floats:
-    """Return a design with the area ratio that leaves the least wall, as far as its bounds allow."""
+    """Return a design with the area ratio of the thinnest wall that its bounds allow."""
     sizes, k = ProbeSizes.from_vector(design), space.names.index("area_ratio")
     hole = sizes.inner_radius + sizes.gap
     outer_radius = hole + space.wall * (1 + 1e-9)
@@ -159,10 +159,10 @@ def refine_by_ipopt(
     steps: int,
     tolerance: float = IPOPT_TOLERANCE,
 ) -> Floats:
-    """Return the local optimum near a design, shape (variables,), by at most so many steps of IPOPT.
+    """Return the local optimum near a design, shape (variables,), by a limited number of IPOPT's steps.
 
     Raises:
-        KeyboardInterrupt: Ctrl-C, also where casadi swallows it.
+        KeyboardInterrupt: Ctrl-C, even if casadi catches it.
     """
     free = space.free
     formula = ObjectiveFunction(objective, start, free, poisson)

@@ -1,7 +1,7 @@
-"""Verification under loads that linear elasticity does not answer for: the load is a variable, and ``contact`` evaluates it.
+"""Verify designs by ``contact`` under loads beyond linear elasticity, with the load as a variable.
 
-What a design is worth under a limit is the best of what it is worth under any load up to that, the linear range included: a
-wider limit makes none worse. Loads are tried at ``DEPTHS_RELATIVE``, which do not hang on the limit.
+The objective of a design under a limit is the best of its objectives under all loads up to the limit, the linear range included.
+A wider limit therefore never makes it worse. Loads are tried at ``DEPTHS_RELATIVE``, which do not depend on the limit.
 """
 
 from __future__ import annotations
@@ -43,20 +43,20 @@ from solver.contact.path import Path
 from solver.contact.path_points import LoadedForces, PathPoint, StoppedError
 from solver.results.load_limits import LargestLoad
 
-DEPTHS_RELATIVE = (0.1, 0.2, 0.3, 0.4, 0.5)  # outer radii deep: the last is what ``contact`` is held to reach
-GAP_SAFETY_FACTOR = 0.9  # of the load at which the gap closes, or beyond which no step converges: a workshop's gap is not exact
+DEPTHS_RELATIVE = (0.1, 0.2, 0.3, 0.4, 0.5)  # indentations over the outer radius; ``contact`` is required to reach the last
+GAP_SAFETY_FACTOR = 0.9  # of the load at which the gap closes or the last step converges, since a manufactured gap is not exact
 CONTACT_EVALUATOR = ContactEvaluator().name
 
 
 def needs_contact(design: TumourVerification) -> bool:
-    """Whether a design is judged under less than the scene's load, and ``contact`` takes a scene of its kind."""
+    """Return whether a design is verified below the scene's load although ``contact`` can model its scene."""
     return design.pressing.limited_by != SCENE_LOAD and ContactEvaluator().refusal(design.scene) is None
 
 
 def optimize_load(design: TumourVerification, noise: Noise) -> TumourVerification:
-    """Return a design under the best of the loads up to the scene's, those beyond linear elasticity judged by ``contact``.
+    """Return a design under its best load up to the scene's; ``contact`` evaluates loads beyond linear elasticity.
 
-    The gap is kept open. One that no load does better than the largest that linear elasticity answers for stays as it is.
+    The gap is kept open. A design is returned unchanged if no load is better than the largest within linear elasticity.
     """
     if not needs_contact(design):
         return design
@@ -64,13 +64,13 @@ def optimize_load(design: TumourVerification, noise: Noise) -> TumourVerificatio
     try:
         with start_clock(), threadpool_limits(1, user_api="blas"):
             loaded = list(_evaluate_loads(design, noise, start))
-    except (Refusal, SolveError):  # what cannot be pressed further is judged as far as linear elasticity goes
+    except (Refusal, SolveError):  # a design that cannot be pressed further stays verified within linear elasticity
         return design
     return min((design, *loaded), key=lambda item: item.value)
 
 
 def evaluate_by_contact(design: TumourVerification, noise: Noise) -> TumourVerification:
-    """Return a design judged by ``contact`` under the load that it has; as it is where that cannot be."""
+    """Return a design verified by ``contact`` under its present load; unchanged where ``contact`` fails."""
     start = perf_counter()
     try:
         with start_clock(), threadpool_limits(1, user_api="blas"):
@@ -82,7 +82,7 @@ def evaluate_by_contact(design: TumourVerification, noise: Noise) -> TumourVerif
 
 
 def _evaluate_loads(design: TumourVerification, noise: Noise, start: float) -> Iterator[TumourVerification]:
-    """Judge a design under the largest load that is allowed, and where less tells more under that."""
+    """Evaluate a design under the largest allowed load, and under a smaller one where that has a better objective."""
     contact_scene = ContactEvaluator().prepare_scene(design.scene, VERIFICATION_ACCURACY)
     reach = _find_reach(contact_scene, design.scene)
     loads = [(reach.load, reach.limited_by)]
@@ -121,12 +121,12 @@ def _solve_load(contact_scene: LoadedScene, reach: Reach, load: Load, limited_by
 
 @dataclass(frozen=True)
 class Reach:
-    """How far a design can be pressed.
+    """The largest load on a design, and the smaller loads solved.
 
     Attributes:
-        load: the largest that is allowed.
-        limited_by: what sets it.
-        points: on the way there, at ``DEPTHS_RELATIVE``.
+        load: the largest allowed load.
+        limited_by: the limit that determines it.
+        points: solutions up to this load, at ``DEPTHS_RELATIVE``.
     """
 
     load: Load
@@ -186,7 +186,7 @@ def _find_closure(contact_scene: LoadedScene) -> LargestLoad | None:
 
 
 def _find_path_closure(path: Path) -> LargestLoad:
-    """The load that closes a path's gap; the last open point where nothing between converges."""
+    """Return the load that closes the gap on a path; that of the last open point if no point beyond it converges."""
     with suppress(SolveError):
         closing = find_gap_closure_load(path)
         if closing is not None:
@@ -217,7 +217,7 @@ def _solve_at_load(contact_scene: LoadedScene, load: Load) -> LoadedForces:
 def _build_loaded_design(
     design: TumourVerification, noise: Noise, contact_scene: LoadedScene, loaded: LoadedForces, pressed: Pressing, *, start: float
 ) -> TumourVerification:
-    """The design with the objective of what ``contact`` found under its load."""
+    """Return the design with the objective of the results of ``contact`` under its load."""
     scene = design.scene.model_copy(update={"load": pressed.load})
     answer = ContactEvaluator().build_answer(scene, VERIFICATION_ACCURACY, contact_scene, loaded)
     result = replace(answer.build_result(CONTACT_EVALUATOR, scene, perf_counter() - start), load_limits=design.result.load_limits)

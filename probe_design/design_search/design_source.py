@@ -1,4 +1,4 @@
-"""What `optimize` is asked: a design file or a scene file, their tables, or nothing, which the built-in design file answers."""
+"""Read the input of `optimize`: a design file, a scene file or their tables; by default the built-in design file."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ ALLOWED_SOURCES = "a Design or Scene, the name of a design or scene file, or the
 
 
 def read_builtin_design() -> Design:
-    """Return the built-in design; its file says where every number comes from."""
+    """Return the built-in design; its file states the source of every number."""
     return design_from_dict(parse_tables(read_builtin_design_text(), "built-in design", "a design file"), units_required=True)
 
 
 def read_design_source(source: DesignSource) -> Design | Scene:
-    """Return what is asked; in tables from Python numbers are in SI units.
+    """Return the design or scene of any source; in tables from Python numbers are in SI units.
 
     Raises:
-        InputError: it is none of ``ALLOWED_SOURCES``, or says something that is not allowed.
+        InputError: the source is none of ``ALLOWED_SOURCES``, or contains a value that is not allowed.
     """
     if source is None:
         return read_builtin_design()
@@ -39,10 +39,10 @@ def read_design_source(source: DesignSource) -> Design | Scene:
 
 
 def read_design_or_scene(path: Path) -> Design | Scene:
-    """Read a file: a design file where it has one's tables, a scene otherwise.
+    """Read a design file or a scene file, which is recognised by its tables.
 
     Raises:
-        InputError: it is missing, no TOML, or says something that is not allowed.
+        InputError: the file is missing, is not TOML, or contains a value that is not allowed.
     """
     file_tables = parse_tables(read_text(path, "scene file"), str(path), "a TOML scene or design file")
     return design_from_tables(file_tables, path) if is_design(file_tables) else read_scene(path)

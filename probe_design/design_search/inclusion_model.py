@@ -1,4 +1,4 @@
-"""The search objective computed with the first-order equivalent-inclusion evaluator, used to refine a design."""
+"""Compute the search objective with the first-order equivalent-inclusion evaluator, which refines a design."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from solver.tumour_waves.population_films import Films, ManyTumours
 
 @dataclass(frozen=True)
 class InclusionTumours:
-    """Stands in for ``ManyTumours`` with one probe that is solved by finite elements on each tissue.
+    """Readings over many tumours in place of ``ManyTumours``, for one probe that finite elements solve on each tissue.
 
     Attributes:
         bases: the probe on each tissue.
         draws: the tumours.
-        tissue: of each, shape (m,).
+        tissue: number of each tumour's tissue, shape (m,).
         positions: x of the probe's axis, m, shape (P,), and its y.
     """
 

@@ -1,9 +1,9 @@
-"""The force on a design over a population: the largest that file, scene and linear elasticity allow.
+"""Compute the force on a design over a population: the largest that file, scene and linear elasticity allow.
 
-One force holds for all tumours and tissues, as nobody knows beforehand which is there: the least of the scene's, of what limits
-of force, indentation, tissue strain and charge allow, of 1/20 of what closes the gap, and of what keeps the ratio within
-``MAX_RATIO_CHANGE_RELATIVE`` of linear elasticity over the tumour with the widest,
-thinnest cover (``solver.planning.loads``, PL.7).
+One force holds for all tumours and tissues, which are unknown beforehand. It is the smallest of the scene's force, of those that
+the limits of force, indentation, tissue strain and charge allow, of 1/20 of the force that closes the gap, and of the force that
+keeps the ratio within ``MAX_RATIO_CHANGE_RELATIVE`` of linear elasticity over the tumour with the widest and thinnest cover
+(``solver.planning.loads``, PL.7).
 """
 
 from __future__ import annotations
@@ -34,14 +34,12 @@ from solver.planning.strains import (
     compute_tissue_strain,
 )
 
-MAX_RATIO_CHANGE_RELATIVE = 0.01  # relative change of the ratio by finite strain that is allowed
-LOAD_DIGITS = 3  # of a load that a limit sets
+MAX_RATIO_CHANGE_RELATIVE = 0.01  # largest allowed relative change of the ratio by finite strain
+LOAD_DIGITS = 3  # significant digits of a load that a limit determines
 COVER_SAMPLES = (
-    1024  # tumours whose worst cover limits the force: of sixteen times as many it is 4 % worse on the built-in ranges
+    1024  # tumours whose worst cover limits the force; with sixteen times as many it is 4 % worse on the built-in ranges
 )
-COARSE_MODEL_SAFETY_FACTOR = (
-    0.9  # of what is known on a coarse mesh without tumours, which is off by 5 % and which tumours stiffen
-)
+COARSE_MODEL_SAFETY_FACTOR = 0.9  # of a result on a coarse mesh without tumours, which errs by 5 % and which tumours stiffen
 
 
 @dataclass(frozen=True)
@@ -49,12 +47,12 @@ class PressedDesign:
     """The force on a design.
 
     Attributes:
-        force: N.
-        indentation: m, the deepest of all tissues'.
-        tissue_strain: likewise.
-        charge: of the weaker and of the stronger channel, C.
-        limited_by: what sets the force: scene, force, indentation, tissue_strain, gap_closure, charge or linearity.
-        allowed: the force, N, that each of these allows.
+        force: force, N.
+        indentation: largest indentation over all tissues, m.
+        tissue_strain: largest tissue strain over all tissues.
+        charge: charges of the weaker and of the stronger channel, C.
+        limited_by: the limit of the force: scene, force, indentation, tissue_strain, gap_closure, charge or linearity.
+        allowed: the force that each of these allows, N.
     """
 
     force: float
@@ -70,11 +68,12 @@ class PressingRule:
     """The limits and tissues from which the force on each design is computed.
 
     Attributes:
-        design: its limits, and its scene's load.
-        tissues: the population's that steer, and those of tumours that the search has not seen, on which a force has to hold too.
+        design: design with limits, and with its scene's load.
+        tissues: tissues of the search's tumours, then those of the verification's, which limit the force too.
         worst_cover_factor: eq. PL.7 for the worst of its tumours.
-        safety_factor: of the forces that linear elasticity and an open gap allow.
-        approach_ratio: of walls per indentation, over that of eq. PL.4, at the start: a search takes it for that of all designs.
+        safety_factor: factor on the forces that linear elasticity and an open gap allow.
+        approach_ratio: approach of the gap's walls per indentation at the start, over that of eq. PL.4; a search uses it for
+            all designs.
     """
 
     design: Design
@@ -85,9 +84,10 @@ class PressingRule:
 
     @classmethod
     def from_draws(cls, design: Design, draw: TumourDraw, unseen: TumourDraw) -> PressingRule:
-        """Return the rule of a design file, its tumours that steer and those that judge.
+        """Return the rule of a design file for the tumours of the search and those of the verification.
 
-        The worst cover is that of many tumours of the population, however few are drawn: forces must not depend on ``samples``.
+        The worst cover is that of many tumours of the population, however few are drawn, so that forces do not depend on
+        ``samples``.
         """
         many = ScenePopulation.from_scene(design.scene, design.population).draw_tumours(COVER_SAMPLES)
         bodies = [
@@ -100,7 +100,7 @@ class PressingRule:
 
     @classmethod
     def from_scene(cls, design: Design) -> PressingRule:
-        """Return the rule of a design file for the tumours of its scene, which a finer model then checks on each design.
+        """Return the rule of a design file for the tumours of its scene; a finer model then verifies each design's load.
 
         Raises:
             Refusal: the scene is so extreme that it cannot be solved.
@@ -117,7 +117,7 @@ class PressingRule:
         """Return the force on a scene's probe.
 
         Raises:
-            Refusal: a tissue is so extreme that it cannot be solved, or a film is pulled on.
+            Refusal: a tissue is so extreme that it cannot be solved, or a film is in tension.
         """
         per_tissue: list[tuple[dict[str, float], Floats]] = []
         for tissue in self.tissues:
@@ -139,20 +139,20 @@ class PressingRule:
         return PressedDesign(force, deepest, strain, (float(shares.min()), float(shares.max())), limited_by, allowed)
 
     def apply_force(self, scene: Scene) -> tuple[Scene, PressedDesign]:
-        """Return a scene under its force."""
+        """Return a scene under the force of the rule, with the details of this force."""
         pressed = self.compute_pressed_design(scene)
         return scene.model_copy(update={"load": Load(force=pressed.force)}), pressed
 
     def compute_forces(self, sizes: ProbeSizes, totals: Array, which: Any) -> Array:
-        """Return the force on n designs over m tumours in closed form, N, shape (n, m): each design's is one.
+        """Return the force on n designs over m tumours in closed form, N, shape (n, m); it is the same for all tumours.
 
         Args:
-            sizes: floats or complex, shape (n,) each.
-            totals: force on both films per indentation without tumours, shape (n, m, 2).
-            which: the tissue of each tumour, shape (m,).
+            sizes: sizes of the probes, floats or complex, shape (n,) each.
+            totals: forces on both films per unit indentation without tumours, shape (n, m, 2).
+            which: number of each tumour's tissue, shape (m,).
         """
         min_force: Any = None
-        for number, tissue in enumerate(self.tissues):  # draws number those that steer first
+        for number, tissue in enumerate(self.tissues):  # the tissues of the search come first
             column = np.flatnonzero(which == number)
             if not len(column):
                 continue

@@ -1,4 +1,4 @@
-"""What a search climbs: an objective of designs by formulas, larger is better, with exact derivatives."""
+"""Define the objective that a search maximises: a function of designs by the closed form, with exact derivatives."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from geometry.common.arrays import Floats
 from solver.closed_form.bessel import Array
 
 COMPLEX_STEP_RELATIVE = 1e-30
-MARGIN_TOLERANCE = 1e-6  # of the logarithm of a charge over the least one
+MARGIN_TOLERANCE = 1e-6  # of the logarithm of a charge over the required minimum
 
 
 @dataclass(frozen=True)
 class SearchEffort:
-    """How much a search tries.
+    """The effort of a search.
 
     Attributes:
-        starts: local searches.
-        screened: designs in each shell of outer radii, a power of two as Sobol's sequence likes it.
-        steps: of IPOPT from each start.
+        starts: number of local searches.
+        screened: designs in each shell of outer radii; a power of two, for which a Sobol sequence is balanced.
+        steps: maximum of IPOPT's steps from each start.
     """
 
     starts: int
@@ -38,16 +38,16 @@ class ExactGradients(Protocol):
 
 
 class SearchObjective(ABC):
-    """An objective of designs x (variables, n) by formulas, see ``variables.ProbeSizes.from_vector``."""
+    """An objective of designs x, shape (variables, n), by the closed form; see ``variables.ProbeSizes.from_vector``."""
 
     effort: SearchEffort
 
     @abstractmethod
     def values(self, x: Array, poisson: Any) -> tuple[Array, Array]:
-        """Return the objective and ln(charge of the weaker channel / least charge) of designs, shapes (n,).
+        """Return the objective and ln(charge of the weaker channel / required charge) of designs, shapes (n,).
 
         Args:
-            x: floats or complex, shape (variables, n).
+            x: designs, floats or complex, shape (variables, n).
             poisson: Poisson's ratios of both blocks, floats or shape (2, n).
         """
 
@@ -58,7 +58,7 @@ class SearchObjective(ABC):
         return np.where(np.isfinite(values) & (margin >= -MARGIN_TOLERANCE), values, -np.inf)
 
     def gradient(self, x: Floats, poisson: Any, which: list[int]) -> tuple[Floats, Floats]:
-        """See ``ExactGradients.gradient``; by complex steps."""
+        """Compute the gradient by complex steps; see ``ExactGradients.gradient``."""
         with np.errstate(all="ignore"):
             both_values = np.array(self.values(build_complex_steps(x, which), poisson))
         return both_values[:, 0].real, both_values.imag / COMPLEX_STEP_RELATIVE

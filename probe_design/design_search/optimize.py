@@ -1,4 +1,4 @@
-"""The design loop: verify the start, search by formulas, verify and refine the best by finite elements."""
+"""Optimise a design: verify the start, search with the closed form, then verify and refine the best by finite elements."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ Found = TypeVar("Found", bound=Optimum[Any], covariant=True)
 
 
 class Study(Protocol[Verified, Found]):
-    """What one kind of question searches and verifies by."""
+    """Search and verification for one kind of question, a population or one tumour."""
 
     @property
     def search_space(self) -> SearchSpace:
-        """The designs that are to choose from."""
+        """The designs among which the search chooses."""
 
     @property
     def objective(self) -> SearchObjective:
-        """The objective of the search, by formulas."""
+        """The objective of the search, by the closed form."""
 
     def verify_start(self, tell: Progress) -> Verified:
         """Verify the start by a finer evaluator."""
@@ -53,7 +53,7 @@ def optimize(
     question: Design | Scene, progress: Progress | None = None, **settings: Any
 ) -> PopulationOptimum | TumourOptimum: ...
 def optimize(question: Design | Scene, progress: Progress | None = None, **settings: Any) -> PopulationOptimum | TumourOptimum:
-    """Find the probe that is best for a design file's population, or for the target of a scene, read once.
+    """Find the best probe for a design file's population, or for a single reading of a scene's target.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def optimize(question: Design | Scene, progress: Progress | None = None, **setti
     InputError
         A load of 0, no target, no allowed design, a population that does not fit the tissue, or a setting that is not allowed.
     Refusal
-        The evaluators cannot take the scene.
+        The evaluators cannot model the scene.
     """
     tell, begin = progress or (lambda stage, done, total: None), perf_counter()
     if isinstance(question, Scene):

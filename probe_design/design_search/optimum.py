@@ -1,4 +1,4 @@
-"""The result of an optimisation: start and verified designs, which of them is recommended, and why."""
+"""Define the result of an optimisation: start, verified designs, and the recommended one with the reason."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ Verified = TypeVar("Verified", bound=VerifiedDesign)
 
 @dataclass(frozen=True)
 class Optimum(ABC, Generic[Verified]):
-    """What was found.
+    """The result of an optimisation.
 
     Attributes:
-        design: the question.
-        search_space: the designs that were to choose from.
+        design: the design file.
+        search_space: the designs among which the search chose.
         start: the scene's probe, verified.
         finalists: verified designs, best first.
-        search: by formulas.
-        seconds: of search and verification.
+        search: designs of the closed-form search.
+        seconds: time of search and verification, s.
     """
 
     design: Design
@@ -47,17 +47,17 @@ class Optimum(ABC, Generic[Verified]):
 
     @property
     def status(self) -> Literal["improved", "no-gain"]:
-        """``improved``, or ``no-gain`` where no design is better than the start beyond the errors of both."""
+        """``improved``, or ``no-gain`` if no design is better than the start beyond the errors of both."""
         return "no-gain" if self.winner is None else "improved"
 
     @property
     def best(self) -> Verified:
-        """The recommended design, of which everything speaks that is written: the start where no gain is verified."""
+        """The recommended design, which all files describe; the start if no gain is verified."""
         return self.winner or self.start
 
     @property
     def best_tried(self) -> Verified:
-        """The best design tried, whether it is verified to be better than the start or not; the start where there is none."""
+        """The best verified design, even if it is not better than the start; the start if there is none."""
         return self.winner or next(iter(self.finalists), self.start)
 
     @property
@@ -67,12 +67,12 @@ class Optimum(ABC, Generic[Verified]):
 
     @property
     def gain(self) -> tuple[float, float]:
-        """By how much the best design tried is better than the start, and one standard error of that."""
+        """The gain of the best design tried over the start, and its standard error."""
         return self.best_tried.compute_gain(self.start)
 
     @property
     def limits(self) -> tuple[Limit, ...]:
-        """All limits by their keys in a design file, bounds such as ``least gap``, and which the recommended design lies on."""
+        """All limits by their keys in a design file, bounds such as ``least gap``, and which are active."""
         return tuple(
             Limit(LIMIT_KEYS.get(limit.name, limit.name), limit.value, limit.active)
             for limit in self.search_space.space.list_limits(self.best.loaded_scene)
@@ -81,7 +81,7 @@ class Optimum(ABC, Generic[Verified]):
     @property
     @abstractmethod
     def verdict(self) -> str:
-        """What was found, and why it counts or does not, in one sentence."""
+        """The result in one sentence, with the reason why a gain counts or does not."""
 
     @property
     @abstractmethod
@@ -90,7 +90,7 @@ class Optimum(ABC, Generic[Verified]):
 
     @property
     def title(self) -> str:
-        """Whether there is a gain, and which design is recommended."""
+        """A title that states the gain, if any, and the recommended design."""
         return f"optimize: {'improved' if self.winner is not None else 'no gain, the start is exported'}"
 
     @property
@@ -99,7 +99,7 @@ class Optimum(ABC, Generic[Verified]):
         return {}
 
     def list_columns(self) -> dict[str, Verified]:
-        """Return the verified designs by their headings, the recommended one, of which everything else speaks, last."""
+        """Return the verified designs by their headings, the recommended one last."""
         if self.winner is not None:
             return {"start": self.start, **self.others, "recommended": self.best}
         tried = {"best tried, no gain": self.best_tried} if self.finalists else {}
@@ -112,7 +112,7 @@ class Optimum(ABC, Generic[Verified]):
             yield f"the start's outer radius of {start * 1e3:.4g} mm is above the limit of {limit * 1e3:.4g} mm"
 
     def build_summary(self, files: list[str]) -> dict[str, Any]:
-        """Return the JSON object of ``probe-design optimize``; a number is null where nothing is known of it."""
+        """Return the JSON object of ``probe-design optimize``; a number is null where it is unknown."""
         from geometry.scenes.scene_file import scene_to_dict
 
         pairs = {"objective": self.best.objective, "baseline_objective": self.start.objective, "gain": self.gain}

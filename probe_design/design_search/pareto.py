@@ -1,4 +1,4 @@
-"""Fronts: the objective against what it costs, the outer radius, the force or the number of positions."""
+"""Compute Pareto fronts: the best objective against a cost, which is outer radius, force or number of positions."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ COST_LABELS = {
     "positions": "positions of a scan",
 }
 POINTS_PER_FRONT = 5
-SEARCH_TUMOURS = 32  # tumours of a front's searches
-MIN_RADIUS_FRACTION = 0.5  # of the limit: where the front of radii begins
+SEARCH_TUMOURS = 32  # tumours in the searches for a front
+MIN_RADIUS_FRACTION = 0.5  # of the limit: smallest radius of a front
 
 
 @dataclass(frozen=True)
 class Point:
-    """The best design at one cost: the cost in SI, the objective by the closed form and, of some, judged with its error."""
+    """The best design at one cost: the cost in SI, the objective by the closed form and, for some, verified with its error."""
 
     at: float
     value: float
@@ -37,14 +37,14 @@ class Point:
 
 @dataclass(frozen=True)
 class Front:
-    """The best that each cost brings; never less for more of it."""
+    """The best objective at each cost, which never decreases with the cost."""
 
     against: str
     points: tuple[Point, ...]
 
     @property
     def label(self) -> str:
-        """The axis."""
+        """Label of the axis."""
         return COST_LABELS[self.against]
 
     @property
@@ -53,15 +53,15 @@ class Front:
         return [point.at * (1e3 if self.against == "outer_radius" else 1.0) for point in self.points]
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the points as JSON has them."""
+        """Return the points as a JSON object."""
         return {"against": self.against, "points": [vars(point) for point in self.points]}
 
 
 def compute_front(design: Design, against: str, progress: Progress) -> Front:
-    """Return a Pareto front; its ends are judged.
+    """Return a Pareto front whose end points are verified.
 
     Raises:
-        InputError: there is no such cost.
+        InputError: the name of the cost is not allowed.
     """
     if against not in COST_KINDS:
         raise InputError("pareto", against, describe_choices(against, COST_KINDS))
@@ -72,7 +72,7 @@ def compute_front(design: Design, against: str, progress: Progress) -> Front:
         try:
             study = PopulationStudy.from_design(limited_design, lambda stage, done, total: None, SEARCH_TUMOURS)
             best = search_combinations(study.objective, study.search_space, _ignore).choices[0]
-        except InputError:  # no room for a probe
+        except InputError:  # no probe fits
             continue
         value = max([best.value, *(point.value for point in points)]) if against != "positions" else best.value
         points.append(Point(cost, value))
@@ -100,7 +100,7 @@ def _list_designs(design: Design, against: str) -> Any:
             yield limit, design.model_copy(update={"limits": limits, "scene": scene})
     else:
         places = design.protocol.places
-        max_cost = len(places) - (len(places) + 1) % 2  # odd ones, which have one in the middle
+        max_cost = len(places) - (len(places) + 1) % 2  # odd numbers, so that one position is in the middle
         for count in sorted({1 + 2 * int(half) for half in np.linspace(0, (max_cost - 1) // 2, POINTS_PER_FRONT).round()}):
             positions = np.linspace(places.min(), places.max(), count) if count > 1 else np.array([places.mean()])
             protocol = design.protocol.model_copy(update={"positions": tuple(positions.tolist())})

@@ -1,4 +1,4 @@
-"""The result of an optimisation for a population: its verdict, active limits and warnings."""
+"""Define the result of an optimisation for a population: verdict, active limits and warnings."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from probe_design.design_search.workshop import Robustness
 from probe_design.populations.judgement import Judgement
 from probe_design.populations.tables import DesignLimits
 
-LINEARITY_LIMITS = ("linearity", "gap_closure")  # limits of the force that are linear elasticity's
+LINEARITY_LIMITS = ("linearity", "gap_closure")  # limits of the force due to linear elasticity
 
 
 @dataclass(frozen=True)
 class PopulationOptimum(Optimum[PopulationVerification]):
-    """What was found for a population.
+    """The result of an optimisation for a population.
 
     Attributes:
-        single: the optimum for one tumour in the middle of the population, verified; None where there is none, ``why_no_single``.
-        robust: what workshop tolerances do to start and finalists, by the closed form.
-        why_no_single: in words.
+        single: the verified optimum for one tumour in the middle of the population; None if there is none.
+        robust: effect of workshop tolerances on start and finalists, by the closed form.
+        why_no_single: the reason why there is no ``single``, in words.
     """
 
     single: PopulationVerification | None

@@ -1,4 +1,4 @@
-"""The design of a probe for a design file's population, verified by finite elements on tumours not used in the search."""
+"""Design a probe for a design file's population; verify it by finite elements on tumours that were not used in the search."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ from probe_design.populations.judge import verify
 from probe_design.populations.population import ScenePopulation
 
 Progress = Callable[[str, int, int], None]
-MAX_VERIFIED = 2  # designs that are verified, beside start and single-tumour optimum
-MAX_TRIED = 100  # designs, the best first, of which these are taken
+MAX_VERIFIED = 2  # designs that are verified, besides start and single-tumour optimum
+MAX_TRIED = 100  # best designs among which these are selected
 SINGLE_STARTS = 4  # local searches for one tumour
 MIN_SINGLE_NOISE = 1e-6
 
 
 @dataclass(frozen=True)
 class PopulationStudy:
-    """The design of a probe for a population.
+    """Search and verification of a probe for a population.
 
     Attributes:
         design: the design file.
-        search_space: the designs that are to choose from.
-        objective: of the search, on some of the population's tumours.
+        search_space: the designs among which the search chooses.
+        objective: objective of the search, over some of the population's tumours.
     """
 
     design: Design
@@ -46,11 +46,11 @@ class PopulationStudy:
 
     @classmethod
     def from_design(cls, design: Design, tell: Progress, max_tumours: int = MAX_SEARCH_TUMOURS) -> PopulationStudy:
-        """Draw the tumours that steer the search, at most so many.
+        """Prepare the search, with at most ``max_tumours`` tumours in its objective.
 
         Raises:
-            InputError: the file leaves no design to choose, or a population that does not fit the tissue.
-            Refusal: the closed form cannot take the scene.
+            InputError: the file allows no design, or its population does not fit the tissue.
+            Refusal: the closed form cannot model the scene.
         """
         search_space = build_search_space(design)
         tell("drawing the population", 0, 1)
@@ -65,7 +65,7 @@ class PopulationStudy:
 
         Raises:
             InputError: the population does not fit the tissue, or the probe would leave it.
-            Refusal: the evaluators cannot take the scene.
+            Refusal: the evaluators cannot model the scene.
         """
         loaded, pressed = self.objective.rule.apply_force(scene)
         judgement = verify(loaded, self.design, progress=advance)
@@ -81,7 +81,7 @@ class PopulationStudy:
         finalists = self._select_finalists(search, tell)
         single, reason = self._design_for_one_tumour(tell)
         pairs = [*self._verify_finalists(finalists, tell), *([] if single is None else [single])]
-        pairs.sort(key=lambda pair: -(pair[0].objective[0] + pair[1].expected - pair[1].nominal))  # less what workshops lose
+        pairs.sort(key=lambda pair: -(pair[0].objective[0] + pair[1].expected - pair[1].nominal))  # less what tolerances cost
         return PopulationOptimum(
             self.design,
             self.search_space,
@@ -97,13 +97,13 @@ class PopulationStudy:
         return compute_robustness(self.objective, self.design, scene, materials)
 
     def _select_finalists(self, search: ChoiceSearch, tell: Progress) -> list[tuple[Choice, Scene]]:
-        """Select the best designs that differ, rounded to what a workshop makes; the first is refined before."""
+        """Select the best designs that differ, the first one refined, rounded for the workshop."""
         advance = partial(tell, "refining by equivalent-inclusion")
         better = refine_design(self.objective, self.design, self.search_space, search.choices[0], advance)
         order = [*([] if better is None else [better]), *search.choices][:MAX_TRIED]
         finalists: list[tuple[Choice, Scene]] = []
         for choice, scene in iterate_distinct(order, self.search_space, SAME_DESIGN_TOLERANCE_RELATIVE):
-            with suppress(Refusal):  # finite elements see a film pulled on where the formulas do not, or cannot solve it
+            with suppress(Refusal):  # by finite elements a film is in tension, or the solution fails
                 self.objective.rule.compute_pressed_design(scene)
                 finalists.append((choice, scene))
             if len(finalists) == MAX_VERIFIED:
@@ -114,7 +114,7 @@ class PopulationStudy:
         self, finalists: list[tuple[Choice, Scene]], tell: Progress
     ) -> Iterator[tuple[PopulationVerification, Robustness]]:
         for k, (choice, scene) in enumerate(finalists):
-            with suppress(Refusal):  # a design that cannot be judged is none
+            with suppress(Refusal):  # a design that cannot be verified is left out
                 yield self._verify_choice(choice, scene, partial(tell, f"verifying candidate {k + 1} of {len(finalists)}"))
 
     def _verify_choice(
@@ -125,7 +125,7 @@ class PopulationStudy:
     def _design_for_one_tumour(self, tell: Progress) -> tuple[tuple[PopulationVerification, Robustness] | None, str]:
         """Design and verify a probe for one tumour in the middle of the population; return it, or None and the reason.
 
-        It is a candidate like those of the search: where it is verified to be the best, it is recommended.
+        It is a candidate like those of the search: if it is verified to be the best, it is recommended.
         """
         if not self.search_space.space.free:
             return None, "no variable left to choose"

@@ -1,12 +1,11 @@
-"""Polishing on the equivalent-inclusion evaluator: the closed form, corrected to that evaluator's value and slopes at the design.
+"""Refine a design for the equivalent-inclusion evaluator, with the closed form corrected to its value and gradient at the design.
 
-With f the closed form's objective, g the evaluator's and u the logarithms of the free variables,
+With f the closed form's objective, g the evaluator's, u the logarithms of the free variables and u_0 those of the design,
 
     f(u) + g(u_0) - f(u_0) + (g'(u_0) - f'(u_0)) . (u - u_0)                                          (DS.3)
 
-has the value and, by differences of ``LOG_DIFFERENCE_STEP``, the slopes of g at u_0: first-order model
-management. It is climbed within
-``MAX_LOG_CHANGE`` of the design; what is found counts only where g itself is larger there.
+has the value and the gradient of g at u_0, which is computed by differences of ``LOG_DIFFERENCE_STEP`` (first-order model
+management). It is maximised within ``MAX_LOG_CHANGE`` of the design. The new design counts only if g itself is larger there.
 """
 
 from __future__ import annotations
@@ -47,7 +46,7 @@ class CorrectedDesigns:
 def refine_design(
     steered: DesignObjective, design: Design, search_space: SearchSpace, start: Choice, progress: Progress
 ) -> Choice | None:
-    """Return a nearby design that the equivalent-inclusion evaluator finds better, or None."""
+    """Return a nearby design with a better objective by the equivalent-inclusion evaluator, or None."""
     space = search_space.pin_combination(start.combination)
     free = space.free
     start_value = _evaluate_inclusion(steered, design, search_space, start, start.design)

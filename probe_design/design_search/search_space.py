@@ -1,7 +1,7 @@
 """The designs that a search may choose from: bounds, constraints, discrete values and materials.
 
-What a design file leaves out of the variables varies within what a workshop can make, round the start. Limits take designs away
-and bring none.
+Variables that a design file does not give vary around the start, within what a workshop can make. Limits remove designs and add
+none.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Combination:
     Attributes:
         pinned: values of variables by their names, SI.
         poisson: Poisson's ratios of the inner and the outer block.
-        materials: names of both, empty where none were asked for.
+        materials: names of both blocks' materials, empty if none were requested.
     """
 
     pinned: Mapping[str, float]
@@ -81,8 +81,8 @@ class SearchSpace:
 
     Attributes:
         space: bounds and constraints of the relaxed variables, every one continuous.
-        grids: the only values of what comes in steps or choices, increasing, by the variable's name.
-        shelf: the materials that a block may be of; empty: moduli by themselves.
+        grids: the allowed values of variables with steps or choices, increasing, by the variable's name.
+        shelf: the materials allowed for a block; empty if the moduli are variables themselves.
         start_poisson: the start's Poisson's ratios.
     """
 
@@ -102,7 +102,7 @@ class SearchSpace:
             yield from self.iterate_materials(dict(zip(self.grids, values, strict=True)))
 
     def iterate_materials(self, pinned: Mapping[str, float]) -> Iterator[Combination]:
-        """Yield all pairs of materials beside pinned values of grids."""
+        """Yield all pairs of materials for pinned values of grids."""
         yield from self._iterate_pairs(pinned, self.shelf, self.shelf)
 
     @property
@@ -153,7 +153,7 @@ def build_search_space(design: Design) -> SearchSpace:
     """Build the search space of a design file: bounds that follow from the start, then the file's own, then its limits.
 
     Raises:
-        InputError: a variable has no value within the limits, a material is not one for blocks, or there is no room for a probe.
+        InputError: a variable has no value within the limits, a material is not one for blocks, or no probe fits.
     """
     scene, given, limits = design.scene, design.variables, design.limits
     names = SEPARATE_HEIGHT_NAMES if _check_heights(design) else SHARED_HEIGHT_NAMES
@@ -239,7 +239,7 @@ def _limit_height(
     if low > limit:
         if getattr(design.variables, name) != DesignVariable() or design.scene.probe.groove is not None:
             raise InputError("limits.height", format_mm(limit), f"at least {format_mm(low)}, the least height of the blocks")
-        low = limit  # the start is higher: no bound that was asked for
+        low = limit  # the start is higher: a bound that was not requested
     high = max(low, min(high, limit))
     if values:
         values = tuple(value for value in values if value <= limit * (1 + 1e-9))

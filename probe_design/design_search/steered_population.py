@@ -1,4 +1,4 @@
-"""The closed-form search objective as a function of the six or seven design variables."""
+"""Compute the closed-form search objective for a population as a function of the six or seven design variables."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from solver.closed_form.designs import build_parameters
 from solver.tumour_waves.population import TumourDraws
 from solver.tumour_waves.population_films import ManyTumours
 
-MAX_SEARCH_TUMOURS = 64  # tumours that steer
+MAX_SEARCH_TUMOURS = 64  # tumours in the objective
 SEARCH_EFFORT = SearchEffort(starts=4, screened=64, steps=25)
 LOG_DIFFERENCE_STEP = (
     0.02  # of ln diameter, depth and modulus, for differences: less would show the steps of Bessel functions from tables
@@ -33,11 +33,11 @@ class DesignObjective(SearchObjective):
     """The objective of designs for a population in closed form.
 
     Attributes:
-        steered: the objective.
-        rule: the forces.
+        steered: the objective of the population.
+        rule: rule for the forces.
         draw: the tumours.
-        least_charge: C that each channel has to give, or 0.
-        effort: of a search.
+        least_charge: minimum charge of each channel, C, or 0.
+        effort: effort of a search.
     """
 
     steered: PopulationObjective
@@ -48,12 +48,12 @@ class DesignObjective(SearchObjective):
 
     @classmethod
     def from_design(cls, design: Design, widest: float, max_tumours: int = MAX_SEARCH_TUMOURS) -> DesignObjective:
-        """Draw the tumours and precompute what does not depend on the probe.
+        """Draw the tumours and precompute all that does not depend on the probe.
 
         Args:
             design: the design file.
             widest: outer radius of the widest probe, m.
-            max_tumours: tumours that steer.
+            max_tumours: maximum of tumours in the objective.
         """
         population = ScenePopulation.from_scene(design.scene, design.population)
         draw = population.draw_tumours(min(max_tumours, population.samples))
@@ -106,7 +106,7 @@ class DesignObjective(SearchObjective):
             )
 
     def compute_contrast_sd(self, x: Floats, poisson: tuple[float, float], force: float) -> Floats:
-        """Return the standard deviation of ln contrast of each tumour, likewise; of what steers for ``resolved``."""
+        """Return the standard deviation of ln contrast of each tumour for one design (6,) under a force, N; shape (m,)."""
         with np.errstate(all="ignore"):
             log_sd = self.steered.compute_log_sd(
                 ProbeSizes.from_vector(x[:, None]).build_parameters(poisson), lambda totals: np.full(totals.shape[:2], force)
@@ -127,7 +127,7 @@ def build_draw_arrays(draw: TumourDraw) -> TumourDraws:
 
 
 def build_scan_errors(design: Design, rule: PressingRule) -> ScanErrors:
-    """Return the errors of a scan as a design file has them."""
+    """Return the errors of a scan that a design file states."""
     noise, protocol = design.noise, design.protocol
     return ScanErrors(
         white=math.hypot(noise.white, noise.tilt),

@@ -1,20 +1,21 @@
-"""What a search of designs climbs: the population objective in closed form, smooth, on arrays of designs.
+"""Compute the population objective that a search maximises: in closed form, smooth, on arrays of designs.
 
-Readings are linear in what is unknown: y = s + J c + N n + e, with white errors e of variance v at each position, tumour
-parameters c and nuisances n common to a scan, both with Gaussian priors: eq. LG.1. All but s eliminated,
+Readings are linear in the unknowns: y = s + J c + N n + e. Here s is the signal of the tumour, c are deviations of the tumour's
+parameters and n nuisances common to a scan, with Gaussian priors of covariances Pi_c and Pi, J and N the readings' derivatives
+with respect to them, and e white errors with the diagonal covariance V: eq. LG.1. With the nuisances eliminated,
 
     d'^2 = s^T W s,     W = (V + N Pi N^T)^-1                                                       (DS.1)
 
-is the deflection of a *known* tumour against the same tissue without it, and P = Phi(d' - z) its probability of detection at a
-false alarm rate Phi(-z): an upper bound on that of a detector that knows the population alone, which the judge finds. The
-posterior standard deviation of ln contrast is that of c_1 in
+is the deflection of a *known* tumour against the same tissue without it. P = Phi(d' - z) is its probability of detection at a
+false alarm rate Phi(-z), with Phi the normal distribution function. It bounds that of a detector that knows only the population,
+which the verification computes. The posterior standard deviation of ln contrast is that of c_1 under the covariance
 
     (J^T W J + Pi_c^-1)^-1                                                                          (DS.2)
 
-with no prior on c_1 itself but for information, which counts from it. A tumour counts as resolved by a share
-Phi((ln 0.5 - ln sd) / 0.25), a step that a gradient can climb. With a blank the reading that all others are counted from is a
-nuisance whose prior is its own white error; without one each channel's offset has the prior of the gain, and tissue modulus that
-of the population.
+c_1 itself has a prior only for the information, which is the gain over this prior. A tumour counts as resolved by the fraction
+Phi((ln 0.5 - ln sd) / 0.25), a smooth step with a gradient. A baseline reading, which is subtracted from all others, is a
+nuisance whose prior is its own white error. Without it the offset of each channel has the prior of the gain, and the tissue's
+modulus that of the population.
 """
 
 from __future__ import annotations
@@ -32,23 +33,23 @@ from probe_design.populations.detection import compute_known_probabilities
 from solver.closed_form.bessel import Array
 from solver.tumour_waves.population_films import Films, ManyTumours
 
-RESOLVED_STEP_LOG_SD = 0.25  # of ln sd over which a tumour passes from not resolved to resolved
-MIN_VARIANCE = 1e-12  # of ln stiffness, and of a squared deflection, whose root has a derivative at 0 then
-FLAT_PRIOR_SD = 1e6  # of ln contrast of which nothing is known: finite, so that a tumour without effect has a derivative
+RESOLVED_STEP_LOG_SD = 0.25  # width in ln sd of the step from not resolved to resolved
+MIN_VARIANCE = 1e-12  # of ln stiffness, and of a squared deflection, so that its root has a derivative at 0
+FLAT_PRIOR_SD = 1e6  # of ln contrast without prior knowledge: finite, so that a tumour without effect has a derivative
 
 
 @dataclass(frozen=True)
 class ScanErrors:
-    """Errors of one scan; relative, but charge.
+    """Errors of one scan: relative standard deviations, except for the charge.
 
     Attributes:
-        white: of the ratio at a position, tilt included.
-        gain: common to the ratios of a scan.
-        stiffness_white, stiffness_gain: of the stiffness.
-        charge: of each film's charge over charge per force, N.
-        stiffness: whether it is read.
-        blank: whether a tumour-free place is read.
-        false_alarm: over a scan.
+        white: independent error of the ratio at a position, tilt included.
+        gain: error common to the ratios of a scan.
+        stiffness_white, stiffness_gain: the same for the stiffness.
+        charge: noise of each film's charge over the charge per force, N.
+        stiffness: whether the stiffness is read.
+        blank: whether there is a baseline reading.
+        false_alarm: probability of a false alarm in a scan.
     """
 
     white: float
@@ -63,14 +64,14 @@ class ScanErrors:
 
 @dataclass(frozen=True)
 class PopulationObjective:
-    """The population of an objective, ready for any design.
+    """The objective over a population, prepared for any design.
 
     Attributes:
-        tumours: as they are.
-        moved: pairs of the same with diameter, depth and tissue modulus e^-step and e^step times as large; empty for detection,
-            tissue alone without a blank.
-        step: of these, in the logarithm.
-        channels: the errors.
+        tumours: the tumours.
+        moved: pairs of the same tumours with diameter, depth and tissue modulus multiplied by e^-step and e^step; for detection
+            empty, or only the tissue modulus without a baseline reading.
+        step: step of the logarithms.
+        channels: errors of the scan.
         priors: standard deviations of ln contrast (above 0), ln diameter, ln depth and ln tissue modulus.
         maximise: ``detection``, ``resolved`` or ``information``.
         statistic: ``mean`` or a quantile.
@@ -89,7 +90,7 @@ class PopulationObjective:
 
         Args:
             probes: see ``ManyTumours.compute_films``; floats or complex.
-            force: a function of films' totals without tumours (n, m, 2): N, shape (n, m).
+            force: function that returns the force, N, shape (n, m), from the films' forces without tumours, shape (n, m, 2).
         """
         of_each = self.evaluate_tumours(probes, force)
         if self.statistic == "mean":
@@ -124,7 +125,7 @@ class PopulationObjective:
         return films, LinearGaussian.from_shared_errors(self._build_shared_errors(probes, films, variance), variance)
 
     def _stack_channels(self, ratio: Array, stiffness: Array) -> Array:
-        """Readings of a scan in one axis: ratios, then stiffnesses where they are read."""
+        """Join the readings of a scan along one axis: ratios, then stiffnesses if they are read."""
         return np.concatenate([ratio, stiffness], axis=2) if self.channels.stiffness else ratio
 
     def _compute_signature(self, films: Films) -> Array:
@@ -136,7 +137,7 @@ class PopulationObjective:
         return self._stack_channels(ratio, np.log(whole.sum(axis=3) / alone.sum(axis=3)))
 
     def _compute_variance(self, films: Films, force: Array) -> Array:
-        """White variance of each reading, shape (n, m, readings)."""
+        """Return the white variance of each reading, shape (n, m, readings)."""
         share = films.without / films.without.sum(axis=2, keepdims=True)
         charges = ((self.channels.charge / (share * force[..., None])) ** 2).sum(axis=2)
         ones = np.ones((1, 1, films.change.shape[2]))
@@ -156,7 +157,7 @@ class PopulationObjective:
         return np.concatenate([common, self.priors["tissue"] * tissue[..., None]], axis=3)
 
     def _compute_derivatives(self, probes: Array, films: Films) -> Array:
-        """Derivatives of the signature by ln contrast, ln diameter and ln depth, shape (n, m, readings, 3)."""
+        """Return the signature's derivatives by ln contrast, ln diameter and ln depth, shape (n, m, readings, 3)."""
         whole = films.without[:, :, None] + films.change
         share = films.by_log / whole
         total = films.by_log.sum(axis=3) / whole.sum(axis=3)
@@ -170,12 +171,12 @@ class PopulationObjective:
 
 
 def _mask_non_positive(values: Array) -> Array:
-    """Values above 0, of complex numbers by their real parts, and NaN for others."""
+    """Return values above 0 unchanged, complex ones by their real parts, and NaN for others."""
     return np.where(values.real > 0, values, np.nan)
 
 
 def _compute_baseline_logs(films: Films) -> tuple[Array, Array]:
-    """Ln ratio and ln stiffness without the tumour at each position, shapes (n, m, P)."""
+    """Return ln ratio and ln stiffness without the tumour at each position, shapes (n, m, P)."""
     ratio = np.log(films.without[..., 0] / films.without[..., 1])
     stiffness = np.log(films.without.sum(axis=2))
     ones = np.ones(films.change.shape[2])
@@ -183,7 +184,7 @@ def _compute_baseline_logs(films: Films) -> tuple[Array, Array]:
 
 
 def _compute_quantile(values: Array, share: float) -> Array:
-    """Quantile over the last axis, of complex numbers by their real parts; shape (n,)."""
+    """Return a quantile over the last axis, of complex numbers by their real parts; shape (n,)."""
     order = np.argsort(values.real, axis=1)
     rank = share * (values.shape[1] - 1)
     low = min(int(rank), values.shape[1] - 1)

@@ -1,4 +1,4 @@
-"""The design file with every key, ready to run as it is: the built-in scene stands in it."""
+"""Write a design file with all keys, which runs as it is since it contains the built-in scene."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ OPENING_COMMENT = """\
 
 
 def build_design_template() -> str:
-    """Return a commented design file that reads as the defaults and runs as it is."""
+    """Return a commented design file with the defaults, which runs as it is."""
     text = build_template()
     line = next(text_line for text_line in text.splitlines() if text_line.startswith(SCENE_LINE))
     return text.replace(line, OPENING_COMMENT.rstrip()) + "\n" + _read_scene_tables()
@@ -26,6 +26,6 @@ def read_builtin_design_text() -> str:
 
 
 def _read_scene_tables() -> str:
-    """The scene of the built-in design file."""
+    """Return the scene of the built-in design file."""
     text = read_builtin_design_text()
     return text[text.index("[scene.probe]") :]

@@ -1,14 +1,15 @@
-"""The objective of one tumour read once: the standard deviation of ln E_object that the reading of the ratio leaves.
+"""Compute the objective for one tumour read once: the standard deviation of ln E_object after the reading of the ratio.
 
-With g the noise of the ratio, half of its variance from each channel, and Q_j = |d33| F_j the charge of channel j under the force
-that ``loads`` allows the design (PHYSICS section 2),
+With g the noise of the ratio, half of its variance from each channel, q0 the charge noise and Q_j = |d33| F_j the charge of
+channel j under the force that ``loads`` allows the design (PHYSICS section 2),
 
     v_j = g^2 / 2 + (q0 / Q_j)^2                    (DS.4)
     I   = S^2 / (v_inner + v_outer)                 (DS.5)
     sd  = I^(-1/2), smaller is better               (DS.6)
 
-with S the log-sensitivity of the ratio. A raw slope d(ratio)/dE would reward designs whose outer film feels nothing, and so
-nothing but noise. A search climbs -ln sd.
+with v_j the variance of ln F_j, S the log-sensitivity of the ratio, I the information about ln E_object and sd its standard
+deviation. The derivative d(ratio)/dE alone would favour designs whose outer film carries no load and reads only noise. A search
+maximises -ln sd.
 """
 
 from __future__ import annotations
@@ -42,14 +43,14 @@ from solver.casadi_functions.finite_elements import FilmCallback, TumourCallback
 from solver.closed_form.bessel import Array
 from solver.closed_form.designs import PROBE_PARAMETERS, Shape, build_parameters, compute_forces
 
-SCREENED_PER_SHELL, MAX_IPOPT_STEPS = 512, 40  # formulas of one tumour take a tenth of a population's time
+SCREENED_PER_SHELL, MAX_IPOPT_STEPS = 512, 40  # the closed form for one tumour takes a tenth of a population's time
 UNIT_INDENTATION_M = 1e-6  # m
-REFINEMENT_ACCURACY = 0.03  # of finite elements at the start: what is found is verified more finely
+REFINEMENT_ACCURACY = 0.03  # of finite elements in a refinement; its result is verified more accurately
 
 
 @dataclass(frozen=True)
 class Noise:
-    """What limits a reading.
+    """The noise of a reading.
 
     Attributes:
         ratio: relative standard deviation of one reading of the ratio, see ``probe_design.data.noise``.
@@ -65,12 +66,12 @@ class Noise:
     charge_per_force: float = abs(Film().d33)
 
     def __post_init__(self) -> None:
-        """Refuse what is no noise."""
+        """Refuse a noise that is not allowed."""
         check_noise(self.ratio)
 
     @classmethod
     def from_scene(cls, scene: Scene, ratio: float = DEFAULT_NOISE) -> Noise:
-        """Return the noise of a scene's probe, with its own film where it has one."""
+        """Return the noise of a scene's probe, with the charge per force of its film if it has one."""
         return cls(ratio, charge_per_force=find_charge_per_force(scene.probe))
 
     def compute_information(self, sensitivity: Any, share_inner: Any, force: Any) -> Any:
@@ -93,10 +94,10 @@ class TumourObjective(SearchObjective):
     """-ln of eq. DS.6 by the closed form, for the target of a scene.
 
     Attributes:
-        rule: the forces.
-        noise: of the reading.
-        shape, parameters: of the formula, see ``solver.closed_form.designs.build_parameters``.
-        effort: of a search.
+        rule: rule for the forces.
+        noise: noise of the reading.
+        shape, parameters: structure and parameters of the closed form, see ``solver.closed_form.designs.build_parameters``.
+        effort: effort of a search.
     """
 
     rule: PressingRule
@@ -110,7 +111,7 @@ class TumourObjective(SearchObjective):
         """Return the objective of the rule's scene.
 
         Raises:
-            Refusal: the target is no sphere, of which alone the formulas give a sensitivity.
+            Refusal: the target is not a sphere; the closed form has a sensitivity for spheres only.
         """
         scene = rule.design.scene
         if scene.target is not None and scene.inclusion[scene.target].diameter is None:
@@ -118,7 +119,7 @@ class TumourObjective(SearchObjective):
         return cls(rule, noise, *build_parameters(scene), SearchEffort(starts, SCREENED_PER_SHELL, MAX_IPOPT_STEPS))
 
     def values(self, x: Array, poisson: Any) -> tuple[Array, Array]:
-        """See ``SearchObjective.values``; no charge is too small."""
+        """Return the values of ``SearchObjective.values``; no charge is too small."""
         sizes = ProbeSizes.from_vector(x)
         columns = np.repeat(self.parameters[:, None], x.shape[1], axis=1).astype(x.dtype)
         columns[: len(PROBE_PARAMETERS)] = sizes.build_parameters(poisson)
@@ -136,13 +137,13 @@ class FiniteElementObjective:
     """The objective of one tumour by finite elements with their exact derivatives, for IPOPT.
 
     Args:
-        formulas: the objective by formulas, of which forces and noise are taken.
-        space: the variables.
-        start: a scene with a design within them, whose mesh moves with the design.
+        formulas: the objective by the closed form, whose rule for forces and noise are used.
+        space: the variables with their bounds.
+        start: a scene with a design within the bounds, whose mesh moves with the design.
         evaluator: ``axisymmetric``, or ``equivalent-inclusion``, whose derivatives are those of its first order.
 
     Raises:
-        Refusal: the evaluator cannot take the scene.
+        Refusal: the evaluator cannot model the scene.
     """
 
     def __init__(self, formulas: TumourObjective, space: VariableSpace, start: Scene, evaluator: str) -> None:

@@ -1,4 +1,4 @@
-"""The result of an optimisation for one tumour read once: its verdict and warnings."""
+"""Define the result of an optimisation for one tumour read once: verdict and warnings."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from probe_design.design_search.tumour_verification import TumourVerification, r
 
 @dataclass(frozen=True)
 class TumourOptimum(Optimum[TumourVerification]):
-    """What was found for one tumour.
+    """The result of an optimisation for one tumour.
 
     Attributes:
-        noise: of a reading.
-        linear_evaluator: that verified the designs within linear elasticity; beyond it ``contact`` did.
+        noise: noise of a reading.
+        linear_evaluator: evaluator for verification within linear elasticity; beyond it ``contact`` is used.
     """
 
     noise: Noise
@@ -87,13 +87,13 @@ class TumourOptimum(Optimum[TumourVerification]):
 
 
 def _format_objective(verified: TumourVerification) -> str:
-    """An objective with the ends that errors leave it."""
+    """Format an objective with its bounds by errors."""
     ends = f"above {verified.lower:.3g}" if math.isinf(verified.upper) else f"{verified.lower:.3g} to {verified.upper:.3g}"
     return f"{verified.value:.3g} ({ends} within its errors)"
 
 
 def _describe_load_gain(verified: TumourVerification, linear: TumourVerification) -> str:
-    """What more load than linear elasticity answers for brings."""
+    """Describe the gain of a load beyond linear elasticity."""
     gain, error = verified.compute_gain(linear)
     return (
         f"under {verified.pressing.force:.3g} N (limited by {verified.pressing.limited_by}): "

@@ -1,11 +1,11 @@
-"""The design of a probe for one tumour read once: a population of one, verified by finite elements under the load of a hand.
+"""Design a probe for one tumour read once: a population of one, verified by finite elements under the scene's load.
 
-Where a design bears more load than linear elasticity answers for, the load is one more variable, and ``contact`` verifies.
-A limit of the load that took part in choosing designs would make other ones of a wider limit, and these might do worse. So those
-that are pressed further are of searches that know no limit but linear elasticity's own: the best ``PRESSED_DESIGNS`` within the
-limits, and the best within each radius of ``OUTER_RADII_M`` that is smaller, as a narrower probe is pressed deeper by the same
-force. Designs that could not become better than the best so far if their log-sensitivity grew ``MAX_SENSITIVITY_GROWTH`` times
-are not pressed.
+If the scene allows more load than linear elasticity, the load is one more variable, and ``contact`` verifies the designs. If the
+limit of the load influenced the choice of designs, a wider limit would choose other designs, which might be worse. Designs under
+larger loads therefore come from searches whose load is limited by linear elasticity alone: the best ``PRESSED_DESIGNS`` within
+the limits, and the best within each smaller radius of ``OUTER_RADII_M``, since the same force presses a narrower probe deeper.
+Designs that would not become better than the best so far if their log-sensitivity grew by the factor ``MAX_SENSITIVITY_GROWTH``
+are left out.
 """
 
 from __future__ import annotations
@@ -49,26 +49,26 @@ from solver import evaluator as find_evaluator
 EVALUATORS = ("axisymmetric", "equivalent-inclusion")
 DEFAULT_STARTS = 8  # local searches
 MAX_VERIFIED = 10
-MIN_LOG_DISTANCE = 0.05  # of the logarithm of a variable: of designs nearer to each other one is verified
+MIN_LOG_DISTANCE = 0.05  # of the logarithm of a variable: only one of two designs closer to each other is verified
 REFINED_DESIGNS = 3  # of the best
 MAX_REFINEMENT_STEPS, REFINEMENT_TOLERANCE = 15, 1e-3  # of IPOPT; each step costs one to a few solutions with derivatives
 PRESSED_DESIGNS = 3  # of the best within the limits
 OUTER_RADII_M = (1e-3, 1.6e-3, 2.5e-3, 4e-3, 6.3e-3, 10e-3, 16e-3, 25e-3)  # m: preferred numbers, R5 of ISO 3
 STARTS_WITHIN_RADIUS = 2  # local searches within each
-MAX_SENSITIVITY_GROWTH = 2.5  # of the log-sensitivity by load; 1.3 to 2 were seen
-UNLIMITED_FORCE_N = 1e9  # N: the most that a scene may ask for
+MAX_SENSITIVITY_GROWTH = 2.5  # of the log-sensitivity by load; 1.3 to 2 were observed
+UNLIMITED_FORCE_N = 1e9  # N: the largest force that a scene may have
 Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
 class TumourStudy:
-    """The design of a probe for the target of a scene.
+    """Search and verification of a probe for the target of a scene.
 
     Attributes:
         design: the scene as a design file: a population of its own tumour, read once; the objective is eq. DS.6.
-        search_space: the designs that are to choose from.
-        objective: of the search.
-        evaluator: that verifies within linear elasticity.
+        search_space: the designs among which the search chooses.
+        objective: objective of the search.
+        evaluator: evaluator for the verification within linear elasticity.
     """
 
     design: Design
@@ -91,12 +91,12 @@ class TumourStudy:
             scene: the start.
             outer_radius: limit of the outer radius in m; 1.4 times the start's by default.
             starts: local searches.
-            evaluator: one of ``EVALUATORS``; by default the first that can take the scene.
+            evaluator: one of ``EVALUATORS``; by default the first that can model the scene.
             noise: relative standard deviation of one reading of the ratio.
 
         Raises:
-            InputError: the scene has no target or a load of 0, or leaves no room for a design; no such evaluator or noise.
-            Refusal: the closed form gives no sensitivity, or the scene is too extreme to be solved.
+            InputError: the scene has no target or a load of 0, no design fits, or evaluator or noise are not allowed.
+            Refusal: the closed form has no sensitivity, or the scene is too extreme to be solved.
         """
         if scene.target is None:
             allowed = "one inclusion, or one of several marked target = true: its modulus is to be estimated"
@@ -124,7 +124,7 @@ class TumourStudy:
 
     @property
     def noise(self) -> Noise:
-        """Of the reading."""
+        """The noise of the reading."""
         return self.objective.noise
 
     def verify(self, scene: Scene, accuracy: float = VERIFICATION_ACCURACY) -> TumourVerification:
@@ -143,14 +143,14 @@ class TumourStudy:
         return start
 
     def verify_choices(self, start: TumourVerification, search: ChoiceSearch, tell: Progress) -> TumourOptimum:
-        """Verify the best designs of a search, and under more load where the scene asks for it; refine the best of them."""
+        """Verify the best designs of a search, also under more load if the scene has it; refine the best of them."""
         finalists = self._verify_best(search, tell)
         if any(map(needs_contact, (start, *finalists))):
             finalists = merge_designs((*finalists, *self._search_loaded(tell)))
             start = self._press_start(start, finalists, tell)
         hidden = finalists and finalists[0].value < start.value and not finalists[0].is_better_than(start)
         if hidden and start.linear is None and finalists[0].linear is None:
-            with suppress(Refusal):  # errors hide the gain: start and best once more, more finely
+            with suppress(Refusal):  # errors hide the gain: verify start and best more accurately
                 start, best = (self.verify(item.scene, FINER_ACCURACY) for item in (start, finalists[0]))
                 finalists = merge_designs((best, *finalists[1:]))
         return TumourOptimum(self.design, self.search_space, start, finalists, search, self.noise, self.evaluator)
@@ -174,7 +174,7 @@ class TumourStudy:
     def _verify_scenes(self, scenes: list[Scene], advance: Callable[[int, int], None]) -> Iterator[TumourVerification]:
         for k, (scene, formula) in enumerate(zip(scenes, evaluate_closed_form(scenes), strict=True)):
             advance(k, len(scenes))
-            with suppress(Refusal):  # a design that cannot be judged is no candidate
+            with suppress(Refusal):  # a design that cannot be verified is no candidate
                 yield verify_tumour_design(scene, self.noise, self.evaluator, formula=formula)
         advance(len(scenes), len(scenes))
 
@@ -183,7 +183,7 @@ class TumourStudy:
     ) -> Iterator[TumourVerification]:
         for k, item in enumerate(verified):
             advance(k, len(verified))
-            with suppress(Refusal, SolveError):  # what cannot be differentiated stays as it is
+            with suppress(Refusal, SolveError):  # a design without derivatives stays unchanged
                 scene = self.refine_scene(item.scene)
                 if scene is not None:
                     yield self.verify(scene)
@@ -207,7 +207,7 @@ class TumourStudy:
         return space.build_scene(optimum)
 
     def _search_loaded(self, tell: Progress) -> Iterator[TumourVerification]:
-        """Yield designs for which the load is a variable: of searches without a limit of it, under the best up to the scene's."""
+        """Yield designs from searches without a limit of the load, each under its best load up to the scene's."""
         study = self.replace_scene(remove_load_limit(self.scene))
 
         def tell_unlimited(stage: str, done: int, total: int) -> None:
@@ -223,7 +223,7 @@ class TumourStudy:
         finalists: tuple[TumourVerification | float, ...] = (*unlimited[:PRESSED_DESIGNS], *radii)
         for k, source in enumerate(finalists):
             tell(stage, k, PRESSED_DESIGNS + len(radii))
-            with suppress(Refusal, InputError):  # no room within a radius, or a design that cannot be judged
+            with suppress(Refusal, InputError):  # no probe fits within a radius, or a design cannot be verified
                 verified = self.restore_load(source if isinstance(source, TumourVerification) else self._find_best_within(source))
                 if needs_contact(verified) and self._can_improve(verified, best):
                     verified = optimize_load(verified, self.noise)
@@ -232,7 +232,7 @@ class TumourStudy:
         tell(stage, PRESSED_DESIGNS + len(radii), PRESSED_DESIGNS + len(radii))
 
     def restore_load(self, unlimited: TumourVerification) -> TumourVerification:
-        """Return a design of an unlimited scene under the scene's load, or as much of that as linear elasticity answers for.
+        """Return a design of an unlimited scene under the scene's load, or the largest load within linear elasticity.
 
         Raises:
             Refusal: see ``verify``.
@@ -243,7 +243,7 @@ class TumourStudy:
         return replace(unlimited, scene=scene)
 
     def _find_best_within(self, radius: float) -> TumourVerification:
-        """Return the best design no wider than a radius, by a search that knows no limit of the load."""
+        """Return the best design no wider than a radius, by a search without a limit of the load."""
         scene = remove_load_limit(self.scene)
         study = TumourStudy.from_scene(scene, radius, STARTS_WITHIN_RADIUS, self.evaluator, self.noise.ratio)
         search = search_combinations(study.objective, study.search_space, lambda done, total: None)
@@ -261,7 +261,7 @@ class TumourStudy:
     ) -> TumourVerification:
         """Return the start under its best load up to the scene's.
 
-        Where the best finalist is evaluated by ``contact``, so is the start: both then have errors of the same model.
+        If the best candidate is evaluated by ``contact``, so is the start, so that both have errors of the same model.
         """
         tell("pressing the start by contact", 0, 1)
         loaded = optimize_load(start, self.noise)
@@ -272,7 +272,7 @@ class TumourStudy:
 
 
 def remove_load_limit(scene: Scene) -> Scene:
-    """Return a scene under more load than linear elasticity answers for, whatever its probe is."""
+    """Return a scene under a load beyond linear elasticity for any probe."""
     return scene.model_copy(update={"load": Load(force=UNLIMITED_FORCE_N)})
 
 

@@ -1,4 +1,4 @@
-"""Verification of designs for one tumour read once: the standard deviation of ln E_object, between bounds."""
+"""Verify designs for one tumour read once: compute the standard deviation of ln E_object with bounds."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from solver.results.evaluator import FilmEvaluator, FilmSolution
 from solver.results.film_forces import FilmForces
 
 VERIFICATION_ACCURACY = 0.01  # of the evaluator
-FINER_ACCURACY = 0.001  # of the evaluator where its errors at ``VERIFICATION_ACCURACY`` hide a gain
+FINER_ACCURACY = 0.001  # of the evaluator if its errors at ``VERIFICATION_ACCURACY`` hide a gain
 
 
 @dataclass(frozen=True)
@@ -36,13 +36,13 @@ class TumourVerification(VerifiedDesign):
     Attributes:
         scene: the scene with this probe.
         result: the evaluator's result, at the load of ``pressing``.
-        pressing: the load that the objective counts with.
+        pressing: the load of the objective.
         value: standard deviation of ln E_object by the evaluator, smaller is better.
-        lower, upper: bounds of that, from the evaluator's error bounds and the neglected finite strain.
-        formula_result: the closed form's result, or None where it refuses the scene.
-        refused: what it takes instead, or None.
-        formula_value: by the closed form, inf where it refuses.
-        linear: the same design under the largest load that linear elasticity answers for, where this is one beyond that.
+        lower, upper: bounds of ``value``, from the evaluator's error bounds and the neglected finite strain.
+        formula_result: the closed form's result, or None if it refuses the scene.
+        refused: the requirement that the closed form states in a refusal, or None.
+        formula_value: ``value`` by the closed form, inf if it refuses the scene.
+        linear: the same design under the largest load within linear elasticity, if ``pressing`` is beyond that.
     """
 
     scene: Scene
@@ -68,7 +68,7 @@ class TumourVerification(VerifiedDesign):
 
     @property
     def objective(self) -> tuple[float, float]:
-        """Standard deviation of ln E_object and how far it can be off; inf where nothing bounds it."""
+        """Standard deviation of ln E_object and its error bound, which is inf if there is none."""
         return self.value, max(self.upper - self.value, self.value - self.lower) if self.upper < math.inf else math.inf
 
     @property
@@ -78,11 +78,11 @@ class TumourVerification(VerifiedDesign):
 
     @property
     def linear_design(self) -> TumourVerification | None:
-        """The same under the largest load that linear elasticity answers for, where this is under more; None elsewhere."""
+        """The same design under the largest load within linear elasticity, if this one is under more; else None."""
         return self.linear if self.linear is not None and self.linear.pressing.force < self.pressing.force else None
 
     def compute_gain(self, reference: TumourVerification) -> tuple[float, float]:
-        """Return by which share the standard deviation is less than the other's, and the combined error of that."""
+        """Return the relative reduction of the standard deviation compared with another design, and its combined error."""
         (value, error), (reference_value, reference_error) = self.objective, reference.objective
         if not math.isfinite(reference_error) or not math.isfinite(error):
             return 0.0 if math.isinf(value) else 1 - value / reference_value, math.inf
@@ -90,13 +90,13 @@ class TumourVerification(VerifiedDesign):
         return 1 - share, share * math.hypot(error / value, reference_error / reference_value)
 
     def is_better_than(self, reference: TumourVerification) -> bool:
-        """Return whether it is better whatever the errors of both are; beyond linear elasticity also by twice those."""
+        """Return whether it is better for all errors within bounds; beyond linear elasticity, for twice these errors."""
         if not self.upper < reference.lower:
             return False
         return (self.linear is None and reference.linear is None) or super().is_better_than(reference)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the numbers as JSON has them."""
+        """Return the results as a JSON object."""
         return {
             "objective": replace_non_finite(self.value),
             "objective_within": [self.lower, replace_non_finite(self.upper)],
@@ -109,7 +109,7 @@ class TumourVerification(VerifiedDesign):
         }
 
     def summarize_load_gain(self) -> dict[str, Any] | None:
-        """Return what more load than linear elasticity answers for brings, as JSON has it; None where there is no more."""
+        """Return the gain of a load beyond linear elasticity as a JSON object; None if the load is within it."""
         linear = self.linear_design
         if linear is None:
             return None
@@ -125,7 +125,7 @@ class TumourVerification(VerifiedDesign):
 
 
 def replace_non_finite(value: float | None) -> float | None:
-    """Return a number, or None where it is not finite, as JSON has it."""
+    """Return a number for JSON: None if it is not finite."""
     return value if value is not None and math.isfinite(value) else None
 
 
@@ -136,17 +136,17 @@ def verify_tumour_design(
     accuracy: float = VERIFICATION_ACCURACY,
     formula: FilmSolution | InputError | None = None,
 ) -> TumourVerification:
-    """Verify a scene's probe by an evaluator, beside the closed form.
+    """Verify a scene's probe by an evaluator, and compute the closed form's result for comparison.
 
     Args:
-        scene: with the probe.
-        noise: of a reading.
-        evaluator_name: of the verification.
-        accuracy: of the evaluator.
-        formula: what the closed form finds, or its refusal, where that is known, see ``evaluate_closed_form``.
+        scene: scene with the probe.
+        noise: noise of a reading.
+        evaluator_name: evaluator of the verification.
+        accuracy: accuracy of the evaluator.
+        formula: the closed form's result or refusal, if it is known already; see ``evaluate_closed_form``.
 
     Raises:
-        Refusal: the evaluator cannot take the scene.
+        Refusal: the evaluator cannot model the scene.
     """
     start, rule = perf_counter(), CoarseModel.from_scene(scene).build_rule(scene)
     answer = evaluate_films(scene, evaluator_name, accuracy)
@@ -172,10 +172,10 @@ def verify_tumour_design(
 
 
 def evaluate_films(scene: Scene, evaluator_name: str, accuracy: float = VERIFICATION_ACCURACY) -> FilmSolution:
-    """Return the answer of an evaluator, with the error of its log-sensitivity.
+    """Return the film forces by an evaluator, with the error of its log-sensitivity.
 
     Raises:
-        Refusal: the level cannot take the scene.
+        Refusal: the evaluator cannot model the scene.
     """
     made = evaluator(evaluator_name)
     assert isinstance(made, FilmEvaluator)
@@ -183,7 +183,7 @@ def evaluate_films(scene: Scene, evaluator_name: str, accuracy: float = VERIFICA
 
 
 def evaluate_closed_form(scenes: Sequence[Scene], accuracy: float = VERIFICATION_ACCURACY) -> list[FilmSolution | InputError]:
-    """Return what the closed form finds of each scene, or its refusal: of ten in twice the time of one."""
+    """Return the closed form's result or refusal for each scene; ten scenes take twice the time of one."""
     made = evaluator("closed-form")
     assert isinstance(made, FilmEvaluator)
     return made.solve_many(scenes, [accuracy] * len(scenes))
@@ -210,7 +210,7 @@ def merge_designs(verified: Iterable[TumourVerification]) -> tuple[TumourVerific
 
 
 def _compute_inner_share(films: FilmForces) -> float:
-    """The inner film's share of the force."""
+    """Return the inner film's fraction of the force."""
     return float(films.totals[0] / films.totals.sum())
 
 

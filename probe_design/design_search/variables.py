@@ -1,7 +1,7 @@
-"""The numbers of a probe that a search varies: their names, limits, and the way from a scene to a vector and back.
+"""Define the numbers of a probe that a search varies, with their limits, and convert scenes to vectors and back.
 
-``VARIABLES`` lists them, and nothing else does. A design is a vector x of their values in the order of ``VariableSpace.names``:
-with one height of both blocks, or with a height of each.
+Only ``VARIABLES`` lists them. A design is a vector x of their values in the order of ``VariableSpace.names``, with one height of
+both blocks, or with a height of each.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ class Variable:
     """One number of the probe that a search varies.
 
     Attributes:
-        key: of ``geometry.scenes.variables.list_values``.
-        low, high: what a workshop can make, SI.
+        key: key of ``geometry.scenes.variables.list_values``.
+        low, high: smallest and largest value that a workshop can make, SI.
     """
 
     key: str
@@ -69,9 +69,9 @@ class Limit:
     """One limit of the designs.
 
     Attributes:
-        name: of what, such as ``least gap``.
-        value: SI.
-        active: whether the design in question lies on it.
+        name: name of the limit, such as ``least gap``.
+        value: value of the limit, SI.
+        active: whether the design reaches the limit.
     """
 
     name: str
@@ -93,7 +93,7 @@ class ProbeSizes:
 
     @classmethod
     def from_scene(cls, scene: Scene) -> ProbeSizes:
-        """Return those of a scene's probe."""
+        """Return the sizes of a scene's probe."""
         probe = scene.probe
         moduli = probe.inner.youngs_modulus, probe.outer.youngs_modulus
         return cls(
@@ -102,7 +102,7 @@ class ProbeSizes:
 
     @classmethod
     def from_vector(cls, x: Any) -> ProbeSizes:
-        """Return those of designs x, variables first: six with one height, seven with two."""
+        """Return the sizes of designs x, whose first axis is that of the variables: six with one height, seven with two."""
         numbers = dict(zip(name_variables(len(x)), x, strict=True))
         if "height" in numbers:
             height = numbers.pop("height")
@@ -183,17 +183,17 @@ def format_variable(name: str, value: float) -> Any:
 
 @dataclass(frozen=True)
 class VariableSpace:
-    """The limits of the variables, SI, and the constraints that join them.
+    """The limits of the variables, SI, and the constraints between them.
 
-    Each follows from the start and from what a workshop can make, none from another: a tighter limit takes designs away, and no
-    other ones come instead.
+    Each limit follows from the start and from what a workshop can make, none from another. A tighter limit therefore only removes
+    designs.
 
     Attributes:
         scene: the scene whose probe is varied; everything else in it stays.
-        names: of the variables.
+        names: names of the variables.
         low, high: bounds, shape (variables,).
         outer_radius: limit of the outer block's radius, m.
-        wall: least thickness of the outer block, m.
+        wall: minimum thickness of the outer block, m.
     """
 
     scene: Scene
@@ -276,7 +276,7 @@ class VariableSpace:
             return None
 
     def list_limits(self, scene: Scene) -> tuple[Limit, ...]:
-        """Return all limits, and which of them a scene's probe lies on."""
+        """Return all limits, and whether a scene's probe reaches them."""
         probe, vector = scene.probe, read_vector(scene, self.names)
         rows = [
             ("largest outer_radius", self.outer_radius, probe.tube_radius),
@@ -302,12 +302,12 @@ def _round_length_down(length: float) -> float:
 
 
 def build_space(scene: Scene, outer_radius: float | None = None, names: tuple[str, ...] = SHARED_HEIGHT_NAMES) -> VariableSpace:
-    """Return the space round a scene's probe; the limit of the outer radius is 1.4 times the start's unless given.
+    """Return the space around a scene's probe; the limit of the outer radius is 1.4 times the start's unless given.
 
-    Where the start lies beyond a limit other than that, the limit is where the start lies.
+    If the start is beyond another limit, this limit is moved to the start.
 
     Raises:
-        InputError: the limit leaves no room for a probe, or for the probe on the tissue.
+        InputError: no probe fits within the limit, or on the tissue.
     """
     probe, tissue, start = scene.probe, scene.tissue, read_vector(scene, names)
     limit = DEFAULT_RADIUS_FACTOR * probe.tube_radius if outer_radius is None else outer_radius
@@ -327,7 +327,7 @@ def build_space(scene: Scene, outer_radius: float | None = None, names: tuple[st
 
 
 def _find_groove_limit(probe: Probe, name: str) -> float:
-    """Return the least value of a variable that leaves room for the probe's groove; 0 where there is none."""
+    """Return the smallest value of a variable for which the probe's groove fits; 0 without a groove."""
     if probe.groove is None:
         return 0.0
     if name == "inner_radius":

@@ -1,4 +1,4 @@
-"""Verification of designs by an evaluator finer than the search's formulas: each design under its own load."""
+"""Verify designs by an evaluator more accurate than the search's closed form, each design under its own load."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ GAIN_SIGNIFICANCE = 2.0  # times the combined error: a gain beyond it counts
 
 
 class VerifiedDesign(ABC):
-    """A design with what a finer evaluator says of it."""
+    """A design with the results of a more accurate evaluator."""
 
     @property
     @abstractmethod
@@ -39,7 +39,7 @@ class VerifiedDesign(ABC):
 
     @abstractmethod
     def compute_gain(self, reference: Self) -> tuple[float, float]:
-        """Return how much better this is than another design, and the error of that."""
+        """Return the gain over another design, and its error."""
 
     def is_better_than(self, reference: Self) -> bool:
         """Return whether this is better than another design by more than twice the error of the gain."""
@@ -52,11 +52,11 @@ class PopulationVerification(VerifiedDesign):
     """A design verified on tumours that the search did not use.
 
     Attributes:
-        scene: the whole scene, its load the force.
-        pressed: what sets that.
-        judgement: on unseen tumours.
-        aim: what the design file maximises.
-        materials: of the inner and the outer block, empty where none were asked for.
+        scene: the whole scene, with the force as its load.
+        pressed: the force with its limits.
+        judgement: performance on tumours not used in the search.
+        aim: the quantity that the design file maximises.
+        materials: materials of the inner and the outer block, empty if none were requested.
     """
 
     scene: Scene
@@ -87,13 +87,13 @@ class PopulationVerification(VerifiedDesign):
         return self.pressed.force, self.pressed.limited_by
 
     def compute_gain(self, reference: PopulationVerification) -> tuple[float, float]:
-        """Return the gain in the objective over another design for the same tumours, and its error, judge and sample together."""
+        """Return the gain in the objective over another design for the same tumours, and its error by model and sample."""
         if self.scene == reference.scene:
             return 0.0, 0.0
         return self.judgement.compute_gain(reference.judgement, self.aim)
 
     def summarize_pressing(self) -> dict[str, Any]:
-        """Return the load as JSON has it."""
+        """Return the load as a JSON object."""
         pressed = self.pressed
         return {
             "force": pressed.force, "indentation": pressed.indentation, "tissue_strain": pressed.tissue_strain,

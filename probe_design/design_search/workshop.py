@@ -1,4 +1,4 @@
-"""Effect of workshop tolerances on a design: the closed-form objective over random draws of the built probe."""
+"""Compute the effect of workshop tolerances on a design: the closed-form objective over random draws of the built probe."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from probe_design.populations.design_file import Design
 
 TOLERANCE_DRAWS, SOBOL_SEED = 64, 22
 LENGTH_SD_M = {"inner_radius": 0.05e-3, "outer_radius": 0.05e-3, "gap": 0.02e-3, "height": 0.05e-3}  # m, one standard deviation
-LOG_MODULUS = 0.1  # of a modulus that was measured, where no material says its own
-MIN_LENGTH_RELATIVE = 0.2  # of a length that tolerances leave, at least
+LOG_MODULUS = 0.1  # of a measured modulus, if the material does not state its own
+MIN_LENGTH_RELATIVE = 0.2  # minimum of a length as built, over the drawn one
 
 
 @dataclass(frozen=True)
@@ -26,9 +26,9 @@ class Robustness:
     """One design under tolerances; all by the closed form.
 
     Attributes:
-        nominal: the objective of the drawing.
-        expected: its statistic over what is built: the mean, or the quantile that ``[objective]`` names.
-        low, high: 5 and 95 % of what is built lie below.
+        nominal: the objective of the probe as drawn.
+        expected: its statistic over the built probes: the mean, or the quantile that ``[objective]`` names.
+        low, high: the 5 % and 95 % quantiles over the built probes.
     """
 
     nominal: float
@@ -37,7 +37,7 @@ class Robustness:
     high: float
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the numbers as JSON has them."""
+        """Return the numbers as a JSON object."""
         return vars(self) | {"evaluator": "closed-form", "draws": TOLERANCE_DRAWS}
 
 
