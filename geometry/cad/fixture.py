@@ -30,7 +30,7 @@ SLEEVE_PLAY_MM = 0.015  # mm between the sleeve and either rim, on the radius; t
 EDGE_MARGIN_MM = 2 * RING_ALIGNMENT_MM  # of what presses to the edge of the block, so that the other one is never touched
 CARRIER_RISE_MM = 2.0  # of pin and ring above their carrier
 SLEEVE_GRIP_MM = 1.5  # of the sleeve on carrier and base
-SLEEVE_WALL_MM, MIN_SLOT_MM, FOOT_HEIGHT_MM = 3.0, 3.0, 4.0  # the sleeve's wall, the least width of its slot, the foot's height
+SLEEVE_WALL_MM, MIN_SLOT_MM, FOOT_HEIGHT_MM = 3.0, 3.0, 4.0  # the sleeve's wall, the minimum width of its slot, the foot's height
 FIXTURE_PARTS = ("pin", "ring", "sleeve")
 
 

@@ -65,7 +65,7 @@ def load_cadquery() -> CadQuery:
         with (
             defer_signals(),  # libraries in C++ that are torn out of their start crash, or cannot start again
             warnings.catch_warnings(),
-        ):  # what its dependencies say while they load is nothing that a user can act on:
+        ):  # a user cannot act on the messages of its dependencies while they load:
             warnings.simplefilter("ignore")  # pyparsing 3.3 warns of cadquery's grammar, SWIG's types of Python 3.12
             import cadquery
     except ImportError as fault:

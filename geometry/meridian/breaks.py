@@ -29,7 +29,7 @@ COLUMN_START_FRACTION = (
 )
 POLE_RADIUS_FRACTION = 0.05  # of a sphere's radius: rings nearer to its axis are at a pole
 CapPlace = tuple[int, int, bool]
-THIN_TISSUE_FEATURES = 12.0  # features of the blocks: under thinner tissue no lines end, for the corners are felt below it
+THIN_TISSUE_FEATURES = 12.0  # features of the blocks: under thinner tissue no lines end, as the corners' fields reach below it
 
 
 def find_radial_breaks(s: Section, box: int | None, sphere: SphereBox | None) -> Breaks:

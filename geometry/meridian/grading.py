@@ -37,9 +37,9 @@ def grade_nodes(
 ) -> Any:
     """Return the ``cells + 1`` nodes on ``low .. high``, shape (..., cells + 1), whose cells grow away from the ends.
 
-    Each cell has the same part of the integral of 1 / (x - low + low_size) + 1 / (high - x + high_size) (ME.2);
-    an end without a size draws no cells to it. With t = x - low and L = high - low the share up to t is
-    ln[(t + a) (L + b) / (a (L - t + b))], which is solved for t.
+    Each cell has the same part of the integral of 1 / (x - low + low_size) + 1 / (high - x + high_size) (ME.2); an end without a
+    size attracts no cells. With a = low_size, b = high_size, t = x - low and L = high - low, the integral up to t is ln[(t + a)
+    (L + b) / (a (L - t + b))], which is solved for t.
     """
     t = np.arange(cells + 1) / cells
     low, length = np.asarray(low)[..., None], np.asarray(high - low)[..., None]

@@ -41,7 +41,7 @@ class Kind:
         box: how many of the section's ``block_radii`` the box round the sphere reaches beyond; None without a sphere.
         edges: whether the blocks' edges are round.
         lean: whether cells are few where a scan of single counts found that they change nothing: under the tube's wall, across
-            the box and below it, round the core; rows under the surface as many as their growth asks for.
+            the box and below it, round the core; rows under the surface as many as their growth requires.
         layers: interfaces of the tissue above the sphere, across it and below it.
         caps: of interfaces that cross the sphere near its lower and its upper pole, each from the pole on: between which breaks
             of radii they meet it, how many eighths of the columns there lie nearer to the axis, and whether nearly at the pole.

@@ -27,7 +27,7 @@ def main(program: str, seconds: int, memory: int) -> None:
     if memory:
         _limit_memory(memory)
     answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what libraries print is no answer
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # text that libraries print must not mix with the responses
 
     def send(kind: str, content: object) -> None:
         message = pickle.dumps((kind, content), pickle.HIGHEST_PROTOCOL)  # whole, or an error before anything is written

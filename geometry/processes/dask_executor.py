@@ -203,7 +203,7 @@ class DaskExecutor(Generic[Item, Row]):
         seconds = time.monotonic() - submitted.submit_time
         self._usual_seconds = seconds if self._usual_seconds is None else 0.8 * self._usual_seconds + 0.2 * seconds
         for future in submitted.futures:
-            future.release()  # Dask stops futures that nobody holds
+            future.release()  # Dask stops futures without references
 
     def _duplicate_slow_batches(self) -> None:
         """Give batches that take far too long to a second worker, when workers are idle."""

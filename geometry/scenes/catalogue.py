@@ -34,7 +34,7 @@ MODULUS_UNITS = ((1e9, "GPa"), (1e6, "MPa"), (1e3, "kPa"), (1.0, "Pa"))
 CATALOGUE_NUMBERS = ("youngs_modulus", "poisson_ratio")  # that a name in the catalogue stands for
 MAX_DEVIATIONS = 2.0  # standard deviations of ln E: what measures further off is another material, or another recipe
 MAX_POISSON_DIFFERENCE = 0.05  # the catalogue's own are assumed, or differ between data sheets by less
-MODULUS_DIGITS = 4  # of a modulus: enough for what is known to some per cent at best
+MODULUS_DIGITS = 4  # of a modulus: enough for values known to some per cent at best
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 Matrix = list[list[float]]
 _DIRECTION_COUNT = 72  # in which a body's reach is looked for
-_MAX_EDGE_FRACTION, _MIN_EDGE_FRACTION = 0.4, 0.1  # edge radii: of the least part of a block, and of the gap or that part
+_MAX_EDGE_FRACTION, _MIN_EDGE_FRACTION = 0.4, 0.1  # edge radii: of the smallest part of a block, and of the gap or that part
 _TOUCHING_FACTOR = 1 + 1e-9  # bodies nearer than this, relative to their size, count as touching
 
 

@@ -33,7 +33,7 @@ ONE_MESH_ORDERS = (4, 5, 6)  # orders of meshes that bound their own errors
 CROSSED_SPHERE_ORDERS = (5, 6, 8)  # where interfaces cross the sphere: order 4 gave half of an error there
 ASSUMED_DECAY = 1.5  # of errors from one mesh to the next, before it is measured
 MIN_CHANGE_SHARE = 1.5  # smallest error bound, times the last change
-CANCELLATION_GUARD = 0.3  # share of the largest change that eq. AX.2 allows
+CANCELLATION_GUARD = 0.3  # fraction of the largest change that eq. AX.2 allows
 MIN_PREVIOUS_CHANGE_SHARE = 0.1  # smallest error bound, times the change before the last
 
 

@@ -83,7 +83,7 @@ def compute_touch(
         pair: the two lines.
         displacements: displacements of the elements, m, shape (n, 8 p).
         multiplier: multipliers of the last round, Pa, shape (points,).
-        share: share of the penalty that is used.
+        share: fraction of the penalty that is used.
         blur: gap, m, over which the kink of eq. CT.3 is rounded; 0 at rest, where all that touches is closed.
         grip: friction history of the last load; None without friction.
 

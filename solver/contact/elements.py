@@ -29,7 +29,7 @@ class ElementValues:
 
 @dataclass(frozen=True)
 class Elimination:
-    """Elimination of pressures and interior values from the tangent of one state; it also serves for states near it.
+    """Elimination of pressures and interior values from the tangent of one state; it is also used for states near it.
 
     Attributes:
         inner_by_edge: derivative of interior values with respect to values on corners and edges, (n, i, 8 p).
@@ -130,7 +130,8 @@ class Elements:
     def compute_modulus_derivative(self, state: ElementValues, elimination: Elimination, target: Floats) -> Floats:
         """Return the derivative of the forces on corners and edges, (n, 8 p), with respect to ln E of the target.
 
-        ``target`` is its share of each element, shape (n, 1), or of each Gauss point's circle about the axis, (n, q).
+        ``target`` is the fraction of each element, shape (n, 1), or of each Gauss point's circle about the axis, (n, q), in the
+        target.
 
         At fixed strain and fixed pressure p, with J, U and its conjugate U* of eq. LW.3,
 

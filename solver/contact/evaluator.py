@@ -151,7 +151,7 @@ def press_refined(
             if finer is None:
                 break
             better = finer.press_to_scene_load()
-        except SolveError:  # what the rougher meshes found stays an answer, with its own error
+        except SolveError:  # the result of the coarser meshes remains valid, with its own error
             break
         except LimitReached as fault:
             return result, loaded, (Note("limit", str(fault)),)

@@ -189,7 +189,7 @@ class ContactModel:
         return replace(equations, factor=factorise_any(matrix) if self.has_friction else factorise(matrix, self.assembly.pattern))
 
     def move(self, state: State, equations: Linearised, step: Floats, share: float = 1.0) -> State:
-        """Return the state after a share of a Newton step, given by its part on the unknowns."""
+        """Return the state after a fraction of a Newton step, given by its part on the unknowns."""
         edge = (self.numbering.gather @ step).reshape(self.lift.shape[:2])
         elements = self.elements.move(state.elements, equations.elimination, edge, equations.balance, share)
         return replace(state, v=state.v + share * step, elements=elements)

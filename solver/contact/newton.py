@@ -20,14 +20,14 @@ from solver.contact.states import Linearised, State
 
 RESIDUAL_TOLERANCE = 1e-9  # residual over forces, in equilibrium
 LAST_STEP_RESIDUAL = (
-    1e-6  # likewise: the tangent there is that of equilibrium, one step with it leads there, and forces alone tell that it did
+    1e-6  # likewise: the tangent there is that of equilibrium, so that one step reaches it, which the forces alone confirm
 )
 ROUNDING_RESIDUAL = 1e-7  # likewise, where rounding errors prevent a further decrease
 LIGHT_ROUNDING_RESIDUAL = 1e-11  # likewise, divided by the indentation in outer radii
 GUESS_RESIDUAL_TOLERANCE = 1e-5  # likewise, of a round that only gives the next one's multipliers
 MAX_NEWTON_STEPS, MAX_HALVINGS = 14, 6
 MAX_OPENING_STEPS = 40  # where faces may open: the sets of touching and sliding points change between steps
-PENALTY_ROUNDS = ((0.1, 0.02), *((1.0, 0.002),) * 8)  # share of the penalty, and rounding in contact lengths
+PENALTY_ROUNDS = ((0.1, 0.02), *((1.0, 0.002),) * 8)  # fraction of the penalty, and rounding in contact lengths
 SHARP_ROUNDS = PENALTY_ROUNDS[1:]  # likewise, where multipliers are known from the loads before
 SLOW_ROUNDS = ((0.05, 0.04), (0.2, 0.01), (0.5, 0.002), *((1.0, 0.002),) * 8)  # likewise where faces may open, or those fail
 MAX_PENETRATION_RELATIVE = 1e-3  # contact lengths: deeper penetration requires another round

@@ -24,7 +24,7 @@ class State:
         elements: values of all elements.
         multipliers: contact multipliers at each pair's points, Pa.
         grips: friction history of each pair since the load before; None without friction.
-        share: share of the pairs' penalties that is used.
+        share: fraction of the pairs' penalties that is used.
         blur: rounding of the contact's kink, in contact lengths.
     """
 

@@ -42,7 +42,7 @@ class Side:
 
 
 def compute_contact_length(section: Section) -> float:
-    """Return the length, m, to which penetration and rounding are relative: the gap, or a share of the probe's radius."""
+    """Return the length, m, to which penetration and rounding are relative: the gap, or a fraction of the probe's radius."""
     return min(float(section.hole_radius - section.inner_radius), MAX_CONTACT_LENGTH_RELATIVE * float(section.tube_radius))
 
 

@@ -29,7 +29,7 @@ def bound_first_order_share(base: Undisturbed, tumours: Tumours) -> Floats:
 
 
 def bound_first_order_error(share: Floats, changes: Floats) -> Floats:
-    """Bound the errors of tumours' changes of each film's total, (n, 2), from shares (n, t) and changes (n, t, 2, 2), N/m.
+    """Bound the errors of each film's total, (n, 2), from tumours' relative errors (n, t) and changes (n, t, 2, 2), N/m.
 
     By the Cauchy-Schwarz inequality the reflected fields change film i's total by at most that fraction of sqrt(dF_ii dF_UU),
     where dF are a tumour's changes of the film forces and U is the sum of both base states. The bounds of all tumours add up.

@@ -30,7 +30,7 @@ class QuadraturePoints:
     Attributes:
         states: whose elements they lie in.
         tumour: the number of each point's tumour, shape (q,).
-        weight: shares of the tumours' volumes, m^3, shape (q,).
+        weight: parts of the tumours' volumes, m^3, shape (q,).
         element: in which they lie, shape (q,).
         place: in its unit square, shape (q, 2).
         r: their radii, shape (q,).

@@ -21,7 +21,7 @@ class Projection:
     Attributes:
         points: shape (q, 3): the whole sphere for parity "both", its half y > 0 for "even", one meridian (y = 0, x > 0) for
             axisymmetric modes.
-        weights: each point's share of the whole sphere's 4 pi, its images' included, shape (q,).
+        weights: each point's part of the whole sphere's 4 pi, its images' included, shape (q,).
         matrix: coefficients per displacement, shape (modes, q, 3).
     """
 

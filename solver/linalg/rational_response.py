@@ -68,7 +68,7 @@ class RationalResponse:
         share: l_k, the part of w_k's energy that is B's, 0 to 1, shape (m,).
         coupling: c, shape (m, k).
         turn: from the basis v to w, shape (m, m).
-        weight: of the sum: how many times over the basis stands for the whole, 2 for one half of a symmetric body.
+        weight: factor of the sum, from the modelled part to the whole body: 2 for one half of a symmetric body.
     """
 
     start: Floats

@@ -70,7 +70,7 @@ class Workspace:
         give_back(MIN_RETURNED_BYTES)
 
     def keep(self, key: Hashable, make: Callable[[], T], fixed: bool = False) -> T:
-        """Return the value under a key, made now if there is none; ``fixed`` values neither grow nor share arrays."""
+        """Return the value under a key, computed if there is none; ``fixed`` values neither grow nor share arrays."""
         with self._lock:
             entry = self._entries.get(key)
             if entry is not None:

@@ -41,14 +41,14 @@ class Stress:
     with ``cofactor_coefficient``, plus its transpose.
 
     Attributes:
-        first_piola: first Piola-Kirchhoff stress without the pressure's share, Pa.
+        first_piola: first Piola-Kirchhoff stress without the pressure's part, Pa.
         change: J - 1.
         cofactor: dJ/dh.
         F: deformation gradient.
         distortion: dI/dh.
         weight: mu f' J^(-2/3), Pa.
         bend: mu f'', Pa; None for neo-Hookean materials.
-        bulk: bulk modulus without the pressure's share, Pa, shape (n, 1).
+        bulk: bulk modulus without the pressure's part, Pa, shape (n, 1).
     """
 
     first_piola: Floats
@@ -86,7 +86,7 @@ class Hyperelastic:
 
     Attributes:
         shear: mu, Pa, shape (n,).
-        lam: modulus of the pressure's share, Pa, > 0, shape (n,).
+        lam: modulus of the pressure's part, Pa, > 0, shape (n,).
         bulk: rest of the bulk modulus, K - lam, Pa, shape (n,).
         laws: numbers of the elements that are not neo-Hookean, with their f.
     """
@@ -118,7 +118,7 @@ class Hyperelastic:
     def compute_energy_density(self, h: Floats, p: Floats) -> Floats:
         """Return the energy per undeformed volume, Pa, (n, q), for displacement gradients (5, n, q) and pressures p, Pa, (n, q).
 
-        The pressure's share is p (J - J*(p)) + U(J*(p)), which in equilibrium equals its part of eq. LW.2.
+        The pressure's part is p (J - J*(p)) + U(J*(p)), which in equilibrium equals that of eq. LW.2.
         """
         change, dilation = compute_volume_change(h), self.compute_dilation(p)[0]
         bulk, lam = (modulus[:, None] / 4 * _compute_volume_term(x) for modulus, x in ((self.bulk, change), (self.lam, dilation)))

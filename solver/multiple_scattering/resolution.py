@@ -14,7 +14,7 @@ from solver.inclusions.tumours import Tumours
 from solver.multiple_scattering.spheres import ScatteringSphere
 
 DEGREE_LIMITS = (4, 36)  # minimum and maximum degree of the modes
-OMITTED_DEGREES_SHARE = 0.1  # of the effect: error by omitted degrees, times their share of a field next to the surface
+OMITTED_DEGREES_SHARE = 0.1  # of the effect: error by omitted degrees, times their part of a field next to the surface
 MAX_CONTACT_REFLECTIONS = 1000  # reflections considered between a sphere and a surface it almost touches
 MIN_GAP_RELATIVE = 1e-9  # diameters: minimum distance from an interface
 
@@ -57,7 +57,7 @@ def _estimate_images(section: Section, strata: Strata, tumours: Tumours, spheres
     """Estimate the fraction of degrees above l in a sphere's images in surface, floor and interfaces, shape (t,).
 
     For a sphere of radius R at a distance d it is at most (1 + 2 d / R)^(-2 l). If they almost touch, the k-th reflection, a
-    share q^k of the first field, has (k / (k + 1))^l in the degree l: the larger of both factors squared,
+    fraction q^k of the first field, has (k / (k + 1))^l in the degree l: the larger of both factors squared,
 
         max_k q^(2 k) (k / (k + 1))^(2 l),    q^2 = unlikeness of sphere and host times that of wall and host          (MS.11)
 

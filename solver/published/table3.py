@@ -54,7 +54,7 @@ class PositionCheck:
 
     Attributes:
         spread: of the printed ratio over the loads, relative.
-        arithmetic: largest deviation of the printed ratio from the quotient of the printed stresses, signs left aside, relative.
+        arithmetic: maximum deviation of the printed ratio from the quotient of the printed stresses without signs, relative.
         signed: that quotient at the first load, with its sign.
         area: A1 with which these stresses, were they means, would balance the load, by the paper's A2/A1: N over the unit
             of stress.

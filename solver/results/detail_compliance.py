@@ -23,7 +23,7 @@ class Detail:
 
     Attributes:
         is_exact: whether the compliance is exact and not an upper bound, so that equal changes of both films cancel in the ratio.
-        lost_share: share of the outer film's force that the detail may remove in addition to the effect of its compliance.
+        lost_share: fraction of the outer film's force that the detail may remove in addition to the effect of its compliance.
     """
 
     name: str
@@ -69,9 +69,9 @@ def _compute_groove_compliance(probe: Probe) -> Floats:
 def _compute_groove_loss(probe: Probe) -> float:
     """Return the fraction of force lost because the floor under the groove bends: -1.5 ln(1 - f) g / h (RE.6).
 
-    f is the share of the block's section that the groove removes, g the groove's depth and h the block's height. It is what stiff
-    blocks lose. A groove of 6 mm x 2.9 mm in blocks of 3 mm (f = 0.21) changes the
-    ratio by 26 % at 10 MPa and 30 % at 1 MPa in 3D finite elements; the bound says 34 % and more.
+    f is the fraction of the block's section that the groove removes, g the groove's depth and h the block's height. The formula
+    is the loss of stiff blocks. A groove of 6 mm x 2.9 mm in blocks of 3 mm (f = 0.21) changes the ratio by 26 % at 10 MPa and 30
+    % at 1 MPa in 3D finite elements; the bound is 34 % and more.
     """
     assert probe.groove is not None
     missing = probe.groove_footprint / probe.outer_area

@@ -33,7 +33,7 @@ class Record:
 
     Attributes:
         DIMENSIONS: the fields along which the arrays lie, in their order; none where there are no arrays.
-        LABELS: further fields that say where along the dimensions an entry is.
+        LABELS: further fields that locate an entry along the dimensions.
         INTERNAL: fields that the JSON object does not have.
     """
 

@@ -28,7 +28,7 @@ MIN_EARLIER_STEP_SHARE = 0.3  # of the step before: what is left at third order
 ERROR_FLOOR_RELATIVE = 0.02  # of the change by inclusions, groove and edges: error common to all meshes; half on the finest
 RATIO_CHANGE_SHARE = 0.25  # of the change of film forces: minimum change of ln ratio that counts
 REFERENCE_ERROR_SHARE = 0.04  # of the mesh's error of the reference: what may not cancel
-SOFT_RIM_FACTOR = 2.0  # likewise, times the share of force that the films lose
+SOFT_RIM_FACTOR = 2.0  # likewise, times the fraction of force that the films lose
 
 
 def bound_film_forces(
