@@ -55,7 +55,7 @@ def _list_below(path: str, model: type[BaseModel]) -> Iterator[tuple[str, type[B
 
 
 def _models(annotation: Any, several: bool = False) -> Iterator[tuple[type[BaseModel], bool]]:
-    """The models that a field holds, and whether it holds several of them."""
+    """Yield the models that a field holds, and whether it holds several of them."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         yield annotation, several
         return
@@ -85,14 +85,14 @@ def _paragraph(text: str) -> str:
 
 
 def _attributes(said: str) -> dict[str, str]:
-    """What the docstring says of each key."""
+    """Return the description of each key in a docstring."""
     block = cleandoc(said).partition("Attributes:\n")[2]
     matches = re.findall(r"^ {4}(\w[\w, ]*): (.*(?:\n {8}.*)*)", block, re.M)
     return {name: _paragraph(text).rstrip(".") for names, text in matches for name in names.split(", ")}
 
 
 def _allowed(field: FieldInfo) -> str:
-    """What a key may be: the range with its unit, the words of its model, or the values."""
+    """Describe the allowed values of a key: the range with its unit, the words of its model, or the values."""
     if field.description:
         return _paragraph(field.description)
     notes = [note for note in (*field.metadata, *_notes(field.annotation)) if isinstance(note, Quantity)]
@@ -111,7 +111,7 @@ def _allowed(field: FieldInfo) -> str:
 
 
 def _notes(annotation: Any) -> Iterator[Any]:
-    """What stands beside the types of an annotation, such as ``Annotated[float, Quantity(...)] | None``."""
+    """Yield the metadata of an annotation, such as ``Annotated[float, Quantity(...)] | None``."""
     yield from getattr(annotation, "__metadata__", ())
     if get_origin(annotation) in (Union, types.UnionType):
         for part in get_args(annotation):
@@ -127,7 +127,7 @@ def _literals(annotation: Any) -> Iterator[Any]:
 
 
 def _default(field: FieldInfo) -> str:
-    """What holds where a key is left out."""
+    """Return the default of a key, as text."""
     if field.is_required():
         return "required"
     quantity = next((note for note in (*field.metadata, *_notes(field.annotation)) if isinstance(note, Quantity)), None)

@@ -39,7 +39,7 @@ def main() -> None:
 
 
 def _shares(stem: str, path: str, spread: float) -> list[Floats]:
-    """The largest changes among designs near a scene over its stated errors, nothing if it is refused."""
+    """Return the largest changes among designs near a scene over its stated errors; empty if it is refused."""
     try:
         scene = read_scene(path)
     except InputError:  # another kind of file

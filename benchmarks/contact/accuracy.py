@@ -128,7 +128,7 @@ def section(picture: Path) -> None:
 
 
 def _outlines(model: ContactModel, v: np.ndarray, depth: float) -> np.ndarray:
-    """The elements' edges as they are deformed, m, shape (n, points, 2)."""
+    """Return the deformed edges of the elements, m, shape (n, points, 2)."""
     from geometry.meridian.mesh import compute_nodes
     from solver.elements.shape_functions import build_shapes, evaluate_functions
 

@@ -138,7 +138,7 @@ def _read_displacements(text: str, wall: str) -> list[Floats]:
 
 
 def _closest(mesh: Mesh, inner: Floats, hole: Floats) -> float:
-    """The least distance of two walls at one height."""
+    """Return the smallest distance of two walls at one height."""
     places = []
     for moved in (inner, hole):
         place = mesh.nodes[moved[:, 0].astype(int) - 1] + moved[:, 1:]

@@ -26,7 +26,7 @@ EXAMPLE = Path(__file__).parents[2] / "examples" / "scene.toml"
 
 
 def gel() -> Scene:
-    """A phantom of 5 kPa with a tumour of 10 mm, 14 mm deep."""
+    """Return a phantom of 5 kPa with a tumour of 10 mm, 14 mm deep."""
     tissue = CylinderTissue(shape="cylinder", radius=50e-3, depth=50e-3, youngs_modulus=5e3, poisson_ratio=0.48)
     body = Inclusion(diameter=10e-3, depth=14e-3, youngs_modulus=4e4, poisson_ratio=0.48)
     return read_scene(EXAMPLE).model_copy(update={"tissue": tissue, "inclusion": (body,)})

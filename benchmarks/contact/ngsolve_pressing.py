@@ -267,7 +267,7 @@ class PressedProbe:
         return float(change @ (np.array([1.0, -1.0]) / films))
 
     def _differentiate_by_modulus(self) -> Any:
-        """The forces' derivative by ln E of the sphere, its strains and pressures held."""
+        """Return the derivative of the forces with respect to ln E of the sphere, at fixed strains and pressures."""
         ends = []
         for sign in (1, -1):
             self.stiffer.Set(math.exp(sign * LOG_MODULUS_STEP))

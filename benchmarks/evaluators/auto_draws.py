@@ -34,7 +34,7 @@ MAX_SECONDS = 600.0  # s after which a program is ended
 
 
 def draws(seed: int) -> Iterator[tuple[str, Scene]]:
-    """What was changed, and scenes that the models allow, without an end."""
+    """Yield descriptions of changes, and scenes that the models allow, without end."""
     random = np.random.default_rng(seed)
     bases = [read_scene(path).model_dump(exclude_unset=True) for path in BASES]
     while True:

@@ -83,7 +83,7 @@ def _setup(scene: Scene, repeats: int, tell: Callable[[str], None]) -> MeasuredT
 
 
 def _solve_anew(scene: Scene, accuracy: float) -> Undisturbed:
-    """The probe, solved anew: nobody asked for just this accuracy yet."""
+    """Solve the probe again, at an accuracy that is not cached."""
     return solve_undisturbed(scene, accuracy * (1 - 1e-9 * next(_number)))
 
 

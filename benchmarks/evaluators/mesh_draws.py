@@ -62,7 +62,7 @@ def _draw(random: np.random.Generator, example: Scene) -> dict[str, Any]:
 
 
 def _place(random: np.random.Generator, tube: float, half: Any, round_: bool) -> tuple[float, float]:
-    """A place whose rim is 0.12 to 1.5 outer radii from one edge or, in a corner of a block, from two."""
+    """Draw a place of the probe whose rim is 0.12 to 1.5 outer radii from one edge or, in a corner of a block, from two."""
     side_distances = tube * (1 + np.exp(random.uniform(math.log(1.1 * MIN_SIDE_TISSUE_RADII), math.log(1.5), 2)))
     if round_:
         return float(max(half[0] - side_distances[0], 0.0)), 0.0
@@ -72,7 +72,7 @@ def _place(random: np.random.Generator, tube: float, half: Any, round_: bool) ->
 
 
 def _body(random: np.random.Generator, tube: float, half: Any, depth: float) -> dict[str, Any]:
-    """A sphere or an ellipsoid of up to 3 : 1, near floor or side as often as not."""
+    """Draw a sphere or an ellipsoid of up to 3 : 1, in half of the cases near floor or side."""
     size = float(random.uniform(0.4, 1.6) * tube)
     shape: dict[str, Any] = {"diameter": size}
     if random.random() < 0.3:

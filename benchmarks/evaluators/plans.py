@@ -83,7 +83,7 @@ def cost(scene: Scene, accuracy: float) -> tuple[float, float]:
 
 
 def seconds(run: Callable[[], object]) -> float:
-    """The median of several runs."""
+    """Return the median time of several runs."""
     return median(repeat(run, timer=process_time, number=1, repeat=REPEATS))
 
 

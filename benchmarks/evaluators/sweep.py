@@ -33,7 +33,7 @@ COUNTS = {"closed-form": 20_000, "equivalent-inclusion": 60, "axisymmetric": 150
 
 
 def build_sweep_document(evaluator: str, n: int) -> dict[str, Any]:
-    """A sample of new probes over new tumours."""
+    """Return a sample of new probes over new tumours."""
     variables = {
         "probe.gap": {"from": "0.05 mm", "to": "0.2 mm", "scale": "log"},
         "probe.outer.youngs_modulus": {"from": "20 kPa", "to": "1 MPa", "scale": "log"},

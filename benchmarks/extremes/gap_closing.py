@@ -38,7 +38,7 @@ FOLDERS = ("axisymmetric", "contact", "extra", "extremes", "half-space", "solid"
 
 
 def scenes(seeds: list[int], count: int) -> Iterator[Scene]:
-    """Reference scenes, then drawn ones."""
+    """Yield reference scenes, then drawn ones."""
     for path in (path for folder in FOLDERS for path in sorted((REFERENCE / folder).glob("*.toml"))):
         yield read_scene(path)
     for seed in seeds:

@@ -188,7 +188,7 @@ def audit(scene: Scene) -> LayerAudit:
 
 
 def build_rule(scene: Scene, loaded_scene: LoadedScene) -> LoadRule:
-    """The rule with the linear result's own stiffness and log-sensitivities, as every command has it."""
+    """Return the rule with the linear result's own stiffness and log-sensitivities, as in every command."""
     films = loaded_scene.linear.films[0]
     return replace(build_load_rule(scene), stiffness=float(films.totals.sum()), films=films.film_log_sensitivities)
 
@@ -203,7 +203,7 @@ def judge(made: LoadedLayers, rule: LoadRule) -> LayerAudit:
 
 
 def describe_scene(scene: Scene) -> str:
-    """A scene in a few numbers."""
+    """Describe a scene in a few numbers."""
     probe, tissue = scene.probe, scene.tissue
     layers = ", ".join(
         f"{layer.thickness / probe.tube_radius:.2g} R of {layer.youngs_modulus / tissue.youngs_modulus:.2g}"

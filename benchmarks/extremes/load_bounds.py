@@ -106,7 +106,7 @@ def draws(seed: int) -> Iterator[Scene]:
 
 
 def draw_narrowed(seed: int) -> Iterator[Scene]:
-    """The same with narrow gaps, stiff blocks and soft tumours, where what is known ends before the gap by eq. PL.4 does."""
+    """Draw scenes with narrow gaps, stiff blocks and soft tumours, where the bounds end before the gap closes by eq. PL.4."""
     random = np.random.default_rng(seed + 2000)
     for scene in draws(seed):
         times, stiffer, softer = np.exp(random.uniform([math.log(0.01), 0.0, math.log(0.01)], [0.0, math.log(10), math.log(0.5)]))
@@ -179,7 +179,7 @@ def _closure(loaded_scene: LoadedScene) -> tuple[bool, float]:
 
 
 def describe_scene(scene: Scene) -> str:
-    """A scene in a few numbers."""
+    """Describe a scene in a few numbers."""
     probe, tissue, body = scene.probe, scene.tissue, scene.inclusion[0]
     radius, E = probe.tube_radius, tissue.youngs_modulus
     deep = 0.0 if tissue.shape == "half-space" else tissue.depth / radius

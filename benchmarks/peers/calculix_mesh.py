@@ -171,7 +171,7 @@ class Meridian:
 
 
 def join_patches(patches: dict[str, list[tuple[Floats, Floats, Floats]]]) -> tuple[Floats, dict[str, Ints]]:
-    """Number the nodes of all patches, those in the same place once; return them and the elements of each body."""
+    """Assign numbers to the nodes of all patches, those in the same place once; return them and the elements of each body."""
     grids = {body: [_grid(*patch) for patch in several] for body, several in patches.items()}
     points = np.concatenate([grid.reshape(-1, 2) for several in grids.values() for grid in several])
     _, kept, place = np.unique(np.round(points / RESOLUTION), axis=0, return_index=True, return_inverse=True)

@@ -36,13 +36,13 @@ GAP_COUNT = 5  # of the factorial sweep
 
 
 def replace_modulus(scene: Scene, modulus: float, **other: float) -> Scene:
-    """The scene with another tumour."""
+    """Return the scene with another tumour."""
     body = scene.inclusion[0].model_copy(update={"youngs_modulus": modulus, **other})
     return scene.model_copy(update={"inclusion": (body,)})
 
 
 def replace_probe(scene: Scene, **lengths: Any) -> Scene:
-    """The scene with another probe."""
+    """Return the scene with another probe."""
     return scene.model_copy(update={"probe": scene.probe.model_copy(update=lengths)})
 
 
@@ -60,7 +60,7 @@ def sets(case: KnownScene, count: int) -> Iterator[tuple[str, list[Scene]]]:
 
 
 def draw_design(scene: Scene, rng: np.random.Generator) -> Scene:
-    """A design near that of a scene."""
+    """Return a design near that of a scene."""
 
     def draw_near(value: float) -> float:
         return float(value * DRAW_FACTOR ** rng.uniform(-1, 1))

@@ -57,7 +57,7 @@ def _name_bodies(bodies: dict[int, Any]) -> Iterable[Any]:
 
 
 def cylinder(size: float) -> Any:
-    """A cylinder of unit radius and height, finer at its two edges."""
+    """Build a cylinder of unit radius and height, finer at its two edges."""
     shape = Cylinder((0, 0, 0), Z, 1, 1)
     shape.mat(str(TISSUE_BODY))
     for edge in shape.edges:

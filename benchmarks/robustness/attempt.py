@@ -81,7 +81,7 @@ def run_attempt(attempt: Attempt, folder: Path) -> Ended:
 
 
 def _wait_for_child(child: int, end: float) -> int | None:
-    """The exit code of a child, which is ended with all that it started if it does not end in time."""
+    """Return the exit code of a child, which is ended with all its children if it does not end in time."""
     while time.perf_counter() < end:
         ended, status = os.waitpid(child, os.WNOHANG)
         if ended:

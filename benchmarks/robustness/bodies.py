@@ -17,7 +17,7 @@ FLOATS = (float("nan"), float("inf"), 0.0, -0.0, 1e30, 1e-38)
 
 
 def step(draw: Random, folder: Path) -> Attempt:
-    """A STEP file with other numbers, references and bytes, cut, lines doubled, or nested deeply."""
+    """Damage a STEP file: other numbers, references or bytes, cut, lines doubled, or nested deeply."""
     content = draw.choice(steps())
     for _ in range(draw.randint(1, 3)):
         content = _step_damaged(content, draw)
@@ -25,7 +25,7 @@ def step(draw: Random, folder: Path) -> Attempt:
 
 
 def stl(draw: Random, folder: Path) -> Attempt:
-    """An STL file, binary or text, with other numbers, corners moved, triangles lost or turned, or any bytes."""
+    """Damage an STL file, binary or text: other numbers, corners moved, triangles lost or turned, or any bytes."""
     binary = draw.random() < 0.6
     content = stls()[binary]
     for _ in range(draw.randint(1, 3)):
@@ -96,7 +96,7 @@ def steps() -> tuple[bytes, ...]:
 
 @cache
 def stls() -> tuple[bytes, bytes]:
-    """A ball as STL, text and binary, mm."""
+    """Return a ball as STL, text and binary, mm."""
     import pyvista
 
     with tempfile.TemporaryDirectory() as folder:

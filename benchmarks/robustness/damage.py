@@ -37,7 +37,7 @@ def value(draw: Random) -> Any:
 
 
 def build_nested(lists: bool, depth: int) -> Any:
-    """Lists in lists, or tables in tables."""
+    """Return lists in lists, or tables in tables."""
     deep: Any = 1
     for _ in range(depth):
         deep = [deep] if lists else {"a": deep}
@@ -45,7 +45,7 @@ def build_nested(lists: bool, depth: int) -> Any:
 
 
 def mutate(tables: Any, draw: Random) -> Any:
-    """A copy with one to three changes anywhere: another value, a key lost, added or doubled."""
+    """Return a copy with one to three changes anywhere: another value, a key lost, added or doubled."""
     tables = copy.deepcopy(tables)
     for _ in range(draw.randint(1, 3)):
         place = draw.choice(_places(tables))

@@ -51,7 +51,7 @@ class Ordeal:
 
 
 def kill(draw: Random, folder: Path) -> Ordeal:
-    """A sweep that is killed at any moment, up to three times, and started again."""
+    """Kill a sweep at any moment, up to three times, and start it again."""
     path, output_folder, kills = toml(folder, n=DESIGNS), folder / "out", draw.randint(1, 3)
     for _ in range(kills):
         words = [sys.executable, "-c", SLOW_SWEEP_SCRIPT, "sweep", str(path), "-o", str(output_folder), "--workers", "1"]
@@ -66,7 +66,7 @@ def kill(draw: Random, folder: Path) -> Ordeal:
 
 
 def full_disk(draw: Random, folder: Path) -> Ordeal:
-    """A sweep whose files may not grow beyond some kB, and then may."""
+    """Run a sweep whose files may not grow beyond some kB, then again without the limit."""
     path, output_folder, room = toml(folder, n=DESIGNS), folder / "out", draw.randint(4, 60) * 1000
     first = _sweep_again(path, output_folder, lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (room, room)))
     resumed = _check_resumed(f"files of {room} bytes at most", path, output_folder)
@@ -75,7 +75,7 @@ def full_disk(draw: Random, folder: Path) -> Ordeal:
 
 
 def store(draw: Random, folder: Path) -> Ordeal:
-    """A store with other bits, or cut: mended or refused, and never a table that is another."""
+    """Damage or cut a store: it must be repaired or refused, and never give another table."""
     path, output_folder = toml(folder, n=DESIGNS), folder / "out"
     shutil.copytree(_whole()[0], output_folder)
     content = bytearray((output_folder / STORE_FILE).read_bytes())
@@ -93,7 +93,7 @@ def store(draw: Random, folder: Path) -> Ordeal:
 
 
 def scheduler(draw: Random, folder: Path) -> Ordeal:
-    """What answers at a scheduler's address: nothing, rubbish, another service, or an address that is none."""
+    """Run with a scheduler's address at which there is nothing, rubbish or another service, or with an invalid address."""
     behaviour = draw.choice([*BEHAVIOURS, None])
     with _server(BEHAVIOURS.get(behaviour or "", _close), draw) as address:
         given = (
@@ -104,7 +104,7 @@ def scheduler(draw: Random, folder: Path) -> Ordeal:
 
 
 def interrupt(draw: Random, folder: Path) -> Ordeal:
-    """A signal at any moment of any command."""
+    """Send a signal at any moment of any command."""
     words = draw.choice(VERBS)
     (delay, number), start = next(moments(_find_undisturbed(words).seconds, 1, draw.randrange(2**32))), time.perf_counter()
     leftovers = left(words, delay, number)
@@ -150,7 +150,7 @@ def _lines(ended: Ended) -> Iterator[str]:
 
 @cache
 def _whole() -> tuple[Path, list[tuple[Any, ...]]]:
-    """The store of a sweep that nobody disturbed, and its rows."""
+    """Return the store of an undisturbed sweep, and its rows."""
     folder = Path(tempfile.mkdtemp(prefix="attack-whole-"))
     assert _sweep_again(toml(folder, n=DESIGNS), folder / "out", lambda: None).code == 0
     return folder / "out", stored(folder / "out")
@@ -203,7 +203,7 @@ def _close(peer: socket.socket, _: Random) -> None:
 
 
 def _frames(peer: socket.socket, draw: Random) -> None:
-    """A frame as Dask's are, of any length that is never sent."""
+    """Return the beginning of a frame of Dask's, of any length, whose rest is never sent."""
     peer.sendall((1).to_bytes(8, "little") + draw.choice([16, 2**20, 2**50]).to_bytes(8, "little") + b"\xff" * 4096)
     _silent(peer, draw)
 

@@ -37,7 +37,7 @@ PATHS = ("/", "/dev/full", "/proc/x.png", "none/x.png", "out", ".", "x.png", "x.
 
 
 def scene(draw: Random, folder: Path) -> Attempt:
-    """A scene with other tables, asked of any command and level."""
+    """Draw a scene with other tables, for any command and evaluator."""
     right = draw.choice(SCENES)
     words = draw.choice([*VERBS, *(("evaluate", FILE, "--evaluator", level, *CHEAP) for level in LEVELS)])
     return _build_attempt(Readable(".toml", (*words, "--json"), right), mutate(right, draw), folder)

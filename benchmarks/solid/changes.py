@@ -48,7 +48,7 @@ def changes(scene: Scene) -> Iterator[tuple[str, Scene]]:
 
 
 def iterate_skins(scene: Scene) -> Iterator[tuple[str, Scene]]:
-    """Changes of a scene that has the skin of ``add_skin``."""
+    """Yield changes of a scene that has the skin of ``add_skin``."""
     yield "skin 1.5 times as stiff", add_skin(scene, modulus=1.5 * SKIN.youngs_modulus)
     yield "skin 0.2 mm thicker", add_skin(scene, thickness=SKIN.thickness + 2e-4)
     skinned = add_skin(scene)
@@ -56,7 +56,7 @@ def iterate_skins(scene: Scene) -> Iterator[tuple[str, Scene]]:
 
 
 def add_skin(scene: Scene, thickness: float = SKIN.thickness, modulus: float = SKIN.youngs_modulus) -> Scene:
-    """The scene with a layer on top of its tissue."""
+    """Return the scene with a layer on top of its tissue."""
     skin = SKIN.model_copy(update={"thickness": thickness, "youngs_modulus": modulus})
     return scene.model_copy(update={"tissue": scene.tissue.model_copy(update={"layer": (skin,)})})
 

@@ -80,7 +80,7 @@ def draws(seed: int) -> Iterator[tuple[str, Scene, str]]:
 
 
 def _usual(drawn: DrawnScene) -> DrawnScene:
-    """The drawn scene within the range of probes that are built."""
+    """Return the drawn scene within the range of probes that are built."""
     min_height = MIN_HEIGHT_RELATIVE * drawn.inner_radius
     return replace(
         drawn,
@@ -112,7 +112,7 @@ def rows(scene: Scene, judge: str, accuracies: list[float]) -> Iterator[tuple[An
 
 
 def shares(result: Result, true: Result, bound: float) -> tuple[float, float, float, float | None]:
-    """The largest true error of all quantities, what is stated, the one over the other, and the same of log_sensitivity."""
+    """Return the largest true error of all quantities, the stated error, their quotient, and the same of log_sensitivity."""
     errors = [abs(getattr(result, name) / getattr(true, name) - 1) for name in QUANTITIES]
     stated, true_error = result.error_estimate or 0.0, true.error_estimate or 0.0
     slope, true_slope = result.log_sensitivity, true.log_sensitivity

@@ -1,4 +1,4 @@
-"""Readings on a bench's references beside their predictions, as a calibration and a check need them."""
+"""Compare readings on a bench's references with their predictions, for a calibration or a check."""
 
 from __future__ import annotations
 

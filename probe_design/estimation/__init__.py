@@ -1,1 +1,1 @@
-"""``estimate``: from readings to modulus, size, depth with intervals."""
+"""Estimate modulus, size or depth of a tumour from readings, with intervals (command ``estimate``)."""

@@ -1,4 +1,4 @@
-"""The result of an estimate: value and interval of one unknown, and what else the readings determine."""
+"""Define the result of an estimate: value and interval of one unknown, and other results of the readings."""
 
 from __future__ import annotations
 

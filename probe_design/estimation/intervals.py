@@ -9,7 +9,7 @@ standard deviation s_i:
 These are likelihood-ratio intervals in the manner of Feldman and Cousins (Phys. Rev. D 57 (1998) 3873): q(u) is the 95 % quantile
 of the left side where u is the truth. Where the curve m(u) / s continues far to both sides of u that is 3.841, the quantile of
 chi-square with one degree. Where it ends A standard deviations below and B above, measured along its tangent at u, as it does
-where a body stiffer than can be told saturates the ratio, the left side of a straight line is with z normal
+where a very stiff body saturates the ratio, the left side is, for a straight line and with z standard normal,
 
     z^2 for -A <= z <= B,   B (2 z - B) above,   A (2 |z| - A) below                               (ES.4a)
 

@@ -1,1 +1,1 @@
-"""``curve``, ``scan``, ``detectability``: many readings of one probe, each beside its picture."""
+"""Compute many readings of one probe, with pictures (commands ``curve``, ``scan`` and ``detectability``)."""

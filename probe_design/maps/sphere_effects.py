@@ -7,7 +7,7 @@ With R the ratio over a tumour, R_0 the ratio without it, S the log-sensitivity 
 
 "seen" means detected; ``seen`` and ``resolved`` on the right are the thresholds of ``Thresholds``. Both are for one reading, R_0
 and all other numbers of the scene being known. seen = 3 with a threshold at half of it, 1.5 g, misses a tumour, or reports one
-at a healthy place, in 6.7 % of all cases each: P(z > 1.5); 3.29 gives 5 % (Currie, Anal. Chem. 40 (1968) 586, the limit of
+over healthy tissue, in 6.7 % of all cases each: P(z > 1.5); 3.29 gives 5 % (Currie, Anal. Chem. 40 (1968) 586, the limit of
 detection for a well-known blank). Eq. MA.2 is the Cramér-Rao bound, a linearisation: near a saturated ratio the true interval is
 wider on the stiff side. `estimate` does not use it.
 """

@@ -1,11 +1,10 @@
 """Find the variable, or the two variables, that would explain a probe's deviation from its prediction.
 
-A variable that is off by e shifts d = ln rho measured - ln rho predicted by (J - G S) e (PC.2): J is its effect
-on the probe's ln rho; the calibration, which assumed the drawing, is wrong by -S e, with its derivatives S, and G as in eq. PC.1.
-One e is fitted for
-each variable alone, e = D^T C^-1 d / D^T C^-1 D, D = J - G S (PC.3), where C includes the tolerances of all others. Then all
-of them are fitted again with changed designs, since large changes are not linear. If none explains the deviation, pairs are
-tried, starting from each variable's own best design.
+A variable that deviates by e from the drawing shifts d = ln rho measured - ln rho predicted by (J - G S) e (PC.2): J is its
+effect on the probe's ln rho; the calibration, which assumed the drawing, is wrong by -S e, with its derivatives S, and G as in
+eq. PC.1. One e is fitted for each variable alone, e = D^T C^-1 d / D^T C^-1 D, D = J - G S (PC.3), where C includes the
+tolerances of all others. Then all of them are fitted again with changed designs, since large changes are not linear. If none
+explains the deviation, pairs are tried, starting from each variable's own best design.
 """
 
 from __future__ import annotations

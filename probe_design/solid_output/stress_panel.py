@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-TAIL_QUANTILES = (0.01, 0.99)  # shares of the shown area at which the colour scale ends: singular corners are beyond
+TAIL_QUANTILES = (0.01, 0.99)  # fractions of the shown area at which the colour scale ends: singular corners are beyond
 MAX_DECADES = 2.0  # of von Mises stress in the colour scale, at most
 STRESS_LABELS = {"pressure": "vertical pressure", "von_mises": "von Mises stress"}
 Window = tuple[float, float, float, float]  # left, right, bottom, top

@@ -1,1 +1,1 @@
-"""Command ``tolerances``: how manufacturing tolerances scatter the readings of a probe, and how tight each must be."""
+"""Compute the scatter of a probe's readings by manufacturing tolerances, and the tolerances required (``tolerances``)."""

@@ -1,1 +1,1 @@
-"""What `export` adds to the workshop's package: sizes rounded to what is machined, and what the ratio leaves each dimension."""
+"""Add to the files of `export`: sizes rounded for machining, and the deviation that the ratio allows each dimension."""

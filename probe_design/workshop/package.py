@@ -31,12 +31,12 @@ Tell = Callable[[str], None]
 
 @dataclass(frozen=True)
 class ExportSummary:
-    """The exported files and what a user needs to know about them.
+    """The exported files, with notes for the user.
 
     Attributes:
         scene: the given scene, or the rounded one.
         files: their paths, the STEP files of the parts first.
-        rounding: what was rounded and what it costs; None without ``step``.
+        rounding: the rounded sizes and their effect; None without ``step``.
         remarks: for the user, one line each.
     """
 

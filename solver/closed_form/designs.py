@@ -54,7 +54,7 @@ _HASH_WEIGHTS = np.sqrt(np.arange(2.0, 64.0))  # weights of the sum by which equ
 
 @dataclass(frozen=True)
 class Shape:
-    """The structure of the formula: what kind of scene it describes.
+    """The structure of the closed form: the kind of scene that it describes.
 
     Attributes:
         on_axis: for each inclusion, whether its centre lies on the probe's axis.

@@ -1,1 +1,1 @@
-"""Which evaluator at which accuracy, what may be left out, what that changes."""
+"""Choose the evaluator and its accuracy for a scene, decide which features may be neglected, and bound their effect."""

@@ -1,4 +1,4 @@
-"""Whether linear elasticity holds at a scene's load, and what the load adds to a result's error."""
+"""Check whether linear elasticity holds at a scene's load, and compute the load's contribution to a result's error."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def check_known_load(scene: Scene, rule: LoadRule) -> None:
 
 
 def explain_limit(limit: LargestLoad, accuracy: float) -> str:
-    """Return in words what sets a limit."""
+    """Describe in words the reason for a limit."""
     return LIMIT_REASONS[limit.by].format(accuracy=LOAD_SHARE * accuracy, promise=5 * LOAD_SHARE * accuracy)
 
 

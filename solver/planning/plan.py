@@ -1,4 +1,4 @@
-"""The cheapest model of a scene that meets an accuracy: what is modelled, what is left out, and the effect of each.
+"""Find the cheapest model of a scene that meets an accuracy, with the features modelled and neglected and their effects.
 
 Every estimate comes from one coarse solution of the probe on its tissue (``coarse_model.py``); what is left out is bounded, what
 is modelled or beyond every evaluator is estimated.
@@ -42,7 +42,7 @@ WHOLE_MESH_SHARE = 0.06  # likewise without symmetry: twice the tetrahedra for t
 
 @dataclass(frozen=True)
 class Plan(LoadedRecord):
-    """The evaluator for a scene, with what it models and leaves out.
+    """The evaluator for a scene, with the features that it models and neglects.
 
     Attributes:
         evaluator: with which ``auto`` begins; None where no evaluator takes the scene.
