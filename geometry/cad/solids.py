@@ -1,4 +1,4 @@
-"""The parts of the probe as cadquery solids, in millimetres.
+"""Build the parts of the probe as cadquery solids, in millimetres.
 
 z = 0 is the plane of the tissue's surface and z grows towards the base: the blocks stand on it, the films lie on the
 blocks' film ends, the base lies on the films, or on the blocks of a probe without films. The groove runs along +x.

@@ -1,4 +1,4 @@
-"""The exceptions of the toolkit: each carries what was refused and the remedy."""
+"""The exceptions of the toolkit: each carries the refused value and the remedy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Limits of memory (bytes) and time (seconds) of one evaluation, checked before and during the work.
+"""Limit memory (bytes) and time (seconds) of one evaluation, checked before and during the work.
 
 ``with use_limits(Limits(...)):`` sets the limits inside the block; ``with start_clock():`` starts the clock of one evaluation.
 Both hold in the thread in which they are set: work in other threads takes ``contextvars.copy_context()`` along.

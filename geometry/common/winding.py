@@ -1,4 +1,4 @@
-"""Winding numbers of triangulated surfaces with many triangles about many points.
+"""Compute winding numbers of triangulated surfaces with many triangles about many points.
 
 A group of triangles that is far away counts by the sum of their areas' vectors at its centre (G. Barill et al., Fast winding
 numbers for soups and clouds, ACM Trans. Graph. 37(4), 2018, section 3); near ones exactly, one by one (A. Van Oosterom,

@@ -1,4 +1,4 @@
-r"""Block-structured quadrilateral meshes of the meridian half-plane: fixed topology, nodes smooth in the design.
+r"""Build block-structured quadrilateral meshes of the meridian half-plane: fixed topology, nodes smooth in the design.
 
 Tissue (z <= 0) is cut into a strip under the surface, a box around the sphere and the rest. All lines in the box are rays
 from the sphere's centre, so no cell can turn inside out; arcs are exact. Cells at a singular corner are cut into

@@ -1,4 +1,4 @@
-"""The meridian section of a rotationally symmetric scene as numbers, and its kind."""
+"""Describe the meridian section of a rotationally symmetric scene by numbers."""
 
 from __future__ import annotations
 

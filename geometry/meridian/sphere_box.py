@@ -1,4 +1,4 @@
-"""The box round a sphere in a meridian mesh: where it ends and how fine it is."""
+"""Choose the size and the fineness of the box round a sphere in a meridian mesh."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The walls of both blocks that face each other across the gap, as sides of elements."""
+"""Find the walls of both blocks that face each other across the gap, as sides of elements."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A Python process that runs a program on requests, and can be killed at any time: its crash is an exception here.
+"""Run a program on requests in a separate Python process, which can be killed at any time; its crash is an exception here.
 
 A program is a file with a function ``run`` from a request to its result, or to an iterator over the parts of it; see
 ``child_main.py``. Temporary files of the child are in a folder of its own, which is removed, so that no files are left behind.

@@ -1,4 +1,4 @@
-"""The child's side of ``child.py``: run a file's function on each request from standard input.
+"""Run a file's function on each request from standard input: the child's side of ``child.py``.
 
 It is run by its path, so that a child loads only what the file imports. Requests and responses are pickles; a response is
 ("part", a part of the result), ("end", None) or ("failure", a reason in one line).

@@ -1,4 +1,4 @@
-"""Executor on a Dask cluster. Workers may die, and the scheduler may restart."""
+"""Evaluate batches on a Dask cluster. Workers may die, and the scheduler may restart."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The task that a Dask worker runs: evaluate a batch in a separate process.
+"""Evaluate a batch in a separate process: the task that a Dask worker runs.
 
 The process is reused for later batches. An item that crashes or takes too long ends only this process, not the Dask worker.
 """

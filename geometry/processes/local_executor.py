@@ -1,4 +1,4 @@
-"""Executor on this computer: processes, and one thread here that waits for each.
+"""Evaluate batches on this computer, in processes with one waiting thread for each.
 
 A process that has ended is replaced by a new one, so that a crash or a time limit costs only the item that caused it.
 """

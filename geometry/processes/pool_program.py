@@ -1,4 +1,4 @@
-"""The program of a worker of a pool, for ``child.py``: evaluate batches of items, part by part."""
+"""Evaluate batches of items, part by part: the program of a pool's worker, for ``child.py``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One result of a program in a child process, from one thread or several."""
+"""Return one result of a program in a child process, from one thread or several."""
 
 from __future__ import annotations
 

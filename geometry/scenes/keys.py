@@ -1,4 +1,4 @@
-"""Keys of a scene file such as ``inclusion[0].depth``: find them, read their values, replace these in a scene's tables."""
+"""Find keys of a scene file such as ``inclusion[0].depth``, read their values, and replace these in a scene's tables."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Key:
         """Convert a value that Python code gives to SI units.
 
         Raises:
-            InputError: see ``read_value``; or the number is one that has lost its unit.
+            InputError: see ``read_value``; or the number is so large that its unit must be missing.
         """
         if self.quantity is not None:
             try:
@@ -112,7 +112,8 @@ def find_key(name: str, base: Mapping[str, object], model: type[BaseModel]) -> K
 def replace_values(base: Mapping[str, object], keys: Iterable[Key], values: Iterable[Value]) -> dict[str, Any]:
     """Return the tables of a scene with new values of ``keys``; ``base`` is not modified.
 
-    A key that excludes a new one goes; so do the numbers of a material with a new name, and the name of one with a new number.
+    A key that excludes a new one is removed; so are the numbers of a material with a new name, and the name of one with a new
+    number.
     """
     data, changes = dict(base), list(zip(keys, values, strict=True))
     for target, value in changes:

@@ -1,4 +1,4 @@
-"""The probe as numbers: two concentric elastic blocks, their films and their base."""
+"""Describe the probe by numbers: two concentric elastic blocks, their films and their base."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Frozen(BaseModel):
 
 
 def _build_quiet_field(default: object) -> Any:
-    """Return a field that is left out of what is written where it has its default."""
+    """Return a field that is not written to files where it has its default."""
     return Field(default=default, exclude_if=lambda value: value == default)
 
 

@@ -1,4 +1,4 @@
-"""A scene: one probe on one piece of tissue with its inclusions, contact, placement and load."""
+"""Describe a scene: one probe on one piece of tissue with its inclusions, contact, placement and load."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A condensed linear system: factorised once, solved for any forces, with its residual."""
+"""Solve a condensed linear system: factorised once, solved for any forces, with its residual."""
 
 from __future__ import annotations
 

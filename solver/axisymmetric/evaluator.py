@@ -22,7 +22,7 @@ from solver.results.refusals import GEOMETRY_KINDS, find_refusal
 
 @dataclass(frozen=True)
 class Axisymmetric(FilmEvaluator):
-    """High-order finite elements of the meridian plane: bonded or frictionless, one sphere on the axis at most."""
+    """Evaluate with high-order finite elements of the meridian plane: bonded or frictionless, at most one sphere on the axis."""
 
     name: str = "axisymmetric"
     summary: str = "2D finite elements; tumour on the probe's axis; 1e-4 to 1e-2 in 0.1 to 3 s"

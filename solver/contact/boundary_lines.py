@@ -1,4 +1,4 @@
-"""Lines of the meridian section that may touch: walls of the gap, walls of the blocks, the tissue's top."""
+"""Find the lines of the meridian section that may touch: walls of the gap, walls of the blocks, the tissue's top."""
 
 from __future__ import annotations
 

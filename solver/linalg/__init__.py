@@ -1,1 +1,1 @@
-"""Factorisations, conjugate gradients, threads and memory of the process; no physics."""
+"""Linear algebra without physics: factorisations, conjugate gradients, threads and memory of the process."""

@@ -1,4 +1,4 @@
-"""Sparse Cholesky factors: by PARDISO where it is installed, else by scipy's SuperLU.
+"""Factorise sparse matrices: by PARDISO where it is installed, else by SciPy's SuperLU.
 
 PARDISO (``pip install 'probe-design[fast]'``) analyses a pattern once and then factorises 5 to 10 times faster than
 SuperLU (benchmarks/evaluators/factorisations.py). Of matrices of one ``Pattern`` it keeps the factors of the last;

@@ -8,7 +8,7 @@ of steps on any mesh.
 
 Meshes with the same elements, made by moving the nodes of one mesh, may share the factor: an element's energy changes at most by
 the fourth power of the ratio of its principal stretches. That and the change of the moduli bound the condition number k of the
-preconditioned matrix, and n steps of conjugate gradients reach a relative error e,
+preconditioned matrix. Conjugate gradients then take
 
     n <= ln(2 / e) / ln((sqrt k + 1) / (sqrt k - 1))  steps to a relative error e;                  (SO.8)
 
