@@ -62,7 +62,7 @@ class Reader:
             limits: memory and time that reading an HDF5 file may take.
 
         Raises:
-            HardwareError: the source cannot be opened; the message says what to do.
+            HardwareError: the source cannot be opened; the message states the remedy.
             OSError: a recording cannot be read.
         """
         return cls(_open_transport(source, rate, columns, limits))

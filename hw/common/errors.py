@@ -52,7 +52,7 @@ class Busy(HardwareError):  # noqa: N818
 
 
 class Timeout(HardwareError):  # noqa: N818
-    """The device is connected but does not answer."""
+    """The device is connected but does not respond."""
 
 
 class TransferError(HardwareError):
@@ -68,7 +68,7 @@ class Disconnected(TransferError):  # noqa: N818
 
 
 class ProtocolError(HardwareError):
-    """The device answers, but not as the protocol specifies."""
+    """The device responds, but not as the protocol specifies."""
 
 
 class Overrun(HardwareError):  # noqa: N818

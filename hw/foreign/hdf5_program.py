@@ -27,7 +27,7 @@ MAX_DATASETS = 1000  # a file with more datasets is not a recording
 
 
 class Refused(Exception):  # noqa: N818 - becomes the text of an InvalidSource in the parent
-    """The file is refused; the text says why."""
+    """The file is refused; the text states the reason."""
 
 
 def main(path: str, memory: int, seconds: int) -> None:

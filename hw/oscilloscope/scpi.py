@@ -1,4 +1,4 @@
-"""Define the SCPI commands of each family of oscilloscopes, and decode their answers.
+"""Define the SCPI commands of each family of oscilloscopes, and decode their responses.
 
 Keysight InfiniiVision, Rigol DS1000Z/MSO5000, Tektronix MSO/DPO/TBS2000 (older TDS use WFMPre and are not supported). All send
 8-bit codes. One acquisition is taken and then read channel by channel, so that the channels are simultaneous. From code to volts:
@@ -37,9 +37,9 @@ class Dialect:
     """The SCPI commands of one family of oscilloscopes.
 
     Attributes:
-        makers: words in the answer to *IDN? that identify the family.
+        makers: words in the response to *IDN? that identify the family.
         acquire: commands that take one acquisition.
-        finished: a query, and its answer when the acquisition is complete.
+        finished: a query, and its response when the acquisition is complete.
         select: commands that select channel {channel} for the next queries.
         scaling: a query for the fields of ``Scaling``.
         data: a query for the codes, as a definite-length block.
@@ -59,10 +59,10 @@ class Dialect:
     rate: tuple[str, ...] = ()
 
     def read_scaling(self, answer: str) -> Scaling:
-        """Read the scales from the answer to ``scaling``.
+        """Read the scales from the response to ``scaling``.
 
         Raises:
-            ProtocolError: the answer has another form.
+            ProtocolError: the response has another form.
         """
         try:
             fields = [float(word) for word in answer.replace(";", ",").split(",")]
@@ -124,7 +124,7 @@ DIALECTS = {"keysight": KEYSIGHT, "rigol": RIGOL, "tektronix": TEKTRONIX}
 
 
 def find_dialect(identity: str) -> str:
-    """Return the name of the dialect for an oscilloscope's answer to *IDN?.
+    """Return the name of the dialect for an oscilloscope's response to *IDN?.
 
     Raises:
         ProtocolError: no family is known for it.

@@ -44,7 +44,7 @@ class ScopeTransport:
         rate: requested rate, Hz; None: the rate of the present time base.
 
     Raises:
-        HardwareError: the oscilloscope does not answer, or belongs to no known family.
+        HardwareError: the oscilloscope does not respond, or belongs to no known family.
         InvalidSource: it does not sample at that rate.
     """
 
@@ -105,7 +105,7 @@ class ScopeTransport:
         """Return the next acquisition.
 
         Raises:
-            HardwareError: the oscilloscope does not answer, or was disconnected.
+            HardwareError: the oscilloscope does not respond, or was disconnected.
         """
         first, self._first = self._first, None
         with translate_faults(self._name):
@@ -146,7 +146,7 @@ class ScopeTransport:
 
 @dataclass(frozen=True)
 class _Acquisition:
-    """The note of a chunk: the family's name, and for each channel the answer with its scales and its number of bytes."""
+    """The note of a chunk: the family's name, and for each channel the response with its scales and its number of bytes."""
 
     dialect: str
     scales: tuple[str, ...]

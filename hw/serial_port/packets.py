@@ -10,7 +10,7 @@ REFUSED_BIT = 0x80
 _REQUEST_HEAD = struct.Struct("<2sBBHI")
 _ANSWER_HEAD = struct.Struct("<2sBBH")
 _CRC_FORMAT = struct.Struct("<I")
-MAX_ANSWER_BYTES = 256  # bytes of an answer's data at most
+MAX_ANSWER_BYTES = 256  # bytes of a response's data at most
 
 
 def encode_request(number: int, value: int = 0, data: int = 0) -> bytes:
@@ -20,17 +20,17 @@ def encode_request(number: int, value: int = 0, data: int = 0) -> bytes:
 
 
 def encode_answer(number: int, data: bytes = b"") -> bytes:
-    """Encode an answer as bytes."""
+    """Encode a response as bytes."""
     body = _ANSWER_HEAD.pack(ANSWER_MAGIC, PACKET_VERSION, number, len(data)) + data
     return body + _CRC_FORMAT.pack(zlib.crc32(body))
 
 
 def find_answer(buffer: bytes, number: int) -> tuple[bool, bytes, bytes] | None:
-    """Find the answer to a request among the received bytes.
+    """Find the response to a request among the received bytes.
 
     Returns:
-        Whether the request was granted, the answer's data, and the remaining bytes, which belong to the stream; None if the
-        answer is not complete yet.
+        Whether the request was granted, the response's data, and the remaining bytes, which belong to the stream; None if the
+        response is not complete yet.
     """
     start = -1
     while (start := buffer.find(ANSWER_MAGIC, start + 1)) >= 0:

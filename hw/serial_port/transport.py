@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 BAUD_RATE = 115_200  # a CDC board ignores it
-ANSWER_TIMEOUT_S = 1.0  # s for one answer
+ANSWER_TIMEOUT_S = 1.0  # s for one response
 WAKE_TIMEOUT_S = 3.0  # s: some boards restart when their port is opened
 LARGEST_READ = 1 << 16
 _ERROR_BY_ERRNO: dict[int | None, type[HardwareError]] = {errno.ENOENT: NotFound, errno.EBUSY: Busy, errno.EAGAIN: Busy}
@@ -43,7 +43,7 @@ class SerialTransport:
 
     Raises:
         InvalidSource: pyserial is not installed, or the rate is out of range.
-        HardwareError: no such port, busy, access denied, or no probe answers.
+        HardwareError: no such port, busy, access denied, or no probe responds.
     """
 
     def __init__(self, port: str, rate: float | None = None, silence: float = 3.0, absence: float = 10.0) -> None:
@@ -151,10 +151,10 @@ class SerialTransport:
                 return
 
     def _ask(self, number: int, value: int = 0, data: int = 0) -> bytes:
-        """Send a request and return the data of its answer; bytes of the stream around it are kept for ``read``.
+        """Send a request and return the data of its response; bytes of the stream around it are kept for ``read``.
 
         Raises:
-            Timeout: no answer comes.
+            Timeout: no response comes.
             ProtocolError: the board refuses the request.
         """
         self._port.write(encode_request(number, value, data))

@@ -69,7 +69,7 @@ class Firmware:
         return time.monotonic() < self._away_until
 
     def control(self, request: int, value: int, data: bytes) -> bytes:
-        """Return the answer to a vendor request. Raises ``Halted`` when it is refused."""
+        """Return the response to a vendor request. Raises ``Halted`` when it is refused."""
         if request == GET_INFO:
             return Info(self.layout.channels, self.rate, self._highest, tuple(self._scale), "virtual 1").encode()
         if request == GET_STATUS:

@@ -18,7 +18,7 @@ _WINDOWS_VERSION = 0x06030000  # 8.1, the first that knows these descriptors
 
 
 def build_descriptor_set() -> bytes:
-    """Build the answer to bRequest MS_OS_20, wIndex 7: compatible with WinUSB, and an interface GUID."""
+    """Build the response to bRequest MS_OS_20, wIndex 7: compatible with WinUSB, and an interface GUID."""
     compatible = struct.pack("<HH8s8s", 20, 3, b"WINUSB", b"")
     name = "DeviceInterfaceGUIDs\0".encode("utf-16-le")
     value = f"{_INTERFACE_GUID}\0\0".encode("utf-16-le")

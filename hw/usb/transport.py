@@ -187,7 +187,7 @@ class UsbTransport:
         """Whether the board has ended this stream without leaving the bus, after a reset or a short loss of power."""
         try:
             return self._device.read_status().stream != self._stream
-        except (*_USB_FAULTS, ProtocolError):  # no answer to this either: the device is silent
+        except (*_USB_FAULTS, ProtocolError):  # no response to this either: the device is silent
             return False
 
     def _check_silence(self, fault: Exception) -> None:

@@ -21,7 +21,7 @@ RATE_FORMAT = struct.Struct("<I")
 
 @dataclass(frozen=True)
 class Info:
-    """The answer to GET_INFO.
+    """The response to GET_INFO.
 
     Attributes:
         channels: number of channels, 2 or 3.
@@ -38,7 +38,7 @@ class Info:
     firmware: str
 
     def encode(self) -> bytes:
-        """Encode the answer as bytes."""
+        """Encode the response as bytes."""
         scale = (*self.scale, 0.0, 0.0)[:4]
         return _INFO_FORMAT.pack(
             PROTOCOL_VERSION,
@@ -52,10 +52,10 @@ class Info:
 
     @classmethod
     def decode(cls, data: bytes) -> Info:
-        """Decode a device's answer.
+        """Decode a device's response.
 
         Raises:
-            ProtocolError: the answer does not follow this version of the protocol.
+            ProtocolError: the response does not follow this version of the protocol.
         """
         if len(data) < _INFO_FORMAT.size:
             raise ProtocolError(f"the device described itself in {len(data)} bytes, not {_INFO_FORMAT.size}: update its firmware")
@@ -72,7 +72,7 @@ class Info:
 
 @dataclass(frozen=True)
 class Status:
-    """The answer to GET_STATUS.
+    """The response to GET_STATUS.
 
     Attributes:
         stream: number of the running stream; 0 when stopped.
@@ -87,15 +87,15 @@ class Status:
     index: int
 
     def encode(self) -> bytes:
-        """Encode the answer as bytes."""
+        """Encode the response as bytes."""
         return _STATUS_FORMAT.pack(self.stream, self.overruns % 2**16, self.sequence % 2**32, self.index)
 
     @classmethod
     def decode(cls, data: bytes) -> Status:
-        """Decode a device's answer.
+        """Decode a device's response.
 
         Raises:
-            ProtocolError: the answer is too short.
+            ProtocolError: the response is too short.
         """
         if len(data) < _STATUS_FORMAT.size:
             raise ProtocolError(f"the device's status has {len(data)} bytes, not {_STATUS_FORMAT.size}: update its firmware")

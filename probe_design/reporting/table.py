@@ -90,5 +90,5 @@ def format_unit(name: str) -> str:
 
 
 def format_number(value: float | None, digits: int = 4) -> str:
-    """Return a number with so many significant digits; a dash for None and for what is not finite."""
+    """Format a number to ``digits`` significant digits; a dash for None and for values that are not finite."""
     return "-" if value is None or not math.isfinite(value) else f"{value:.{digits}g}"

@@ -112,7 +112,7 @@ def find_schema_fault(connection: sqlite3.Connection, version: int) -> str:
 
 
 def find_store_fault(connection: sqlite3.Connection) -> str:
-    """Return what is wrong with the pages, the request or the number of designs; an empty text if nothing is.
+    """Describe damage of the pages, the request or the number of designs; return an empty text if there is none.
 
     Raises:
         sqlite3.Error: the damage is too much for SQLite.

@@ -281,7 +281,7 @@ def _repair(folder: Path, connection: sqlite3.Connection) -> str:
 
 
 def _find_fault(connection: sqlite3.Connection) -> str:
-    """Return what is damaged in a store whose schema is right; an empty text if nothing is."""
+    """Describe the damage of a store whose schema is right; return an empty text if there is none."""
     try:
         return integrity.find_store_fault(connection) or integrity.find_row_fault(connection)
     except (sqlite3.Error, UnicodeDecodeError, ValueError, TypeError) as fault:

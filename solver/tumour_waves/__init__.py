@@ -1,1 +1,1 @@
-"""A population of tumours under many probes at once, in closed form to first order: what a search of designs asks for."""
+"""Compute film forces of many probes over a population of tumours, in closed form to first order, for a search of designs."""

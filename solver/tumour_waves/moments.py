@@ -1,8 +1,8 @@
-"""Strain moments about spheres under waves of traction, independent of the probe.
+"""Compute strain moments about spheres under waves of traction, independently of the probe.
 
 The strain's moments about a sphere (``closed_form.surface_images``) are, under loads whose Hankel transforms at the wave numbers
-k are p and q, sums over k of numbers that depend on tissue, sphere and its distance from the probe's axis alone: they are
-found once, and serve every design.
+k are p and q, sums over k of numbers that depend only on tissue, sphere and its distance from the probe's axis. They are
+computed once for all designs.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Draws of a population: a sphere in its own tissue each, as arrays."""
+"""Define draws of a population as arrays: spheres, each in its own tissue."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from solver.layers.stack import TissueLayer
 
 @dataclass(frozen=True)
 class TumourDraws:
-    """m spheres, each in a tissue of its own; SI.
+    """m spheres, each in its own tissue; SI.
 
     Attributes:
-        radius, depth, x, y: of the spheres, m, shape (m,).
-        youngs_modulus, poisson_ratio: of the spheres, shape (m,).
+        radius, depth, x, y: radii and positions of the spheres, m, shape (m,).
+        youngs_modulus, poisson_ratio: elastic constants of the spheres, shape (m,).
         tissue: layers from the surface downwards and the tissue's own material, each thickness (of the last the floor's depth, or
             None on half-spaces), modulus and Poisson's ratio, shape (layers + 1, 3, m).
-        bounded: whether the tissue has a floor; the last thickness says nothing otherwise.
+        bounded: whether the tissue has a floor; if not, the last thickness is ignored.
     """
 
     radius: Floats
@@ -52,13 +52,13 @@ class TumourDraws:
 
     @property
     def hosts(self) -> tuple[Floats, Floats]:
-        """Modulus and Poisson's ratio about each sphere, shapes (m,)."""
+        """Modulus and Poisson's ratio of the tissue around each sphere, shapes (m,)."""
         column = np.arange(len(self.radius))
         return self.tissue[self.layers, 1, column], self.tissue[self.layers, 2, column]
 
     @property
     def tissues(self) -> tuple[Floats, Ints]:
-        """The tissues that differ, shape (layers + 1, 3, u), and which of them each draw has, shape (m,)."""
+        """The distinct tissues, shape (layers + 1, 3, u), and the number of each draw's tissue, shape (m,)."""
         flat = self.tissue.reshape(-1, len(self.radius))
         distinct, which = np.unique(flat, axis=1, return_inverse=True)
         return distinct.reshape(*self.tissue.shape[:2], -1), np.asarray(which).reshape(-1)

@@ -1,4 +1,4 @@
-"""Film forces of many probes over a population, to first order in the tumours.
+"""Compute film forces of many probes over a population, to first order in the tumours.
 
 With t the tractions under a probe whose blocks move together and t_i those under block i alone, eq. CF.12, and M the moments of
 the strain about a sphere, linear in the tractions, the force on film i and its change by the sphere are
@@ -53,12 +53,12 @@ class ManyTumours:
     Attributes:
         draws: the tumours.
         moments: see ``moments.Moments``.
-        tissues: those that differ, shape (layers + 1, 3, u).
-        which: the tissue of each draw, shape (m,).
-        bounded: whether they have a floor.
+        tissues: the distinct tissues, shape (layers + 1, 3, u).
+        which: number of each draw's tissue, shape (m,).
+        bounded: whether the tissues have a floor.
         bonded: whether blocks and tissue stick.
         side: radius and nodes of the tissue's free sides, if they are near.
-        layer_nodes: of integrals for layers.
+        layer_nodes: nodes of the integrals for layers.
     """
 
     draws: TumourDraws
@@ -74,7 +74,7 @@ class ManyTumours:
     def from_draws(
         cls, draws: TumourDraws, positions: Floats, widest: float, *, bonded: bool, side: tuple[float, int], layer_nodes: int
     ) -> ManyTumours:
-        """Compute what does not depend on the probe."""
+        """Compute everything that does not depend on the probe."""
         tissues, which = draws.tissues
         draw_moments = compute_moments(draws, positions, widest)
         return cls(draws, draw_moments, tissues, which, draws.bounded, bonded, side, layer_nodes)
