@@ -20,6 +20,7 @@ from solver import evaluators
 from solver.automatic import build_allowed_plan
 from solver.evaluation import evaluate
 from solver.families import find_families
+from solver.interpolation import interpolate_family
 from solver.results.evaluator import FilmEvaluator, FilmSolution, ProgressCallback
 from solver.results.refusals import is_round
 from solver.results.result import Result
@@ -148,7 +149,6 @@ def _evaluate_by_name(scenes: Sequence[Scene], request: _Request) -> list[Result
 
 def _interpolate_families(scenes: Sequence[Scene], request: _Request, film_evaluator: FilmEvaluator) -> dict[int, ResultOrError]:
     """Evaluate scenes that differ in one number, by their places: some are solved, the others interpolated where accurate."""
-    from solver.interpolation import interpolate_family
     from solver.planning.load_check import add_load_warning, build_rule_from_result
 
     results: dict[int, ResultOrError] = {}

@@ -21,7 +21,9 @@ from geometry.scenes.surface_names import check_surface_names
 from solver import evaluators
 from solver.automatic import build_supported_plan, choose_evaluator, evaluate_automatically, get_evaluator
 from solver.evaluators import AUTO, CONTACT, check_accuracy
-from solver.results.evaluator import ProgressCallback
+from solver.phase.inertia import add_inertia_error, check_frequency
+from solver.planning.load_limits import combine_computed_limits, compute_load_limits
+from solver.results.evaluator import ProgressCallback, ignore_progress
 from solver.results.film_forces import check_moduli
 from solver.results.result import Curve, Result
 from solver.results.warnings import Note
@@ -66,8 +68,6 @@ def evaluate(
             limit of linear elasticity.
         LimitReached: the evaluation would take more memory or time than is allowed.
     """
-    from solver.phase.inertia import check_frequency
-
     scene = load_scene(scene)
     check_accuracy(accuracy)
     start = perf_counter()
@@ -96,7 +96,6 @@ def find_doubts(scene: Scene) -> tuple[Note, ...]:
 def _evaluate_by_name(scene: Scene, name: str, accuracy: float, tell: ProgressCallback | None) -> Result:
     """Evaluate a scene with the named evaluator; linear ones add a warning where the load is beyond linear elasticity."""
     from solver.planning.load_check import add_load_warning
-    from solver.planning.load_limits import compute_load_limits
 
     result = evaluators.evaluator(name, tell).evaluate(scene, accuracy)
     return (
@@ -113,7 +112,6 @@ def _add_load_limits(result: P, scene: Scene, accuracy: float) -> P:
     """Return a result, plan or curve with the load limits computed by ``contact``, or with a warning why they are not."""
     from solver.contact.evaluator import ContactEvaluator
     from solver.contact.load_curve import LoadEnds, find_load_ends
-    from solver.planning.load_limits import combine_computed_limits, compute_load_limits
 
     reason = ContactEvaluator().refusal(scene)
     if reason is not None:
@@ -129,7 +127,6 @@ def add_phase(result: Result, scene: Scene, accuracy: float, frequency: float) -
 
     See ``solver.phase.phase``.
     """
-    from solver.phase.inertia import add_inertia_error
     from solver.phase.phase import PhaseUnknown, compute_ratio_phase
 
     quasi_static = result
@@ -209,7 +206,6 @@ def load(
         LimitReached: see ``evaluate``.
     """
     from solver.contact.load_curve import compute_load_curve
-    from solver.results.evaluator import ignore_progress
 
     scene = load_scene(scene)
     check_accuracy(accuracy)

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 from geometry.common.errors import InputError
 from geometry.provenance.digest import compute_file_digest, compute_scene_digest
+from geometry.scenes.scene_file import read_scene
 
 if TYPE_CHECKING:
     from geometry.scenes.scene import Scene
@@ -111,8 +112,6 @@ def build_provenance(
 
 def _compute_digest(scene: Scene | Path | None) -> str | None:
     """Return the digest of a scene, or of a scene file; None without a scene."""
-    from geometry.scenes.scene_file import read_scene
-
     try:
         return None if scene is None else compute_scene_digest(read_scene(scene) if isinstance(scene, Path) else scene)
     except InputError:

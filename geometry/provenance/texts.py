@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import tomllib
 from pathlib import Path
 
 from geometry.common.errors import InputError, Words
@@ -95,8 +96,6 @@ def _parse_content(text: str) -> dict[str, object]:
 
 
 def _parse_toml(text: str) -> dict[str, object]:
-    import tomllib
-
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as fault:

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.cad.materials import PartMaterial
+from geometry.cad.parts_check import compute_expected_bodies
 from geometry.common.errors import InputError, Words
 from geometry.scenes.probe import Probe
 from geometry.workshop.millimetres import Millimetres, convert_to_mm
@@ -186,6 +187,4 @@ def compute_half_volumes(mould: MouldSizes) -> dict[str, float]:
 
 def compute_block_volume(probe: Probe, name: str, edge_radius: float = 0.0) -> float:
     """Return the volume of a block of the scene, mm^3."""
-    from geometry.cad.parts_check import compute_expected_bodies
-
     return compute_expected_bodies(probe, edge_radius)[name].volume

@@ -10,7 +10,9 @@ from hw.common.errors import InvalidSource
 from hw.common.limits import ReadLimits
 from hw.common.transport import Transport
 from hw.foreign.columns import ColumnMap
+from hw.foreign.csv_table import read_csv
 from hw.foreign.table import TableTransport
+from hw.foreign.wav_table import read_wav
 
 HDF5_SUFFIXES = (".h5", ".hdf5")
 TEXT_SUFFIXES = (".csv", ".txt", ".tsv", ".dat")
@@ -60,10 +62,7 @@ def open_file(path: Path, columns: ColumnMap, limits: ReadLimits) -> Transport:
     if suffix in HDF5_SUFFIXES:
         return _open_hdf5(path, columns, limits)
     if suffix in WAV_SUFFIXES:
-        from hw.foreign.wav_table import read_wav
-
         return TableTransport(read_wav(path), columns)
-    from hw.foreign.csv_table import read_csv
 
     return TableTransport(read_csv(path), columns)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated
 
+from geometry.scenes.catalogue import find_material, format_modulus, list_materials
 from probe_design.commands.output import print_json
 from probe_design.commands.request import Number, Option, Request
 
@@ -47,8 +48,6 @@ class MaterialListRequest(Request):
 
     def run(self) -> None:
         """Print one line for each material."""
-        from geometry.scenes.catalogue import format_modulus, list_materials
-
         catalogue = list_materials()
         if self.as_json:
             print_json({"materials": {name: _select_brief(entry.as_dict()) for name, entry in catalogue.items()}})
@@ -72,8 +71,6 @@ class MaterialShowRequest(Request):
 
     def run(self) -> None:
         """Print one material."""
-        from geometry.scenes.catalogue import find_material
-
         entry = find_material(self.name, thinner=self.thinner, ratio=self.ratio)
         if self.as_json:
             print_json(entry.as_dict())

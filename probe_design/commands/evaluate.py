@@ -8,6 +8,7 @@ from typing import Annotated
 from pydantic import Field
 
 from geometry.common.errors import InputError
+from geometry.scenes.catalogue import format_modulus
 from geometry.scenes.probe import Modulus
 from geometry.scenes.scene_file import load_scene
 from probe_design.commands.fields import Accuracy, Fraction, Frequency, LimitedRequest, Linear, Loads, Picture, SceneSource
@@ -110,7 +111,6 @@ class CurveRequest(LimitedRequest):
         """Compute the curve at moduli that contain both ends exactly."""
         import numpy as np
 
-        from geometry.scenes.catalogue import format_modulus
         from probe_design.reporting.curve_figures import draw_curve
         from probe_design.reporting.picture_files import save_figure
         from probe_design.terminal.console import build_curve_table, show_steps

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -245,8 +246,6 @@ class CheckRequest(ReferenceRequest):
 
     def run(self) -> None:
         """Read the blocks, compare with the drawing, and exit with 1 where the probe is out of tolerance."""
-        import json
-
         from geometry.common.files import check_writable_file, write_text
         from probe_design.built_probe.calibration_record import check_free
         from probe_design.built_probe.probe_identity import check_serials, find_common_serial

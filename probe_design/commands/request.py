@@ -17,6 +17,7 @@ from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from geometry.common.errors import InputError, suggest_word
 from geometry.common.resources import Limits
+from geometry.scenes.catalogue import format_modulus
 from geometry.scenes.units import Quantity, read_fraction, read_number
 
 P = ParamSpec("P")
@@ -187,8 +188,6 @@ def format_default(field: FieldInfo) -> str:
         return find_option(field).left_out
     quantity = next((part for part in find_types(field) if isinstance(part, Quantity)), None)
     if quantity is not None:
-        from geometry.scenes.catalogue import format_modulus
-
         return format_modulus(value) if quantity.name == "modulus" else quantity.format_value(value)
     return f"{value:g}" if isinstance(value, float) else str(value)
 

@@ -8,6 +8,7 @@ from typing import Annotated
 
 from pydantic import Field
 
+from geometry.common.errors import MissingLibrary
 from probe_design.commands.fields import Memory, Time, replace_limits
 from probe_design.commands.output import print_json
 from probe_design.commands.request import Option, Request
@@ -56,7 +57,6 @@ class SweepRequest(Request):
 
 def _write_files(folder: Path) -> list[Path]:
     """Write CSV, and Parquet and a summary page if the libraries for them are installed; return the files."""
-    from geometry.common.errors import MissingLibrary
     from probe_design.sweeps.results import write_csv, write_parquet
     from probe_design.sweeps.summary_page import write_page
     from probe_design.terminal.console import write_message

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from geometry.scenes.scene_file import read_scene
 from probe_design.commands.fields import LimitedRequest, Linear
 from probe_design.commands.output import print_json
 from probe_design.commands.request import Option
@@ -66,7 +67,6 @@ def _describe_broken_row(row: Row) -> str:
 
 def _read_scenes(paths: Sequence[Path]) -> dict[str, Scene]:
     """Read scenes; return them by the names of their files, or by their paths where two files have the same name."""
-    from geometry.scenes.scene_file import read_scene
     from probe_design.data.builtin import read_typical_scenes
 
     if not paths:

@@ -9,10 +9,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
+from geometry.cad.export import export_parts
+from geometry.cad.parts_record import RECORD_NAME, list_part_files
 from geometry.provenance.block import Provenance, build_provenance
 from geometry.provenance.texts import format_toml_comment
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_to_toml
+from geometry.workshop.overview import draw_probe
 from probe_design.design_search.optimum import Optimum
 from probe_design.reporting.page import Chapter, Items, Part, Picture, Text, build_page
 from probe_design.reporting.scene_sections import build_scene_section, iterate_scene_sections
@@ -108,9 +111,6 @@ class Report(ABC, Generic[Found]):
             OSError: the folder cannot be written.
         """
         progress(WRITING_STAGE, 0, 4)
-        from geometry.cad.export import export_parts
-        from geometry.cad.parts_record import RECORD_NAME, list_part_files
-        from geometry.workshop.overview import draw_probe
 
         scene = self.optimum.scene
         probe, edge = scene.probe, scene.contact.edge_radius

@@ -8,6 +8,7 @@ from typing import Any
 from probe_design.design_report.depth_map import DepthMap
 from probe_design.design_search.population_optimum import PopulationOptimum
 from probe_design.design_search.verification import PopulationVerification
+from probe_design.populations.population import ScenePopulation
 from probe_design.populations.tables import Observable
 from probe_design.reporting.table import Table
 
@@ -107,6 +108,4 @@ def _format_materials(verified: PopulationVerification) -> str:
 
 
 def _find_largest_diameter(optimum: PopulationOptimum) -> float:
-    from probe_design.populations.population import ScenePopulation
-
     return max(ScenePopulation.from_scene(optimum.design.scene, optimum.design.population).ranges["diameter"].values)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, Generic, Literal, TypeVar
 
 from geometry.scenes.scene import Scene
+from geometry.scenes.scene_file import scene_to_dict
 from probe_design.design_search.choices import ChoiceSearch
 from probe_design.design_search.search_space import SearchSpace
 from probe_design.design_search.tumour_verification import replace_non_finite
@@ -113,8 +114,6 @@ class Optimum(ABC, Generic[Verified]):
 
     def build_summary(self, files: list[str]) -> dict[str, Any]:
         """Return the JSON object of ``probe-design optimize``; a number is null where it is unknown."""
-        from geometry.scenes.scene_file import scene_to_dict
-
         pairs = {"objective": self.best.objective, "baseline_objective": self.start.objective, "gain": self.gain}
         numbers: dict[str, float | None] = {}
         for name, (value, error) in pairs.items():

@@ -42,6 +42,7 @@ from probe_design.estimation.loaded_model import LoadedModel, explain_refusal
 from probe_design.estimation.loaded_track import add_load
 from probe_design.estimation.measurements import Measurements, Reading
 from probe_design.estimation.model import TARGET_UNKNOWNS, TargetModel, check_kind
+from probe_design.estimation.next_reading import choose_next_reading
 from probe_design.estimation.nuisances import check_nuisances
 from probe_design.estimation.phases import select_usable
 from probe_design.estimation.profile import Track
@@ -105,8 +106,6 @@ def estimate(
 
 def _add_advice(result: Estimate, model: TargetModel, nuisances: Mapping[str, float], is_linear: bool) -> Estimate:
     """Return an estimate with advice what to measure next; at loads beyond linear elasticity with a warning instead."""
-    from probe_design.estimation.next_reading import choose_next_reading
-
     start = perf_counter()
     if not is_linear:
         return replace(result, warnings=(*result.warnings, "next is null: there is no advice at loads beyond linear elasticity"))

@@ -15,12 +15,21 @@ from geometry.common.limits import format_maximum
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_to_toml
 from geometry.scenes.variables import list_values
+from probe_design.maps.detectability import detectability
+from probe_design.maps.sphere_effects import Thresholds
+from probe_design.maps.target_grid import choose_sizes
 from probe_design.reporting.bodies import build_bodies
+from probe_design.reporting.curve_figures import draw_curve
+from probe_design.reporting.detectability_figure import draw_detectability
 from probe_design.reporting.page import Chapter, Code, Part, Picture, Text, TurningView
+from probe_design.reporting.stresses import draw_stress_figure
 from probe_design.reporting.table import Table
+from solver import plan
 from solver.axisymmetric.evaluator import Axisymmetric
-from solver.axisymmetric.gradients import Gradients
+from solver.axisymmetric.gradients import Gradients, compute_gradients
+from solver.axisymmetric.sections import build_sections
 from solver.equivalent_inclusion.evaluator import EquivalentInclusion
+from solver.equivalent_inclusion.gradients import compute_tumour_gradients, solve_first_order
 
 MAP_POINTS, CURVE_POINTS = 12, 13  # points on each side of a map, and on a curve
 NUMBER_ACCURACY, DRAWING_ACCURACY = 0.01, 0.02  # relative accuracy of printed numbers, and of pictures
@@ -70,8 +79,6 @@ def _build_shape(scene: Scene) -> Iterator[Part]:
 
 def _build_plan(scene: Scene) -> Iterator[Part]:
     """Build the table of modelled and neglected features."""
-    from solver import plan
-
     scene_plan = plan(scene)
     rows = tuple(
         (decision.feature, "yes" if decision.modelled else "no", f"{decision.effect:.2g}", decision.reason)
@@ -86,8 +93,6 @@ def _build_plan(scene: Scene) -> Iterator[Part]:
 
 def _build_loads(scene: Scene) -> Iterator[Part]:
     """Build the table of load limits."""
-    from solver import plan
-
     rows = [
         (item.question, format_maximum(item.force, 3), format_maximum(1e3 * item.indentation, 3), item.by, item.basis_text)
         for item in plan(scene, NUMBER_ACCURACY).load_limits.available_limits
@@ -105,8 +110,6 @@ def _build_loads(scene: Scene) -> Iterator[Part]:
 
 def _build_curve(scene: Scene) -> Iterator[Part]:
     """Draw ratio and log-sensitivity over the modulus of the tumour."""
-    from probe_design.reporting.curve_figures import draw_curve
-
     moduli = np.geomspace(1e3, 1e6, CURVE_POINTS)
     curve = _choose_evaluator(scene).curve(scene, moduli, NUMBER_ACCURACY)
     body = scene.inclusion[scene.target or 0]
@@ -116,11 +119,6 @@ def _build_curve(scene: Scene) -> Iterator[Part]:
 
 def _build_map(scene: Scene, noise: float) -> Iterator[Part]:
     """Draw maps of detection and stiffness over diameter and depth."""
-    from probe_design.maps.detectability import detectability
-    from probe_design.maps.sphere_effects import Thresholds
-    from probe_design.maps.target_grid import choose_sizes
-    from probe_design.reporting.detectability_figure import draw_detectability
-
     depths, diameters = choose_sizes(scene, MAP_POINTS)
     tumour_map = detectability(scene, depths, diameters, Thresholds(noise), accuracy=DRAWING_ACCURACY, linear=True)
     caption = "maps over diameter and depth: change of the ratio, standard deviation of ln E_object"
@@ -141,11 +139,7 @@ def _compute_gradients(scene: Scene) -> Gradients:
     """Compute the derivatives with respect to every number: exact on the axis, to first order in the tumours' fields off it."""
     evaluator = _choose_evaluator(scene)
     if isinstance(evaluator, Axisymmetric):
-        from solver.axisymmetric.gradients import compute_gradients
-
         return compute_gradients(scene, evaluator.compute_converged(scene, NUMBER_ACCURACY).sample)
-    from solver.axisymmetric.sections import build_sections
-    from solver.equivalent_inclusion.gradients import compute_tumour_gradients, solve_first_order
 
     evaluator.check(scene)
     return compute_tumour_gradients(scene, solve_first_order(scene, build_sections(scene)), tuple(list_values(scene)))
@@ -169,8 +163,6 @@ def _build_sensitivity_row(scene: Scene, derivatives: Gradients, k: int) -> tupl
 
 def _build_stresses(scene: Scene) -> Iterator[Part]:
     """Draw the vertical pressure in the meridian plane."""
-    from probe_design.reporting.stresses import draw_stress_figure
-
     upright = scene.model_copy(update={"inclusion": ()}) if Axisymmetric().refusal(scene) is not None else scene
     states = Axisymmetric().compute_converged(upright, NUMBER_ACCURACY).sample.states
     yield Picture.from_figure(draw_stress_figure(states, upright), "vertical pressure in the meridian plane under the load")

@@ -11,6 +11,8 @@ import numpy as np
 from geometry.common.errors import InputError
 from geometry.common.files import check_writable_file
 from geometry.scenes.scene import Scene
+from probe_design.solid_output.figure import draw_solid
+from probe_design.solid_output.vtu import write_vtu
 from solver.planning.load_check import add_load_warning
 from solver.results.result import Result
 from solver.solid.evaluator import SolidEvaluator, compute_indentation
@@ -33,9 +35,6 @@ def evaluate_with_files(
         InputError: another evaluator, or a file name with another suffix.
         Refusal: see ``solver.solid.evaluator.SolidEvaluator.solve``.
     """
-    from probe_design.solid_output.figure import draw_solid
-    from probe_design.solid_output.vtu import write_vtu
-
     for key, path, suffix in (("vtu", vtu, ".vtu"), ("plot", picture, ".png")):
         if path is None:
             continue

@@ -20,6 +20,7 @@ from geometry.scenes.units import MEMORY_QUANTITY, TIME_QUANTITY, read_fraction
 from probe_design.sweeps.constraints import evaluate_condition
 from probe_design.sweeps.samples import SAMPLE_KINDS, DesignSampling, Variable
 from probe_design.sweeps.variables import check_integer, read_variable
+from solver.evaluators import AUTO, EVALUATOR_NAMES, check_accuracy
 
 _SWEEP_KEYS = ("scene", "evaluator", "accuracy", "linear", "time_limit", "memory_limit", "sample", "constraints", "variables")
 
@@ -147,8 +148,6 @@ def _make_surface_paths_absolute(base: dict[str, Any]) -> dict[str, Any]:
 
 def _read_settings(tables: Mapping[str, object]) -> tuple[str, float, bool]:
     """Read evaluator, accuracy and ``linear``."""
-    from solver.evaluators import AUTO, EVALUATOR_NAMES, check_accuracy
-
     evaluator, accuracy, linear = tables.get("evaluator", AUTO), tables.get("accuracy", 0.01), tables.get("linear", False)
     if evaluator not in (AUTO, *EVALUATOR_NAMES):
         raise InputError("evaluator", evaluator, describe_choices(evaluator, (AUTO, *EVALUATOR_NAMES)))

@@ -20,6 +20,11 @@ from geometry.provenance.digest import compute_file_digest
 from geometry.scenes.keys import Key, Value, find_key, replace_values
 from geometry.scenes.scene import Scene
 from probe_design.sweeps.file import Sweep, build_scene
+from solver import evaluate, evaluators
+from solver.batch import evaluate_together
+from solver.linalg.memory import give_back
+from solver.results.evaluator import OutOfReach
+from solver.results.warnings import select_notes
 
 if TYPE_CHECKING:
     from solver import Result
@@ -110,8 +115,6 @@ class Job:
         Raises:
             InputError: this software has another version than the job.
         """
-        from solver import evaluators
-
         if compute_version() != self.version:
             raise InputError(
                 "version", Words(compute_version()), f"{self.version}, on every worker as where the sweep was started"
@@ -131,7 +134,6 @@ class Job:
         Linear algebra uses one thread, so that results are the same to the last bit on every machine. Each design has the limits
         ``geometry.common.resources.get_limits``; n designs that are evaluated together have n times its time.
         """
-        from solver.linalg.memory import give_back
         from solver.linalg.threads import limit_to_one_thread
 
         keys = self.keys
@@ -162,16 +164,12 @@ class Job:
 
     def _evaluate_together(self, scenes: Sequence[Scene]) -> list[Result | Exception] | None:
         """Evaluate several scenes together; return None if that is not possible for all of them."""
-        from solver.batch import evaluate_together
-
         if not scenes:
             return None
         results = _catch_fault(lambda: evaluate_together(scenes, self.evaluator, self.accuracy, linear=self.linear))
         return None if isinstance(results, Exception) or None in results else [result for result in results if result is not None]
 
     def _evaluate_alone(self, scene: Scene) -> Result | Exception:
-        from solver import evaluate
-
         return _catch_fault(lambda: evaluate(scene, evaluator=self.evaluator, accuracy=self.accuracy, linear=self.linear))
 
 
@@ -185,8 +183,6 @@ def _catch_fault(compute: Callable[[], T]) -> T | Exception:
 
 def _build_row(result: Result | Exception, seconds: float) -> Row:
     """Build the row of a result, or of a design that was refused or failed."""
-    from solver.results.warnings import select_notes
-
     if isinstance(result, Exception):
         status = "refused" if isinstance(result, InputError) else "failed"
         return build_unanswered_row(status, type(result).__name__, str(result), seconds) | _find_stopping_limit(result)
@@ -201,8 +197,6 @@ def _build_row(result: Result | Exception, seconds: float) -> Row:
 
 def _find_stopping_limit(fault: Exception) -> Row:
     """Return the limits that stopped a design: with larger ones it may have a result."""
-    from solver.results.evaluator import OutOfReach
-
     if isinstance(fault, LimitReached):
         return {"time_limit": get_limits().seconds} if fault.key == "time" else {"memory_limit": get_limits().memory}
     return _read_both_limits() if isinstance(fault, OutOfReach) and fault.stopped else {}

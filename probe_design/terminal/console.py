@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from geometry.common.errors import to_one_line
 from geometry.common.limits import format_maximum
 from probe_design.reporting.table import Table, format_number, format_unit
+from solver.results.result import ERROR_FIELDS, MAX_EFFECT
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -63,8 +64,6 @@ def warn(warnings: Iterable[str]) -> None:
 
 def build_result_table(result: Result) -> Table:
     """Return the results of one evaluation as a table; null values are left out, and a warning gives the reason."""
-    from solver.results.result import ERROR_FIELDS
-
     values = ((name, getattr(result, name)) for name in SHOWN_QUANTITIES)
     quantiles = ERROR_FIELDS if result.error_kind == "95 %" else ()
     rows = [
@@ -82,8 +81,6 @@ def build_result_table(result: Result) -> Table:
 
 def build_plan_table(plan: Plan) -> Table:
     """Return a plan as a table, one row for each decision."""
-    from solver.results.result import MAX_EFFECT
-
     rows = list[tuple[str, ...]]()
     for decision in plan.decisions:
         effects = (decision.effect, decision.effect_on_stresses, decision.effect_on_stiffness)

@@ -47,8 +47,8 @@ def handed(monkeypatch: pytest.MonkeyPatch) -> Handed:
     def draw(probe: object, path: Path, edge_radius: float = 0.0) -> None:
         got.append(("drawing", edge_radius))
 
-    monkeypatch.setattr("geometry.cad.export.export_parts", write)
-    monkeypatch.setattr("geometry.workshop.overview.draw_probe", draw)
+    monkeypatch.setattr("probe_design.design_report.report.export_parts", write)
+    monkeypatch.setattr("probe_design.design_report.report.draw_probe", draw)
     for name, instead in (("write", write), ("draw_probe", draw), ("compute_ratio_budget", lambda scene, ratio: NO_BUDGET)):
         monkeypatch.setattr(package, name, instead)
     return got

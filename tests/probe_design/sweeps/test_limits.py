@@ -47,7 +47,7 @@ def test_an_accuracy_that_a_limit_forbids_names_both(monkeypatch: pytest.MonkeyP
     def stopped(scene: object, **_: object) -> None:
         raise OutOfReach("axisymmetric", scene, 1e-4, 1e-3, stopped="no finer mesh")  # type: ignore[arg-type]
 
-    monkeypatch.setattr("solver.evaluate", stopped)
+    monkeypatch.setattr("probe_design.sweeps.rows.evaluate", stopped)
     with use_limits(Limits(memory=3e9, seconds=60.0)):
         ((row,),) = Job.from_sweep(sweep_from_dict(ASKED)).evaluate_parts([(1e-4,)])
     assert (row["time_limit"], row["memory_limit"]) == (60.0, 3e9)
@@ -58,7 +58,7 @@ def test_an_answer_that_a_limit_kept_from_a_finer_mesh_names_both(
     monkeypatch: pytest.MonkeyPatch, kind: Kind, named: object
 ) -> None:
     rough = Result("solid", 1.0, ratio=0.5, error_estimate=0.05, warnings=(Note(kind, "no third mesh"),))
-    monkeypatch.setattr("solver.evaluate", lambda scene, **_: rough)
+    monkeypatch.setattr("probe_design.sweeps.rows.evaluate", lambda scene, **_: rough)
     with use_limits(Limits(memory=3e9, seconds=60.0)):
         ((row,),) = Job.from_sweep(sweep_from_dict(ASKED)).evaluate_parts([(1e-4,)])
     assert (row["status"], row["ratio"]) == ("ok", 0.5)

@@ -48,7 +48,7 @@ class TestRows:
         def broken(*_: object, **__: object) -> None:
             raise ZeroDivisionError("by\nzero")
 
-        monkeypatch.setattr("solver.evaluate", broken)
+        monkeypatch.setattr("probe_design.sweeps.rows.evaluate", broken)
         job = Job.from_sweep(sweep_from_dict(grid(2, 2) | {"evaluator": "axisymmetric"}))
         ((row,),) = job.evaluate_parts([(1e-4, 0.009)])
         assert (row["status"], row["type"], row["reason"]) == ("failed", "ZeroDivisionError", "by zero")
