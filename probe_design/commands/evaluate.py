@@ -111,8 +111,6 @@ class CurveRequest(LimitedRequest):
         """Compute the curve at moduli that contain both ends exactly."""
         import numpy as np
 
-        from probe_design.reporting.curve_figures import draw_curve
-        from probe_design.reporting.picture_files import save_figure
         from probe_design.terminal.console import build_curve_table, show_steps
         from solver import curve
 
@@ -125,6 +123,9 @@ class CurveRequest(LimitedRequest):
         with show_steps(f"curve of {self.scene}") as tell:
             result = self.call(curve, scene=scene, moduli=moduli, tell=tell)
         if self.picture is not None:
+            from probe_design.reporting.curve_figures import draw_curve
+            from probe_design.reporting.picture_files import save_figure
+
             body = scene.inclusion[scene.target or 0]
             tissue = scene.tissue.find_material(body.depth)
             save_figure(draw_curve(result, body.youngs_modulus, tissue.youngs_modulus), self.picture)
@@ -152,7 +153,6 @@ class TolerancesRequest(LimitedRequest):
         from probe_design.terminal.console import show_spinner
         from probe_design.terminal.tolerance_table import build_tolerance_table, write_tolerance_lines
         from probe_design.tolerances.budget import tolerances
-        from probe_design.tolerances.plot import plot_budget
 
         scene = load_scene(self.scene)
         check_picture(self.picture)
@@ -162,5 +162,7 @@ class TolerancesRequest(LimitedRequest):
             bench = None if self.bench is None else read_bench(self.bench)
             budget = self.call(tolerances, scene=scene, bench=bench, materials=materials, given=stated_sds)
         if self.picture is not None:
+            from probe_design.tolerances.plot import plot_budget
+
             plot_budget(budget, self.picture)
         present(budget, build_tolerance_table, self.as_json, self.picture, write_tolerance_lines)

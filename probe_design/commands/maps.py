@@ -58,8 +58,6 @@ class ScanRequest(LimitedRequest):
         """Compute the scan at evenly spaced positions."""
         import numpy as np
 
-        from probe_design.reporting.picture_files import save_figure
-        from probe_design.reporting.scan_figure import draw_scan
         from probe_design.terminal.console import build_scan_table, show_count
 
         scene = load_scene(self.scene)
@@ -69,6 +67,9 @@ class ScanRequest(LimitedRequest):
         with show_count(f"scan of {self.scene}") as progress:
             result = self.call(scan, scene=scene, positions=np.linspace(self.low, self.high, self.points), progress=progress)
         if self.picture is not None:
+            from probe_design.reporting.picture_files import save_figure
+            from probe_design.reporting.scan_figure import draw_scan
+
             save_figure(draw_scan(result, scene), self.picture)
         present(result, build_scan_table, self.as_json, self.picture)
 
@@ -161,8 +162,6 @@ class DetectabilityRequest(LimitedRequest):
     def run(self) -> None:
         """Compute both maps at evenly spaced depths and diameters."""
         from probe_design.maps.target_grid import choose_sizes
-        from probe_design.reporting.detectability_figure import draw_detectability
-        from probe_design.reporting.picture_files import save_figure
         from probe_design.terminal.console import build_threshold_table, show_count
 
         scene = load_scene(self.scene)
@@ -171,6 +170,9 @@ class DetectabilityRequest(LimitedRequest):
         with show_count(f"detectability of {self.scene}") as progress:
             result = self.call(detectability, scene=scene, depths=depths, diameters=diameters, progress=progress)
         if self.picture is not None:
+            from probe_design.reporting.detectability_figure import draw_detectability
+            from probe_design.reporting.picture_files import save_figure
+
             save_figure(draw_detectability(result, scene), self.picture)
         present(result, build_threshold_table, self.as_json, self.picture)
 
@@ -240,8 +242,6 @@ class LoadRequest(LimitedRequest):
 
     def run(self) -> None:
         """Compute the scene under rising loads."""
-        from probe_design.reporting.curve_figures import draw_load_curve
-        from probe_design.reporting.picture_files import save_figure
         from probe_design.terminal.console import show_steps
         from probe_design.terminal.load_table import build_load_table, list_load_lines
         from solver.evaluation import load
@@ -252,6 +252,9 @@ class LoadRequest(LimitedRequest):
         with show_steps(f"pressing {self.scene}") as tell:
             result = self.call(load, scene=scene, force=force, indentation=indentation, tell=tell)
         if self.picture is not None:
+            from probe_design.reporting.curve_figures import draw_load_curve
+            from probe_design.reporting.picture_files import save_figure
+
             save_figure(draw_load_curve(result), self.picture)
         present(result, build_load_table, self.as_json, self.picture, list_load_lines)
 

@@ -184,7 +184,6 @@ def optimize(
         The closed form or the verifying evaluator cannot model the scene.
     """
     from geometry.common.files import check_writable
-    from probe_design.design_report.build import build_report
     from probe_design.design_search.design_source import read_design_source
     from probe_design.design_search.optimize import optimize as run
 
@@ -198,6 +197,8 @@ def optimize(
         refuse_options(settings)
     optimum = run(question, tell, **settings)
     if folder is not None:
+        from probe_design.design_report.build import build_report
+
         build_report(optimum).write(folder, tell, force=force)
     return optimum
 

@@ -7,6 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import LogNorm, Normalize
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from probe_design.data.noise import MAX_RESOLVED_LOG_SD
 from probe_design.design_report.depth_map import DETECTION_THRESHOLD, DepthMap
@@ -94,9 +98,6 @@ def draw_levers(levers: Sequence[Lever], label: str, path: Path) -> Path:
 
 
 def _create_figure(size: tuple[float, float], shape: tuple[int, int]) -> tuple[Any, Any]:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=size, dpi=120, facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
     return figure, figure.subplots(*shape, squeeze=False, sharey="row")
@@ -104,7 +105,6 @@ def _create_figure(size: tuple[float, float], shape: tuple[int, int]) -> tuple[A
 
 def _draw_map(figure: Any, axes: Any, depth_map: DepthMap, values: Any, *, label: str, limit: float) -> None:
     axes.set_facecolor("0.88")
-    from matplotlib.colors import LogNorm, Normalize
 
     probability = limit == DETECTION_THRESHOLD
     norm = Normalize(0.0, 1.0) if probability else LogNorm(MIN_SHOWN_SD, MAX_SHOWN_SD)
@@ -124,8 +124,6 @@ def _draw_map(figure: Any, axes: Any, depth_map: DepthMap, values: Any, *, label
 
 
 def _format_axis(axis: Any) -> None:
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())

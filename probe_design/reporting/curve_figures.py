@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 
 from solver.results.load_curve import LoadCurve
 from solver.results.result import Curve
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 def draw_curve(curve: Curve, scene_modulus: float | None = None, tissue_modulus: float | None = None) -> Figure:
     """Draw a curve with its error band, and mark the moduli of the scene's own inclusion and tissue, Pa."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(8.0, 7.0), dpi=150, facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
     top, bottom = figure.subplots(2, 1, sharex=True)
@@ -47,9 +41,6 @@ def draw_curve(curve: Curve, scene_modulus: float | None = None, tissue_modulus:
 
 def draw_load_curve(curve: LoadCurve) -> Figure:
     """Draw ratio, log-sensitivity and gap width over force, and mark where linear theory ends and where the gap closes."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(8.0, 9.0), dpi=150, facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
     panels = figure.subplots(3, 1, sharex=True)

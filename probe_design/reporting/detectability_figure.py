@@ -5,6 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib import colormaps
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import LogNorm, SymLogNorm
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Scene
@@ -13,7 +20,6 @@ from probe_design.maps.target_grid import find_target
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 MM_PER_M = 1e3
 COLOUR_RANGE_FACTOR = 100.0  # ratio of either end of the colour scale to the threshold
@@ -21,10 +27,6 @@ COLOUR_RANGE_FACTOR = 100.0  # ratio of either end of the colour scale to the th
 
 def draw_detectability(maps: Detectability, scene: Scene) -> Figure:
     """Draw both maps; return the figure."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.colors import LogNorm, SymLogNorm
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(11.0, 5.6), dpi=130, facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
     left, right = figure.subplots(1, 2, sharex=True, sharey=True)
@@ -71,8 +73,6 @@ def _compute_offset(scene: Scene) -> float:
 
 
 def _draw_map(figure: Any, axes: Any, maps: Detectability, values: Floats, *, norm: Any, colours: str, label: str) -> None:
-    from matplotlib import colormaps
-
     axes.set_facecolor("0.85")
     palette = colormaps[colours].copy()
     image = axes.pcolormesh(
@@ -98,8 +98,6 @@ def _draw_contour(axes: Axes, maps: Detectability, values: Floats, limit: float)
 
 def _hatch_open_verdicts(axes: Axes, maps: Detectability, verdicts: Any) -> None:
     """Hatch the cells where the error bound leaves the verdict open, or is above the change."""
-    from matplotlib.collections import PolyCollection
-
     fits = np.isfinite(_replace_none(maps.change))
     hidden = fits & (np.isnan(_replace_none(verdicts)) | (_replace_none(maps.above_error) == 0))
     x, y = (_compute_edges(_convert_to_mm(values)) for values in (maps.diameter, maps.depth))
@@ -126,9 +124,6 @@ def _mark_target(axes: Axes, maps: Detectability, scene: Scene) -> None:
 
 
 def _draw_legend(figure: Any) -> None:
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
     star = Line2D([], [], marker="*", markersize=12, markerfacecolor="gold", markeredgecolor="black", linestyle="none")
     handles = [
         (Line2D([], [], color="black", linewidth=1.6), "can / cannot"),

@@ -6,6 +6,9 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Rectangle
 
 from geometry.common.arrays import Floats
 from geometry.scenes.scene import Inclusion, Scene
@@ -13,7 +16,6 @@ from probe_design.maps.scan import Column, Scan
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 MM_PER_M = 1e3
 FIGURE_WIDTH_IN, LEFT_MARGIN_IN, RIGHT_MARGIN_IN = 9.0, 0.95, 0.25  # of the figure and its margins, inches
@@ -24,9 +26,6 @@ TISSUE_COLOUR, STIFF_COLOUR, SOFT_COLOUR, INNER_COLOUR, OUTER_COLOUR = "#f6d9c4"
 
 def draw_scan(scan: Scan, scene: Scene) -> Figure:
     """Draw a scan of a scene; return the figure."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     low, high, depth = _choose_window(scan, scene)
     axes_width = FIGURE_WIDTH_IN - LEFT_MARGIN_IN - RIGHT_MARGIN_IN
     height_above = max(scene.probe.core_height, scene.probe.tube_height) * MM_PER_M * 1.25
@@ -136,8 +135,6 @@ def _plot_second_curve(axes: Axes, scan: Scan) -> None:
 
 
 def _draw_section(axes: Axes, scan: Scan, scene: Scene, depth: float) -> None:
-    from matplotlib.patches import Circle, Rectangle
-
     left, right = _find_sides(scan, scene, 10 * depth + 1e3)
     floor = min(depth, math.inf if scene.tissue.shape == "half-space" else scene.tissue.depth * MM_PER_M)
     axes.add_patch(Rectangle((left, -floor), right - left, floor, facecolor=TISSUE_COLOUR, edgecolor="none"))
@@ -197,8 +194,6 @@ def _find_sides(scan: Scan, scene: Scene, far_side: float) -> tuple[float, float
 
 
 def _draw_probe(axes: Axes, scene: Scene, position: float) -> None:
-    from matplotlib.patches import Rectangle
-
     probe = scene.probe
     inner, hole, outer = (radius * MM_PER_M for radius in (probe.inner_radius, probe.hole_radius, probe.tube_radius))
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
 
 from geometry.common.arrays import Floats
 from geometry.meridian.mesh import compute_nodes
@@ -12,9 +13,6 @@ from geometry.scenes.scene import Scene
 from solver.axisymmetric.base_states import BaseStates
 from solver.elements.quadrilateral import compute_gradients, project_dilations
 from solver.results.film_forces import compute_indentation
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 ELEMENT_CORNERS = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
 MM_PER_M = 1e3
@@ -37,10 +35,6 @@ def compute_pressures(states: BaseStates, scene: Scene) -> Floats:
 
 def draw_stress_figure(states: BaseStates, scene: Scene) -> Figure:
     """Draw the pressures within three outer radii of the axis."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.collections import PolyCollection
-    from matplotlib.figure import Figure
-
     model, pressure = states.model, compute_pressures(states, scene)
     corners = MM_PER_M * np.asarray(compute_nodes(model.section, model.mesh, ELEMENT_CORNERS))  # (n, 4, 2)
     radius = 3 * MM_PER_M * scene.probe.tube_radius

@@ -8,6 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from matplotlib.ticker import EngFormatter
 
 from geometry.cad.solids import MM_PER_M, PART_COLOURS
 from geometry.common.arrays import Floats
@@ -69,8 +74,6 @@ def draw_solid(path: Path, states: SolidStates, motion: Sequence[float] | Floats
     """
     path = Path(path)
     check_format(path)
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
 
     problem, motion = states.problem, np.asarray(motion, dtype=np.float64)
     cut, sizes = cut_section(problem, compute_fields(states, motion)), MeshSizes.from_problem(problem)
@@ -116,8 +119,6 @@ def _format_title(states: SolidStates, motion: Floats) -> str:
 
 def _draw_mesh(axes: Axes, problem: Problem, cut: Faces, sizes: MeshSizes) -> None:
     """Draw the mesh cut open, with an inset of the probe in wide tissue."""
-    from matplotlib.patches import Patch
-
     bodies = list_bodies(problem)
     count, half = int(np.isin(problem.solid.body, bodies).sum()), problem.solid.mesh.half
     parts = [extract_skin(problem)] if half else [extract_skin(problem), cut]
@@ -136,15 +137,11 @@ def _draw_mesh(axes: Axes, problem: Problem, cut: Faces, sizes: MeshSizes) -> No
 
 
 def _format_value(value: float, unit: str) -> str:
-    from matplotlib.ticker import EngFormatter
-
     return str(EngFormatter(unit)(float(f"{value:.3g}")))
 
 
 def _draw_gap(axes: Axes, cut: Faces, sizes: MeshSizes) -> None:
     """Draw the gap at the tissue, with an arrow for its width."""
-    from matplotlib.collections import PolyCollection
-
     gap, middle = (sizes.hole - sizes.inner) * MM_PER_M, (sizes.inner + sizes.hole) / 2 * MM_PER_M
     reach = max(min(8 * gap, (sizes.tube - sizes.hole) * MM_PER_M, sizes.inner * MM_PER_M), 1.5 * gap)
     flat = cut.points[:, [0, 2]] * MM_PER_M

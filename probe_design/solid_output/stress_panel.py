@@ -6,6 +6,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib import colormaps
+from matplotlib.collections import LineCollection
+from matplotlib.colors import ListedColormap, LogNorm, Normalize
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from geometry.cad.solids import MM_PER_M
@@ -92,8 +96,6 @@ def draw_stress(axes: Any, bar_axes: Any, shape: DeformedSection, name: str) -> 
 
 def draw_mesh_lines(axes: Axes, points: Floats, lines: NDArray[np.int64], width: float) -> None:
     """Draw pairs (m, 2) of points (n, 2) as dark lines, ``width`` in printer's points."""
-    from matplotlib.collections import LineCollection
-
     axes.add_collection(LineCollection(list(points[lines]), colors="0.15", linewidths=width, capstyle="round"))
 
 
@@ -113,9 +115,6 @@ def _find_outline(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
 
 def _build_linear_colours(low: float, high: float) -> tuple[Any, Any]:
     """Return colours from blue over white at zero to red, with the same scale on both sides, and their norm."""
-    from matplotlib import colormaps
-    from matplotlib.colors import ListedColormap, Normalize
-
     low, high = min(low, 0.0), max(high, 0.0)
     max_stress = max(-low, high) or 1.0
     shades = colormaps["RdBu_r"](np.linspace(0.5 + low / max_stress / 2, 0.5 + high / max_stress / 2, 256))
@@ -124,16 +123,12 @@ def _build_linear_colours(low: float, high: float) -> tuple[Any, Any]:
 
 def _build_log_colours(low: float, high: float) -> tuple[Any, Any]:
     """Return a logarithmic colour scale of at most two decades, and its norm."""
-    from matplotlib.colors import LogNorm
-
     high = high if high > 0 else 1.0
     return "viridis", LogNorm(min(max(low, high / 10**MAX_DECADES), 0.5 * high), high)
 
 
 def _label_decades(axis: Any) -> None:
     """Label a logarithmic axis of few decades with plain numbers in place of powers."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 
 from probe_design.reporting.picture_files import check_format, save_figure
 from probe_design.tolerances.budget import ToleranceBudget
@@ -18,8 +20,6 @@ def plot_budget(budget: ToleranceBudget, path: Path) -> Path:
         OSError: the file cannot be written.
     """
     check_format(path)
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
 
     lines = budget.lines[::-1]
     rows, parts = np.arange(len(lines)), [line.outputs["ln_ratio"] for line in lines]

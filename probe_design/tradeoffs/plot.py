@@ -7,6 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
 from geometry.common.errors import escape_unprintable
 from probe_design.reporting.picture_files import save_figure
 from probe_design.tradeoffs.rows import Row, find_pareto_front, remove_duplicates
@@ -30,9 +34,6 @@ def plot_tradeoff(study: Tradeoff, path: Path) -> Path:
     Raises:
         OSError: the file cannot be written.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     names = list(study.scenes)[:MAX_PANELS]
     column_count = min(3, len(names))
     row_count = -(-len(names) // column_count)
@@ -129,7 +130,6 @@ def _clip_error(error: float | None) -> float:
 
 def _draw_legend(figure: Any, study: Tradeoff) -> None:
     """Draw the legend below the panels."""
-    from matplotlib.lines import Line2D
 
     def build_handle(
         label: str, marker: str = "", colour: str = "0.3", style: Literal["", "-", ":"] = "", **options: Any
