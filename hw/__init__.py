@@ -10,6 +10,8 @@ What a user calls:
 ...     samples = reader.collect(10.0)
 """
 
+# Imports inside functions: numpy and usb load when a public name is used.
+
 from __future__ import annotations
 
 TYPE_CHECKING = False

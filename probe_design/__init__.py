@@ -22,9 +22,12 @@ Numbers are in SI units. The public functions:
 Results are immutable. A notebook displays them as tables, and ``to_dataset()`` returns arrays with labels and units.
 """
 
+# Imports inside functions: signals are heard before click and the commands load; public names load when they are used.
+
 from __future__ import annotations
 
 import sys
+from importlib import import_module
 
 TYPE_CHECKING = False  # typing's, which takes longer to import than all that the program does before it listens to signals
 if TYPE_CHECKING:
@@ -61,8 +64,6 @@ _MODULE_NAMES |= {"evaluate_many": "solver.batch", "sweep": "probe_design.sweeps
 def __getattr__(name: str) -> object:
     """Import a public name when it is first used; the help of the command line needs none of them."""
     if name in __all__:
-        from importlib import import_module
-
         return getattr(import_module(_MODULE_NAMES[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 

@@ -14,6 +14,8 @@ The public functions take a ``geometry.Scene`` or the name of a scene file:
     Workspace      keeps meshes and factors from one evaluation to the next
 """
 
+# Imports inside functions: planning, contact and phase load SciPy, and whoever shows a result imports this package.
+
 from solver.batch import evaluate_many
 from solver.evaluation import curve, evaluate, load, plan
 from solver.evaluators import evaluator

@@ -11,6 +11,7 @@ import numpy as np
 import pyvista
 
 from geometry.cad.decimation import decimate
+from geometry.cad.solids import load_cadquery
 
 if TYPE_CHECKING:
     from geometry.common.arrays import Arrays
@@ -43,8 +44,6 @@ def _read_stl(name: str) -> pyvista.PolyData:
 
 
 def _read_step(name: str) -> pyvista.PolyData:
-    from geometry.cad.solids import load_cadquery
-
     shape = load_cadquery().importers.importStep(name).val()
     vertices, triangles = shape.tessellate(RELATIVE_DEFLECTION * shape.BoundingBox().DiagonalLength, MAX_TURN_RAD)
     points = np.array([vertex.toTuple() for vertex in vertices], dtype=float)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import reprlib
 from collections.abc import Iterable
+from difflib import get_close_matches
 from importlib import import_module
 from typing import Any
 
@@ -65,8 +66,6 @@ def import_extra(name: str) -> Any:
 
 def suggest_word(word: object, words: Iterable[str]) -> str:
     """Return "; did you mean ...?" if one of ``words`` resembles ``word``, else an empty text."""
-    from difflib import get_close_matches
-
     matches = get_close_matches(str(word).lower()[:100], [*words], n=1) if isinstance(word, str) else []
     return f"; did you mean {matches[0]!r}?" if matches else ""
 

@@ -1,1 +1,3 @@
 """The scene: models, units, TOML, refusals, the check that bodies fit, numbers by name."""
+
+# Imports inside functions: few scenes need numpy and scipy (thinned rubber), pint (rare units) or tomli_w (writing).

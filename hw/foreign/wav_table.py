@@ -23,7 +23,7 @@ def read_wav(path: Path) -> ColumnTable:
     Raises:
         InvalidSource: the file is no WAV file, or was cut.
     """
-    from scipy.io import wavfile  # slow to import
+    from scipy.io import wavfile
 
     if path.stat().st_size > LARGEST_FILE:
         raise build_refusal(

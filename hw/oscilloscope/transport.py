@@ -155,7 +155,7 @@ class _Acquisition:
 
 
 def _parse_note(note: str, size: int) -> _Acquisition:
-    from pydantic import TypeAdapter, ValidationError  # slow to import
+    from pydantic import TypeAdapter, ValidationError
 
     try:
         acquisition = TypeAdapter(_Acquisition).validate_json(note)

@@ -188,7 +188,7 @@ class _FirstLine(Header):
 
 
 def _read_header(line: bytes, path: Path) -> Header:
-    from pydantic import TypeAdapter, ValidationError  # slow to import
+    from pydantic import TypeAdapter, ValidationError
 
     try:
         version = TypeAdapter(_Kind).validate_json(line).version

@@ -141,7 +141,7 @@ def estimate_gains(observed: Sequence[Observation], shares: BlockPredictions, be
     Raises:
         InputError: the references do not determine the gains.
     """
-    from scipy.optimize import least_squares  # 15 MB that a logger with known gains need not load
+    from scipy.optimize import least_squares
 
     problem = _Problem(tuple(observed), shares, bench)
     if problem.read_data <= len(problem.build_start()):

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from time import sleep
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -101,8 +102,6 @@ def _read_reference(
 
 def _ask_for(reference: Reference, label: str, source: SourceRequest) -> None:
     """Ask the user to press the probe on a reference, and wait; do nothing for recordings and the virtual probe."""
-    from time import sleep
-
     from geometry.common.errors import InputError, Words
     from probe_design.terminal.console import write_line
 

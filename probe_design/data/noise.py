@@ -8,6 +8,9 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from geometry.common.errors import InputError
+from geometry.scenes.probe import Film
+
 if TYPE_CHECKING:
     from geometry.scenes.probe import Probe
 
@@ -31,7 +34,6 @@ def check_noise(noise: float, key: str = "noise") -> float:
     """
     if MIN_NOISE <= noise <= MAX_NOISE:
         return noise
-    from geometry.common.errors import InputError  # imported late: --help needs only the default
 
     raise InputError(key, noise, ALLOWED_NOISE)
 
@@ -43,8 +45,6 @@ def choose_accuracy(noise: float) -> float:
 
 def find_charge_per_force(probe: Probe) -> float:
     """Return |d33| of a probe's films, C/N; that of a film by default where the probe states none, or states 0."""
-    from geometry.scenes.probe import Film
-
     return abs(probe.film.d33 if probe.film else 0.0) or abs(Film().d33)
 
 

@@ -11,7 +11,6 @@ import numpy as np
 from geometry.common.errors import InputError
 from geometry.common.files import check_writable_file
 from geometry.scenes.scene import Scene
-from probe_design.solid_output.figure import draw_solid
 from probe_design.solid_output.vtu import write_vtu
 from solver.planning.load_check import add_load_warning
 from solver.results.result import Result
@@ -54,6 +53,8 @@ def evaluate_with_files(
         tell(f"writing {vtu}")
         write_vtu(vtu, solution.states, motion)
     if picture is not None:
+        from probe_design.solid_output.figure import draw_solid
+
         tell(f"drawing {picture}")
         draw_solid(picture, solution.states, motion)
     return add_load_warning(result, scene, accuracy)

@@ -122,9 +122,7 @@ class Job:
 
         _catch_fault(lambda: build_scene(self.base, (), ()))
         if self.evaluator == evaluators.AUTO:
-            import solver.planning.plan
-        elif self.evaluator == FORMULA_EVALUATOR:
-            import solver.closed_form.evaluator  # noqa: F401
+            import solver.planning.plan  # noqa: F401
         else:
             evaluators.evaluator(self.evaluator)
 

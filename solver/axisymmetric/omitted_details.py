@@ -92,7 +92,7 @@ def _bound_sides(scene: Scene, plain: Sections, rough: MeshSample, moduli: Float
     0.0001 and 0.002 (their own uncertainty).
     """
     kind = kind_of(plain.section)
-    from scipy.interpolate import pchip_interpolate  # slow to import, and used for such scenes only
+    from scipy.interpolate import pchip_interpolate
 
     ends = []
     for section in plain.bracket:

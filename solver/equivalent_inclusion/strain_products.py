@@ -48,7 +48,7 @@ class Energies:
 
     def interpolate(self, r: Floats, z: Floats) -> Floats:
         """Interpolate the products of ``evaluate`` from the table: within about 1e-3, relative, where ``covers`` is true."""
-        from scipy.ndimage import map_coordinates  # its import takes longer than the evaluation of a scene on the axis
+        from scipy.ndimage import map_coordinates
 
         scale, _, depth, _ = self._range
         coordinates = np.stack([np.arcsinh(r / scale), np.arcsinh(-z / scale) - np.arcsinh(depth / scale)]) / TABLE_STEP

@@ -37,7 +37,7 @@ def build_load_rule(scene: Scene) -> LoadRule:
         InputError: a surface file that cannot be used.
         Refusal: so extreme that not even the coarsest mesh can be solved in double precision.
     """
-    from solver.planning.coarse_model import remove_tumours  # formulas start without finite elements
+    from solver.planning.coarse_model import remove_tumours
 
     return _solve_coarse_model(remove_tumours(scene)).build_rule(scene)
 

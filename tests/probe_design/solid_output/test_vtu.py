@@ -193,7 +193,7 @@ class TestCut:
 
 
 def test_importing_loads_nothing_heavy() -> None:
-    modules = "probe_design.solid_output.vtu, probe_design.solid_output.figure"
+    modules = "probe_design.solid_output.vtu, probe_design.solid_output.evaluate_with_files"
     program = f"import sys, {modules}; print({{'pyvista', 'vtkmodules', 'matplotlib', 'cadquery'}} & set(sys.modules))"
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, cwd=ROOT)
     assert run.stdout.strip() == "set()"
