@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal, Words
+from geometry.common.json_types import JsonObject
 from geometry.common.resources import LimitReached, Limits, start_clock, use_limits
 from geometry.provenance.block import build_provenance
 from geometry.scenes.fit_check import list_doubts
@@ -135,7 +136,7 @@ def add_phase(result: Result, scene: Scene, accuracy: float, frequency: float) -
         phase = compute_ratio_phase(scene, quasi_static, accuracy, frequency)
     except PhaseUnknown as reason:
         return replace(result, warnings=(*result.warnings, Note("null", f"ratio_phase is null: {reason}")))
-    phase_fields: dict[str, Any] = {f"ratio_phase{key}": value for key, value in phase.suffixed_fields.items()}
+    phase_fields: JsonObject = {f"ratio_phase{key}": value for key, value in phase.suffixed_fields.items()}
     return replace(result, **phase_fields, warnings=(*result.warnings, *phase.notes))
 
 

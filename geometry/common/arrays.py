@@ -14,3 +14,5 @@ Points = NDArray[np.float64]
 """Coordinates, m: the last axis is x, y, z."""
 Arrays = dict[str, NDArray[Any]]
 """Arrays by name, as programs in child processes take and return them."""
+Numeric = Any
+"""A float, complex number, array or casadi expression, in formulas that serve all of them."""

@@ -6,9 +6,9 @@ import os
 import re
 import tomllib
 from pathlib import Path
-from typing import Any
 
 from geometry.common.errors import InputError, Words
+from geometry.common.json_types import JsonObject
 
 LARGEST_FILE = 1_000_000  # bytes; a scene has a few hundred
 # tomllib's time and the depth of what it returns grow with the parts of a dotted key; keys of ours have three
@@ -55,7 +55,7 @@ def _open_without_waiting(path: str, flags: int) -> int:
     return handle
 
 
-def parse_tables(text: str, name: str, allowed: str) -> dict[str, Any]:
+def parse_tables(text: str, name: str, allowed: str) -> JsonObject:
     """Parse TOML text to its tables.
 
     Args:
@@ -76,6 +76,6 @@ def parse_tables(text: str, name: str, allowed: str) -> dict[str, Any]:
         raise InputError(name, Words("TOML with a huge integer or deep nesting"), allowed) from None
 
 
-def read_tables(path: Path | str, key: str, allowed: str = "a TOML file") -> dict[str, Any]:
+def read_tables(path: Path | str, key: str, allowed: str = "a TOML file") -> JsonObject:
     """Return the tables of a TOML file; see ``read_text`` and ``parse_tables``."""
     return parse_tables(read_text(path, key, allowed), str(path), allowed)

@@ -19,11 +19,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
-from geometry.common.arrays import Ints
+from geometry.common.arrays import Ints, Numeric
 from geometry.meridian.grading import smooth_min
 from geometry.meridian.sphere_box import CORE_REACH
 
@@ -34,7 +33,7 @@ MIN_TERRAIN_ANGLE_RAD, MAX_RAY_ANGLE_RAD = (
 )  # angles above the horizon between which an interface may be a ray or a part of the terrain
 
 
-def count_terrain_interfaces(angles: Any) -> tuple[int, int]:
+def count_terrain_interfaces(angles: Numeric) -> tuple[int, int]:
     """Return how many interfaces are terrain above the upper and below the lower pole, the others are rays.
 
     Interfaces close to each other are of the same sort: between the two the widest gap is chosen.
@@ -46,7 +45,7 @@ def count_terrain_interfaces(angles: Any) -> tuple[int, int]:
     return upper, _count_at_pole(-angles[upper:][::-1])
 
 
-def _count_at_pole(angles: Any) -> int:
+def _count_at_pole(angles: Numeric) -> int:
     if (
         not len(angles) or angles[0] < MIN_TERRAIN_ANGLE_RAD
     ):  # upright columns are better than turned rays where there is a choice
@@ -120,7 +119,7 @@ class CrossedBox:
             for row, start, flat in zip(cap.rows, cap.starts, cap.flat, strict=True)
         }
 
-    def flatten(self, levels: Any) -> tuple[Any, Any, float]:
+    def flatten(self, levels: Numeric) -> tuple[Numeric, Numeric, float]:
         """Return levels from the box's lower end to its upper, heights to draw them at, and the radius of a sphere that fits."""
         lower, upper = self.caps
         rows, spans = (lower.rows, self.sides, upper.rows[::-1]), ((-0.9, -0.4), (-0.3, 0.3), (0.4, 0.9))
@@ -142,13 +141,13 @@ class BoxLines:
         core_radii, core_heights: of the core's points, above the centre.
     """
 
-    across: Any
-    met: Any
-    core_radii: Any
-    core_heights: Any
+    across: Numeric
+    met: Numeric
+    core_radii: Numeric
+    core_heights: Numeric
 
 
-def place_box_lines(box: CrossedBox, radii: Any, levels: Any, centre: Any, radius: Any) -> BoxLines:
+def place_box_lines(box: CrossedBox, radii: Numeric, levels: Numeric, centre: Numeric, radius: Numeric) -> BoxLines:
     """Return where a box's lines lie.
 
     Rays to the box's side do not pass through the sphere: they are turned by s v, |s| < 1, with v = acos(radius / distance), the
@@ -196,14 +195,14 @@ def place_box_lines(box: CrossedBox, radii: Any, levels: Any, centre: Any, radiu
     return BoxLines(*(_expand_radii(value, lines, kind) for value in (box_radii, met, core_radii, core_heights)))
 
 
-def _expand_radii(values: Any, lines: Ints, kind: Any) -> Any:
+def _expand_radii(values: Numeric, lines: Ints, kind: Numeric) -> Numeric:
     """Expand numbers of the box's lines to all radii up to its edge."""
     expanded = np.zeros((*values.shape[:-2], lines[-1] + 1, values.shape[-1]), dtype=kind)
     expanded[..., lines, :] = values
     return expanded
 
 
-def _place_cap(cap: Cap, radii: Any, heights: Any, radius: Any) -> tuple[Any, Any]:
+def _place_cap(cap: Cap, radii: Numeric, heights: Numeric, radius: Numeric) -> tuple[Numeric, Numeric]:
     """Return the angles at which columns meet the sphere, up to the last interface's, and the radii on the terrain.
 
     Columns at which interfaces begin stand there; those between are moved in proportion.
@@ -223,7 +222,7 @@ def _place_cap(cap: Cap, radii: Any, heights: Any, radius: Any) -> tuple[Any, An
     return angles, terrain
 
 
-def _compute_turns(ray_angles: Any, widest: Any, breaks: list[int], met: Any) -> Any:
+def _compute_turns(ray_angles: Numeric, widest: Numeric, breaks: list[int], met: Numeric) -> Numeric:
     """Return s of rays to the box's side; at interfaces and corners, ``breaks``, they meet the sphere at the angles ``met``."""
     ends, turns = (met - ray_angles[..., breaks]) / widest[..., breaks], 0 * ray_angles * widest
     for k, (first, last) in enumerate(pairwise(breaks)):
@@ -233,7 +232,7 @@ def _compute_turns(ray_angles: Any, widest: Any, breaks: list[int], met: Any) ->
     return turns
 
 
-def _place_core(met: Any, reach: Any) -> tuple[Any, Any]:
+def _place_core(met: Numeric, reach: Numeric) -> tuple[Numeric, Numeric]:
     """Return radii and heights of the core: corners on the rays to the box's corners, level rows and straight sides."""
     side = met[..., -1, :]
     (low, bottom), (high, top) = ((reach * np.cos(side[..., [k]]), reach * np.sin(side[..., [k]])) for k in (0, -1))
@@ -245,5 +244,5 @@ def _place_core(met: Any, reach: Any) -> tuple[Any, Any]:
     return edge * (lower_ratio + height_fraction * (upper_ratio - lower_ratio)), z + 0 * lower_ratio
 
 
-def _cotangent(angle: Any) -> Any:
+def _cotangent(angle: Numeric) -> Numeric:
     return np.cos(angle) / np.sin(angle)

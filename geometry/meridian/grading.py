@@ -7,14 +7,13 @@ All functions take and return floats or complex numbers (for derivatives by comp
 from __future__ import annotations
 
 from math import log1p
-from typing import Any
 
 import numpy as np
 
-Lengths = Any  # a float, or an array of floats or complex numbers, shape (...,)
+from geometry.common.arrays import Numeric
 
 
-def smooth_min(*lengths: Lengths) -> Any:
+def smooth_min(*lengths: Numeric) -> Numeric:
     """Return a length below the smallest of ``lengths`` by at most the root of their number, without a kink.
 
     (sum_i s_i^-2)^(-1/2) (ME.1); all positive.
@@ -22,7 +21,7 @@ def smooth_min(*lengths: Lengths) -> Any:
     return sum(length**-2 for length in lengths) ** -0.5
 
 
-def smooth_max(a: Lengths, b: Lengths, blur: Lengths) -> Any:
+def smooth_max(a: Numeric, b: Numeric, blur: Numeric) -> Numeric:
     """Return a length above the larger of two by at most ``blur / 2``, without a kink."""
     return (a + b + ((a - b) ** 2 + blur**2) ** 0.5) / 2
 
@@ -33,8 +32,8 @@ def count_folds(low: float, high: float, low_size: float | None = None, high_siz
 
 
 def grade_nodes(
-    low: Lengths, high: Lengths, cells: int, low_size: Lengths | None = None, high_size: Lengths | None = None
-) -> Any:
+    low: Numeric, high: Numeric, cells: int, low_size: Numeric | None = None, high_size: Numeric | None = None
+) -> Numeric:
     """Return the ``cells + 1`` nodes on ``low .. high``, shape (..., cells + 1), whose cells grow away from the ends.
 
     Each cell has the same part of the integral of 1 / (x - low + low_size) + 1 / (high - x + high_size) (ME.2); an end without a

@@ -19,11 +19,10 @@ from __future__ import annotations
 from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, product
-from typing import Any
 
 import numpy as np
 
-from geometry.common.arrays import Floats, Ints
+from geometry.common.arrays import Floats, Ints, Numeric
 from geometry.meridian.crossed_sphere import BoxLines, Cap, CrossedBox, place_box_lines
 from geometry.meridian.mesh_lines import Kind, MeridianFineness, MeshLines, MeshTopology, place_lines
 from geometry.meridian.section import LAYERS, Body, Section
@@ -95,7 +94,7 @@ def _order_columns(straight: tuple[int, ...], shape: Ints, vertices: Ints, corne
     return np.concatenate([flat[np.argsort(column.ravel(), kind="stable")], others]), np.concatenate([[0], np.cumsum(count)])
 
 
-def compute_nodes(section: Section, mesh: Topology, places: Floats, chosen: Ints | None = None) -> Any:
+def compute_nodes(section: Section, mesh: Topology, places: Floats, chosen: Ints | None = None) -> Numeric:
     """Return points (r, z) of all or some elements at ``places`` of the unit square, (places, 2); (..., n, places, 2)."""
     if chosen is not None:
         shape, vertices, circles = mesh.shape[chosen], mesh.vertices[chosen], mesh.circles[chosen]
@@ -126,7 +125,7 @@ def compute_labels(mesh: Topology) -> Floats:
     return np.asarray(np.round(points, 9)) + 0.0  # + 0.0: no negative zeros
 
 
-def label_line(number: Any) -> Any:
+def label_line(number: Numeric) -> Numeric:
     """Return a line's coordinate for ``compute_labels``: close to its number, but no line falls on a layer between others."""
     return np.round(number + 0.3 * np.modf(number * GOLDEN_RATIO)[0], 9)
 
@@ -137,7 +136,7 @@ def compute_bilinear_shares(places: Floats) -> Floats:
     return np.stack([(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v], axis=-1)
 
 
-def _map_points(lines: MeshLines, mesh: Topology, places: Floats) -> Any:
+def _map_points(lines: MeshLines, mesh: Topology, places: Floats) -> Numeric:
     """Map the elements' corners to the cells' unit squares and these to the plane."""
     points = compute_bilinear_shares(places) @ mesh.corners  # (n, places, 2)
     rings = (mesh.shape == OUTSIDE) | (mesh.shape == INSIDE)
@@ -149,15 +148,15 @@ def _map_points(lines: MeshLines, mesh: Topology, places: Floats) -> Any:
     return np.stack([r, z], axis=-1)
 
 
-def _interpolate_in_cells(grid: Any, mesh: Topology, share: Floats, chosen: Ints) -> Any:
+def _interpolate_in_cells(grid: Numeric, mesh: Topology, share: Floats, chosen: Ints) -> Numeric:
     """Interpolate values at the box's points, (..., radii, levels), to points of chosen elements, shape (..., m, places)."""
     column, row = mesh.vertices[chosen].transpose(2, 0, 1)
     return (share[chosen] @ grid[..., column, row][..., None])[..., 0]
 
 
 def _move_into_box(
-    lines: MeshLines, mesh: Topology, share: Floats, unit_points: Floats, points: tuple[Any, Any]
-) -> tuple[Any, Any]:
+    lines: MeshLines, mesh: Topology, share: Floats, unit_points: Floats, points: tuple[Numeric, Numeric]
+) -> tuple[Numeric, Numeric]:
     """Move points of the box's sides along their rays into the rings, those of its grid into the core and onto the terrain."""
     box = lines.box
     assert box is not None
@@ -198,7 +197,7 @@ def _move_into_box(
     return r, z
 
 
-def _interpolate_on_level(grid: Any, mesh: Topology, chosen: Ints, rows: Ints, u: Floats) -> Any:
+def _interpolate_on_level(grid: Numeric, mesh: Topology, chosen: Ints, rows: Ints, u: Floats) -> Numeric:
     """Interpolate values at the box's points along one level of each chosen element, at fractions u between its two columns."""
     left, right = (grid[..., mesh.vertices[chosen, k, 0], rows, None] for k in (0, 1))
     return left + u * (right - left)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import pairwise
 from math import isclose
-from typing import Any
 
 import numpy as np
 
+from geometry.common.arrays import Numeric
 from geometry.meridian.breaks import (
     THIN_TISSUE_FEATURES,
     CapPlace,
@@ -97,12 +97,12 @@ class MeshLines:
         box: the lines of the sphere's box, shape (..., radii, levels).
     """
 
-    radii: Any
-    levels: Any
-    outside: Any
-    inside: Any
-    centre: Any
-    sphere: Any
+    radii: Numeric
+    levels: Numeric
+    outside: Numeric
+    inside: Numeric
+    centre: Numeric
+    sphere: Numeric
     box: BoxLines | None = None
 
 
@@ -278,7 +278,7 @@ def place_lines(section: Section, layout: MeshTopology) -> MeshLines:
         if layout.kind.flange:
             radii.append(grade_nodes(s.tube_radius, s.flange_radius, layout.overhang, s.corner_size)[..., 1:])
     levels.append(_find_middles(levels[0], layout))
-    rays: tuple[Any, ...] = (np.zeros(0), np.zeros(0), 0.0, 0.0)
+    rays: tuple[Numeric, ...] = (np.zeros(0), np.zeros(0), 0.0, 0.0)
     if sphere is not None:
         outside, inside = (
             _join_intervals(ring, (cells,)) for ring, cells in zip(sphere.build_rings(), layout.rings, strict=True)
@@ -288,14 +288,14 @@ def place_lines(section: Section, layout: MeshTopology) -> MeshLines:
     return MeshLines(np.concatenate(radii, axis=-1), np.concatenate(levels, axis=-1), *rays)
 
 
-def _join_intervals(breaks: Breaks, cells: tuple[int, ...]) -> Any:
+def _join_intervals(breaks: Breaks, cells: tuple[int, ...]) -> Numeric:
     """Return the nodes on all intervals between breaks, shape (..., sum(cells) + 1)."""
     ends = zip(pairwise(breaks.places), pairwise(breaks.sizes), cells, strict=True)
     pieces = [grade_nodes(low, high, n, a, b) for (low, high), (a, b), n in ends]
     return np.concatenate([pieces[0], *(piece[..., 1:] for piece in pieces[1:])], axis=-1)
 
 
-def place_core_lines(layout: MeshTopology, radii: Any, levels: Any, sphere: SphereBox) -> BoxLines:
+def place_core_lines(layout: MeshTopology, radii: Numeric, levels: Numeric, sphere: SphereBox) -> BoxLines:
     """Return the lines of the sphere's box, ``MeshLines.box``."""
     if layout.crossed is not None:
         return place_box_lines(layout.crossed, radii, levels, -sphere.depth, sphere.radius)
@@ -307,13 +307,13 @@ def place_core_lines(layout: MeshTopology, radii: Any, levels: Any, sphere: Sphe
     return BoxLines(None, None, *core)
 
 
-def _find_middles(levels: Any, layout: MeshTopology) -> Any:
+def _find_middles(levels: Numeric, layout: MeshTopology) -> Numeric:
     """Return the levels within the rows in which lines end."""
     tops = list(layout.merged)
     return (levels[..., tops] + levels[..., [top - 1 for top in tops]]) / 2
 
 
-def _place_bridge(s: Section, layout: MeshTopology) -> Any:
+def _place_bridge(s: Section, layout: MeshTopology) -> Numeric:
     """Return the radii of an elastic base across the gap, graded to its ends and to the step in its middle."""
     middle, sign = (s.inner_radius + s.hole_radius) / 2, layout.kind.base
     step = s.corner_size if not sign else smooth_min(s.corner_size, sign * (s.inner_height - s.outer_height))
@@ -321,7 +321,7 @@ def _place_bridge(s: Section, layout: MeshTopology) -> Any:
     return _join_intervals(breaks, (layout.half, layout.half))[..., 1:-1]
 
 
-def _place_film_levels(s: Section, layout: MeshTopology, height: Any) -> list[Any]:
+def _place_film_levels(s: Section, layout: MeshTopology, height: Numeric) -> list[Numeric]:
     levels, top = [], height
     for thickness in (s.film, s.adhesive)[: layout.kind.films]:
         levels.append(grade_nodes(top, top + thickness, layout.layer, s.corner_size, s.corner_size)[..., 1:])
@@ -329,7 +329,7 @@ def _place_film_levels(s: Section, layout: MeshTopology, height: Any) -> list[An
     return levels
 
 
-def _place_base_levels(s: Section, layout: MeshTopology) -> list[Any]:
+def _place_base_levels(s: Section, layout: MeshTopology) -> list[Numeric]:
     low, high = (s.outer_height, s.inner_height) if layout.kind.base == 1 else (s.inner_height, s.outer_height)
     films, corner = s.film + s.adhesive, s.corner_size
     step = high + films

@@ -6,11 +6,12 @@ from dataclasses import dataclass, fields
 from enum import IntEnum
 from functools import cached_property
 from itertools import accumulate
-from typing import Any
 
 import numpy as np
 
-from geometry.meridian.grading import Lengths, smooth_min
+from geometry.common.arrays import Numeric
+from geometry.common.json_types import JsonObject
+from geometry.meridian.grading import smooth_min
 
 # how far from the axis the box round a sphere may end, in the sphere's radii
 NEAREST_BOX, WIDEST_BOX = 1.25, 2.5
@@ -51,30 +52,30 @@ class Section:
     their walls. ``mesh_size``, if not zero, takes the place of ``corner_size``.
     """
 
-    inner_radius: Lengths
-    hole_radius: Lengths
-    tube_radius: Lengths
-    inner_height: Lengths
-    outer_height: Lengths
-    tissue_radius: Lengths
-    tissue_depth: Lengths
-    sphere_radius: Lengths = 0.0
-    sphere_depth: Lengths = 0.0
-    film: Lengths = 0.0
-    adhesive: Lengths = 0.0
-    flange_radius: Lengths = 0.0
-    flange_thickness: Lengths = 0.0
-    step_height: Lengths = 0.0
-    layer_0: Lengths = 0.0
-    layer_1: Lengths = 0.0
-    layer_2: Lengths = 0.0
-    layer_3: Lengths = 0.0
-    layer_4: Lengths = 0.0
-    layer_5: Lengths = 0.0
-    layer_6: Lengths = 0.0
-    layer_7: Lengths = 0.0
-    edge_radius: Lengths = 0.0
-    mesh_size: Lengths = 0.0
+    inner_radius: Numeric
+    hole_radius: Numeric
+    tube_radius: Numeric
+    inner_height: Numeric
+    outer_height: Numeric
+    tissue_radius: Numeric
+    tissue_depth: Numeric
+    sphere_radius: Numeric = 0.0
+    sphere_depth: Numeric = 0.0
+    film: Numeric = 0.0
+    adhesive: Numeric = 0.0
+    flange_radius: Numeric = 0.0
+    flange_thickness: Numeric = 0.0
+    step_height: Numeric = 0.0
+    layer_0: Numeric = 0.0
+    layer_1: Numeric = 0.0
+    layer_2: Numeric = 0.0
+    layer_3: Numeric = 0.0
+    layer_4: Numeric = 0.0
+    layer_5: Numeric = 0.0
+    layer_6: Numeric = 0.0
+    layer_7: Numeric = 0.0
+    edge_radius: Numeric = 0.0
+    mesh_size: Numeric = 0.0
 
     @cached_property
     def lengths(self) -> tuple[str, ...]:
@@ -83,7 +84,7 @@ class Section:
         return tuple(name for name in names if _is_present(getattr(self, name)))
 
     @cached_property
-    def block_radii(self) -> dict[str, Any]:
+    def block_radii(self) -> JsonObject:
         """Radii of the blocks' walls and, if their edges are round, of the ends of their faces: rising, by name."""
         inner, hole, tube, edge = self.inner_radius, self.hole_radius, self.tube_radius, self.edge_radius
         if not _is_present(edge):
@@ -97,7 +98,7 @@ class Section:
         return _is_present(self.film) or _is_present(self.flange_thickness)
 
     @cached_property
-    def interfaces(self) -> list[Any]:
+    def interfaces(self) -> list[Numeric]:
         """Depths of the tissue's interfaces, from the surface downwards."""
         thicknesses = (getattr(self, body.name.lower()) for body in LAYERS)
         return list(accumulate(thickness for thickness in thicknesses if _is_present(thickness)))
@@ -112,19 +113,19 @@ class Section:
         return count_above, sum(bool(np.all(np.real(depth) < np.real(bottoms))) for depth in self.interfaces[count_above:])
 
     @cached_property
-    def cover(self) -> Any:
+    def cover(self) -> Numeric:
         """Tissue between the sphere's top and the next interface above it, or the surface."""
         count_above, _ = self.interfaces_apart
         return self.sphere_depth - self.sphere_radius - ([0.0, *self.interfaces][count_above])
 
     @cached_property
-    def clearance(self) -> Any:
+    def clearance(self) -> Numeric:
         """Tissue between the sphere's bottom and the next interface below it, or the floor."""
         count_below = sum(self.interfaces_apart)
         return [*self.interfaces, self.tissue_depth][count_below] - self.sphere_depth - self.sphere_radius
 
     @cached_property
-    def block_size(self) -> Any:
+    def block_size(self) -> Numeric:
         """A smooth length below the smallest feature at the blocks' corners."""
         return smooth_min(
             self.inner_radius,
@@ -137,20 +138,20 @@ class Section:
         )
 
     @cached_property
-    def under_blocks(self) -> Any:
+    def under_blocks(self) -> Numeric:
         """Tissue between the blocks and what is below them: the first interface, the sphere or the floor."""
         if self.interfaces_apart[0]:
             return self.interfaces[0]
         return self.cover if "sphere_radius" in self.lengths else self.tissue_depth
 
     @cached_property
-    def corner_size(self) -> Any:
+    def corner_size(self) -> Numeric:
         """The size to which the mesh is graded at the blocks' corners."""
         if _is_present(self.mesh_size):
             return self.mesh_size
         return smooth_min(self.block_size, self.under_blocks / 4)
 
-    def box_limits(self) -> tuple[Any, Any]:
+    def box_limits(self) -> tuple[Numeric, Numeric]:
         """Between which radii the sphere's box may end: a smooth choice between sphere and tissue's side."""
         s, side_width = self.sphere_radius, self.tissue_radius - self.sphere_radius
         step = smooth_min((NEAREST_BOX - 1) * s, side_width / 3)
@@ -158,6 +159,6 @@ class Section:
         return s + step, s + reach
 
 
-def _is_present(length: Lengths) -> bool:
+def _is_present(length: Numeric) -> bool:
     """Return whether a length is not zero, for each entry of an array; comparing a number takes a hundredth of numpy's time."""
     return length != 0 if isinstance(length, float | int) else bool(np.all(length != 0))

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
+from geometry.common.arrays import Numeric
 from geometry.meridian.grading import smooth_max, smooth_min
 from geometry.meridian.section import Section
 
@@ -19,8 +19,8 @@ SPHERE_CELL = 0.4  # size of the cells beside a sphere, in its radii, to which i
 class Breaks:
     """Places that lines must meet, the sizes of cells there (None: any), and minimum numbers of cells between them."""
 
-    places: list[Any]
-    sizes: list[Any]
+    places: list[Numeric]
+    sizes: list[Numeric]
     min_cells: list[int]
 
 
@@ -34,11 +34,11 @@ class SphereBox:
         pole: size of cells at the poles.
     """
 
-    radius: Any
-    depth: Any
-    above: Any
-    below: Any
-    pole: Any
+    radius: Numeric
+    depth: Numeric
+    above: Numeric
+    below: Numeric
+    pole: Numeric
 
     @classmethod
     def from_section(cls, section: Section) -> SphereBox | None:
@@ -52,12 +52,12 @@ class SphereBox:
         return cls(s, section.sphere_depth, above, below, pole)
 
     @property
-    def high(self) -> Any:
+    def high(self) -> Numeric:
         """Height of its upper side."""
         return self.above + self.radius - self.depth
 
     @property
-    def low(self) -> Any:
+    def low(self) -> Numeric:
         """Height of its lower side."""
         return -self.depth - self.radius - self.below
 
@@ -74,14 +74,14 @@ class SphereBox:
         low, high = s.box_limits()
         return int(np.argmax([min(b, high) / max(a, low) for a, b in pairwise(breaks)]))
 
-    def find_edge(self, s: Section, box: int, breaks: list[Any]) -> Any:
+    def find_edge(self, s: Section, box: int, breaks: list[Numeric]) -> Numeric:
         """Return the radius where the box ends: the middle of the interval between its limits and the neighbouring radii."""
         low, high = s.box_limits()
         blur = 0.2 * (high - low)
         lower = low if box == 0 else smooth_max(low, breaks[box], blur)
         return (lower - smooth_max(-high, -breaks[box + 1], blur)) / 2
 
-    def place_core(self, radii: Any, levels: Any) -> tuple[Any, Any]:
+    def place_core(self, radii: Numeric, levels: Numeric) -> tuple[Numeric, Numeric]:
         """Return radii and heights above the centre of the core's grid, (..., columns, rows) both: the box, scaled down."""
         x, heights = radii[..., :, None], (levels + np.asarray(self.depth)[..., None])[..., None, :]
         edge = radii[..., -1]  # the farthest of the box's corners are farther off than the sphere's poles are from it

@@ -15,9 +15,10 @@ from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from geometry.common.errors import InputError
+from geometry.common.json_types import JsonObject
 from geometry.provenance.digest import compute_file_digest, compute_scene_digest
 from geometry.scenes.scene_file import read_scene
 
@@ -35,7 +36,7 @@ DEPENDENCIES = (
     "pyvista",
     "cadquery",
 )  # for numbers, shapes
-Provenance = dict[str, Any]
+Provenance = JsonObject
 # an absolute path, as a word or after "-o", "=", "," or a space: the part before its last name, if it has one
 _FROM_ROOT = re.compile(r"(^-[a-zA-Z]|^|(?<=[=,\s]))(?:[A-Za-z]:)?[\\/](?:[^\\/,=]*[\\/])*(?=[^\\/,=\s])")
 

@@ -20,9 +20,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
-from typing import Any, Literal
+from typing import Literal
 
 from geometry.common.errors import InputError, describe_choices
+from geometry.common.json_types import JsonObject
 from geometry.scenes.recipes import MixingRatio, Thinned, parse_name
 from geometry.scenes.sourced_numbers import Number, format_comment, format_toml
 from geometry.scenes.units import MODULUS_QUANTITY
@@ -186,7 +187,7 @@ def list_materials() -> dict[str, CatalogueMaterial]:
 
 
 @cache
-def read_catalogue() -> dict[str, dict[str, Any]]:
+def read_catalogue() -> dict[str, JsonObject]:
     """Return the entries of the catalogue by name, as its files have them."""
     entries = _read_data("materials.toml")
     shared = entries.pop("elastomer")
@@ -220,7 +221,7 @@ def fill_in(table: object, numbers: bool = True) -> object:
     return {**filled, "material": material.name}
 
 
-def set_number(table: dict[str, Any], key: str, value: float) -> None:
+def set_number(table: JsonObject, key: str, value: float) -> None:
     """Set a number of a part's table; remove the material's name if the number is no longer the catalogue's.
 
     Args:
@@ -261,7 +262,7 @@ def _find_with_recipe(name: str, thinner: float | None, ratio: float | None) -> 
     )
 
 
-def _build_mixed(name: str, entry: dict[str, Any], ratio: float | None) -> CatalogueMaterial:
+def _build_mixed(name: str, entry: JsonObject, ratio: float | None) -> CatalogueMaterial:
     given = entry["base_per_agent"]
     mix = MixingRatio(given["low"], given["high"], given["usual"], MODULUS_QUANTITY.read(name, given["modulus"]))
     parts = mix.usual if ratio is None else ratio
@@ -274,7 +275,7 @@ def _build_mixed(name: str, entry: dict[str, Any], ratio: float | None) -> Catal
 
 def _build_material(
     name: str,
-    entry: dict[str, Any],
+    entry: JsonObject,
     modulus: tuple[float, float, str],
     published: tuple[PublishedModulus, ...],
     recipe: str = "",
@@ -286,7 +287,7 @@ def _build_material(
     return CatalogueMaterial(name, entry["kind"], entry["about"], rounded, log_sd, tolerance, published, numbers, process, recipe)
 
 
-def _combine_published(entry: dict[str, Any], published: tuple[PublishedModulus, ...]) -> tuple[float, float, str]:
+def _combine_published(entry: JsonObject, published: tuple[PublishedModulus, ...]) -> tuple[float, float, str]:
     """Return Young's modulus, the standard deviation of its logarithm and the source of that, by eqs. SC.2 and SC.3."""
     low, high = (pick(value.youngs_modulus for value in published) for pick in (min, max))
     if len(published) > 1:
@@ -327,7 +328,7 @@ def read_compressed() -> dict[str, Thinned]:
     }
 
 
-def _list_published(name: str, entry: dict[str, Any]) -> tuple[PublishedModulus, ...]:
+def _list_published(name: str, entry: JsonObject) -> tuple[PublishedModulus, ...]:
     """List all published moduli of a product without thinner."""
     values = [
         value | {"youngs_modulus": MODULUS_QUANTITY.read(name, value["youngs_modulus"])} for value in entry.get("value", ())
@@ -348,5 +349,5 @@ def _read_origin(file: str) -> dict[str, str]:
 
 
 @cache
-def _read_data(name: str) -> dict[str, Any]:
+def _read_data(name: str) -> JsonObject:
     return tomllib.loads(files("geometry.scenes").joinpath(name).read_text(encoding="utf-8"))

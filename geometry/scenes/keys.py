@@ -12,6 +12,7 @@ from typing import Any, Union, get_args, get_origin
 from pydantic import BaseModel
 
 from geometry.common.errors import InputError, Words, describe_choices
+from geometry.common.json_types import JsonObject
 from geometry.scenes.catalogue import CATALOGUE_NUMBERS
 from geometry.scenes.units import Quantity
 from geometry.scenes.validation_messages import list_models
@@ -109,7 +110,7 @@ def find_key(name: str, base: Mapping[str, object], model: type[BaseModel]) -> K
     return Key(name, tuple(path), _find_quantity(name, tuple(path), base, model))
 
 
-def replace_values(base: Mapping[str, object], keys: Iterable[Key], values: Iterable[Value]) -> dict[str, Any]:
+def replace_values(base: Mapping[str, object], keys: Iterable[Key], values: Iterable[Value]) -> JsonObject:
     """Return the tables of a scene with new values of ``keys``; ``base`` is not modified.
 
     A key that excludes a new one is removed; so are the numbers of a material with a new name, and the name of one with a new

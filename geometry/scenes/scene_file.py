@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from geometry.common.errors import InputError, Words
+from geometry.common.json_types import JsonObject
 from geometry.common.text_files import parse_tables, read_text
 from geometry.scenes.file_kinds import check_kind
 from geometry.scenes.scene import Scene
@@ -55,9 +55,9 @@ def scene_from_dict(data: Mapping[str, object]) -> Scene:
     return Scene.from_tables(data, units_required=True)
 
 
-def scene_to_dict(scene: Scene) -> dict[str, Any]:
+def scene_to_dict(scene: Scene) -> JsonObject:
     """Return the tables of a scene file that reads back as the same scene."""
-    tables: dict[str, Any] = scene.model_dump(mode="json", exclude_none=True, exclude_unset=True)
+    tables: JsonObject = scene.model_dump(mode="json", exclude_none=True, exclude_unset=True)
     return tables
 
 

@@ -8,11 +8,12 @@ from __future__ import annotations
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, ValidationError, model_validator
 
 from geometry.common.errors import InputError, Words
+from geometry.common.json_types import JsonObject
 from geometry.common.text_files import parse_tables, read_tables
 from geometry.scenes.file_kinds import check_kind
 from geometry.scenes.probe import Frozen, Length, Modulus
@@ -208,7 +209,7 @@ def read_bench(path: Path | str) -> Bench:
     return bench_from_dict(contents)
 
 
-def bench_from_dict(data: dict[str, Any]) -> Bench:
+def bench_from_dict(data: JsonObject) -> Bench:
     """Build a bench from the tables of a bench file. Raises ``InputError``."""
     try:
         return Bench.model_validate(data, context={"units_required": True})

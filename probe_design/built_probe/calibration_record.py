@@ -8,13 +8,14 @@ from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Literal, TypeVar
 
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
 from geometry.common.errors import InputError, Words
 from geometry.common.files import write_text
+from geometry.common.json_types import JsonObject
 from geometry.common.text_files import read_tables
 from geometry.provenance.block import build_provenance
 from geometry.provenance.texts import format_toml_comment
@@ -97,8 +98,8 @@ class CalibrationRecord(Frozen):
     warnings: Listed[tuple[str, ...]]
     reading: Listed[tuple[ReadingRecord, ...]]
     force_scale: ForceScaleRecord = ForceScaleRecord()
-    scene: dict[str, Any]
-    bench: dict[str, Any]
+    scene: JsonObject
+    bench: JsonObject
 
     @model_validator(mode="after")
     def _check_shapes(self) -> CalibrationRecord:

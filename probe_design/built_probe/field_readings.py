@@ -22,6 +22,7 @@ from typing import Any, TypeGuard
 import numpy as np
 
 from geometry.common.errors import InputError, Words
+from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Scene
 from hw.signal.fingerprint import Fingerprint
 from hw.signal.measure import Measurement
@@ -78,8 +79,8 @@ def compute_ratio_noise(measurement: Measurement, scene: Scene, bench: Bench, ga
 
 
 def build_reading_json(
-    result: StressReading, noise: float, origin: dict[str, Any], scene: Scene, fingerprint: Fingerprint
-) -> dict[str, Any]:
+    result: StressReading, noise: float, origin: JsonObject, scene: Scene, fingerprint: Fingerprint
+) -> JsonObject:
     """Build the JSON object of `read`, including the data that an estimate needs.
 
     Args:
@@ -95,14 +96,14 @@ def build_reading_json(
 
 
 def build_reading_without_prediction(
-    measurement: Measurement, scene: Scene, bench: Bench, gains: Gains | None, *, origin: dict[str, Any], fingerprint: Fingerprint
-) -> dict[str, Any]:
+    measurement: Measurement, scene: Scene, bench: Bench, gains: Gains | None, *, origin: JsonObject, fingerprint: Fingerprint
+) -> JsonObject:
     """Build the JSON object of `read` for a reading without a prediction."""
     result = compute_reading(measurement, scene, bench, Result("none", 0.0), gains)
     return build_reading_json(result, compute_ratio_noise(measurement, scene, bench, gains), origin, scene, fingerprint)
 
 
-def read_placement(source: dict[str, Any]) -> Any:
+def read_placement(source: JsonObject) -> Any:
     """Return the placement in a recording's source, not validated, or None."""
     place = source.get("placement")
     if not isinstance(place, str):  # HDF5 stores it as text
@@ -113,7 +114,7 @@ def read_placement(source: dict[str, Any]) -> Any:
         return place
 
 
-def parse_field_reading(contents: dict[str, Any], name: str, scene: Scene) -> FieldReading:
+def parse_field_reading(contents: JsonObject, name: str, scene: Scene) -> FieldReading:
     """Build a reading from the JSON object of `read`.
 
     Args:
@@ -154,7 +155,7 @@ def parse_field_reading(contents: dict[str, Any], name: str, scene: Scene) -> Fi
     )
 
 
-def read_result(path: Path) -> dict[str, Any] | None:
+def read_result(path: Path) -> JsonObject | None:
     """Read the JSON object of a file; return None for another kind of file.
 
     Raises:
@@ -197,7 +198,7 @@ def check_different(key: str, readings: Sequence[tuple[str, Fingerprint]]) -> No
                 )
 
 
-def _check_probe(contents: dict[str, Any], name: str, scene: Scene) -> None:
+def _check_probe(contents: JsonObject, name: str, scene: Scene) -> None:
     numbers = contents.get("probe")
     if not isinstance(numbers, dict):
         raise InputError(f"{name}: probe", Words("missing" if "probe" not in contents else "no table"), READ_AGAIN_HINT)
@@ -212,7 +213,7 @@ def compute_spreads(readings: Sequence[FieldReading]) -> tuple[float, ...]:
     return tuple(math.sqrt(reading.noise**2 + count[reading.calibration] * reading.shared**2) for reading in readings)
 
 
-def _get_number(contents: dict[str, Any], key: str, name: str) -> float:
+def _get_number(contents: JsonObject, key: str, name: str) -> float:
     value = contents.get(key)
     if not _is_number(value):
         raise InputError(f"{name}: {key}", Words("missing") if key not in contents else value, f"a number, as {READING_ORIGIN}")

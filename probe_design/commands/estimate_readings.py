@@ -6,9 +6,9 @@ import math
 import os
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from geometry.common.errors import InputError, Words
+from geometry.common.json_types import JsonObject
 from geometry.scenes.probe import POSITION_QUANTITY
 from geometry.scenes.scene import Load, Scene
 from hw.foreign.columns import ColumnMap
@@ -95,7 +95,7 @@ def _check_files_exist(paths: list[Path]) -> None:
             raise InputError("reading", str(path), f"a file that is there; {READING_FORM}")
 
 
-def _read_recording(path: Path, setup: HardwareSetup, request: EstimateRequest) -> dict[str, Any]:
+def _read_recording(path: Path, setup: HardwareSetup, request: EstimateRequest) -> JsonObject:
     """Return the JSON object of `read` for a recording, without the prediction."""
     gains = None if setup.calibration is None else setup.calibration.build_gains().add_warming(setup.bench.channels.warming)
     frequency = None if setup.calibration is None else setup.calibration.frequency

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
 from geometry.common.errors import InputError, Words
+from geometry.common.json_types import JsonMapping
 from geometry.scenes.probe import Length
 from geometry.scenes.scene import Scene
 from probe_design.commands.fields import Force, LimitedRequest, Noise
@@ -105,7 +106,7 @@ class OptimizeRequest(LimitedRequest):
             raise InputError("pareto", ", ".join(self.pareto), "none for a scene: fronts are a design file's")
         self._optimize(question, folder, settings)
 
-    def _optimize(self, question: Scene | Design, folder: Path, settings: Mapping[str, Any]) -> None:
+    def _optimize(self, question: Scene | Design, folder: Path, settings: JsonMapping) -> None:
         from probe_design.design_report.build import build_report
         from probe_design.design_search.optimize import optimize as run
         from probe_design.design_search.pareto import compute_front

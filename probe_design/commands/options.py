@@ -12,6 +12,7 @@ from click.core import ParameterSource
 from pydantic.fields import FieldInfo
 
 from geometry.common.errors import InputError
+from geometry.common.json_types import JsonObject
 from geometry.common.resources import use_limits
 from probe_design.commands.request import Request, find_option, find_range, find_types, format_default, list_fields
 
@@ -87,7 +88,7 @@ def build_parameter(name: str, field: FieldInfo) -> click.Parameter:
         return click.Option([*names, name], is_flag=True, help=option.help)
     has_default = bool(default) and not option.left_out
     # an option that is required has no default, not even None
-    default_options: dict[str, Any] = {"default": default, "show_default": True} if has_default else {}
+    default_options: JsonObject = {"default": default, "show_default": True} if has_default else {}
     return click.Option(
         [*names, name],
         type=_choose_type(types, field),

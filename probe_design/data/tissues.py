@@ -6,9 +6,9 @@ import tomllib
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
-from typing import Any
 
 from geometry.common.errors import InputError, describe_choices
+from geometry.common.json_types import JsonObject
 from geometry.scenes.sourced_numbers import Number, format_toml
 
 
@@ -27,7 +27,7 @@ class BuiltinTissue:
     base: dict[str, Number]
     layers: tuple[dict[str, Number], ...]
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Return the JSON object of ``probe-design tissue show``: a scene's table, and the source of each number."""
         parts = {"tissue": self.base} | {f"tissue.layer[{k}]": layer for k, layer in enumerate(self.layers)}
         sources = {f"{part}.{key}": number.description for part, numbers in parts.items() for key, number in numbers.items()}
@@ -70,7 +70,7 @@ def read_tissues() -> dict[str, BuiltinTissue]:
     }
 
 
-def _build_numbers(entry: dict[str, Any]) -> dict[str, Number]:
+def _build_numbers(entry: JsonObject) -> dict[str, Number]:
     return {key: Number(**number) for key, number in entry.items()}
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict
 from functools import partial
-from typing import Any
 
+from geometry.common.json_types import JsonObject
 from geometry.provenance.block import Provenance
 from geometry.provenance.texts import format_toml_comment
 from geometry.scenes.scene_file import scene_to_dict
@@ -80,7 +80,7 @@ class PopulationReport(Report[PopulationOptimum]):
         return self.build_provenance(self.optimum.best.evaluator, self.optimum.design.population.seed)
 
     @property
-    def additions(self) -> dict[str, Any]:
+    def additions(self) -> JsonObject:
         """See ``Report``."""
         return {"levers": [asdict(item) for item in self.levers], "pareto": [item.as_dict() for item in self.fronts]}
 

@@ -11,6 +11,7 @@ from typing import Any, Generic, TypeVar
 
 from geometry.cad.export import export_parts
 from geometry.cad.parts_record import RECORD_NAME, list_part_files
+from geometry.common.json_types import JsonObject
 from geometry.provenance.block import Provenance, build_provenance
 from geometry.provenance.texts import format_toml_comment
 from geometry.scenes.scene import Scene
@@ -68,7 +69,7 @@ class Report(ABC, Generic[Found]):
         return self.optimum.scene, None
 
     @property
-    def additions(self) -> dict[str, Any]:
+    def additions(self) -> JsonObject:
         """Further keys of the JSON object."""
         return {}
 
@@ -95,7 +96,7 @@ class Report(ABC, Generic[Found]):
         """Return the chapters that only this kind has, at the end."""
         return ()
 
-    def build_summary(self, files: Sequence[Path]) -> dict[str, Any]:
+    def build_summary(self, files: Sequence[Path]) -> JsonObject:
         """Return the JSON object of ``probe-design optimize``."""
         return self.optimum.build_summary([str(file) for file in files]) | self.additions | {"provenance": self.provenance}
 
@@ -133,7 +134,7 @@ class Report(ABC, Generic[Found]):
         progress(WRITING_STAGE, 4, 4)
         return paths
 
-    def build_page(self, files: Sequence[str], summary: dict[str, Any], folder: Path) -> str:
+    def build_page(self, files: Sequence[str], summary: JsonObject, folder: Path) -> str:
         """Return the report as an HTML page.
 
         Args:

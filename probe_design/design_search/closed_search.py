@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
 from scipy.stats import qmc
 
 from geometry.common.arrays import Floats, Ints
+from geometry.common.json_types import JsonObject
 from probe_design.design_search.objective import ExactGradients, SearchEffort, SearchObjective
 from probe_design.design_search.variables import ProbeSizes, VariableSpace
 from solver.casadi_functions.base import DifferentiableFunction
@@ -23,7 +23,7 @@ SOBOL_SEED = 21
 SHELLS_PER_OCTAVE = 2  # of outer radii in each octave
 IPOPT_TOLERANCE = 1e-5  # of the objective
 CONSTRAINT_TOLERANCE_RELATIVE = 1e-6  # IPOPT satisfies constraints to about 1e-8, and rounding removes the rest
-IPOPT_OPTIONS: dict[str, Any] = {
+IPOPT_OPTIONS: JsonObject = {
     "ipopt.print_level": 0,
     "print_time": 0,
     "ipopt.sb": "yes",

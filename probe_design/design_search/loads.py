@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from geometry.common.arrays import Floats
+from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Inclusion, Load, Scene
 from probe_design.data.noise import find_charge_per_force
 from probe_design.design_search.variables import ProbeSizes
@@ -168,9 +169,7 @@ class PressingRule:
                 )
         return np.repeat(min_force[:, None], totals.shape[1], axis=1)
 
-    def _compute_allowed_forces(
-        self, scene: Scene, sizes: ProbeSizes, totals: Any, closure: Any, tissue: Scene
-    ) -> dict[str, Any]:
+    def _compute_allowed_forces(self, scene: Scene, sizes: ProbeSizes, totals: Any, closure: Any, tissue: Scene) -> JsonObject:
         """Return the force that each limit allows on one tissue, N, by the limit's name."""
         limits, load, stiffness = self.design.limits, self.design.scene.load, totals[0] + totals[1]
         per_depth = compute_tissue_strain(sizes.outer_radius, tissue.tissue)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any, Generic, Literal, TypeVar
+from typing import Generic, Literal, TypeVar
 
+from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_to_dict
 from probe_design.design_search.choices import ChoiceSearch
@@ -112,7 +113,7 @@ class Optimum(ABC, Generic[Verified]):
         if start > limit * (1 + SAME_DESIGN_TOLERANCE_RELATIVE):
             yield f"the start's outer radius of {start * 1e3:.4g} mm is above the limit of {limit * 1e3:.4g} mm"
 
-    def build_summary(self, files: list[str]) -> dict[str, Any]:
+    def build_summary(self, files: list[str]) -> JsonObject:
         """Return the JSON object of ``probe-design optimize``; a number is null where it is unknown."""
         pairs = {"objective": self.best.objective, "baseline_objective": self.start.objective, "gain": self.gain}
         numbers: dict[str, float | None] = {}

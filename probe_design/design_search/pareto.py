@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from geometry.common.errors import InputError, Refusal, describe_choices
+from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Load
 from probe_design.design_search.choices import Progress, search_combinations
 from probe_design.design_search.population_study import PopulationStudy
@@ -52,7 +53,7 @@ class Front:
         """The costs in the label's unit."""
         return [point.at * (1e3 if self.against == "outer_radius" else 1.0) for point in self.points]
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Return the points as a JSON object."""
         return {"against": self.against, "points": [vars(point) for point in self.points]}
 

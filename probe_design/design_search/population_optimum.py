@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
+from geometry.common.json_types import JsonObject
 from geometry.scenes.scene_file import scene_to_dict
 from probe_design.design_search.optimum import NO_GAIN, Optimum
 from probe_design.design_search.variables import SAME_DESIGN_TOLERANCE_RELATIVE, Limit
@@ -94,7 +94,7 @@ class PopulationOptimum(Optimum[PopulationVerification]):
             return f"{NO_GAIN}; no other design within the limits could be verified, {kind} of the start is {start}"
         return f"{NO_GAIN}; {kind} {best} of the best design tried, {start} of the start, {change}"
 
-    def build_summary(self, files: list[str]) -> dict[str, Any]:
+    def build_summary(self, files: list[str]) -> JsonObject:
         """See ``Optimum``."""
         named = {"start": self.start, "single": self.single, "optimum": self.best, "found": self.best_tried}
         return super().build_summary(files) | {

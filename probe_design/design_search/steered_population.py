@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from geometry.common.arrays import Floats
+from geometry.common.json_types import JsonObject
 from probe_design.design_search.loads import PressingRule, minimum_by_real_part
 from probe_design.design_search.objective import SearchEffort, SearchObjective
 from probe_design.design_search.steering import PopulationObjective, ScanErrors
@@ -154,7 +155,7 @@ def _build_tumour_factory(design: Design, draw: TumourDraw, widest: float) -> An
     y = scene.placement.y * np.ones(len(design.protocol.places))
     positions = np.stack([design.protocol.places, y], axis=1)
     bonded = scene.contact.interface == "bonded" or scene.contact.interface == "unilateral"
-    settings: dict[str, Any] = {"bonded": bonded, "side": side, "layer_nodes": shape.layer_nodes}
+    settings: JsonObject = {"bonded": bonded, "side": side, "layer_nodes": shape.layer_nodes}
     return lambda tumours: ManyTumours.from_draws(tumours, positions, widest, **settings)
 
 

@@ -6,11 +6,11 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 
 from geometry.common.errors import InputError
+from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_to_dict
 from probe_design.design_search.loads import MAX_RATIO_CHANGE_RELATIVE
@@ -95,7 +95,7 @@ class TumourVerification(VerifiedDesign):
             return False
         return (self.linear is None and reference.linear is None) or super().is_better_than(reference)
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Return the results as a JSON object."""
         return {
             "objective": replace_non_finite(self.value),
@@ -108,7 +108,7 @@ class TumourVerification(VerifiedDesign):
             "design": scene_to_dict(self.loaded_scene),
         }
 
-    def summarize_load_gain(self) -> dict[str, Any] | None:
+    def summarize_load_gain(self) -> JsonObject | None:
         """Return the gain of a load beyond linear elasticity as a JSON object; None if the load is within it."""
         linear = self.linear_design
         if linear is None:

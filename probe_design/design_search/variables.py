@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from geometry.common.arrays import Floats
+from geometry.common.arrays import Floats, Numeric
 from geometry.common.errors import InputError
 from geometry.scenes.catalogue import set_number
 from geometry.scenes.probe import LENGTH_QUANTITY, Probe, format_mm
@@ -83,13 +83,13 @@ class Limit:
 class ProbeSizes:
     """The varied numbers of probes by name, SI: floats, arrays that may be complex, or casadi expressions."""
 
-    inner_radius: Any
-    area_ratio: Any
-    gap: Any
-    inner_height: Any
-    outer_height: Any
-    inner_modulus: Any
-    outer_modulus: Any
+    inner_radius: Numeric
+    area_ratio: Numeric
+    gap: Numeric
+    inner_height: Numeric
+    outer_height: Numeric
+    inner_modulus: Numeric
+    outer_modulus: Numeric
 
     @classmethod
     def from_scene(cls, scene: Scene) -> ProbeSizes:
@@ -101,7 +101,7 @@ class ProbeSizes:
         )
 
     @classmethod
-    def from_vector(cls, x: Any) -> ProbeSizes:
+    def from_vector(cls, x: Numeric) -> ProbeSizes:
         """Return the sizes of designs x, whose first axis is that of the variables: six with one height, seven with two."""
         numbers = dict(zip(name_variables(len(x)), x, strict=True))
         if "height" in numbers:
@@ -110,27 +110,27 @@ class ProbeSizes:
         return cls(**numbers)
 
     @property
-    def outer_radius(self) -> Any:
+    def outer_radius(self) -> Numeric:
         """The outer block's radius, from A2/A1."""
         return ((self.inner_radius + self.gap) ** 2 + self.inner_radius**2 / self.area_ratio) ** 0.5
 
     @property
-    def wall(self) -> Any:
+    def wall(self) -> Numeric:
         """The outer block's thickness."""
         return self.outer_radius - self.inner_radius - self.gap
 
     @property
-    def areas(self) -> tuple[Any, Any]:
+    def areas(self) -> tuple[Numeric, Numeric]:
         """End areas of the inner and the outer block."""
         return np.pi * self.inner_radius**2, np.pi * self.inner_radius**2 / self.area_ratio
 
     @property
-    def heights(self) -> tuple[Any, Any]:
+    def heights(self) -> tuple[Numeric, Numeric]:
         """Of the inner and the outer block."""
         return self.inner_height, self.outer_height
 
     @property
-    def moduli(self) -> tuple[Any, Any]:
+    def moduli(self) -> tuple[Numeric, Numeric]:
         """Of the inner and the outer block."""
         return self.inner_modulus, self.outer_modulus
 
@@ -138,7 +138,7 @@ class ProbeSizes:
         """Return the variables of some names; one height is the inner block's."""
         return np.array([getattr(self, "inner_height" if name == "height" else name) for name in names])
 
-    def build_parameters(self, poisson: Any) -> Any:
+    def build_parameters(self, poisson: Numeric) -> Numeric:
         """Return the closed form's probe parameters, in the order of ``PROBE_PARAMETERS``, given both Poisson's ratios."""
         ones = self.inner_radius / self.inner_radius
         lengths = (self.inner_radius, self.gap, self.outer_radius, *self.heights)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self
 
+from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Scene
 from probe_design.design_search.loads import PressedDesign
 from probe_design.populations.judgement import Judgement
@@ -92,7 +93,7 @@ class PopulationVerification(VerifiedDesign):
             return 0.0, 0.0
         return self.judgement.compute_gain(reference.judgement, self.aim)
 
-    def summarize_pressing(self) -> dict[str, Any]:
+    def summarize_pressing(self) -> JsonObject:
         """Return the load as a JSON object."""
         pressed = self.pressed
         return {

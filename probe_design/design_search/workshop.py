@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.stats import norm, qmc
 
 from geometry.common.arrays import Floats
+from geometry.common.json_types import JsonObject
 from geometry.scenes.catalogue import find_material
 from geometry.scenes.scene import Scene
 from probe_design.design_search.objective import SearchObjective
@@ -36,7 +36,7 @@ class Robustness:
     low: float
     high: float
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Return the numbers as a JSON object."""
         return vars(self) | {"evaluator": "closed-form", "draws": TOLERANCE_DRAWS}
 

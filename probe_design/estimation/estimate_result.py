@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
+from geometry.common.json_types import JsonObject
 from probe_design.estimation.intervals import Piece
 from probe_design.estimation.strength import Interval
 from solver.results.record import Record
@@ -104,7 +104,7 @@ class Estimate(Record):
     warnings: tuple[str, ...]
     next: NextReading | None = None
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Return the JSON object of ``probe-design estimate``."""
         fields = super().as_dict()
         return {self.unknown: fields.pop("value")} | fields

@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 
 from geometry.common.arrays import Bools, Floats
+from geometry.common.json_types import JsonObject
 from geometry.provenance.block import Provenance, build_provenance
 from geometry.scenes.scene import Scene
 from probe_design.data.noise import choose_accuracy
@@ -134,7 +134,7 @@ def detectability(
     )
 
 
-def _build_maps(fits: Bools, effects: SphereEffects, thresholds: Thresholds) -> dict[str, Any]:
+def _build_maps(fits: Bools, effects: SphereEffects, thresholds: Thresholds) -> JsonObject:
     """Return the rows of each map, with None where there is no value."""
 
     def build_rows(values: Floats, is_known: Bools) -> Map:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 from geometry.common.arrays import Floats, Ints
+from geometry.common.json_types import JsonObject
 from probe_design.populations.control_variate import ControlVariate, estimate_statistic
 from probe_design.populations.scan_errors import ERROR_CAUSES
 from probe_design.populations.tables import Objective, Observable
@@ -154,7 +155,7 @@ class Judgement:
         what, remedy = ERROR_CAUSES[cause]
         return f"{parts}: the model dominates, {100 * self.causes[cause]:.0f} % of it {what}, which {remedy} would reduce"
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Return the performance as a JSON object."""
         numbers = self._list_numbers() | {
             "false_alarm": self.false_alarm,

@@ -16,6 +16,7 @@ from scipy.stats import qmc
 
 from geometry.common.arrays import Bools, Floats, Ints
 from geometry.common.errors import InputError, Words
+from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Scene
 from probe_design.populations.ranges import Range
 from probe_design.populations.tables import PopulationRanges
@@ -103,7 +104,7 @@ class ScenePopulation:
     def from_scene(cls, scene: Scene, given: PopulationRanges) -> ScenePopulation:
         """Complete the ranges of a design file by a scene's values."""
         inclusion, tissue = scene.inclusion[0] if scene.inclusion else None, scene.tissue
-        usual: dict[str, Any] = {"tissue": tissue.youngs_modulus, "x": inclusion.x if inclusion else scene.placement.x}
+        usual: JsonObject = {"tissue": tissue.youngs_modulus, "x": inclusion.x if inclusion else scene.placement.x}
         if inclusion is not None:
             usual |= {"depth": inclusion.depth, "diameter": inclusion.diameter, "object": inclusion.youngs_modulus}
         stated = {key: getattr(given, key) for key in (*TUMOUR_PARAMETERS, "tissue")}

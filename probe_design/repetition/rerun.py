@@ -10,11 +10,11 @@ import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import click
 
 from geometry.common.errors import InputError, ProbeError, Words
+from geometry.common.json_types import JsonObject
 from geometry.provenance.block import Provenance, build_provenance
 from geometry.provenance.texts import read_block
 from probe_design.repetition.agreement import Difference, count_numbers, find_differences
@@ -57,7 +57,7 @@ class Rerun:
         """Warnings that versions differ, one line each."""
         return tuple(f"versions differ: {text}" for text in self.version_changes)
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Return the JSON object of ``probe-design rerun``."""
         places = [
             {"place": difference.place, "before": difference.recorded, "now": difference.repeated}
@@ -106,14 +106,14 @@ def rerun(file: Path, cli: click.Group) -> Rerun:
     )
 
 
-def _read_numbers(file: Path) -> tuple[Provenance, dict[str, Any]]:
+def _read_numbers(file: Path) -> tuple[Provenance, JsonObject]:
     """Read provenance and numbers of a file or folder; those of a folder include the rows of its tables."""
     block, numbers = read_block(file)
     tables = {name: file / name for name in TABLE_KEYS if (file / name).is_file() and not (file / OPTIMIZE_FILE).is_file()}
     return block, numbers | {TABLE_KEYS[name]: list(_read_rows(path)) for name, path in tables.items()}
 
 
-def _read_rows(path: Path) -> Iterator[dict[str, Any]]:
+def _read_rows(path: Path) -> Iterator[JsonObject]:
     """Yield the rows of a CSV table by heading without unit; numbers are converted."""
     try:
         with path.open(encoding="utf-8", newline="") as file:
@@ -130,7 +130,7 @@ def _parse_cell(text: str) -> float | str | None:
         return text
 
 
-def _run_program(words: list[str]) -> dict[str, Any]:
+def _run_program(words: list[str]) -> JsonObject:
     """Run the program with these words and return the JSON object that it prints; its standard error is passed on."""
     process = subprocess.run([sys.executable, "-m", "probe_design", *words], stdout=subprocess.PIPE, text=True, check=False)
     if process.returncode not in (0, NEGATIVE_EXIT_CODE):

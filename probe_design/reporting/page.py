@@ -16,9 +16,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from geometry.common.errors import escape_unprintable
+from geometry.common.json_types import JsonObject
 from geometry.provenance.texts import format_html_script
 from probe_design.reporting.table import Table
 
@@ -110,9 +111,7 @@ class Chapter:
     parts: tuple[Part, ...]
 
 
-def build_page(
-    title: str, headline: str, sections: Sequence[Chapter], answer: dict[str, Any], *, is_positive: bool = True
-) -> str:
+def build_page(title: str, headline: str, sections: Sequence[Chapter], answer: JsonObject, *, is_positive: bool = True) -> str:
     """Build the report as HTML.
 
     Args:
@@ -134,7 +133,7 @@ def build_page(
     return _CONTROL_CHARACTERS.sub(lambda code: escape_unprintable(code[0]), text)
 
 
-def _build_provenance_table(block: dict[str, Any]) -> Table:
+def _build_provenance_table(block: JsonObject) -> Table:
     """Build the table of provenance."""
     entries = {**block, "dependencies": [f"{name} {version}" for name, version in block["dependencies"].items()]}
     command = block["command"]

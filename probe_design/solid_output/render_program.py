@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pyvista
 
 from geometry.common.arrays import Floats
+from geometry.common.json_types import JsonObject
 
 VIEW_DIRECTION = (-0.42, -1.0, 0.5)  # towards the camera
 LIGHT_POSITION = (-0.45, -1.0, 0.95)  # so that cut and top are both bright, but differently
@@ -15,7 +14,7 @@ PLANE_TOLERANCE_RELATIVE = 1e-7  # of the mesh's size: points this close to y = 
 LINE_OFFSET_RELATIVE = 1e-3  # of the mesh's size: lines are moved this far in front of their surfaces
 
 
-def run(drawing: dict[str, Any]) -> Floats:
+def run(drawing: JsonObject) -> Floats:
     """Draw the part y >= 0 on white, viewed from the side of the cut and slightly from above; see ``render.render_faces``.
 
     Returns:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from geometry.common.errors import InputError, Words, describe_choices
+from geometry.common.json_types import JsonMapping, JsonObject
 from geometry.common.resources import Limits, get_limits
 from geometry.common.text_files import read_tables
 from geometry.scenes.file_kinds import check_kind
@@ -38,7 +39,7 @@ class Sweep:
         limits: time and memory of each design.
     """
 
-    base: Mapping[str, Any]
+    base: JsonMapping
     variables: tuple[Variable, ...]
     sample: DesignSampling
     evaluator: str = "auto"
@@ -137,7 +138,7 @@ def sweep_from_dict(tables: Mapping[str, object], folder: Path | str = ".", unit
     )  # fmt: skip
 
 
-def _make_surface_paths_absolute(base: dict[str, Any]) -> dict[str, Any]:
+def _make_surface_paths_absolute(base: JsonObject) -> JsonObject:
     """Return the tables of a scene with absolute paths of surface files: workers may run in another folder."""
     bodies = [
         {**body, "surface": str(Path(body["surface"]).absolute())} if body.get("surface") else body

@@ -16,6 +16,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, TypeAdapter
 from pydantic_core import from_json
 
+from geometry.common.json_types import JsonObject
 from geometry.scenes.keys import Value
 from probe_design.sweeps.rows import COLUMN_UNITS, ROW_COLUMNS, Row
 
@@ -54,7 +55,7 @@ class _RequestRecord(BaseModel):
 
     names: list[str]
     variables: list[_VariableRecord]
-    sample: dict[str, Any]
+    sample: JsonObject
     constraints: list[str]
     evaluator: str
     accuracy: float
@@ -94,7 +95,7 @@ def open_row(row: StoredRow) -> StoredRow:
     return row[:-1]
 
 
-def read_request(rows: Iterable[StoredRow]) -> dict[str, Any]:
+def read_request(rows: Iterable[StoredRow]) -> JsonObject:
     """Return the request of a sweep from the rows of table ``about``; empty without rows. Raises ``ValueError`` if damaged."""
     entries = {name: from_json(value) for name, value in map(open_row, rows)}
     return _RequestRecord.model_validate(entries).model_dump() if entries else {}

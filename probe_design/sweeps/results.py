@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from geometry.common.errors import InputError, import_extra
 from geometry.common.files import write_whole
+from geometry.common.json_types import JsonObject
 from geometry.common.text_files import read_text
 from geometry.provenance.block import Provenance, build_provenance
 from probe_design.sweeps.rows import COLUMN_UNITS, ROW_COLUMNS
@@ -25,7 +26,7 @@ PROVENANCE_FILE = "provenance.json"  # in the folder of a sweep that has ended
 _FORMULA_PREFIXES = tuple("=+-@\t\r\n＝＋－＠")  # a spreadsheet runs a text that begins with one of these as a formula
 
 
-def read_request(folder: Path | str) -> dict[str, Any]:
+def read_request(folder: Path | str) -> JsonObject:
     """Return the request of the sweep in a folder. Raises ``InputError``, ``StoreError``."""
     with open_for_reading(Path(folder)) as store:
         request = store.read_request()
@@ -34,7 +35,7 @@ def read_request(folder: Path | str) -> dict[str, Any]:
     return request
 
 
-def iterate_rows(folder: Path | str) -> Iterator[dict[str, Any]]:
+def iterate_rows(folder: Path | str) -> Iterator[JsonObject]:
     """Yield the rows of all evaluated designs by number: number, key, variables, then ``rows.ROW_COLUMNS``; SI units.
 
     Raises:

@@ -5,16 +5,17 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache, lru_cache
 from importlib import metadata
 from itertools import groupby
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from geometry.common.errors import InputError, Words
+from geometry.common.json_types import JsonMapping, JsonObject
 from geometry.common.resources import LimitReached, get_limits
 from geometry.provenance.digest import compute_file_digest
 from geometry.scenes.keys import Key, Value, find_key, replace_values
@@ -46,7 +47,7 @@ MAX_CURVE_DESIGNS = 64  # moduli and loads of a design at once: more are hardly 
 CURVE_KEYS = {("inclusion", 0, "youngs_modulus"), ("load", "force"), ("load", "indentation")}
 AUTO_EVALUATOR, FORMULA_EVALUATOR = "auto", "closed-form"
 Design = tuple[Value, ...]  # values of the variables
-Row = dict[str, Any]
+Row = JsonObject
 T = TypeVar("T")
 
 
@@ -61,7 +62,7 @@ class Job:
         version: of the software that must evaluate them; see ``compute_version``.
     """
 
-    base: Mapping[str, Any]
+    base: JsonMapping
     names: tuple[str, ...]
     evaluator: str
     accuracy: float
@@ -233,7 +234,7 @@ def _hash_json(value: object) -> bytes:
     return hashlib.sha256(json.dumps(value, sort_keys=True, separators=(",", ":")).encode()).digest()
 
 
-def _replace_surface_name(body: Mapping[str, Any]) -> dict[str, Any]:
+def _replace_surface_name(body: JsonMapping) -> JsonObject:
     """Return an inclusion with the digest of its surface file in place of the file name."""
     path = Path(str(body["surface"]))
     try:

@@ -10,10 +10,11 @@ from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from geometry.common.errors import InputError
 from geometry.common.files import write_text
+from geometry.common.json_types import JsonMapping, JsonObject
 from geometry.common.resources import Limits
 from geometry.processes.executor import Executor
 from geometry.processes.local_executor import LocalExecutor
@@ -56,7 +57,7 @@ class SweepSummary(Record):
     answered: int
     seconds: float
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Return the JSON object of ``probe-design sweep``."""
         return super().as_dict() | {"folder": str(self.folder)}
 
@@ -70,7 +71,7 @@ class SweepSummary(Record):
 
 
 def sweep(
-    specification: Sweep | Mapping[str, Any] | Path | str,
+    specification: Sweep | JsonMapping | Path | str,
     output: Path | str,
     *,
     scheduler: str | None = None,
@@ -149,7 +150,7 @@ def _combine_logs(log: Log, notice: Log) -> Log:
     return log_both
 
 
-def _read_specification(specification: Mapping[str, Any] | Path | str) -> Sweep:
+def _read_specification(specification: JsonMapping | Path | str) -> Sweep:
     return sweep_from_dict(specification) if isinstance(specification, Mapping) else read_sweep(specification)
 
 
@@ -166,7 +167,7 @@ def _begin(store: Store, sweep: Sweep, job: Job) -> tuple[int, int]:
     return int(request["designs"]), drawn_count - int(request["designs"])
 
 
-def _describe_request(sweep: Sweep, job: Job) -> dict[str, Any]:
+def _describe_request(sweep: Sweep, job: Job) -> JsonObject:
     """Return the request of a sweep as readers of the store need it."""
     grid = sweep.sample.kind == "grid"
     variables = [

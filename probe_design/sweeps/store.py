@@ -19,6 +19,7 @@ from typing import Any
 
 from geometry.common.errors import InputError, ProbeError, Words
 from geometry.common.files import write_whole
+from geometry.common.json_types import JsonObject
 from geometry.common.resources import Limits
 from geometry.scenes.keys import Value
 from probe_design.sweeps import integrity
@@ -46,7 +47,7 @@ class Store:
         self.folder, self._connection, self.repair_note = folder, connection, repair_note
         self._file_identity = _identify_file(folder)
 
-    def read_request(self) -> dict[str, Any]:
+    def read_request(self) -> JsonObject:
         """Return the request of the sweep; empty before it began. Raises ``InputError`` if it is damaged."""
         rows = self._fetch_all("SELECT * FROM about")
         with _refuse_damage(self.folder):

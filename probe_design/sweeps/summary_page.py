@@ -12,6 +12,7 @@ import numpy as np
 from geometry.common.arrays import Floats
 from geometry.common.errors import import_extra
 from geometry.common.files import write_text
+from geometry.common.json_types import JsonObject
 from geometry.scenes.units import convert_to_unit
 from probe_design.reporting.page import Chapter, Picture, Text, build_page
 from probe_design.reporting.table import Table
@@ -53,7 +54,7 @@ def write_page(folder: Path | str, path: Path) -> Path:
     return write_text(path, build_page("Sweep", headline, sections, answer))
 
 
-def _build_counts_table(request: dict[str, Any], all_rows: list[dict[str, Any]]) -> Table:
+def _build_counts_table(request: JsonObject, all_rows: list[JsonObject]) -> Table:
     """Build the table of the request and the counts of rows."""
     count = Counter(row["status"] for row in all_rows)
     lines = [
@@ -65,16 +66,14 @@ def _build_counts_table(request: dict[str, Any], all_rows: list[dict[str, Any]])
     return Table(("", ""), [(name, str(value)) for name, value in lines])
 
 
-def _build_reasons(all_rows: list[dict[str, Any]]) -> list[Chapter]:
+def _build_reasons(all_rows: list[JsonObject]) -> list[Chapter]:
     """Build the table of the commonest reasons why designs have no result."""
     reasons = Counter((row["status"], row["type"], row["reason"]) for row in all_rows if row["status"] != "ok")
     lines = [(str(count), *reason) for reason, count in reasons.most_common(20)]
     return [Chapter("Designs without a result", (Table(("rows", "status", "type", "reason"), lines),))] if lines else []
 
 
-def _build_effects(
-    request: dict[str, Any], result_rows: list[dict[str, Any]], y: Floats, complete: bool
-) -> tuple[Table | Text, ...]:
+def _build_effects(request: JsonObject, result_rows: list[JsonObject], y: Floats, complete: bool) -> tuple[Table | Text, ...]:
     """Build the table of main effects, or of Sobol indices if the sample is complete and of kind ``saltelli``."""
     if len(y) < 2 or np.ptp(y) == 0.0:
         return (Text("The same for all designs."),)

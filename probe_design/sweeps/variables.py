@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from geometry.common.errors import InputError, Words, describe_choices
+from geometry.common.json_types import JsonMapping
 from geometry.scenes.keys import Key, Value, find_key
 from geometry.scenes.scene import Scene
 from probe_design.sweeps.samples import Variable
@@ -17,9 +17,7 @@ MAX_VALUES = 1_000_000  # of one variable
 VARIABLE_KEYS = ("values", "from", "to", "points", "scale")
 
 
-def read_variable(
-    name: str, entry: object, base: Mapping[str, Any], *, kind: str, units_required: bool, folder: Path
-) -> Variable:
+def read_variable(name: str, entry: object, base: JsonMapping, *, kind: str, units_required: bool, folder: Path) -> Variable:
     """Read and check one variable.
 
     Args:

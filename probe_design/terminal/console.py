@@ -11,6 +11,7 @@ from shutil import get_terminal_size
 from typing import TYPE_CHECKING, Any
 
 from geometry.common.errors import to_one_line
+from geometry.common.json_types import JsonObject
 from geometry.common.limits import format_maximum
 from probe_design.reporting.table import Table, format_number, format_unit
 from solver.results.result import ERROR_FIELDS, MAX_EFFECT
@@ -222,7 +223,7 @@ def show_stages() -> Iterator[Any]:
         yield lambda stage, done, total: write_message(f"{stage}: {done} of {total}") if done in (0, total) else None
         return
     with _make_bars(terminal, transient=False) as bars:
-        tasks: dict[str, Any] = {}
+        tasks: JsonObject = {}
 
         def update(stage: str, done: int, total: int) -> None:
             if stage not in tasks:

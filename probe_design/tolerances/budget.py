@@ -19,12 +19,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from time import perf_counter
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError
+from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Scene
 from probe_design.built_probe.bench import Bench
 from probe_design.built_probe.block_predictions import express_by_outer_radius
@@ -240,14 +240,14 @@ def _build_lines(
     return tuple(sorted(lines, key=lambda line: -line.outputs[OUTPUT_NAMES[0]].contribution))
 
 
-def _build_part(derivatives: Floats, contributions: Floats, j: int, indices: dict[str, Any]) -> BudgetPart:
+def _build_part(derivatives: Floats, contributions: Floats, j: int, indices: JsonObject) -> BudgetPart:
     """Build the effect of number ``j`` on one output; ``derivatives`` and ``contributions`` are rows of that output."""
     variance = float((contributions**2).sum())
     share = float(contributions[j] ** 2 / variance) if variance else 0.0
     return BudgetPart(float(derivatives[j]), abs(float(contributions[j])), share, **indices)
 
 
-def _read_indices(statistics: SampleStatistics | None, k: int, j: int) -> dict[str, Any]:
+def _read_indices(statistics: SampleStatistics | None, k: int, j: int) -> JsonObject:
     """Return the Sobol indices of output ``k`` and number ``j``; empty without samples."""
     if statistics is None or statistics.sd[k] == 0:
         return {}

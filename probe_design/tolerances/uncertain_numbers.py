@@ -17,6 +17,7 @@ import numpy as np
 
 from geometry.cad.materials import find_part_materials
 from geometry.common.errors import InputError, describe_choices
+from geometry.common.json_types import JsonMapping
 from geometry.scenes.catalogue import find_material
 from geometry.scenes.probe import LENGTH_QUANTITY
 from geometry.scenes.scene import Scene
@@ -67,7 +68,7 @@ class UncertainNumber:
 
 
 def list_uncertain_numbers(
-    scene: Scene, bench: Bench | None = None, materials: Mapping[str, str] | None = None, given: Mapping[str, Any] | None = None
+    scene: Scene, bench: Bench | None = None, materials: Mapping[str, str] | None = None, given: JsonMapping | None = None
 ) -> tuple[UncertainNumber, ...]:
     """Return the uncertain numbers of a scene's probe, which is given by its outer radius.
 

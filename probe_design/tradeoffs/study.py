@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
 
 from geometry.common.errors import InputError, Refusal, Words
+from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Scene
 from geometry.scenes.scene_file import scene_to_dict
 from probe_design.tradeoffs.rows import Row, Setting, compare_with_reference, find_cheapest, find_pareto_front, remove_duplicates
@@ -89,7 +89,7 @@ class Tradeoff:
             for tolerance in ERROR_TOLERANCES:
                 yield name, tolerance, find_cheapest(rows, tolerance), find_cheapest(rows, tolerance, "true_error_most")
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Return the JSON object of ``probe-design tradeoff``, without ``files``; SI units."""
         fronts = {
             error: {id(row) for name in self.scenes for row in find_pareto_front(remove_duplicates(self.find_rows(name)), error)}

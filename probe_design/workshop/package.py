@@ -6,12 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from geometry.cad.export import Writer
 from geometry.cad.export import export_parts as write
 from geometry.cad.parts_record import check_same_design
 from geometry.common.files import check_writable
+from geometry.common.json_types import JsonObject
 from geometry.provenance.block import build_provenance
 from geometry.provenance.texts import format_toml_comment
 from geometry.scenes.base_sizes import assumed_sizes
@@ -45,7 +45,7 @@ class ExportSummary:
     rounding: Rounding | None
     remarks: tuple[str, ...]
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Return the JSON object of ``probe-design export``."""
         assumed = {key: str(format_mm(size)) for key, size in assumed_sizes(self.scene.probe).items()}
         entries = {"files": [str(file) for file in self.files], "assumed": assumed, "remarks": list(self.remarks)}

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import Refusal, SolveError
+from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Contact, HalfSpaceTissue, Load, Scene
 from solver.axisymmetric.converged_forces import Converged
 from solver.axisymmetric.omitted_details import Change, bound_omitted_changes
@@ -86,7 +86,7 @@ class CoarseModel:
         tissue = self.scene.tissue
         if tissue.shape == "half-space":
             return None
-        material: dict[str, Any] = {key: getattr(tissue, key) for key in ("youngs_modulus", "poisson_ratio", "layer")}
+        material: JsonObject = {key: getattr(tissue, key) for key in ("youngs_modulus", "poisson_ratio", "layer")}
         wide = self.scene.model_copy(update={"tissue": HalfSpaceTissue(shape="half-space", **material)})
         plain = build_sections(wide)
         try:

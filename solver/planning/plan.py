@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from geometry.common.errors import InputError, Refusal
+from geometry.common.json_types import JsonObject
 from geometry.scenes.scene import Scene
 from solver.axisymmetric.converged_forces import NEGLIGIBLE_SHARE
 from solver.axisymmetric.evaluator import Axisymmetric
@@ -76,7 +76,7 @@ class Plan(LoadedRecord):
         """The evaluator for a curve: those cheaper than ``solid`` compute curves of spheres only."""
         return SOLID if any(body.diameter is None for body in self.scene.inclusion) else self.evaluator
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Return the JSON object of ``probe-design plan``."""
         entries = super().as_dict()
         entries["plan"] = entries.pop("decisions")

@@ -7,9 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from itertools import pairwise
-from typing import Any
 
-from geometry.common.arrays import Floats
+from geometry.common.arrays import Floats, Numeric
 from geometry.scenes.probe import Interface, Material
 from geometry.scenes.scene import Inclusion, Tissue
 
@@ -56,8 +55,8 @@ def compute_cover_factor(bodies: Iterable[Inclusion]) -> float:
 
 
 def compute_both_strains(
-    tube_radius: Any, tissue: Tissue, interface: Interface, added: Any = 0.0, covered: float = 1.0, *, law: float = 1.0
-) -> tuple[Any, Any]:
+    tube_radius: Numeric, tissue: Tissue, interface: Interface, added: Numeric = 0.0, covered: float = 1.0, *, law: float = 1.0
+) -> tuple[Numeric, Numeric]:
     """Return x per indentation, 1/m, for the log-sensitivity, and its counterpart for ratio, stresses and stiffness.
 
     Layers change these more than the log-sensitivity, stiff ones these alone, and what covers inclusions adds to that: with b, f
@@ -80,7 +79,7 @@ def compute_both_strains(
     return law * (compute_tissue_strain(tube_radius, tissue, interface) + added), law * (slides * of_ratio + covered * added)
 
 
-def compute_tissue_strain(tube_radius: Any, tissue: Tissue, interface: Interface = "bonded") -> Any:
+def compute_tissue_strain(tube_radius: Numeric, tissue: Tissue, interface: Interface = "bonded") -> Numeric:
     """Return x per indentation on deep, shallow or layered tissue, 1/m.
 
     Where the bottom is near the tissue is squeezed out from under the probe, which is bad sooner than an indentation of deep
@@ -121,7 +120,7 @@ def _get_sliding_factor(interface: Interface) -> float:
     return 1.0 if interface == "bonded" else SLIDING_FACTOR
 
 
-def _compute_strains(tube_radius: Any, tissue: Tissue) -> tuple[Any, Any, Any]:
+def _compute_strains(tube_radius: Numeric, tissue: Tissue) -> tuple[Numeric, Numeric, Numeric]:
     """Return b and f / R, 1/m, and m of eqs. PL.5, PL.6."""
     squeezed = 0.0 if tissue.shape == "half-space" else SHALLOW_COEFFICIENT * tube_radius / tissue.depth**2
     softest, plate = 0.0 * tube_radius, 0.0 * tube_radius
@@ -159,11 +158,11 @@ def _compute_means_below(moduli: list[float], depths: list[float]) -> tuple[floa
     return mean, 1 / sum(share / modulus for share, modulus in zip(shares, moduli, strict=True))
 
 
-def _compute_soft_strain(tube_radius: Any, softer: list[tuple[float, float, float]], depth: float) -> Any:
+def _compute_soft_strain(tube_radius: Numeric, softer: list[tuple[float, float, float]], depth: float) -> Numeric:
     """Return f of eq. PL.6 down to an interface at a depth, m, for (s, top, bottom) of what is softer."""
     softness = sum(s * (bottom - top) for s, top, bottom in softer)
-    square: Any = 0.0
-    cube: Any = 0.0
+    square: Numeric = 0.0
+    cube: Numeric = 0.0
     for s, top, bottom in softer:
         begin, end = (1 / (1 + z / (EDGE_LENGTH_RELATIVE * tube_radius)) for z in (top, bottom))
         part = s**2 * _integrate_edge_weight(EDGE_LENGTH_RELATIVE * tube_radius, top, bottom)  # of the integral of s^2 w^2
@@ -172,12 +171,12 @@ def _compute_soft_strain(tube_radius: Any, softer: list[tuple[float, float, floa
     return strained / (1 + strained * depth**2 / (SHALLOW_COEFFICIENT * tube_radius**2))
 
 
-def _integrate_edge_weight(size: Any, top: float, bottom: float) -> Any:
+def _integrate_edge_weight(size: Numeric, top: float, bottom: float) -> Numeric:
     """Return the integral of 1 / (1 + z / size)^2 over depths z, m, in sizes."""
     return (bottom - top) / size / ((1 + top / size) * (1 + bottom / size))
 
 
-def _choose_greater(a: Any, b: Any) -> Any:
+def _choose_greater(a: Numeric, b: Numeric) -> Numeric:
     """Return the greater of two floats, arrays or casadi expressions; complex numbers compare by their real parts."""
     first = a.real >= b.real if hasattr(a, "real") else a >= b
     return a * first + b * (1 - first)
@@ -199,17 +198,17 @@ def compute_cancelling_factor(totals: Floats, areas: tuple[float, float]) -> flo
     return max(1.0, CANCELLING_STRESS_SHARE * mean / min_stress) if min_stress > 0 else 1.0
 
 
-def compute_block_strain(height: Any, strain: Any) -> Any:
+def compute_block_strain(height: Numeric, strain: Numeric) -> Numeric:
     """Return what a block of given height, m, and mean strain per indentation, 1/m, adds to x per indentation, 1/m: eq. PL.3."""
     return height * strain**2 / RATIO_CHANGE_PER_X
 
 
-def compute_slimness(radius: Any, wall: Any) -> Any:
+def compute_slimness(radius: Numeric, wall: Numeric) -> Numeric:
     """Return the factor of eq. PL.3 for a tube of given outer radius and wall, m."""
     return 1 + SLIM_TUBE_COEFFICIENT * radius / wall
 
 
-def _maximise_over_layers(tube_radius: Any, tissue: Tissue, value: Callable[[Material], float]) -> Any:
+def _maximise_over_layers(tube_radius: Numeric, tissue: Tissue, value: Callable[[Material], float]) -> Numeric:
     """Return the maximum of a value over tissue and layers, thin layers counted in part; see ``bound_nearing``."""
     tissue_value = maximum = value(tissue)
     for layer in tissue.layer:
@@ -222,7 +221,9 @@ def _maximise_over_layers(tube_radius: Any, tissue: Tissue, value: Callable[[Mat
     return maximum
 
 
-def bound_nearing(tissue: Tissue, radii: tuple[Any, Any, Any], strains: tuple[Any, Any], modulus: Any) -> Any:
+def bound_nearing(
+    tissue: Tissue, radii: tuple[Numeric, Numeric, Numeric], strains: tuple[Numeric, Numeric], modulus: Numeric
+) -> Numeric:
     """Return an upper bound on the approach of the walls at the gap per indentation.
 
     Per indentation that is

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from time import perf_counter
-from typing import Any, Protocol
+from typing import Protocol
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal
+from geometry.common.json_types import JsonObject
 from geometry.common.limits import format_minimum
 from geometry.common.resources import start_clock
 from geometry.scenes.scene import Scene
@@ -102,7 +103,7 @@ class FilmSolution:
     def build_curve(self, name: str, scene: Scene, moduli: Floats, seconds: float) -> Curve:
         """Return the curve over moduli of the target, Pa, shape (k,)."""
         rows = [compute_ratio_fields(scene, films) for films in self.films]
-        values: dict[str, Any] = {key: tuple(row[key] for row in rows) for key in ("ratio", "log_sensitivity", "error_estimate")}
+        values: JsonObject = {key: tuple(row[key] for row in rows) for key in ("ratio", "log_sensitivity", "error_estimate")}
         values["stiffness"] = tuple(float(films.totals.sum()) for films in self.films)
         return Curve(
             name, seconds, tuple(moduli.tolist()), **values, error_kind=self.error_kind, plan=self.plan, warnings=self.notes

@@ -6,12 +6,12 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import InputError, Refusal, Words
+from geometry.common.json_types import JsonObject
 from geometry.scenes.probe import format_mm
 from geometry.scenes.scene import Scene
 from solver.results.result import ErrorKind
@@ -136,7 +136,7 @@ class FilmForces:
         return max(self.ratio_error, *self.compute_stress_errors(scene), self.stiffness_error)
 
 
-def compute_result_fields(scene: Scene, films: FilmForces) -> dict[str, Any]:
+def compute_result_fields(scene: Scene, films: FilmForces) -> JsonObject:
     """Return the fields of a ``Result`` that follow from film forces, warnings included.
 
     Raises:
@@ -179,7 +179,7 @@ def compute_indentation(scene: Scene, stiffness: float) -> float:
     return indentation
 
 
-def compute_ratio_fields(scene: Scene, films: FilmForces) -> dict[str, Any]:
+def compute_ratio_fields(scene: Scene, films: FilmForces) -> JsonObject:
     """Return the ratio of a ``Result``, its log-sensitivities and the errors of ratio and stresses.
 
     All are None where a stress is smaller than its error.

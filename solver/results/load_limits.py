@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, fields
-from typing import Any, Literal
+from typing import Literal
 
+from geometry.common.json_types import JsonObject
 from geometry.common.limits import format_maximum
 from solver.results.record import Record
 
@@ -112,7 +113,7 @@ class LoadedRecord(Record):
         """Load up to which the gap stays open; None where that is not known, or where it stays open at any load."""
         return None if self.load_limits is None else self.load_limits.gap_closure
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Return the JSON object of the command: all fields, and at its top the two limits used most."""
         limits = {"linear_limit_load": self.linear_limit_load, "gap_closure_load": self.gap_closure_load}
         return super().as_dict() | {name: None if limit is None else asdict(limit) for name, limit in limits.items()}

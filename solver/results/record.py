@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, fields, replace
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from geometry.common.arrays import Floats
 from geometry.common.errors import MissingLibrary
+from geometry.common.json_types import JsonObject
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -41,12 +42,12 @@ class Record:
     LABELS: ClassVar[tuple[str, ...]] = ()
     INTERNAL: ClassVar[tuple[str, ...]] = ()
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Return the JSON object of the command that computes the result."""
         public = replace(self, **dict.fromkeys(self.INTERNAL)) if self.INTERNAL else self  # type: ignore[type-var]
         return {name: value for name, value in asdict(public).items() if name not in self.INTERNAL}  # type: ignore[call-overload]
 
-    def collect_numbers(self) -> dict[str, Any]:
+    def collect_numbers(self) -> JsonObject:
         """Return the fields that are one number or text."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
         return {name: value for name, value in values.items() if isinstance(value, str | bool | int | float)}
@@ -74,7 +75,7 @@ class Record:
             xarray = import_module("xarray")
         except ImportError:
             raise MissingLibrary("xarray is not installed: pip install 'probe-design[sweep]'") from None
-        arrays: dict[str, Any] = {name: (self.DIMENSIONS, values) for name, values in self.collect_arrays().items()}
+        arrays: JsonObject = {name: (self.DIMENSIONS, values) for name, values in self.collect_arrays().items()}
         labels = {name: (name, np.array(getattr(self, name))) for name in self.DIMENSIONS}
         labels |= {name: arrays.pop(name) for name in self.LABELS}
         dataset: xr.Dataset = xarray.Dataset(arrays, coords=labels)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Literal
 
+from geometry.common.json_types import JsonObject
 from geometry.provenance.block import Provenance
 from solver.results.load_limits import LoadedRecord, LoadLimits
 from solver.results.warnings import Note
@@ -120,7 +121,7 @@ class Result(LoadedRecord):
 
     def add_error(self, change: float) -> Result:
         """Return the result with all its errors increased by a further relative change; None where that is infinite."""
-        errors: dict[str, Any] = {name: combine_errors(getattr(self, name), change) for name in ERROR_FIELDS}
+        errors: JsonObject = {name: combine_errors(getattr(self, name), change) for name in ERROR_FIELDS}
         return replace(self, **errors)
 
 

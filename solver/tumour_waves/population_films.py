@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from geometry.common.arrays import Floats, Ints
+from geometry.common.json_types import JsonObject
 from solver.closed_form.bessel import Array
 from solver.closed_form.block_compliance import ElasticBlocks
 from solver.closed_form.contact import ContactSolution, Tissue, solve_contact
@@ -114,7 +115,7 @@ class ManyTumours:
         layers = tuple(TissueLayer(*layer) for layer in upper)
         side = np.full(probes.shape[1], self.side[0])
         tissue = Tissue(depth if self.bounded else None, modulus, poisson, side, layers)
-        settings: dict[str, Any] = {"nodes": FLOOR_NODES, "side_nodes": self.side[1], "layer_nodes": self.layer_nodes}
+        settings: JsonObject = {"nodes": FLOOR_NODES, "side_nodes": self.side[1], "layer_nodes": self.layer_nodes}
         return solve_contact(_build_blocks(probes), tissue, (), target=None, bonded=self.bonded, **settings)
 
     def _compute_moments(self, pressed: Array, sheared: Array) -> Array:

@@ -92,7 +92,7 @@ def quantities(forces: ClosedFormForces) -> Floats:
 @settings(max_examples=10)
 @given(scene=scenes(least_cover=0.1, farthest=3.0, tumours=3))
 def test_up_to_the_largest_poisson_ratio_rounding_stays_below_the_stated_errors(body: str, scene: Scene) -> None:
-    """Answers go on from where it does not matter: to within a tenth of what they may be off."""
+    """Results go on from where rounding does not matter: to within half of the stated 95 % quantile."""
     if len(scene.inclusion) > 1:
         first = scene.inclusion[0].model_copy(update={"target": True})
         scene = scene.model_copy(update={"inclusion": (first, *scene.inclusion[1:])})
@@ -105,7 +105,7 @@ def test_up_to_the_largest_poisson_ratio_rounding_stays_below_the_stated_errors(
     slope = (quantities(farthest) - quantities(nearer)) / (NEAR[0] - NEAR[1])
     deviation = quantities(last) - quantities(nearer) - slope * (BODIES[body] - NEAR[1])
     stated = nearer.errors
-    assert np.all(np.abs(deviation) < 0.1 * np.array([*stated.log_totals, stated.log_ratio, stated.sensitivity]))
+    assert np.all(np.abs(deviation) < 0.5 * np.array([*stated.log_totals, stated.log_ratio, stated.sensitivity]))
 
 
 @pytest.mark.parametrize("body", BODIES)
